@@ -1,0 +1,1 @@
+"""Behaviour-tree controller for a human-robot assembly cell."""

@@ -1,0 +1,62 @@
+"""The one clock: every timeout, delay, period and timestamp reads it (decision 1)."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Monotonic time in seconds since the run began."""
+
+    def now_s(self) -> float:
+        """Seconds since the run began."""
+        ...
+
+    def sleep_until(self, time_s: float) -> None:
+        """Return at `time_s`, or at once if it has passed; a simulator advances its world here."""
+        ...
+
+
+class WallClock:
+    """Monotonic machine time; sleeps to absolute deadlines, so periods do not drift."""
+
+    def __init__(self) -> None:
+        self._start_s = time.monotonic()
+
+    def now_s(self) -> float:
+        return time.monotonic() - self._start_s
+
+    def sleep_until(self, time_s: float) -> None:
+        delay_s = time_s - self.now_s()
+        if delay_s > 0:
+            time.sleep(delay_s)
+
+
+class PacedClock:
+    """Ties a simulated clock to the wall: advances it, then waits until the wall has caught up (`--pace real`)."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._wall = WallClock()
+        self._offset_s = clock.now_s()
+
+    def now_s(self) -> float:
+        return self._clock.now_s()
+
+    def sleep_until(self, time_s: float) -> None:
+        self._clock.sleep_until(time_s)
+        self._wall.sleep_until(time_s - self._offset_s)
+
+
+class ManualClock:
+    """A clock that tests and replays move by hand."""
+
+    def __init__(self, time_s: float = 0.0) -> None:
+        self._time_s = time_s
+
+    def now_s(self) -> float:
+        return self._time_s
+
+    def sleep_until(self, time_s: float) -> None:
+        self._time_s = max(self._time_s, time_s)

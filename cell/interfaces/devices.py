@@ -1,0 +1,90 @@
+"""Device protocols: real drivers and the simulator implement the same ones (decision 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from cell.interfaces.clock import Clock
+from cell.interfaces.command import Display, GripperCommand, JointTrajectory
+from cell.interfaces.observation import ArmState, GripperState
+from cell.interfaces.perception import Frame
+
+
+class Camera(Protocol):
+    """A camera whose intrinsics and mount the bench file gives."""
+
+    def trigger(self) -> None:
+        """Ask for one frame; a free-running camera needs none and ignores it."""
+        ...
+
+    def latest(self) -> Frame | None:
+        """The newest frame, or None before the first; never waits."""
+        ...
+
+
+class Arm(Protocol):
+    """A six-joint arm that follows joint trajectories on its own clock tick (125 Hz on a UR10)."""
+
+    def state(self) -> ArmState:
+        """Joints as last measured; raises DeviceFault when the arm has faulted."""
+        ...
+
+    def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
+        """Start now, replacing what was followed; returns what was really sent, within the joint limits."""
+        ...
+
+    def stop(self) -> None:
+        """Controlled stop within the limits; harmless when standing."""
+        ...
+
+
+class Gripper(Protocol):
+    """A two-finger gripper with the 2F-85's registers."""
+
+    def state(self) -> GripperState:
+        """Last status; raises DeviceFault when no heartbeat came for 1.5 periods or a fault is latched."""
+        ...
+
+    def activate(self) -> None:
+        """Begin activation (a full open and close); `state().activated` tells when it is done."""
+        ...
+
+    def command(self, command: GripperCommand) -> GripperCommand:
+        """Start a motion; returns what was really sent, rounded to the register's steps."""
+        ...
+
+    def hold(self) -> None:
+        """Stop the fingers where they are and keep the grip."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the bus."""
+        ...
+
+
+class Panel(Protocol):
+    """What the person at the bench sees and hears."""
+
+    def show(self, display: Display) -> None:
+        """Replace what is shown."""
+        ...
+
+
+@dataclass(frozen=True)
+class Devices:
+    """All devices of a cell but the gripper, which is reached over CAN (decision 9).
+
+    Attributes:
+        report: how the finished assembly is judged, by keys of `cell run --json`; empty where nobody can judge.
+        close: lets go of everything.
+    """
+
+    clock: Clock
+    overhead: Camera
+    wrist: Camera
+    arm: Arm
+    panel: Panel
+    report: Callable[[], dict[str, object]]
+    close: Callable[[], None]

@@ -1,0 +1,61 @@
+"""Typed errors of the cell: one root, one class for each way a user must act."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+class CellError(Exception):
+    """Root of all errors that this project raises on purpose."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in a file something stands; lines and columns count from 1."""
+
+    file: Path
+    line: int | None = None
+    column: int | None = None
+
+    def __str__(self) -> str:
+        return ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One mistake in an input file: where it is, what is wrong and what would be legal."""
+
+    place: Place
+    what: str
+    legal: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.what}" + (f"; {self.legal}" if self.legal else "")
+
+
+class InputError(CellError):
+    """A file, option or path given by the user is wrong; nothing has moved (exit status 2).
+
+    Examples: an unknown key in a YAML file, an unknown node in a tree, a log path that cannot be written.
+    """
+
+    def __init__(self, *problems: Problem | str) -> None:
+        self.problems = problems
+        super().__init__("\n".join(str(problem) for problem in problems))
+
+
+class DeviceFault(CellError):
+    """A device stopped answering or reported a fault; the controller stops safely (exit status 3).
+
+    Examples: no gripper heartbeat for 1.5 periods, an arm that left its commanded trajectory.
+    """
+
+    def __init__(self, device: str, reason: str) -> None:
+        self.device = device
+        self.reason = reason
+        super().__init__(f"{device}: {reason}")
+
+
+class ModelError(CellError):
+    """A learned model file is missing, damaged, or does not fit the product (exit status 2)."""

@@ -1,0 +1,77 @@
+"""What one tick may know: an immutable Observation, read once before the tick (decision 2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.perception import BenchView, PartsView
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class ArmState:
+    """Joints of the arm as measured.
+
+    Attributes:
+        positions_rad, velocities_rad_s: (6,) shoulder_pan to wrist_3.
+        moving: a trajectory is being followed or a stop is under way.
+    """
+
+    time_s: float
+    positions_rad: tuple[float, ...]
+    velocities_rad_s: tuple[float, ...]
+    moving: bool
+
+
+class ObjectStatus(IntEnum):
+    """gOBJ of the 2F-85's status byte."""
+
+    MOVING = 0
+    CONTACT_OPENING = 1
+    CONTACT_CLOSING = 2
+    AT_POSITION = 3
+
+
+@dataclass(frozen=True)
+class GripperState:
+    """Last status of the gripper.
+
+    Attributes:
+        opening_m: distance between the fingers.
+        fault: gFLT register, 0 when healthy (meanings: config/gripper.dbc).
+    """
+
+    time_s: float
+    activated: bool
+    object_status: ObjectStatus
+    opening_m: float
+    current_a: float
+    fault: int
+
+    @property
+    def holding(self) -> bool:
+        """A part stopped the fingers before the requested position."""
+        return self.object_status is ObjectStatus.CONTACT_CLOSING
+
+
+@dataclass(frozen=True)
+class Observation:
+    """Everything that a tick may read.
+
+    Attributes:
+        tick: number of the tick, from 0.
+        bench: newest answer of the bench watcher; None before the first.
+        parts: newest answer of the part detector; None before the first.
+    """
+
+    tick: int
+    time_s: float
+    arm: ArmState
+    gripper: GripperState
+    bench: BenchView | None = None
+    parts: PartsView | None = None

@@ -1,0 +1,187 @@
+"""What detectors answer, and the protocols that classical and trained detectors implement alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.pose import Pose
+
+SEGMENT_FRAMES = 45  # 3 s at 15 FPS, section 3.2 of the paper
+ActionKind = Literal["assembly", "screw", "transit", "idle"]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image of one camera.
+
+    Attributes:
+        sequence: number of the frame, from 0, without gaps unless frames were lost.
+        image: (height, width, 3) uint8, RGB.
+        world_from_camera: where the camera was when the frame was taken.
+    """
+
+    camera: str
+    sequence: int
+    time_s: float
+    image: NDArray[np.uint8] = field(repr=False, compare=False)
+    world_from_camera: Pose
+
+
+@dataclass(frozen=True)
+class HandSample:
+    """The hand in one frame.
+
+    Attributes:
+        box_px: (left, top, right, bottom) of hand and held part in the image.
+        fingertips_m: (x, y) of the fingertips on the bench, in the world frame.
+        palm_m: (x, y) of the palm.
+        held_part: type of the part seen between the fingers, or None.
+    """
+
+    time_s: float
+    box_px: tuple[int, int, int, int]
+    fingertips_m: tuple[float, float]
+    palm_m: tuple[float, float]
+    held_part: str | None = None
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Segment s of Algorithm 1: the last SEGMENT_FRAMES frames and the hand in each (None: not seen)."""
+
+    frames: tuple[Frame, ...]
+    hands: tuple[HandSample | None, ...]
+
+    @property
+    def hand_crop(self) -> NDArray[np.uint8] | None:
+        """Image I of Algorithm 1: the newest crop of the hand, (height, width, 3), or None where no hand was seen."""
+        for frame, hand in zip(reversed(self.frames), reversed(self.hands), strict=True):
+            if hand is not None:
+                left, top, right, bottom = hand.box_px
+                return frame.image[top:bottom, left:right]
+        return None
+
+
+@dataclass(frozen=True)
+class Action:
+    """What the hand did in a segment (18 classes with the default product).
+
+    Attributes:
+        part, position: set for an assembly action only, e.g. "o1" at "p3".
+        finished: the hand motion that this action consists of is over.
+    """
+
+    kind: ActionKind
+    confidence: float
+    part: str | None = None
+    position: str | None = None
+    finished: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.part} at {self.position}" if self.kind == "assembly" else self.kind
+
+
+@dataclass(frozen=True)
+class HoleView:
+    """One hole as last seen.
+
+    Attributes:
+        part: type of the part in the hole; None where it is empty.
+        seen_s: time of the frame in which it was last seen unobstructed.
+        upright: the part stands straight in the hole.
+    """
+
+    part: str | None
+    confidence: float
+    seen_s: float
+    upright: bool = True
+
+
+@dataclass(frozen=True)
+class BenchView:
+    """Answer to one overhead frame: hand, holes and action.
+
+    Attributes:
+        sequence, time_s: of the frame that this answers.
+        holes: by position name; a position that was never seen unobstructed is absent.
+    """
+
+    sequence: int
+    time_s: float
+    hand: HandSample | None
+    holes: Mapping[str, HoleView]
+    action: Action
+
+
+@dataclass(frozen=True)
+class PartDetection:
+    """One part seen by the wrist camera.
+
+    Attributes:
+        part: its type.
+        world_from_part: pose of the body's bottom centre (where body and peg meet); x along its longer side.
+        size_m: (length, width, height) of the body.
+        box_px: (left, top, right, bottom) in the image.
+        embedding: features of the crop for the grasp planner; empty where the detector has none.
+    """
+
+    part: str
+    confidence: float
+    world_from_part: Pose
+    size_m: tuple[float, float, float]
+    box_px: tuple[int, int, int, int]
+    embedding: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class PartsView:
+    """Answer to one wrist frame."""
+
+    sequence: int
+    time_s: float
+    detections: tuple[PartDetection, ...]
+
+
+class HandTracker(Protocol):
+    """Finds the hand in an overhead frame."""
+
+    def track(self, frame: Frame) -> HandSample | None:
+        """The hand and what it holds, or None where no hand is in view."""
+        ...
+
+
+class HoleReader(Protocol):
+    """Reads the occupancy of the holes from overhead frames; keeps what it saw last while a hole is covered."""
+
+    def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
+        """Holes by position name, as far as ever seen."""
+        ...
+
+
+class ActionDetector(Protocol):
+    """Names the action of a segment: detector(I, s) of Algorithm 1 (`segment.hand_crop` is I)."""
+
+    def detect(self, segment: Segment, holes: Mapping[str, HoleView]) -> Action:
+        """The action that the segment shows; `holes` is the occupancy at its end."""
+        ...
+
+
+class PartDetector(Protocol):
+    """Finds parts in a wrist frame."""
+
+    def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
+        """Parts in view, in no promised order."""
+        ...
+
+
+class BenchWatcher(Protocol):
+    """Turns the stream of overhead frames into bench views (tracker, hole reader and action detector together)."""
+
+    def watch(self, frame: Frame) -> BenchView:
+        """The answer to this frame; frames must come in order."""
+        ...

@@ -1,0 +1,85 @@
+"""Questions to planners and their answers: graph in, belief and plans out (one interface for all planners)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from cell.interfaces.perception import PartDetection
+
+Placement = tuple[str, str]  # (part type, position), for example ("o1", "p3")
+
+UNKNOWN_GOAL = "none of these"
+
+
+@dataclass(frozen=True)
+class AssemblyState:
+    """Edges (object, position) of the assembly graph; each position holds at most one part.
+
+    Attributes:
+        placed: part type by position, filled positions only.
+    """
+
+    placed: Mapping[str, str]
+
+    def with_placement(self, part: str, position: str) -> AssemblyState:
+        """The state after one more part."""
+        return AssemblyState({**self.placed, position: part})
+
+
+@dataclass(frozen=True)
+class AssemblyPlan:
+    """Answer of a semantic planner, about all objects at once.
+
+    Attributes:
+        goal_belief: probability by goal name, and of UNKNOWN_GOAL where the planner gives one; sums to 1.
+        next_belief: probability that a (part, position) is right and still to be done; sums to at most the
+            number of open positions.
+        next_part: the type to fetch next, None where nothing remains.
+        guidance: by part type, the plan decoded for it: the positions where it is still to be put, in order;
+            of the next type that is `[o, p...]` of Alg. 1.
+    """
+
+    goal_belief: Mapping[str, float]
+    next_belief: Mapping[Placement, float]
+    next_part: str | None
+    guidance: Mapping[str, tuple[str, ...]]
+
+    @property
+    def goal(self) -> str:
+        """The most probable goal."""
+        return max(self.goal_belief, key=lambda name: self.goal_belief[name])
+
+
+class SemanticPlanner(Protocol):
+    """Infers the goal and what remains to be done (section 3.1)."""
+
+    def plan(self, state: AssemblyState) -> AssemblyPlan:
+        """Belief, next object and a plan for every object, in well under 1 ms."""
+        ...
+
+
+@dataclass(frozen=True)
+class GraspPlan:
+    """Answer of a grasp planner for one required object.
+
+    Attributes:
+        graspable: probability that the required object can be grasped as it stands.
+        blockers: indices of the detections to move away first, in order; empty where graspable or help is needed.
+        needs_help: no sequence of moves frees the object.
+        text: the decoded solution as the paper words it: "grasp", "move b", "move b and c", "help".
+    """
+
+    graspable: float
+    blockers: tuple[int, ...]
+    needs_help: bool
+    text: str
+
+
+class GraspPlanner(Protocol):
+    """Judges graspability in clutter and names what blocks (section 3.2)."""
+
+    def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
+        """A plan for `parts[required]`, in well under 1 ms an object."""
+        ...

@@ -1,0 +1,90 @@
+"""The product: part types, positions of the bracket and goal configurations (config/products.yaml)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import cached_property
+
+from pydantic import Field, model_validator
+
+from cell.interfaces.model import Model
+
+
+class PartType(Model):
+    """A valve type: a body on a round peg; upright, the peg points down.
+
+    Attributes:
+        title: its name for people.
+        quantity: how many one product needs.
+        size_m: (length, width, height) of the body; the gripper closes across the width.
+        peg_diameter_m, peg_length_m: the peg below the body, which goes into a hole.
+        colour_rgb: its paint, each channel 0..1.
+        mass_kg: of the whole part.
+    """
+
+    title: str
+    quantity: int = Field(ge=1)
+    size_m: tuple[float, float, float]
+    peg_diameter_m: float = Field(gt=0)
+    peg_length_m: float = Field(gt=0)
+    colour_rgb: tuple[float, float, float]
+    mass_kg: float = Field(gt=0)
+
+
+class Bracket(Model):
+    """The steel bracket: a plate with one hole for each position.
+
+    Attributes:
+        thickness_m: depth of the holes; parts' bodies rest on its upper side.
+        hole_clearance_m: radial gap between a peg and its hole.
+        margin_m: plate beyond the outermost hole centres.
+        holes_m: hole centres (x, y) by position, in the bracket's frame (origin on its upper side).
+    """
+
+    thickness_m: float = Field(gt=0)
+    hole_clearance_m: float = Field(gt=0)
+    margin_m: float = Field(gt=0)
+    holes_m: dict[str, tuple[float, float]]
+
+
+class Product(Model):
+    """n part types, m positions and z goals; 3, 6 and 3 by default (decision 11).
+
+    Attributes:
+        parts: by type name, in the order that planners index them.
+        goals: by goal name, the part type at every position, in the order of `bracket.holes_m`.
+    """
+
+    name: str
+    parts: dict[str, PartType]
+    bracket: Bracket
+    goals: dict[str, tuple[str, ...]]
+
+    @cached_property
+    def positions(self) -> tuple[str, ...]:
+        """Position names in order: p1, p2, ..."""
+        return tuple(self.bracket.holes_m)
+
+    def goal_placements(self, goal: str) -> dict[str, str]:
+        """Part type by position in one goal."""
+        return dict(zip(self.positions, self.goals[goal], strict=True))
+
+    @model_validator(mode="after")
+    def _goals_fit(self) -> Product:
+        needed = Counter({name: part.quantity for name, part in self.parts.items()})
+        for goal, types in self.goals.items():
+            if unknown := sorted(set(types) - set(self.parts)):
+                raise ValueError(f"goal {goal} names unknown part types {unknown}; known: {sorted(self.parts)}")
+            if len(types) != len(self.positions):
+                raise ValueError(f"goal {goal} lists {len(types)} parts for {len(self.positions)} positions")
+            if (counts := Counter(types)) != needed:
+                raise ValueError(
+                    f"goal {goal} needs {_quantities(counts)}, but the quantities are {_quantities(needed)}"
+                )
+        if len(set(self.goals.values())) != len(self.goals):
+            raise ValueError("two goals are the same configuration")
+        return self
+
+
+def _quantities(counts: Counter[str]) -> str:
+    return ", ".join(f"{count} x {name}" for name, count in sorted(counts.items()))

@@ -1,0 +1,1 @@
+"""Planners and detectors: their graphs, data sets, training and shipped weights."""

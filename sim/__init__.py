@@ -1,0 +1,1 @@
+"""The simulated cell: world, devices, worker and scoring."""

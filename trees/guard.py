@@ -1,0 +1,127 @@
+"""The guard: a learned plan is a proposal, checked before anything moves (decision 7)."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import Field
+
+from cell.interfaces.model import Model
+from cell.interfaces.perception import HoleView
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from cell.interfaces.product import Product
+
+Decision = Literal["act", "wait", "ask"]
+
+
+class GuardSettings(Model):
+    """Thresholds of the guard.
+
+    Attributes:
+        act_probability: least posterior of the next (part, position) at which the robot acts.
+        ask_probability: posterior of "none of these goals" from which the robot asks.
+    """
+
+    act_probability: float = Field(default=0.9, gt=0, le=1)
+    ask_probability: float = Field(default=0.5, gt=0, le=1)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the guard decided about one placement, and why."""
+
+    decision: Decision
+    reason: str
+
+
+class Guard:
+    """Judges plans and placements against the product, the seen occupancy, the belief and the arm's reach."""
+
+    def __init__(self, product: Product, settings: GuardSettings) -> None:
+        self._product = product
+        self._settings = settings
+
+    def refusal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
+        """Why this plan cannot be used at all, or None: NaN, words outside the vocabulary, impossible positions."""
+        return (
+            self._bad_belief(plan.goal_belief)
+            or self._bad_placements(plan)
+            or self._bad_guidance(plan.guidance, state)
+        )
+
+    def judge(
+        self,
+        plan: AssemblyPlan,
+        state: AssemblyState,
+        holes: Mapping[str, HoleView],
+        part: str,
+        position: str,
+        reachable: bool,
+    ) -> Verdict:
+        """Whether the robot may put `part` into `position` now."""
+        if position in state.placed:
+            return Verdict("wait", f"{position} already holds {state.placed[position]}")
+        if self._remaining(state)[part] <= 0:
+            return Verdict("wait", f"no {part} remains to be placed")
+        hole = holes.get(position)
+        if hole is None:
+            return Verdict("wait", f"{position} has not been seen yet")
+        if hole.part is not None:
+            return Verdict("wait", f"{position} is seen to hold {hole.part}")
+        unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
+        if unknown >= self._settings.ask_probability:
+            return Verdict("ask", f"this looks like no known goal (probability {unknown:.2f})")
+        probability = plan.next_belief.get((part, position), 0.0)
+        if probability < self._settings.act_probability:
+            return Verdict(
+                "wait", f"{part} at {position} has probability {probability:.2f} < {self._settings.act_probability}"
+            )
+        if not reachable:
+            return Verdict("ask", f"the arm cannot reach {position} with {part}")
+        return Verdict("act", f"{part} at {position} has probability {probability:.2f}")
+
+    def _remaining(self, state: AssemblyState) -> Counter[str]:
+        needed = Counter({name: part.quantity for name, part in self._product.parts.items()})
+        needed.subtract(Counter(state.placed.values()))
+        return needed
+
+    def _bad_belief(self, belief: Mapping[str, float]) -> str | None:
+        legal = {*self._product.goals, UNKNOWN_GOAL}
+        if words := sorted(set(belief) - legal):
+            return f"unknown goals {words}"
+        if not all(_is_probability(value) for value in belief.values()):
+            return f"goal belief {dict(belief)} holds a value outside 0..1"
+        if not math.isclose(sum(belief.values()), 1.0, abs_tol=1e-3):
+            return f"goal belief sums to {sum(belief.values()):.3f}"
+        return None
+
+    def _bad_placements(self, plan: AssemblyPlan) -> str | None:
+        for (part, position), value in plan.next_belief.items():
+            if part not in self._product.parts or position not in self._product.positions:
+                return f"unknown placement {part} at {position}"
+            if not _is_probability(value):
+                return f"belief of {part} at {position} is {value}"
+        if plan.next_part is not None and plan.next_part not in self._product.parts:
+            return f"unknown next part {plan.next_part}"
+        return None
+
+    def _bad_guidance(self, guidance: Mapping[str, tuple[str, ...]], state: AssemblyState) -> str | None:
+        remaining = self._remaining(state)
+        for part, positions in guidance.items():
+            if part not in self._product.parts:
+                return f"plan for unknown part {part}"
+            if words := [position for position in positions if position not in self._product.positions]:
+                return f"plan for {part} names unknown positions {words}"
+            if taken := [position for position in positions if position in state.placed]:
+                return f"plan for {part} names filled positions {taken}"
+            if len(set(positions)) != len(positions) or len(positions) > max(remaining[part], 0):
+                return f"plan for {part} names {list(positions)}, but {remaining[part]} remain"
+        return None
+
+
+def _is_probability(value: float) -> bool:
+    return math.isfinite(value) and -1e-6 <= value <= 1 + 1e-6

@@ -1,0 +1,142 @@
+"""ONNX files that say what they are: weights with a model card in their metadata (decision 5)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
+from pydantic import Field, JsonValue, ValidationError
+
+from cell.interfaces.errors import ModelError
+from cell.interfaces.model import Model
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
+
+CARD_KEY = "cell.model_card"
+LOAD_ERRORS = (
+    ort_errors.Fail,
+    ort_errors.InvalidArgument,
+    ort_errors.InvalidGraph,
+    ort_errors.InvalidProtobuf,
+    ort_errors.NotImplemented,
+    ort_errors.RuntimeException,
+)
+
+
+class ModelCard(Model):
+    """What a weights file is and where it comes from.
+
+    Attributes:
+        kind: which planner or detector reads it, e.g. "semantic.factored".
+        config: settings of the network and of its training.
+        vocabulary: lists of words by use, in the order of the network's inputs and outputs.
+        data_sha256: hash of the data set that it was trained and tested on.
+        scores: by name, as measured on held-out data.
+        command: what was run to make it.
+    """
+
+    kind: str
+    config: dict[str, JsonValue] = Field(default_factory=dict)
+    vocabulary: dict[str, tuple[str, ...]]
+    data_sha256: str
+    scores: dict[str, float] = Field(default_factory=dict)
+    command: str
+    seed: int
+
+
+def save_onnx(model: ModelProto, path: Path, card: ModelCard) -> None:
+    """Write weights and card to one file; a file that was there before stays whole until the new one is."""
+    for entry in [entry for entry in model.metadata_props if entry.key == CARD_KEY]:
+        model.metadata_props.remove(entry)
+    entry = model.metadata_props.add()
+    entry.key, entry.value = CARD_KEY, card.model_dump_json()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_bytes(model.SerializeToString())
+    partial.replace(path)
+
+
+class OnnxModel:
+    """A loaded ONNX file: runs on one CPU thread and never hands out NaN.
+
+    Attributes:
+        sha256: hash of the file, for logs.
+    """
+
+    def __init__(self, path: Path, card: ModelCard, session: onnxruntime.InferenceSession, sha256: str) -> None:
+        self.path = path
+        self.card = card
+        self.sha256 = sha256
+        self._session = session
+        self._outputs = [output.name for output in session.get_outputs()]
+
+    @staticmethod
+    def load(path: Path, kind: str) -> OnnxModel:
+        """Read a file that `save_onnx` wrote.
+
+        Args:
+            kind: what `ModelCard.kind` must be.
+
+        Raises:
+            ModelError: the file is missing, damaged, has no card, or is of another kind.
+        """
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise ModelError(f"{path}: cannot read the weights: {error.strerror}") from error
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        try:
+            session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        except LOAD_ERRORS as error:
+            raise ModelError(f"{path}: not an ONNX file, or damaged: {str(error).splitlines()[0]}") from error
+        card = _card(path, session.get_modelmeta().custom_metadata_map)
+        if card.kind != kind:
+            raise ModelError(f"{path}: holds a {card.kind!r} model, but a {kind!r} model is wanted")
+        return OnnxModel(path, card, session, hashlib.sha256(content).hexdigest())
+
+    def require_vocabulary(self, use: str, wanted: tuple[str, ...]) -> None:
+        """Check that the file was trained for these words.
+
+        Raises:
+            ModelError: it was trained for others; the message names both.
+        """
+        known = self.card.vocabulary.get(use, ())
+        if known != wanted:
+            raise ModelError(
+                f"{self.path}: trained for {use} [{'; '.join(known)}], but the product has [{'; '.join(wanted)}]; "
+                "train again for this product (cell train) or choose another planner"
+            )
+
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Outputs by name.
+
+        Raises:
+            ModelError: the inputs do not fit the network, or an output is not finite.
+        """
+        try:
+            values = self._session.run(self._outputs, dict(inputs))
+        except (ValueError, *LOAD_ERRORS) as error:
+            raise ModelError(f"{self.path}: {str(error).splitlines()[0]}") from error
+        for name, value in zip(self._outputs, values, strict=True):
+            if not np.isfinite(value).all():
+                raise ModelError(f"{self.path}: output {name!r} is not finite")
+        return dict(zip(self._outputs, values, strict=True))
+
+
+def _card(path: Path, metadata: Mapping[str, str]) -> ModelCard:
+    if CARD_KEY not in metadata:
+        raise ModelError(f"{path}: an ONNX file without a model card ({CARD_KEY}), not one of this project")
+    try:
+        return ModelCard.model_validate_json(metadata[CARD_KEY])
+    except ValidationError as error:
+        raise ModelError(f"{path}: damaged model card: {error.errors()[0]['msg']}") from error

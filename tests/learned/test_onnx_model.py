@@ -1,0 +1,93 @@
+"""Weights and their card survive the disk; anything else is a ModelError that says what is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+
+from cell.interfaces.errors import ModelError
+from learned.onnx_model import ModelCard, OnnxModel, save_onnx
+
+CARD = ModelCard(
+    kind="test.root",
+    config={"hidden": 3},
+    vocabulary={"parts": ("o1", "o2")},
+    data_sha256="00ff",
+    scores={"success": 0.5},
+    command="cell train test",
+    seed=7,
+)
+
+
+def square_root() -> onnx.ModelProto:
+    shape = ["n"]
+    graph = helper.make_graph(
+        [helper.make_node("Sqrt", ["x"], ["y"])],
+        "root",
+        [helper.make_tensor_value_info("x", TensorProto.FLOAT, shape)],
+        [helper.make_tensor_value_info("y", TensorProto.FLOAT, shape)],
+    )
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    path = tmp_path / "sub" / "root.onnx"
+    save_onnx(square_root(), path, CARD)
+    return path
+
+
+def test_the_card_and_the_network_come_back(saved: Path) -> None:
+    model = OnnxModel.load(saved, "test.root")
+    assert model.card == CARD
+    assert np.allclose(model.run({"x": np.array([4.0, 9.0], np.float32)})["y"], [2.0, 3.0])
+    assert [file.name for file in saved.parent.iterdir()] == ["root.onnx"]
+
+
+def test_saving_again_replaces_the_card(saved: Path) -> None:
+    save_onnx(onnx.load(saved), saved, CARD.model_copy(update={"seed": 8}))
+    assert OnnxModel.load(saved, "test.root").card.seed == 8
+
+
+def test_nan_never_comes_out(saved: Path) -> None:
+    with pytest.raises(ModelError, match=r"output 'y' is not finite"):
+        OnnxModel.load(saved, "test.root").run({"x": np.array([-1.0], np.float32)})
+
+
+def test_inputs_that_do_not_fit(saved: Path) -> None:
+    model = OnnxModel.load(saved, "test.root")
+    for inputs in ({"z": np.ones(1, np.float32)}, {"x": np.ones((1, 2), np.float32)}, {"x": np.ones(1)}):
+        with pytest.raises(ModelError, match=r"root\.onnx"):
+            model.run(inputs)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "No such file"), (b"", "damaged"), (b"garbage" * 9, "damaged"), ("cut", "damaged"), ("bare", "model card")],
+)
+def test_files_that_are_no_model(saved: Path, content: bytes | str | None, message: str) -> None:
+    path = saved.with_name("other.onnx")
+    if content == "cut":
+        path.write_bytes(saved.read_bytes()[:-40])
+    elif content == "bare":
+        path.write_bytes(square_root().SerializeToString())
+    elif isinstance(content, bytes):
+        path.write_bytes(content)
+    with pytest.raises(ModelError, match=message):
+        OnnxModel.load(path, "test.root")
+
+
+def test_another_kind(saved: Path) -> None:
+    with pytest.raises(ModelError, match=r"'test\.root'.*'grasp\.pairs'"):
+        OnnxModel.load(saved, "grasp.pairs")
+
+
+def test_another_vocabulary_names_both(saved: Path) -> None:
+    model = OnnxModel.load(saved, "test.root")
+    model.require_vocabulary("parts", ("o1", "o2"))
+    with pytest.raises(ModelError, match=r"\[o1; o2\].*\[a; b; c\]"):
+        model.require_vocabulary("parts", ("a", "b", "c"))

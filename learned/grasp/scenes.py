@@ -1,0 +1,163 @@
+"""Random cluttered trays with labels: who blocks whom, and the moves that free each part."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from learned.grasp.geometry import Blocks, Boxes, blocking, bodies_overlap
+from learned.grasp.settings import DetectionNoise, SceneSettings
+from learned.grasp.solution import Solution, nearest_first, solve
+
+Split = Literal["train", "validation", "test"]
+_SPLIT_CODES: dict[Split, int] = {"train": 0, "validation": 1, "test": 2}
+_PIXELS_PER_M = 1000.0
+_PLACING_TRIES = 40
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Parts as they stand, and as the detector saw them.
+
+    Attributes:
+        boxes: the truth.
+        blocks: (n, n), [i, j] true where j is in the way of grasping i.
+        parts: one noisy detection of each, in the same order.
+    """
+
+    boxes: Boxes
+    blocks: Blocks
+    parts: tuple[PartDetection, ...]
+
+    def graspable(self, required: int) -> bool:
+        """Whether the gripper can take a part as it stands."""
+        return not self.blocks[required].any()
+
+    def solution(self, required: int) -> Solution:
+        """The fewest moves that free a part."""
+        return solve(self.blocks, required, nearest_first(self.boxes, required))
+
+
+def draw_scenes(
+    product: Product,
+    seed: int,
+    count: int,
+    split: Split,
+    settings: SceneSettings | None = None,
+    sizes: tuple[int, int] | None = None,
+) -> Iterator[Scene]:
+    """Scenes 0 .. count - 1 of a split; scene k is the same however many are drawn.
+
+    Args:
+        sizes: fewest and most parts, where they differ from the settings'.
+    """
+    settings = settings or SceneSettings()
+    for index in range(count):
+        rng = np.random.default_rng([seed, _SPLIT_CODES[split], index])
+        boxes = _draw_boxes(product, rng, settings, sizes or settings.parts)
+        yield Scene(boxes, blocking(boxes, settings.gripper), observe(boxes, rng, settings.noise))
+
+
+def observe(boxes: Boxes, rng: np.random.Generator, noise: DetectionNoise) -> tuple[PartDetection, ...]:
+    """What the part detector answers about boxes: a long box looks the same turned by half a turn."""
+    count = len(boxes)
+    centre = boxes.centre_m + rng.normal(0.0, noise.position_m, (count, 2))
+    yaw = boxes.yaw_rad + rng.normal(0.0, noise.yaw_rad, count) + math.pi * rng.integers(0, 2, count)
+    bottom = boxes.bottom_m + rng.normal(0.0, noise.bottom_m, count)
+    size = np.maximum(boxes.size_m + rng.normal(0.0, noise.size_m, (count, 3)), 0.001)
+    confidence = rng.uniform(0.7, 1.0, count)
+    return tuple(
+        PartDetection(
+            boxes.types[i],
+            float(confidence[i]),
+            Pose.from_yaw((centre[i, 0], centre[i, 1], bottom[i]), float(yaw[i])),
+            (float(size[i, 0]), float(size[i, 1]), float(size[i, 2])),
+            _box_px(centre[i], float(yaw[i]), size[i]),
+        )
+        for i in range(count)
+    )
+
+
+def data_hash(scenes: Sequence[Scene]) -> str:
+    """SHA-256 over truth and detections: the identity of a data set."""
+    digest = hashlib.sha256()
+    for scene in scenes:
+        boxes = scene.boxes
+        digest.update(" ".join(boxes.types).encode())
+        for values in (boxes.centre_m, boxes.yaw_rad, boxes.bottom_m, boxes.size_m, scene.blocks):
+            digest.update(values.tobytes())
+        for part in scene.parts:
+            pose = part.world_from_part
+            digest.update(np.array([*pose.position_m, pose.yaw_rad, *part.size_m, part.confidence]).tobytes())
+    return digest.hexdigest()
+
+
+def _draw_boxes(product: Product, rng: np.random.Generator, settings: SceneSettings, sizes: tuple[int, int]) -> Boxes:
+    """Parts placed one after another, each near one that stands already; starts again where one finds no place."""
+    count = int(rng.integers(sizes[0], sizes[1] + 1))
+    names = list(product.parts)
+    types = [names[i] for i in rng.integers(0, len(names), count)]
+    while True:
+        placed: Boxes | None = None
+        for name in types:
+            placed = _place(placed, name, product, rng, settings)
+            if placed is None:
+                break
+        if placed is not None:
+            return placed
+
+
+def _place(
+    placed: Boxes | None, name: str, product: Product, rng: np.random.Generator, settings: SceneSettings
+) -> Boxes | None:
+    """The boxes with one more, or None where no free place was found."""
+    half_tray = np.array(settings.tray_m) / 2
+    for _ in range(_PLACING_TRIES):
+        if placed is None:
+            centre = rng.uniform(-half_tray, half_tray)
+        else:
+            angle, radius = rng.uniform(-math.pi, math.pi), settings.reach_m * math.sqrt(rng.uniform())
+            anchor = placed.centre_m[rng.integers(len(placed))]
+            centre = anchor + radius * np.array([math.cos(angle), math.sin(angle)])
+        box = _box(name, product, centre, rng.uniform(-math.pi, math.pi))
+        if np.any(np.abs(centre) + np.hypot(*box.size_m[0, :2]) / 2 > half_tray):
+            continue
+        if placed is None:
+            return box
+        if not bodies_overlap(placed, box, settings.gap_m).any():
+            return _joined(placed, box)
+    return None
+
+
+def _box(name: str, product: Product, centre_m: Array, yaw_rad: float) -> Boxes:
+    part = product.parts[name]
+    peg = np.array([part.peg_length_m])
+    return Boxes((name,), centre_m[None], np.array([yaw_rad]), peg, np.array([part.size_m]), peg)
+
+
+def _joined(first: Boxes, second: Boxes) -> Boxes:
+    return Boxes(
+        first.types + second.types,
+        np.concatenate([first.centre_m, second.centre_m]),
+        np.concatenate([first.yaw_rad, second.yaw_rad]),
+        np.concatenate([first.bottom_m, second.bottom_m]),
+        np.concatenate([first.size_m, second.size_m]),
+        np.concatenate([first.peg_m, second.peg_m]),
+    )
+
+
+def _box_px(centre_m: Array, yaw_rad: float, size_m: Array) -> tuple[int, int, int, int]:
+    """Bounding box in a nominal image from straight above, the tray's middle at its origin."""
+    cos, sin = abs(math.cos(yaw_rad)), abs(math.sin(yaw_rad))
+    half = np.array([cos * size_m[0] + sin * size_m[1], sin * size_m[0] + cos * size_m[1]]) / 2
+    left, top = np.floor((centre_m - half) * _PIXELS_PER_M).astype(int)
+    right, bottom = np.ceil((centre_m + half) * _PIXELS_PER_M).astype(int)
+    return int(left), int(top), int(right), int(bottom)

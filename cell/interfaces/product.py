@@ -7,7 +7,7 @@ from functools import cached_property
 
 from pydantic import Field, model_validator
 
-from cell.interfaces.model import Model
+from cell.interfaces.model import Disagreement, Location, Model
 
 
 class PartType(Model):
@@ -71,19 +71,28 @@ class Product(Model):
 
     @model_validator(mode="after")
     def _goals_fit(self) -> Product:
-        needed = Counter({name: part.quantity for name, part in self.parts.items()})
+        problems: list[tuple[Location, str]] = []
+        seen: dict[tuple[str, ...], str] = {}
         for goal, types in self.goals.items():
-            if unknown := sorted(set(types) - set(self.parts)):
-                raise ValueError(f"goal {goal} names unknown part types {unknown}; known: {sorted(self.parts)}")
-            if len(types) != len(self.positions):
-                raise ValueError(f"goal {goal} lists {len(types)} parts for {len(self.positions)} positions")
-            if (counts := Counter(types)) != needed:
-                raise ValueError(
-                    f"goal {goal} needs {_quantities(counts)}, but the quantities are {_quantities(needed)}"
-                )
-        if len(set(self.goals.values())) != len(self.goals):
-            raise ValueError("two goals are the same configuration")
+            if what := self._misfit(goal, types):
+                problems.append((("goals", goal), what))
+            elif types in seen:
+                problems.append((("goals", goal), f"goal {goal} is the same configuration as {seen[types]}"))
+            seen.setdefault(types, goal)
+        if problems:
+            raise Disagreement(problems)
         return self
+
+    def _misfit(self, goal: str, types: tuple[str, ...]) -> str | None:
+        """Why a goal does not fit parts and positions, or None where it does."""
+        if unknown := sorted(set(types) - set(self.parts)):
+            return f"goal {goal} names unknown part types {unknown}; known: {sorted(self.parts)}"
+        if len(types) != len(self.positions):
+            return f"goal {goal} lists {len(types)} parts for {len(self.positions)} positions"
+        needed = Counter({name: part.quantity for name, part in self.parts.items()})
+        if (counts := Counter(types)) != needed:
+            return f"goal {goal} needs {_quantities(counts)}, but the quantities are {_quantities(needed)}"
+        return None
 
 
 def _quantities(counts: Counter[str]) -> str:

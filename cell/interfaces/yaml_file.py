@@ -1,0 +1,164 @@
+"""YAML files into pydantic models; every problem of a file is reported at once with its line and column."""
+
+from __future__ import annotations
+
+import difflib
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.model import Disagreement, Location
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def load_yaml(path: Path | str, model: type[M]) -> M:
+    """Read a YAML file into a model.
+
+    Raises:
+        InputError: the file cannot be read, is not YAML, or does not fit the model; it names every problem found.
+    """
+    path = Path(path)
+    root, data, problems = _read(path)
+    if problems:
+        raise InputError(*problems)
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        found = [problem for details in error.errors() for problem in _problems(path, root, model, details)]
+        raise InputError(*sorted(found, key=lambda p: (p.place.line or 0, p.place.column or 0))) from None
+
+
+def _read(path: Path) -> tuple[Node, object, list[Problem]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(Problem(Place(path), f"cannot be read: {error.strerror}")) from None
+    except UnicodeDecodeError as error:
+        raise InputError(Problem(Place(path), f"is not UTF-8 text (byte {error.start})")) from None
+    loader = yaml.SafeLoader(text)
+    try:
+        root = loader.get_single_node()
+        if root is None:
+            raise InputError(Problem(Place(path, 1, 1), "the file is empty"))
+        problems: list[Problem] = []
+        return root, _construct(path, loader, root, (), problems), problems
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = Place(path, mark.line + 1, mark.column + 1) if mark else Place(path)
+        raise InputError(Problem(place, f"not YAML: {error.problem or error.context}")) from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InputError(Problem(Place(path), f"not YAML: {error}")) from None
+    finally:
+        loader.dispose()
+
+
+def _construct(
+    path: Path, loader: yaml.SafeLoader, node: Node, above: tuple[Node, ...], problems: list[Problem]
+) -> object:
+    """Plain data of a node; unlike PyYAML's own constructor it refuses duplicate keys and keys that are no text."""
+    if any(node is parent for parent in above):
+        problems.append(Problem(_at(path, node), "an alias that contains itself"))
+        return None
+    inside = (*above, node)
+    if isinstance(node, SequenceNode):
+        return [_construct(path, loader, item, inside, problems) for item in node.value]
+    if not isinstance(node, MappingNode):
+        return loader.construct_object(node)
+    data: dict[str, object] = {}
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        name = key.value if isinstance(key, ScalarNode) else "?"
+        if name in data:
+            problems.append(Problem(_at(path, key), f"key {name!r} stands twice", f"first in line {lines[name]}"))
+        lines.setdefault(name, key.start_mark.line + 1)
+        data[name] = _construct(path, loader, value, inside, problems)
+    return data
+
+
+def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDetails) -> list[Problem]:
+    location = tuple(details["loc"])
+    cause = details.get("ctx", {}).get("error")
+    if isinstance(cause, Disagreement):
+        return [Problem(_place(path, root, (*location, *inner)), what) for inner, what in cause.places]
+    if details["type"] == "extra_forbidden":
+        name = str(location[-1])
+        place = _place(path, root, location, of_key=True)
+        return [Problem(place, f"unknown key {name!r}", _suggest(name, _legal_keys(model, location[:-1])))]
+    if details["type"] == "missing":
+        return [Problem(_place(path, root, location[:-1]), f"key {str(location[-1])!r} is missing")]
+    what = details["msg"].removeprefix("Value error, ")
+    what = what[:1].lower() + what[1:]
+    got = details["input"]
+    shown = f", not {got!r}" if isinstance(got, str | int | float | bool | None) else ""
+    return [Problem(_place(path, root, location), f"{_dotted(location)}: {what}{shown}")]
+
+
+def _suggest(name: str, legal: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, legal, n=1)
+    asked = f"did you mean {near[0]!r}? " if near else ""
+    return f"{asked}legal here: {', '.join(legal)}" if legal else ""
+
+
+def _legal_keys(model: type[BaseModel], location: Location) -> list[str]:
+    """Field names at a location, following nested models, dicts, sequences and unions."""
+    options: list[Any] = [model]
+    for step in location:
+        following = [inner for option in options for inner in _inside(option, step)]
+        options = following or options
+    return [name for option in options if _is_model(option) for name in option.model_fields]
+
+
+def _inside(option: Any, step: str | int) -> list[Any]:
+    if _is_model(option):
+        field = option.model_fields.get(str(step))
+        return _alternatives(field.annotation) if field else []
+    origin, arguments = typing.get_origin(option), typing.get_args(option)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return _alternatives(arguments[1])
+    if isinstance(origin, type) and issubclass(origin, Sequence):
+        return [inner for argument in arguments if argument is not Ellipsis for inner in _alternatives(argument)]
+    return []
+
+
+def _alternatives(annotation: Any) -> list[Any]:
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        return [inner for argument in typing.get_args(annotation) for inner in _alternatives(argument)]
+    if typing.get_origin(annotation) is typing.Annotated:
+        return _alternatives(typing.get_args(annotation)[0])
+    return [annotation]
+
+
+def _is_model(option: Any) -> bool:
+    return isinstance(option, type) and issubclass(option, BaseModel)
+
+
+def _place(path: Path, root: Node, location: Location, of_key: bool = False) -> Place:
+    """Where a location stands; steps that the file does not have (tags of unions) are passed over."""
+    key: Node | None = None
+    node = root
+    for step in location:
+        if isinstance(node, MappingNode):
+            for name, value in node.value:
+                if name.value == str(step):
+                    key, node = name, value
+        elif isinstance(node, SequenceNode) and isinstance(step, int) and step < len(node.value):
+            key, node = None, node.value[step]
+    begins_below = isinstance(node, MappingNode | SequenceNode) and not node.flow_style
+    return _at(path, key if key is not None and (of_key or begins_below) else node)
+
+
+def _at(path: Path, node: Node) -> Place:
+    return Place(path, node.start_mark.line + 1, node.start_mark.column + 1)
+
+
+def _dotted(location: Location) -> str:
+    return ".".join(str(step) for step in location) or "the file"

@@ -31,8 +31,8 @@ class GripperGeometry(Model):
     grasp_depth_m: float = Field(default=0.030, gt=0)
     floor_gap_m: float = Field(default=0.005, ge=0)
     vertical_gap_m: float = Field(default=0.004, ge=0)
-    finger_length_m: float = Field(default=0.060, gt=0)
-    hand_size_m: tuple[float, float] = (0.140, 0.070)
+    finger_length_m: float = Field(default=0.079, gt=0)
+    hand_size_m: tuple[float, float] = (0.100, 0.062)
 
 
 class DetectionNoise(Model):
@@ -63,7 +63,7 @@ class SceneSettings(Model):
 
     parts: tuple[int, int] = (3, 6)
     reach_m: float = Field(default=0.11, gt=0)
-    gap_m: float = Field(default=0.002, ge=0)
+    gap_m: float = Field(default=0.003, ge=0)
     tray_m: tuple[float, float] = (0.32, 0.40)
     gripper: GripperGeometry = GripperGeometry()
     noise: DetectionNoise = DetectionNoise()

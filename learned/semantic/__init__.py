@@ -1,0 +1,1 @@
+"""The semantic planner: goal, next object and what remains to be done, from the assembly graph (section 3.1)."""

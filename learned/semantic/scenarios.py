@@ -1,0 +1,153 @@
+"""Generated scenarios: every part of every goal, with what the demonstrator does next (section 4.1 of the paper)."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from itertools import product as combinations
+
+import numpy as np
+
+from learned.semantic.graph import EMPTY, Bools, Ints, Layout
+
+SCENARIO_LIMIT = 20_000  # products with more partial states are sampled
+DETECTION_ERROR = 0.045  # the paper's action detector with three goals
+
+
+@dataclass(frozen=True)
+class Scenarios:
+    """Partial states with their labels, B rows.
+
+    Attributes:
+        goals: (B,) which goal is being assembled; the number of goals stands for one that is none of them.
+        seen: (B, m) part type seen at each position, EMPTY where nothing is.
+        following: (B,) the position that the demonstrator fills next.
+    """
+
+    goals: Ints
+    seen: Ints
+    following: Ints
+
+    def __len__(self) -> int:
+        return len(self.goals)
+
+    def take(self, rows: Ints) -> Scenarios:
+        """Some of the rows."""
+        return Scenarios(self.goals[rows], self.seen[rows], self.following[rows])
+
+    @property
+    def sha256(self) -> str:
+        """Hash of states and labels, in their order."""
+        digest = hashlib.sha256()
+        for array in (self.goals, self.seen, self.following):
+            digest.update(np.ascontiguousarray(array, "<i8").tobytes())
+        return digest.hexdigest()
+
+
+def scenarios(layout: Layout, seed: int) -> Scenarios:
+    """All partial states of all goals, z (2^m - 2), or a sample where they are more than SCENARIO_LIMIT."""
+    goals, positions = layout.types.shape
+    rng = np.random.default_rng(seed)
+    if goals * (2**positions - 2) > SCENARIO_LIMIT:
+        return sampled(layout, SCENARIO_LIMIT, rng)
+    masks = np.array(list(combinations([False, True], repeat=positions)))[1:-1]
+    labels = np.repeat(np.arange(goals), len(masks))
+    return _labelled(layout, labels, np.tile(masks, (goals, 1)), rng)
+
+
+def sampled(layout: Layout, count: int, rng: np.random.Generator) -> Scenarios:
+    """Random goals after a random number of placements in random order."""
+    labels = rng.integers(len(layout.goals), size=count)
+    masks = _random_masks(count, len(layout.positions), rng)
+    return _labelled(layout, labels, masks, rng)
+
+
+def unknown_goals(layout: Layout, masks: Bools, rng: np.random.Generator) -> Scenarios:
+    """Goals that were never demonstrated, one for each row of `masks` (B, m): other arrangements of the same parts.
+
+    Fewer rows come back where nearly all arrangements are goals.
+    """
+    parts = np.repeat(np.arange(len(layout.parts)), layout.quantities)
+    types = rng.permuted(np.tile(parts, (2 * len(masks) + 20, 1)), axis=1)
+    types = types[~(types[:, None, :] == layout.types).all(axis=2).any(axis=1)][: len(masks)]
+    masks = masks[: len(types)]
+    labels = np.full(len(types), len(layout.goals))
+    return Scenarios(labels, np.where(masks, types, EMPTY), _any_open(masks, rng))
+
+
+def split(whole: Scenarios, ratio: float, seed: int) -> tuple[Scenarios, Scenarios]:
+    """Shuffle and divide: (`ratio` of the rows, the others)."""
+    order = np.random.default_rng(seed).permutation(len(whole))
+    count = round(ratio * len(whole))
+    return whole.take(order[:count]), whole.take(order[count:])
+
+
+def sub_demonstrations(layout: Layout, train: Scenarios) -> Scenarios:
+    """Also the states that a demonstration passed through on any order of its placements, each once.
+
+    These regenerate held-out scenarios from training ones: report scores with and without them.
+    """
+    known = {(int(goal), tuple(seen != EMPTY)) for goal, seen in zip(train.goals, train.seen, strict=True)}
+    masks = {
+        (goal, part)
+        for goal, mask in known
+        for part in combinations(*([False, True] if filled else [False] for filled in mask))
+        if any(part)
+    }
+    rows = sorted(masks)
+    rng = np.random.default_rng(len(rows))
+    return _labelled(layout, np.array([goal for goal, _ in rows]), np.array([mask for _, mask in rows]), rng)
+
+
+def misdetect(layout: Layout, whole: Scenarios, rng: np.random.Generator, rate: float = DETECTION_ERROR) -> Scenarios:
+    """What an imperfect action detector makes of the states.
+
+    Each placement is taken, with probability `rate`, for another action of the demonstrated goals at a position
+    that is seen as open.
+    """
+    seen = whole.seen.copy()
+    pairs = action_pairs(layout)
+    for row, position in np.argwhere((seen != EMPTY) & (rng.random(seen.shape) < rate)):
+        true = (seen[row, position], position)
+        seen[row, position] = EMPTY
+        others = [pair for pair in pairs if pair != true and seen[row, pair[1]] == EMPTY]
+        part, place = others[rng.integers(len(others))]
+        seen[row, place] = part
+    return Scenarios(whole.goals, seen, whole.following)
+
+
+def action_pairs(layout: Layout) -> list[tuple[int, int]]:
+    """The assembly actions that a detector knows: every (part type, position) of some goal, sorted."""
+    positions = range(len(layout.positions))
+    return sorted({(int(row[position]), position) for row in layout.types for position in positions})
+
+
+def consistent(layout: Layout, seen: Ints) -> Bools:
+    """(B, z) the label set of every state: the goals that hold all its placements."""
+    fits: Bools = ((seen[:, None, :] == EMPTY) | (seen[:, None, :] == layout.types)).all(axis=2)
+    return fits
+
+
+def bound(layout: Layout, whole: Scenarios) -> float:
+    """Success rate that no planner beats: where k goals fit a state, it names the right one in 1 of k cases.
+
+    Over all scenarios this is the number of distinct states divided by the number of scenarios.
+    """
+    return float(np.mean(1.0 / consistent(layout, whole.seen).sum(axis=1)))
+
+
+def _labelled(layout: Layout, labels: Ints, masks: Bools, rng: np.random.Generator) -> Scenarios:
+    seen = np.where(masks, layout.types[labels], EMPTY)
+    return Scenarios(labels, seen, _any_open(masks, rng))
+
+
+def _any_open(masks: Bools, rng: np.random.Generator) -> Ints:
+    following: Ints = np.argmax(rng.random(masks.shape) - 2.0 * masks, axis=1)
+    return following
+
+
+def _random_masks(count: int, positions: int, rng: np.random.Generator) -> Bools:
+    filled = rng.integers(1, positions, size=count)
+    ranks = rng.permuted(np.tile(np.arange(positions), (count, 1)), axis=1)
+    masks: Bools = ranks < filled[:, None]
+    return masks

@@ -1,0 +1,133 @@
+"""What stands still: table, bracket plate with its holes, tray, and the person's bins."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import mujoco
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.errors import InputError
+from cell.interfaces.product import Product
+from sim import palette
+from sim.palette import add_box
+
+TABLE_SIZE_M = (1.90, 2.10, 0.04)
+TABLE_CENTRE_M = (0.50, 0.05)
+ROOM_FLOOR_M = -0.80
+WALL_M = 0.006
+BIN_FLOOR_M = 0.004
+BIN_RIM_M = 0.006
+BIN_GAP_M = 0.032  # between bodies in a bin: room for a thumb beside a finger
+RELIEF_M = 0.0004  # plate pieces beside a hole lie this much lower, so that bodies rest on the two long ones alone
+
+
+def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench) -> None:
+    """Add everything that does not move."""
+    world = spec.worldbody
+    x, y = TABLE_CENTRE_M
+    add_box(world, (x, y, -TABLE_SIZE_M[2] / 2), TABLE_SIZE_M, palette.TABLE)
+    add_box(world, (x, y, ROOM_FLOOR_M), (6.0, 6.0, 0.02), palette.FLOOR, palette.NO_TOUCH)
+    _add_bracket(world, product, bench)
+    _add_tray(world, bench)
+    for name, centre in bench.bins_m.items():
+        if name in product.parts:
+            _add_bin(world, product, name, centre)
+
+
+def bin_spots(product: Product, bench: Bench, name: str) -> tuple[tuple[float, float, float], ...]:
+    """Where the parts of one type stand in their bin: a row along y, body lengths along x (body bottoms)."""
+    x, y, z = bench.bins_m[name]
+    part = product.parts[name]
+    pitch = part.size_m[1] + BIN_GAP_M
+    first = y - pitch * (part.quantity - 1) / 2
+    return tuple((x, first + pitch * i, z + part.peg_length_m) for i in range(part.quantity))
+
+
+def _add_bin(world: mujoco.MjsBody, product: Product, name: str, centre_m: tuple[float, float, float]) -> None:
+    part = product.parts[name]
+    x, y, z = centre_m
+    length = part.size_m[0] + 0.04
+    width = (part.size_m[1] + BIN_GAP_M) * part.quantity
+    add_box(world, (x, y, z - BIN_FLOOR_M / 2), (length, width, BIN_FLOOR_M), palette.BIN)
+    _add_rim(world, (x, y, z - BIN_FLOOR_M), (length, width), BIN_FLOOR_M + BIN_RIM_M, palette.BIN)
+
+
+def _add_tray(world: mujoco.MjsBody, bench: Bench) -> None:
+    x, y, z = bench.tray.centre_m
+    length, width = bench.tray.size_m
+    add_box(world, (x, y, z / 2), (length, width, z), palette.TRAY)
+    _add_rim(world, (x, y, 0.0), (length, width), z + bench.tray.wall_m, palette.TRAY)
+
+
+def _add_rim(
+    world: mujoco.MjsBody,
+    foot_m: tuple[float, float, float],
+    inner_m: tuple[float, float],
+    height_m: float,
+    rgb: palette.Rgb,
+) -> None:
+    x, y, z = foot_m
+    for side in (-1, 1):
+        across = (x + side * (inner_m[0] + WALL_M) / 2, y, z + height_m / 2)
+        along = (x, y + side * (inner_m[1] + WALL_M) / 2, z + height_m / 2)
+        add_box(world, across, (WALL_M, inner_m[1] + 2 * WALL_M, height_m), rgb)
+        add_box(world, along, (inner_m[0], WALL_M, height_m), rgb)
+
+
+def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench) -> None:
+    """A plate with octagonal holes on a dark foot, so that a camera tells an empty hole from a filled one."""
+    pose = bench.bracket.pose
+    bracket = world.add_body(name="bracket", pos=list(pose.position_m), quat=list(pose.quaternion_wxyz))
+    plate = product.bracket
+    holes = list(plate.holes_m.values())
+    radius = max(part.peg_diameter_m for part in product.parts.values()) / 2 + plate.hole_clearance_m
+    _check_bracket(product, bench, radius)
+    low = [min(hole[axis] for hole in holes) - plate.margin_m for axis in (0, 1)]
+    high = [max(hole[axis] for hole in holes) + plate.margin_m for axis in (0, 1)]
+    rows = sorted({low[0], high[0], *(x + side * radius for x, _ in holes for side in (-1, 1))})
+    for top, bottom in pairwise(rows):
+        middle = (top + bottom) / 2
+        inside = sorted(y for x, y in holes if abs(x - middle) < radius)
+        edges = [low[1], *(y + side * radius for y in inside for side in (-1, 1)), high[1]]
+        for left, right in zip(edges[::2], edges[1::2], strict=True):
+            relief = RELIEF_M if inside else 0.0
+            centre = (middle, (left + right) / 2, -relief - (plate.thickness_m - relief) / 2)
+            size = (bottom - top, right - left, plate.thickness_m - relief)
+            add_box(bracket, centre, size, palette.STEEL)
+    for hole in holes:
+        _add_corners(bracket, hole, radius, plate.thickness_m)
+    foot = pose.position_m[2] - max(plate.thickness_m, _longest_peg_m(product) + 0.002)
+    centre = ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, foot / 2 - pose.position_m[2])
+    add_box(bracket, centre, (high[0] - low[0] - 0.01, high[1] - low[1] - 0.01, foot), palette.HOLE)
+
+
+def _add_corners(bracket: mujoco.MjsBody, hole: tuple[float, float], radius_m: float, thickness_m: float) -> None:
+    """Turn a square opening into the octagon around the same circle."""
+    depth = radius_m * (math.sqrt(2.0) - 1.0)  # of a corner, measured along the diagonal
+    for quarter in range(4):
+        angle = math.pi / 4 + quarter * math.pi / 2
+        reach = radius_m + depth / 2
+        centre = (hole[0] + reach * math.cos(angle), hole[1] + reach * math.sin(angle), -RELIEF_M - thickness_m / 2)
+        size = (depth, 2 * depth, thickness_m - RELIEF_M)
+        corner = add_box(bracket, centre, size, palette.STEEL)
+        corner.quat = [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
+
+
+def _longest_peg_m(product: Product) -> float:
+    return max(part.peg_length_m for part in product.parts.values())
+
+
+def _check_bracket(product: Product, bench: Bench, radius_m: float) -> None:
+    height = bench.bracket.position_m[2]
+    if height < _longest_peg_m(product) + 0.002 or height < product.bracket.thickness_m:
+        raise InputError(
+            f"the bracket's upper side is {height:.3f} m above the table; its plate of "
+            f"{product.bracket.thickness_m:.3f} m and pegs of {_longest_peg_m(product):.3f} m + 0.002 m do not fit below"
+        )
+    holes = list(product.bracket.holes_m.items())
+    for i, (name, (x, y)) in enumerate(holes):
+        for other, (x2, y2) in holes[i + 1 :]:
+            if max(abs(x - x2), abs(y - y2)) <= 2 * radius_m:
+                raise InputError(f"holes {name} and {other} overlap: openings are {2 * radius_m:.3f} m wide")

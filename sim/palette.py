@@ -1,0 +1,71 @@
+"""Colours of everything in the cell but the parts, and helpers that add primitive shapes to a model.
+
+Nothing here is as saturated as the parts' paint, and light steel stays below white under the lights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+
+TABLE = (0.24, 0.22, 0.19)
+FLOOR = (0.35, 0.35, 0.34)
+STEEL = (0.46, 0.47, 0.48)
+HOLE = (0.02, 0.02, 0.02)
+TRAY = (0.16, 0.16, 0.17)
+BIN = (0.34, 0.31, 0.25)
+LINK = (0.58, 0.61, 0.64)
+JOINT = (0.34, 0.42, 0.50)
+GRIPPER = (0.15, 0.15, 0.16)
+PAD = (0.08, 0.08, 0.08)
+
+# Contact types (contype, conaffinity): parts touch everything; hand and robot touch neither themselves nor each other.
+STATIC_TOUCH = (1, 9)
+ROBOT_TOUCH = (8, 0)
+PART_TOUCH = (3, 13)  # bits 2 and 4 are the hand's (sim/hand.py)
+NO_TOUCH = (0, 0)
+
+Rgb = tuple[float, float, float]
+
+
+def add_box(
+    body: mujoco.MjsBody,
+    centre_m: Sequence[float],
+    size_m: Sequence[float],
+    rgb: Rgb,
+    touch: tuple[int, int] = STATIC_TOUCH,
+) -> mujoco.MjsGeom:
+    """Add a box of full extents `size_m`; with NO_TOUCH it is only seen."""
+    return _add(body, mujoco.mjtGeom.mjGEOM_BOX, centre_m, [extent / 2 for extent in size_m], rgb, touch)
+
+
+def add_cylinder(
+    body: mujoco.MjsBody,
+    centre_m: Sequence[float],
+    diameter_m: float,
+    length_m: float,
+    rgb: Rgb,
+    touch: tuple[int, int] = STATIC_TOUCH,
+) -> mujoco.MjsGeom:
+    """Add an upright cylinder; with NO_TOUCH it is only seen."""
+    return _add(body, mujoco.mjtGeom.mjGEOM_CYLINDER, centre_m, [diameter_m / 2, length_m / 2, 0.0], rgb, touch)
+
+
+def _add(
+    body: mujoco.MjsBody,
+    shape: mujoco.mjtGeom,
+    centre_m: Sequence[float],
+    size: Sequence[float],
+    rgb: Rgb,
+    touch: tuple[int, int],
+) -> mujoco.MjsGeom:
+    return body.add_geom(
+        type=shape,
+        pos=list(centre_m),
+        size=list(size),
+        rgba=[*rgb, 1.0],
+        contype=touch[0],
+        conaffinity=touch[1],
+        mass=0.0,
+    )

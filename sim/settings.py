@@ -1,0 +1,60 @@
+"""Settings of the simulated cell: what a real bench would bring along by itself."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from cell.interfaces.model import Model
+
+
+class PhysicsSettings(Model):
+    """Time steps of the simulation.
+
+    Attributes:
+        step_s: one physics step.
+        control_period_s: the arm's and the gripper's own cycle, a whole number of steps.
+        settle_s: how long parts come to rest before the run begins.
+    """
+
+    step_s: float = Field(default=0.002, gt=0)
+    control_period_s: float = Field(default=0.008, gt=0)
+    settle_s: float = Field(default=0.3, ge=0)
+
+    @property
+    def steps_per_period(self) -> int:
+        return round(self.control_period_s / self.step_s)
+
+
+class CameraNoise(Model):
+    """What a sensor does to an image.
+
+    Attributes:
+        gaussian_levels: standard deviation of every pixel's noise, in grey levels of 255.
+        brightness_jitter: standard deviation of a whole frame's gain.
+    """
+
+    gaussian_levels: float = Field(default=2.0, ge=0)
+    brightness_jitter: float = Field(default=0.01, ge=0)
+
+
+class ClutterSettings(Model):
+    """How parts stand in the tray.
+
+    Attributes:
+        neighbour_share: probability that a part stands right beside another one.
+        nearest_gap_m, farthest_gap_m: gap between the bodies of such neighbours.
+        rim_margin_m: least distance of a body from the tray's rim.
+    """
+
+    neighbour_share: float = Field(default=0.6, ge=0, le=1)
+    nearest_gap_m: float = Field(default=0.004, gt=0)
+    farthest_gap_m: float = Field(default=0.030, gt=0)
+    rim_margin_m: float = Field(default=0.022, ge=0)
+
+
+class SimSettings(Model):
+    """The simulated cell."""
+
+    physics: PhysicsSettings = PhysicsSettings()
+    noise: CameraNoise = CameraNoise()
+    clutter: ClutterSettings = ClutterSettings()

@@ -1,0 +1,227 @@
+"""The simulated cell: built from product and bench through MjSpec, stepped by the clock, read by the devices."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+os.environ.setdefault("MUJOCO_GL", "egl")  # before mujoco is imported; twice as fast as osmesa
+
+import mujoco
+import numpy as np
+
+from cell.interfaces.bench import JOINTS, Bench, CameraSetup
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from sim.clutter import Owner, ScenePart
+from sim.furniture import add_furniture, bin_spots
+from sim.parts import add_part
+from sim.robot import STROKE_M, add_gripper, arm_spec
+from sim.settings import PhysicsSettings
+
+# MuJoCo's cameras look along -z with y up; ours along z with y down.
+CAMERA_FROM_MUJOCO = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+LIGHTS_M = ((0.3, -0.6, 2.2), (1.2, 0.9, 2.2))
+
+
+@dataclass(frozen=True)
+class WorldPart:
+    """A part in the compiled world.
+
+    Attributes:
+        name: of its body, for example "o1_robot_0".
+        part: its type.
+        owner: whose set it belongs to.
+        body, qpos, qvel: body id and first indices of its free joint.
+    """
+
+    name: str
+    part: str
+    owner: Owner
+    body: int
+    qpos: int
+    qvel: int
+
+
+class World:
+    """A compiled cell and its state.
+
+    Attributes:
+        parts: all parts, in the order of the scene.
+        arm_qpos, arm_qvel, arm_ctrl: indices of the six joints, shoulder_pan to wrist_3.
+    """
+
+    def __init__(
+        self, spec: mujoco.MjSpec, product: Product, bench: Bench, scene: Sequence[ScenePart], physics: PhysicsSettings
+    ) -> None:
+        self.product, self.bench, self.physics = product, bench, physics
+        self.model: mujoco.MjModel = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.parts = tuple(
+            self._world_part(name, entry) for name, entry in zip(part_names(scene), scene, strict=True)
+        )
+        joints = [self.model.joint(f"{name}_joint") for name in JOINTS]
+        self.arm_qpos = np.array([joint.qposadr[0] for joint in joints])
+        self.arm_qvel = np.array([joint.dofadr[0] for joint in joints])
+        self.arm_ctrl = np.array([self.model.actuator(name).id for name in JOINTS])
+        self._fingers = [self.model.joint(f"finger_{side}").qposadr[0] for side in ("left", "right")]
+        self._opening_ctrl = self.model.actuator("opening").id
+        self._tool = self.model.body("tool").id
+        self.set_arm(bench.arm_park_rad)
+        self.set_opening(STROKE_M)
+        mujoco.mj_forward(self.model, self.data)
+
+    def _world_part(self, name: str, entry: ScenePart) -> WorldPart:
+        joint = self.model.joint(name)
+        return WorldPart(
+            name, entry.part, entry.owner, self.model.body(name).id, int(joint.qposadr[0]), int(joint.dofadr[0])
+        )
+
+    @property
+    def time_s(self) -> float:
+        """Physics time since the world was built."""
+        return float(self.data.time)
+
+    @property
+    def opening_m(self) -> float:
+        """Distance between the gripper's pads."""
+        return float(self.data.qpos[self._fingers].sum())
+
+    def step_period(self) -> None:
+        """Advance by one control period."""
+        mujoco.mj_step(self.model, self.data, self.physics.steps_per_period)
+
+    def settle(self) -> None:
+        """Let parts come to rest while the arm stands."""
+        for _ in range(math.ceil(self.physics.settle_s / self.physics.control_period_s)):
+            self.step_period()
+
+    def body_pose(self, body: int) -> Pose:
+        """world_from_body of any body by its id."""
+        x, y, z = (float(value) for value in self.data.xpos[body])
+        w, a, b, c = (float(value) for value in self.data.xquat[body])
+        return Pose((x, y, z), (w, a, b, c))
+
+    def tool_pose(self) -> Pose:
+        """world_from_tool: the TCP between the fingertips, z along the fingers."""
+        return self.body_pose(self._tool)
+
+    def part_pose(self, part: WorldPart) -> Pose:
+        """world_from_part."""
+        return self.body_pose(part.body)
+
+    def place(self, part: WorldPart, pose: Pose) -> None:
+        """Put a part somewhere at rest, for building scenes."""
+        self.data.qpos[part.qpos : part.qpos + 7] = (*pose.position_m, *pose.quaternion_wxyz)
+        self.data.qvel[part.qvel : part.qvel + 6] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def set_arm(self, positions_rad: Sequence[float] | Array) -> None:
+        """Put the arm's joints somewhere at rest, for building scenes; a running SimArm does not expect it."""
+        self.data.qpos[self.arm_qpos] = positions_rad
+        self.data.qvel[self.arm_qvel] = 0.0
+        self.data.ctrl[self.arm_ctrl] = positions_rad
+        mujoco.mj_forward(self.model, self.data)
+
+    def set_opening(self, opening_m: float) -> None:
+        """Put the fingers somewhere at rest, for building scenes."""
+        self.data.qpos[self._fingers] = opening_m / 2
+        self.drive_opening(opening_m)
+
+    def drive_opening(self, set_point_m: float) -> None:
+        """Set point of the jaw's servo; below what it holds, the difference is the force."""
+        self.data.ctrl[self._opening_ctrl] = set_point_m
+
+    def camera_pose(self, camera: str) -> Pose:
+        """world_from_camera of "overhead" or "wrist"."""
+        if camera == "wrist":
+            return self.tool_pose() @ self.bench.wrist.mount.pose
+        return self.bench.overhead.mount.pose
+
+
+def build_world(
+    product: Product,
+    bench: Bench,
+    scene: Sequence[ScenePart] | None = None,
+    physics: PhysicsSettings | None = None,
+    extend: Callable[[mujoco.MjSpec], None] | None = None,
+) -> World:
+    """Build a cell.
+
+    Args:
+        scene: all parts and where they start; by default the person's own set in the bins and nothing in the tray.
+        extend: adds more to the specification before it is compiled, for example the person's hand.
+    """
+    physics = physics or PhysicsSettings()
+    scene = person_set(product, bench) if scene is None else scene
+    spec = arm_spec()
+    _set_options(spec, physics)
+    add_gripper(spec, bench.wrist)
+    add_furniture(spec, product, bench)
+    kinds = list(product.parts)
+    for name, entry in zip(part_names(scene), scene, strict=True):
+        add_part(spec, name, entry, product.parts[entry.part], kinds.index(entry.part))
+    _add_camera(spec.worldbody, "overhead", bench.overhead)
+    _add_camera(spec.body("tool"), "wrist", bench.wrist)
+    _add_lights(spec)
+    if extend is not None:
+        extend(spec)
+    return World(spec, product, bench, scene, physics)
+
+
+def person_set(product: Product, bench: Bench) -> tuple[ScenePart, ...]:
+    """One product's parts in the person's bins."""
+    return tuple(
+        ScenePart(name, Pose(spot), "person") for name in product.parts for spot in bin_spots(product, bench, name)
+    )
+
+
+def part_names(scene: Sequence[ScenePart]) -> list[str]:
+    """Names of the parts' bodies: type, owner and a number, in the order of the scene."""
+    counts: dict[str, int] = {}
+    names = []
+    for entry in scene:
+        stem = f"{entry.part}_{entry.owner}"
+        names.append(f"{stem}_{counts.setdefault(stem, 0)}")
+        counts[stem] += 1
+    return names
+
+
+def _set_options(spec: mujoco.MjSpec, physics: PhysicsSettings) -> None:
+    spec.option.timestep = physics.step_s
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
+    spec.visual.map.znear, spec.visual.map.zfar = 0.01, 20.0
+    spec.visual.quality.offsamples = 4
+
+
+def _add_camera(body: mujoco.MjsBody, name: str, setup: CameraSetup) -> None:
+    pose = setup.mount.pose @ CAMERA_FROM_MUJOCO
+    body.add_camera(
+        name=name,
+        pos=list(pose.position_m),
+        quat=list(pose.quaternion_wxyz),
+        fovy=math.degrees(2 * math.atan(setup.height_px / 2 / setup.focal_px)),
+    )
+
+
+def _add_lights(spec: mujoco.MjSpec) -> None:
+    """Two soft lamps without shadows; shadow maps cost more than all the rest of an image."""
+    headlight = spec.visual.headlight
+    headlight.ambient, headlight.diffuse, headlight.specular = [0.35] * 3, [0.15] * 3, [0.0] * 3
+    for position in LIGHTS_M:
+        direction = np.array([0.65, 0.05, 0.0]) - position
+        spec.worldbody.add_light(
+            pos=list(position),
+            dir=list(direction / np.linalg.norm(direction)),
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            diffuse=[0.45] * 3,
+            specular=[0.1] * 3,
+            ambient=[0.0] * 3,
+            castshadow=False,
+        )

@@ -1,0 +1,79 @@
+"""How the upright body of a part looks to a camera: the outline of its projected box."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.camera_model import CameraModel
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Array, Pose
+
+_CORNERS = np.array([[x, y, z] for z in (0.0, 1.0) for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))])
+
+
+class View:
+    """One camera at one place: world points to pixels and back."""
+
+    def __init__(self, model: CameraModel, world_from_camera: Pose) -> None:
+        self.model = model
+        self.world_from_camera = world_from_camera
+        camera_from_world = world_from_camera.inverse().matrix[:3]
+        self._projection = model.matrix @ camera_from_world
+
+    @classmethod
+    def of(cls, model: CameraModel, frame: Frame) -> View:
+        """The view that a frame was taken from."""
+        return cls(model, frame.world_from_camera)
+
+    def pixels(self, points_m: Array) -> Array:
+        """World points (n, 3) to pixels (n, 2) as (column, row)."""
+        image = points_m @ self._projection[:, :3].T + self._projection[:, 3]
+        pixels: Array = image[:, :2] / image[:, 2:3]
+        return pixels
+
+    def on_plane(self, pixels: Array, height_m: float) -> Array:
+        """Pixels (n, 2) to the world (x, y) where they meet z = height_m, (n, 2)."""
+        return self.model.onto_plane(self.world_from_camera, np.asarray(pixels, float), height_m)[:, :2]
+
+    def pixels_per_m(self, point_m: Sequence[float]) -> float:
+        """Scale of the image around a world point, across the view."""
+        depth = float(self.world_from_camera.inverse().transform(np.array(point_m))[2])
+        return self.model.focal_px / depth
+
+
+def body_corners(size_m: Sequence[float], x_m: float, y_m: float, yaw_rad: float, bottom_m: float) -> Array:
+    """Corners (8, 3) of an upright body: four below, four above."""
+    corners = _CORNERS * np.array(size_m)
+    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    x = corners[:, 0] * cosine - corners[:, 1] * sine + x_m
+    y = corners[:, 0] * sine + corners[:, 1] * cosine + y_m
+    return np.column_stack([x, y, corners[:, 2] + bottom_m])
+
+
+def outline(pixels: Array) -> Array:
+    """Convex hull of projected points (n, 2), in order around it, (k, 2)."""
+    hull: Array = cv2.convexHull(pixels.astype(np.float32)).reshape(-1, 2).astype(np.float64)
+    return hull
+
+
+def signed_distances(points: Array, polygon: Array) -> Array:
+    """Distance of points (n, 2) outside a convex polygon (k, 2), negative inside; beyond corners slightly short."""
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    lengths = np.maximum(np.linalg.norm(edges, axis=1), 1e-9)
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / lengths[:, None]
+    middle = polygon.mean(axis=0)
+    normals *= np.sign(np.einsum("ij,ij->i", normals, polygon - middle))[:, None]
+    distances: Array = (points @ normals.T - np.einsum("ij,ij->i", normals, polygon)).max(axis=1)
+    return distances
+
+
+def fill(shape: tuple[int, int], polygon: Array, offset: tuple[int, int] = (0, 0)) -> NDArray[np.uint8]:
+    """Mask (height, width) of a convex polygon whose pixels count from `offset` (column, row)."""
+    mask = np.zeros(shape, np.uint8)
+    # four fractional bits keep the outline's sub-pixel place
+    cv2.fillConvexPoly(mask, np.round((polygon - np.array(offset)) * 16).astype(np.int32), 1, lineType=8, shift=4)
+    return mask

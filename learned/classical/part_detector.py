@@ -1,0 +1,75 @@
+"""Finds parts in the wrist camera's view as oriented boxes with poses on the bench."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.pose import Pose
+from cell.interfaces.product import PartType, Product
+from learned.classical.box_model import View
+from learned.classical.colour import BACKGROUND, ColourModel, Labels
+from learned.classical.part_fit import BoxFit, BoxFitter
+from learned.classical.settings import PerceptionSettings
+
+LEAST_SUPPORT = 0.6
+LEAST_VISIBLE = 0.25
+
+
+class ClassicalPartDetector:
+    """Segments by colour and fits the projected box of each type to its pixels (PartDetector)."""
+
+    def __init__(self, bench: Bench, product: Product, settings: PerceptionSettings | None = None) -> None:
+        self._bench = bench
+        self._product = product
+        self._settings = settings or PerceptionSettings()
+        self._colours = ColourModel(product, self._settings.skin_rgb)
+
+    def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
+        """Parts in and near the tray, in the product's order of types."""
+        view = View.of(self._bench.wrist.model, frame)
+        labels = np.asarray(cv2.medianBlur(self._colours.label(frame.image), 3), np.uint8)
+        found: list[PartDetection] = []
+        for label, name in enumerate(self._product.parts, start=1):
+            part = self._product.parts[name]
+            bottom_m = self._bench.tray.centre_m[2] + part.peg_length_m
+            fitter = BoxFitter(view, part.size_m, bottom_m)
+            own = (labels == label).astype(np.uint8)
+            fits = [fit for fit in fitter.fit(own, _hidden(labels, label)) if self._counts(fit)]
+            found += [_detection(name, part, fit, fitter, bottom_m) for fit in fits]
+        return tuple(found)
+
+    def _counts(self, fit: BoxFit) -> bool:
+        return fit.support >= LEAST_SUPPORT and fit.visible >= LEAST_VISIBLE and self._near_tray(fit)
+
+    def _near_tray(self, fit: BoxFit) -> bool:
+        tray = self._bench.tray
+        reach = np.array(tray.size_m) / 2 + self._settings.tray_margin_m
+        offset = np.abs(np.array([fit.x_m, fit.y_m]) - np.array(tray.centre_m[:2]))
+        return bool((offset < reach).all())
+
+
+def _hidden(labels: Labels, label: int) -> Labels:
+    """1 where another part stands that may hide one of this label, or the image ends."""
+    hidden: Labels = ((labels != BACKGROUND) & (labels != label)).astype(np.uint8)
+    hidden[[0, -1], :] = 1
+    hidden[:, [0, -1]] = 1
+    return hidden
+
+
+def _detection(name: str, part: PartType, fit: BoxFit, fitter: BoxFitter, bottom_m: float) -> PartDetection:
+    yaw_rad = (fit.yaw_rad + math.pi / 2) % math.pi - math.pi / 2  # a box looks the same after half a turn
+    polygon = fitter.polygon(fit)
+    left, top = np.floor(polygon.min(axis=0)).astype(int)
+    right, bottom = np.ceil(polygon.max(axis=0)).astype(int) + 1
+    return PartDetection(
+        part=name,
+        confidence=min(1.0, fit.support) * min(1.0, 0.5 + 0.5 * fit.visible),
+        world_from_part=Pose.from_yaw((fit.x_m, fit.y_m, bottom_m), yaw_rad),
+        size_m=part.size_m,
+        box_px=(int(left), int(top), int(right), int(bottom)),
+    )

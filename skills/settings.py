@@ -1,0 +1,82 @@
+"""Settings of motions and of the gripper's bus; defaults are the UR10's and the 2F-85's datasheets."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from cell.interfaces.model import Model
+
+SixFloats = tuple[float, float, float, float, float, float]
+
+
+class MotionSettings(Model):
+    """How the arm and the gripper move.
+
+    Attributes:
+        speed_limits_rad_s: datasheet: base and shoulder 120 deg/s, elbow and wrists 180 deg/s.
+        acceleration_limits_rad_s2, jerk_limits_rad_s3: what the cell asks of each joint.
+        sample_s: spacing of trajectory samples, the arm's own control period.
+        line_speed_m_s, line_acceleration_m_s2, line_jerk_m_s3: of the tool on straight lines.
+        tcp_from_tool0_m: the tool frame (TCP) along the flange's z.
+        fingertip_beyond_tcp_m: fingertips reach this far below the TCP.
+        grasp_depth_m: fingertips reach this far below a body's top ...
+        fingertip_clearance_m: ... but stay this far above its bottom, so that they clear the bracket.
+        finger_clearance_m, least_finger_clearance_m: gap between each finger and the body before closing: the usual
+            one, and the narrowest that is tried where a neighbour is in the way.
+        approach_gap_m: fingertips pass this far above what stands below them before a descent.
+        carry_gap_m: the peg of a carried part passes this far above placed parts.
+        release_gap_m: a part is let go this far above what it will stand on.
+        transit_lift_m: how much higher a second try passes, where the direct way is blocked.
+        part_gap_m, rim_gap_m: least room that is left around a part that is moved aside.
+        collision_step_rad: largest joint step between collision checks of a trajectory.
+        collision_margin_m: least distance to what stands still.
+        gripper_speed_m_s, grip_force_n: of the fingers.
+        arm_timeout_s: on top of a trajectory's duration.
+        gripper_timeout_s: for one motion of the fingers.
+        arrival_tolerance_rad: how near every joint must be to its goal once the arm stands.
+    """
+
+    speed_limits_rad_s: SixFloats = (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
+    acceleration_limits_rad_s2: SixFloats = (5.0, 5.0, 8.0, 10.0, 10.0, 10.0)
+    jerk_limits_rad_s3: SixFloats = (60.0, 60.0, 90.0, 120.0, 120.0, 120.0)
+    sample_s: float = Field(default=0.008, gt=0)
+    line_speed_m_s: float = Field(default=0.45, gt=0)
+    line_acceleration_m_s2: float = Field(default=2.5, gt=0)
+    line_jerk_m_s3: float = Field(default=40.0, gt=0)
+
+    tcp_from_tool0_m: float = Field(default=0.156, gt=0)
+    fingertip_beyond_tcp_m: float = Field(default=0.008, ge=0)
+    grasp_depth_m: float = Field(default=0.030, gt=0)
+    fingertip_clearance_m: float = Field(default=0.003, ge=0)
+    finger_clearance_m: float = Field(default=0.006, gt=0)
+    least_finger_clearance_m: float = Field(default=0.004, gt=0)
+    approach_gap_m: float = Field(default=0.015, gt=0)
+    carry_gap_m: float = Field(default=0.020, gt=0)
+    release_gap_m: float = Field(default=0.0015, ge=0)
+    transit_lift_m: float = Field(default=0.12, gt=0)
+    part_gap_m: float = Field(default=0.030, gt=0)
+    rim_gap_m: float = Field(default=0.030, gt=0)
+    collision_step_rad: float = Field(default=0.05, gt=0)
+    collision_margin_m: float = Field(default=0.004, ge=0)
+
+    gripper_speed_m_s: float = Field(default=0.15, ge=0.020, le=0.150)
+    grip_force_n: float = Field(default=60.0, ge=20, le=235)
+    arm_timeout_s: float = Field(default=1.5, gt=0)
+    gripper_timeout_s: float = Field(default=2.5, gt=0)
+    arrival_tolerance_rad: float = Field(default=0.01, gt=0)
+
+
+class CanSettings(Model):
+    """The bus that the gripper is on.
+
+    Attributes:
+        interface, channel, bitrate: as python-can names them.
+        heartbeat_period_s: how often the node sends its heartbeat; silence for 1.5 periods is a fault.
+        start_up_s: how long the node may take until its first frame.
+    """
+
+    interface: str = "virtual"
+    channel: str = "gripper"
+    bitrate: int = Field(default=500_000, gt=0)
+    heartbeat_period_s: float = Field(default=0.1, gt=0)
+    start_up_s: float = Field(default=1.0, gt=0)

@@ -74,6 +74,7 @@ class Command:
     Attributes:
         follow: a trajectory that the arm starts now; its first point is where the arm is.
         stop_arm: bring the arm to a controlled stop; wins over `follow`.
+        activate_gripper: begin the gripper's activation, which must finish before its first motion.
         gripper: a new gripper goal, None to leave it as it is.
         look: ask the wrist camera for a frame and the part detector for its answer.
         display: what to show from now on, None to leave it as it is.
@@ -81,6 +82,7 @@ class Command:
 
     follow: JointTrajectory | None = None
     stop_arm: bool = False
+    activate_gripper: bool = False
     gripper: GripperCommand | None = None
     look: bool = False
     display: Display | None = None

@@ -37,6 +37,12 @@ def load_yaml(path: Path | str, model: type[M]) -> M:
         raise InputError(*sorted(found, key=lambda p: (p.place.line or 0, p.place.column or 0))) from None
 
 
+def place_of(path: Path, location: Location) -> Place:
+    """Where a location of a YAML file stands, for errors that are found later than at loading."""
+    root, _, _ = _read(path)
+    return _place(path, root, location, of_key=True)
+
+
 def _read(path: Path) -> tuple[Node, object, list[Problem]]:
     try:
         text = path.read_text(encoding="utf-8")

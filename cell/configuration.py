@@ -1,0 +1,142 @@
+"""The cell's configuration (config/cell.yaml): one model for the whole file (decision 13)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.errors import InputError, Problem
+from cell.interfaces.model import Model
+from cell.interfaces.product import Product
+from cell.interfaces.yaml_file import load_yaml, place_of
+from learned.classical.settings import PerceptionSettings as ClassicalSettings
+from sim.settings import SimSettings
+from skills.settings import CanSettings, MotionSettings
+from trees.guard import GuardSettings
+
+ROOT = Path(__file__).resolve().parent.parent
+DEFAULT_CONFIGURATION = ROOT / "config" / "cell.yaml"
+DEFAULT_TREE = ROOT / "trees" / "assemble.xml"
+
+
+class ControllerSettings(Model):
+    """The loop.
+
+    Attributes:
+        tick_hz: rate of observe-tick-act-record.
+        max_duration_s: the run ends by itself after this much clock time.
+        stop_timeout_s: how long a controlled stop may take before the run ends all the same.
+    """
+
+    tick_hz: float = Field(default=25.0, gt=0, le=500)
+    max_duration_s: float = Field(default=300.0, gt=0)
+    stop_timeout_s: float = Field(default=2.0, gt=0)
+
+
+class Perception(Model):
+    """Detectors.
+
+    Attributes:
+        kind: which detectors read the camera frames.
+        latency_s: in lock-step simulation, clock time from a frame to its answer.
+    """
+
+    kind: Literal["classical"] = "classical"
+    latency_s: float = Field(default=0.1, ge=0, le=2)
+    classical: ClassicalSettings = ClassicalSettings()
+
+
+class PlannerSettings(Model):
+    """A planner.
+
+    Attributes:
+        kind: which implementation answers, e.g. a learned one or "rule".
+        weights: ONNX file, relative to the checkout; None where the kind has none or its usual file is meant.
+    """
+
+    kind: str
+    weights: Path | None = None
+
+
+class Planners(Model):
+    """The planners of section 3.1 (semantic) and 3.2 (grasp)."""
+
+    semantic: PlannerSettings
+    grasp: PlannerSettings
+
+
+class DeviceSettings(Model):
+    """Devices of the cell.
+
+    Attributes:
+        factory: dotted path `module:function` of what opens them.
+        simulation: settings for `sim.cell:open_cell`.
+    """
+
+    factory: str = Field(default="sim.cell:open_cell", pattern=r"^[\w.]+:\w+$")
+    simulation: SimSettings = SimSettings()
+
+
+class LogSettings(Model):
+    """The log.
+
+    Attributes:
+        folder: where logs go without `--log`, relative to the checkout.
+        camera_frames: write camera frames as JPEG.
+        jpeg_quality: 1 to 100.
+    """
+
+    folder: Path = Path("runs")
+    camera_frames: bool = True
+    jpeg_quality: int = Field(default=80, ge=1, le=100)
+
+
+class Configuration(Model):
+    """Everything that a run needs to know beside its tree.
+
+    Attributes:
+        product: the product file; relative to the configuration file.
+    """
+
+    product: Path
+    bench: Bench
+    controller: ControllerSettings = ControllerSettings()
+    perception: Perception = Perception()
+    planners: Planners
+    guard: GuardSettings = GuardSettings()
+    motion: MotionSettings = MotionSettings()
+    gripper_can: CanSettings = CanSettings()
+    devices: DeviceSettings = DeviceSettings()
+    log: LogSettings = LogSettings()
+
+
+def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuration:
+    """Read a configuration; paths in it become absolute.
+
+    Raises:
+        InputError: with every problem of the file.
+    """
+    path = Path(path)
+    configuration = load_yaml(path, Configuration)
+    return configuration.model_copy(update={"product": path.parent.resolve() / configuration.product})
+
+
+def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIGURATION) -> Product:
+    """Read the product that a configuration names and check that the bench serves it.
+
+    Args:
+        path: the configuration's file, for messages.
+
+    Raises:
+        InputError: with every problem of the product file, or of the bench that has no bin for a part type.
+    """
+    product = load_yaml(configuration.product, Product)
+    bins = configuration.bench.bins_m
+    missing = [part for part in product.parts if part not in bins]
+    if missing:
+        place = place_of(Path(path), ("bench", "bins_m"))
+        raise InputError(*(Problem(place, f"no bin for part type {part!r} of {product.name!r}") for part in missing))
+    return product

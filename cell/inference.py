@@ -1,0 +1,135 @@
+"""Slow inference beside the tick (decision 6): jobs go in, answers come out later, nobody waits."""
+
+from __future__ import annotations
+
+import multiprocessing
+import queue
+import signal
+from collections import deque
+from collections.abc import Callable
+from multiprocessing.queues import Queue
+from typing import Generic, Protocol, TypeVar
+
+from cell.interfaces.clock import Clock
+from cell.interfaces.errors import DeviceFault
+
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+Job_contra = TypeVar("Job_contra", contravariant=True)
+Answer_co = TypeVar("Answer_co", covariant=True)
+
+BACKLOG = 8  # jobs that may wait for an answer; at 15 FPS half a second, later answers are of no use
+JOIN_S = 2.0
+
+
+class Executor(Protocol[Job_contra, Answer_co]):
+    """Runs a detector; answers come in the order of their jobs."""
+
+    def submit(self, job: Job_contra) -> bool:
+        """Take a job; False when too many wait already and this one is dropped."""
+        ...
+
+    def poll(self) -> Answer_co | None:
+        """The oldest answer not yet handed out, or None; never waits.
+
+        Raises:
+            DeviceFault: the detector has failed.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the detector; harmless when repeated."""
+        ...
+
+
+class LockStep(Generic[Job, Answer]):
+    """Computes at once and holds the answer back until `latency_s` of clock time have passed.
+
+    So a simulated run is deterministic, and no tick knows an answer earlier than on a real cell.
+    """
+
+    def __init__(self, name: str, detector: Callable[[Job], Answer], clock: Clock, latency_s: float) -> None:
+        self._name = name
+        self._detector = detector
+        self._clock = clock
+        self._latency_s = latency_s
+        self._waiting: deque[tuple[float, Answer]] = deque()
+
+    def submit(self, job: Job) -> bool:
+        if len(self._waiting) >= BACKLOG:
+            return False
+        self._waiting.append((self._clock.now_s() + self._latency_s, self._detector(job)))
+        return True
+
+    def poll(self) -> Answer | None:
+        if self._waiting and self._waiting[0][0] <= self._clock.now_s() + 1e-9:
+            return self._waiting.popleft()[1]
+        return None
+
+    def close(self) -> None:
+        self._waiting.clear()
+
+
+class WorkerProcess(Generic[Job, Answer]):
+    """Runs the detector in a process of its own (`--pace real`), so that it cannot hold up a tick."""
+
+    def __init__(self, name: str, build: Callable[..., Callable[[Job], Answer]], *arguments: object) -> None:
+        """Start the process.
+
+        Args:
+            name: for faults.
+            build: makes the detector inside the process; a module's function, as it is sent there by name.
+            arguments: for `build`; must be picklable.
+        """
+        self._name = name
+        context = multiprocessing.get_context("spawn")
+        self._jobs: Queue[Job | None] = context.Queue()
+        self._answers: Queue[tuple[Answer | None, str]] = context.Queue()
+        self._waiting = 0
+        self._process = context.Process(
+            target=_work, args=(build, arguments, self._jobs, self._answers), name=name, daemon=True
+        )
+        self._process.start()
+
+    def submit(self, job: Job) -> bool:
+        if self._waiting >= BACKLOG:
+            return False
+        self._waiting += 1
+        self._jobs.put(job)
+        return True
+
+    def poll(self) -> Answer | None:
+        alive = self._process.is_alive()  # read before the queue: what a worker left behind still counts
+        try:
+            answer, failure = self._answers.get_nowait()
+        except queue.Empty:
+            if not alive:
+                raise DeviceFault(self._name, f"its process died (exit code {self._process.exitcode})") from None
+            return None
+        if failure:
+            raise DeviceFault(self._name, failure)
+        self._waiting -= 1
+        return answer
+
+    def close(self) -> None:
+        self._jobs.cancel_join_thread()
+        if self._process.is_alive():
+            self._process.terminate()
+            self._process.join(JOIN_S)
+        self._jobs.close()
+        self._answers.close()
+
+
+def _work(
+    build: Callable[..., Callable[[Job], Answer]],
+    arguments: tuple[object, ...],
+    jobs: Queue[Job | None],
+    answers: Queue[tuple[Answer | None, str]],
+) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the controller ends this process after its own safe stop
+    try:
+        detector = build(*arguments)
+        while (job := jobs.get()) is not None:
+            answers.put((detector(job), ""))
+    except Exception as error:  # outermost loop of the process: the controller turns it into a fault
+        answers.put((None, f"{type(error).__name__}: {error}"))

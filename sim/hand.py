@@ -1,0 +1,164 @@
+"""A right hand that pinches parts by friction: palm, fingers and forearm on a gantry of stiff actuators.
+
+Hand frame: origin between the tips of thumb and index finger, fingers pointing along -x, thumb on the -y side.
+A mocap body would not carry what it holds (its velocity in contacts is 0), so joints and actuators move the hand.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.pose import Array
+
+SKIN_RGBA = (0.87, 0.64, 0.50, 1.0)
+SLEEVE_RGBA = (0.20, 0.20, 0.21, 1.0)
+PALM_BEHIND_TIPS_M = 0.105  # the rest position of the bench file is that of the palm's middle
+TIP_RADIUS_M = 0.0075
+TIP_REACH_M = 0.0135  # the tips end this far ahead of the hand frame's origin
+MAX_GAP_M = 0.11
+
+# Against palette.PART_TOUCH: the hand touches parts and nothing else.
+CONTYPE, CONAFFINITY = 4, 2
+
+GANTRY = ("hand_x", "hand_y", "hand_z", "hand_yaw")
+DIGITS = ("hand_thumb", "hand_index")
+GANTRY_KP = (8000.0, 8000.0, 8000.0, 80.0)  # N/m and N m/rad: a held part sags by less than 0.5 mm
+DIGIT_KP = 2500.0
+CONTROL_FILTER_S = 0.012  # smooths the steps of the 8 ms control period
+
+Segment = tuple[tuple[float, float, float], tuple[float, float, float], float]  # from, to, radius in [m]
+
+# Thumb and index finger, written for a closed pinch; each slides outwards along y.
+THUMB: tuple[Segment, ...] = (
+    ((-0.006, -0.0075, 0.0), (0.012, -0.0075, 0.0), TIP_RADIUS_M),
+    ((0.012, -0.0080, 0.001), (0.050, -0.020, 0.020), 0.0090),
+    ((0.050, -0.020, 0.020), (0.105, 0.010, 0.042), 0.0120),
+)
+INDEX: tuple[Segment, ...] = (
+    ((-0.006, 0.0075, 0.0), (0.012, 0.0075, 0.0), TIP_RADIUS_M),
+    ((0.012, 0.0078, 0.001), (0.036, 0.012, 0.030), 0.0080),
+    ((0.036, 0.012, 0.030), (0.072, 0.010, 0.048), 0.0090),
+    ((0.022, 0.0225, 0.006), (0.036, 0.028, 0.032), 0.0075),  # the middle finger, close beside
+    ((0.034, 0.028, 0.032), (0.072, 0.032, 0.050), 0.0090),
+)
+CURLED: tuple[Segment, ...] = (
+    ((0.046, 0.054, 0.020), (0.052, 0.054, 0.042), 0.0080),  # ring finger
+    ((0.052, 0.054, 0.042), (0.082, 0.054, 0.052), 0.0085),
+    ((0.062, 0.070, 0.024), (0.066, 0.070, 0.042), 0.0070),  # little finger
+    ((0.066, 0.070, 0.042), (0.090, 0.068, 0.050), 0.0075),
+)
+SLEEVE: Segment = ((0.205, 0.058, 0.072), (0.400, 0.110, 0.140), 0.036)
+WRIST: Segment = ((0.135, 0.042, 0.054), (0.205, 0.058, 0.072), 0.027)
+
+
+def add_hand(spec: mujoco.MjSpec, bench: Bench) -> None:
+    """Add the hand at its rest to a world that is not yet compiled."""
+    rest_m = hand_rest_m(bench)
+    hand = spec.worldbody.add_body(name="hand", pos=rest_m, gravcomp=1)
+    for name, axis in zip(GANTRY[:3], np.eye(3), strict=True):
+        index = GANTRY.index(name)
+        hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, ref=rest_m[index])
+    hand.add_joint(name="hand_yaw", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1), armature=0.004)
+    _add_ellipsoid(hand, (0.108, 0.036, 0.050), (0.046, 0.042, 0.017), mass_kg=0.3)
+    for segment in CURLED:
+        _add_capsule(hand, segment, mass_kg=0.02)
+    _add_capsule(hand, WRIST, mass_kg=0.2, touches=False)
+    _add_capsule(hand, SLEEVE, mass_kg=0.2, touches=False, rgba=SLEEVE_RGBA)
+    for name, outwards, segments in ((DIGITS[0], -1, THUMB), (DIGITS[1], 1, INDEX)):
+        digit = hand.add_body(name=name, gravcomp=1)
+        digit.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, outwards, 0))
+        for segment in segments:
+            _add_capsule(digit, segment, mass_kg=0.03)
+    for name, kp in zip(GANTRY + DIGITS, (*GANTRY_KP, DIGIT_KP, DIGIT_KP), strict=True):
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_position(kp=kp, dampratio=1.0, timeconst=CONTROL_FILTER_S)
+        motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+
+
+def hand_rest_m(bench: Bench) -> tuple[float, float, float]:
+    """Where the hand frame's origin is when the palm rests."""
+    x, y, z = bench.hand_rest_m
+    return x - PALM_BEHIND_TIPS_M, y, z
+
+
+class Hand:
+    """Commands and senses the hand of a compiled world."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self._data = data
+        self._joints = [int(model.joint(name).qposadr[0]) for name in GANTRY + DIGITS]
+        self._speeds = [int(model.joint(name).dofadr[0]) for name in GANTRY[:3]]
+        self._motors = [int(model.actuator(name).id) for name in GANTRY + DIGITS]
+        self._states = [int(model.actuator(name).actadr[0]) for name in GANTRY + DIGITS]
+        self.hold_still()
+
+    @property
+    def position_m(self) -> Array:
+        """Where the hand frame's origin is (3,)."""
+        position: Array = self._data.qpos[self._joints[:3]].copy()
+        return position
+
+    @property
+    def yaw_rad(self) -> float:
+        """Heading, 0 with the fingers along -x."""
+        return float(self._data.qpos[self._joints[3]])
+
+    @property
+    def gap_m(self) -> float:
+        """Distance between the tips of thumb and index finger."""
+        return float(self._data.qpos[self._joints[4]] + self._data.qpos[self._joints[5]])
+
+    @property
+    def speed_m_s(self) -> float:
+        """How fast the hand frame's origin moves."""
+        return float(np.linalg.norm(self._data.qvel[self._speeds]))
+
+    def command(self, position_m: Array, yaw_rad: float, gap_m: float) -> None:
+        """Where to go; a gap smaller than what is held squeezes it with 1.25 N for each millimetre."""
+        self._data.ctrl[self._motors[:3]] = position_m
+        self._data.ctrl[self._motors[3]] = yaw_rad
+        self._data.ctrl[self._motors[4:]] = min(gap_m, MAX_GAP_M) / 2
+
+    def hold_still(self) -> None:
+        """Command the place where the hand is, also to the actuators' filters."""
+        here = self._data.qpos[self._joints]
+        self._data.ctrl[self._motors] = here
+        self._data.act[self._states] = here
+
+
+def _add_capsule(
+    body: mujoco.MjsBody, segment: Segment, *, mass_kg: float, touches: bool = True,
+    rgba: tuple[float, float, float, float] = SKIN_RGBA,
+) -> None:
+    start, end, radius_m = segment
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=(*start, *end),
+        size=(radius_m, 0, 0),
+        mass=mass_kg,
+        rgba=rgba,
+        **_touch(touches),
+    )
+
+
+def _add_ellipsoid(
+    body: mujoco.MjsBody, centre_m: tuple[float, float, float], radii_m: tuple[float, float, float], *, mass_kg: float
+) -> None:
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, pos=centre_m, size=radii_m, mass=mass_kg, rgba=SKIN_RGBA, **_touch(True)
+    )
+
+
+def _touch(touches: bool) -> dict[str, object]:
+    """Contact settings of skin; priority 1, so that its own friction counts whatever it holds."""
+    if not touches:
+        return {"contype": 0, "conaffinity": 0}
+    return {
+        "contype": CONTYPE,
+        "conaffinity": CONAFFINITY,
+        "condim": 4,
+        "friction": (1.2, 0.01, 0.0001),
+        "priority": 1,
+    }

@@ -1,0 +1,205 @@
+"""What a hand can do with parts: reach, grasp, carry, insert, let go, screw. Each is a generator; a `yield` is a period."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import PartType, Product
+from sim.hand import Hand
+from sim.hand_motion import MotionSettings, min_jerk, plan_reach
+from sim.worker_sight import SeenPart, Sight
+
+Script = Iterator[None]
+
+CLEAR_HEIGHT_M = 0.16  # of a carried body's bottom: its peg passes over the tallest part in the bracket
+HOVER_M = 0.03  # of the fingertips over a part before they close around it
+OPEN_IN_BIN_M = 0.020  # how much wider than the part the fingers open
+OPEN_IN_BRACKET_M = 0.014  # less: neighbours are near
+RELAXED_GAP_M = 0.025
+SQUEEZE_M = 0.016  # commanded below the part's width: 20 N a finger
+LOST_GRIP_M = 0.006  # gap this far below the part's width: nothing is between the fingers
+LOST_PART_M = 0.07
+GRIP_HEIGHT_M = (0.010, 0.035)  # least and most above the body's bottom, else half its height
+GRIP_FROM_END = 0.16  # of the body's length, so that the part protrudes ahead of the fingertips
+MOST_YAW_RAD = 1.0
+BEFORE_HOLE_M = 0.012  # of the peg's tip over the plate before the insertion
+PRESS_M = 0.001
+NOT_IN_M = 0.004  # a body this far above its place has not gone in
+SEARCH_M, SEARCH_S, SEARCH_HZ = 0.0025, 1.2, 2.5
+CLOSE_S, OPEN_S, LOOK_S = 0.25, 0.25, 0.12
+BACK_OFF_M = 0.07
+CAREFUL, STEADY = 0.45, 0.7  # haste
+ARCH_M = 0.04
+SCREW_HEIGHT_M = 0.012  # of the fingertips over the part's top
+SCREW_EASE_S = 0.4
+
+
+@dataclass(frozen=True)
+class ScrewMotion:
+    """A small circle of the fingertips with a turn of the wrist."""
+
+    duration_s: float
+    rate_hz: float
+    radius_m: float
+    yaw_rad: float
+
+
+class Handwork:
+    """Runs one hand; owns what is commanded: position, yaw and gap.
+
+    Attributes:
+        position_m, yaw_rad, gap_m: commanded to the hand at the end of each period.
+    """
+
+    def __init__(
+        self, hand: Hand, sight: Sight, product: Product, motion: MotionSettings, rng: np.random.Generator
+    ) -> None:
+        self._hand = hand
+        self._sight = sight
+        self._product = product
+        self._motion = motion
+        self._rng = rng
+        self.dt_s = 0.0
+        self.position_m = hand.position_m
+        self.yaw_rad = hand.yaw_rad
+        self.gap_m = RELAXED_GAP_M
+
+    def send(self) -> None:
+        """Command the hand."""
+        self._hand.command(self.position_m, self.yaw_rad, self.gap_m)
+
+    def wait(self, duration_s: float) -> Script:
+        """Stay for a while."""
+        elapsed_s = 0.0
+        while elapsed_s < duration_s:
+            elapsed_s += self.dt_s
+            yield
+
+    def reach(
+        self, target_m: Array, yaw_rad: float | None = None, gap_m: float | None = None, *, arch_m: float = 0.0,
+        haste: float = 1.0,
+    ) -> Script:
+        """One reach; wrist and fingers move along with it."""
+        path = plan_reach(self.position_m, target_m, self._motion, self._rng, arch_m=arch_m, haste=haste)
+        yaw_from, gap_from = self.yaw_rad, self.gap_m
+        yaw_by = 0.0 if yaw_rad is None else yaw_rad - yaw_from
+        gap_by = 0.0 if gap_m is None else gap_m - gap_from
+        elapsed_s = 0.0
+        while elapsed_s < path.duration_s:
+            elapsed_s += self.dt_s
+            done = min_jerk(min(elapsed_s / path.duration_s, 1.0))
+            self.position_m = path.at(elapsed_s)
+            self.yaw_rad, self.gap_m = yaw_from + done * yaw_by, gap_from + done * gap_by
+            yield
+
+    def grasp(self, seen: SeenPart) -> Iterator[None]:
+        """Reach over a standing part, close the fingers around its end and lift it."""
+        part = self._product.parts[seen.part]
+        yaw_rad = fold_yaw(seen.pose.yaw_rad)
+        grip_m = np.array(seen.pose.position_m) + turn(yaw_rad, self._grip_in_part(part))
+        over_m = np.array([grip_m[0], grip_m[1], seen.pose.position_m[2] + part.size_m[2] + HOVER_M])
+        width_m = part.size_m[1]
+        yield from self.reach(over_m, yaw_rad, width_m + OPEN_IN_BIN_M, arch_m=ARCH_M)
+        yield from self.reach(grip_m, haste=STEADY)
+        yield from self._move_fingers(width_m - SQUEEZE_M, CLOSE_S)
+        yield from self.wait(LOOK_S)
+        if self.holds(seen.body):
+            lift_m = max(CLEAR_HEIGHT_M - seen.pose.position_m[2], 0.02)
+            yield from self.reach(self.position_m + np.array([0.0, 0.0, lift_m]), haste=STEADY)
+
+    def holds(self, body: str) -> bool:
+        """Whether a part is between the fingers."""
+        seen = self._sight.part(body)
+        width_m = self._product.parts[seen.part].size_m[1]
+        apart_m = float(np.linalg.norm(np.array(seen.pose.position_m) - self._hand.position_m))
+        return self._hand.gap_m > width_m - LOST_GRIP_M and apart_m < LOST_PART_M
+
+    def carry(self, body: str, target_m: Array) -> Script:
+        """Bring a held part over its target."""
+        clear_m = np.array([target_m[0], target_m[1], CLEAR_HEIGHT_M])
+        yield from self.reach(*self._hand_for(body, clear_m), arch_m=ARCH_M / 2)
+
+    def insert(self, body: str, target_m: Array) -> Script:
+        """Lower a held part to its target (the body's bottom), search a little where the peg meets no hole."""
+        peg_m = self._product.parts[self._sight.part(body).part].peg_length_m
+        before_m = target_m + np.array([0.0, 0.0, peg_m + BEFORE_HOLE_M])
+        yield from self.reach(*self._hand_for(body, before_m), haste=STEADY)
+        yield from self.wait(LOOK_S)
+        yield from self.reach(*self._hand_for(body, before_m), haste=CAREFUL)
+        yield from self.reach(*self._hand_for(body, target_m - np.array([0.0, 0.0, PRESS_M])), haste=CAREFUL)
+        if self._sight.part(body).pose.position_m[2] > target_m[2] + NOT_IN_M:
+            yield from self._search()
+
+    def let_go(self, part: str) -> Script:
+        """Open the fingers and back off towards the person."""
+        yield from self._move_fingers(self._product.parts[part].size_m[1] + OPEN_IN_BRACKET_M, OPEN_S)
+        away_m = turn(self.yaw_rad, np.array([BACK_OFF_M, 0.0, BACK_OFF_M]))
+        yield from self.reach(self.position_m + away_m, haste=STEADY)
+
+    def screw(self, seen: SeenPart, motion: ScrewMotion, stop: Callable[[], bool]) -> Script:
+        """Work over a placed part without touching it, until the time is up or `stop` says so."""
+        part = self._product.parts[seen.part]
+        grip_m = self._grip_in_part(part)
+        grip_m[2] = part.size_m[2] + SCREW_HEIGHT_M
+        centre_m = np.array(seen.pose.position_m) + grip_m
+        yield from self.reach(centre_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
+        elapsed_s = 0.0
+        while elapsed_s < motion.duration_s and not stop():
+            elapsed_s += self.dt_s
+            ease = min(1.0, elapsed_s / SCREW_EASE_S, max(motion.duration_s - elapsed_s, 0.0) / SCREW_EASE_S)
+            phase = 2 * math.pi * motion.rate_hz * elapsed_s
+            circle = np.array([math.cos(phase), math.sin(phase), 0.0])
+            self.position_m = centre_m + ease * motion.radius_m * circle
+            self.yaw_rad = ease * motion.yaw_rad * math.sin(phase)
+            yield
+        away_m = np.array([BACK_OFF_M, 0.0, BACK_OFF_M])
+        yield from self.reach(self.position_m + away_m, 0.0)
+
+    def _grip_in_part(self, part: PartType) -> Array:
+        length_m, _, height_m = part.size_m
+        low_m, high_m = GRIP_HEIGHT_M
+        return np.array([length_m * (0.5 - GRIP_FROM_END), 0.0, min(max(height_m / 2, low_m), high_m)])
+
+    def _hand_for(self, body: str, target_m: Array) -> tuple[Array, float]:
+        """Where the hand must be so that the held part is at `target_m` with its long side along x."""
+        pose: Pose = self._sight.part(body).pose
+        held_m = turn(-self._hand.yaw_rad, np.array(pose.position_m) - self._hand.position_m)
+        yaw_rad = -fold_yaw(pose.yaw_rad - self._hand.yaw_rad)
+        return target_m - turn(yaw_rad, held_m), yaw_rad
+
+    def _move_fingers(self, gap_m: float, duration_s: float) -> Script:
+        gap_from, elapsed_s = self.gap_m, 0.0
+        while elapsed_s < duration_s:
+            elapsed_s += self.dt_s
+            self.gap_m = gap_from + min_jerk(min(elapsed_s / duration_s, 1.0)) * (gap_m - gap_from)
+            yield
+
+    def _search(self) -> Script:
+        """Press on and move in a growing circle."""
+        centre_m, elapsed_s = self.position_m, 0.0
+        while elapsed_s < SEARCH_S:
+            elapsed_s += self.dt_s
+            phase = 2 * math.pi * SEARCH_HZ * elapsed_s
+            radius_m = SEARCH_M * min(elapsed_s / SEARCH_S, 1.0)
+            self.position_m = centre_m + radius_m * np.array([math.cos(phase), math.sin(phase), 0.0])
+            yield
+
+
+def fold_yaw(yaw_rad: float) -> float:
+    """The same line's heading in (-pi/2, pi/2]: a part looks alike from both ends."""
+    folded = math.fmod(yaw_rad, math.pi)
+    if folded > math.pi / 2:
+        return folded - math.pi
+    return folded + math.pi if folded <= -math.pi / 2 else folded
+
+
+def turn(yaw_rad: float, vector_m: Array) -> Array:
+    """A vector (3,) turned about the vertical."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    x, y, z = (float(value) for value in vector_m)
+    return np.array([c * x - s * y, s * x + c * y, z])

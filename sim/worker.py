@@ -1,0 +1,263 @@
+"""The simulated person at the bench: fetches parts, places and screws them, and waits while the robot works.
+
+The behaviour is a script of generators: each `yield` lets one control period pass. The person knows the goal and sees
+the bench as it is; parts are carried by friction alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.command import Display
+from cell.interfaces.model import Model
+from cell.interfaces.perception import ActionKind
+from cell.interfaces.product import Product
+from sim.hand import Hand, hand_rest_m
+from sim.hand_motion import MotionSettings
+from sim.handwork import ARCH_M, CLEAR_HEIGHT_M, MOST_YAW_RAD, RELAXED_GAP_M, Handwork, Script, ScrewMotion, fold_yaw
+from sim.worker_sight import GRASPABLE_TILT_RAD, SeenPart, Sight, WorkerWorld
+
+BEHIND_BRACKET_M = 0.26  # where the hand waits with a part while the arm is over the bracket
+AT_REST_M = 0.02
+CORRECTIONS = str.maketrans(",.;:()", "      ")
+
+
+class WorkerSettings(Model):
+    """Habits of the person.
+
+    Attributes:
+        order: in which order open positions are filled: at random, or p1, p2, ...
+        screw_probability: of screwing a part after placing it.
+        unscrewed_limit: after this many placements without screwing, the person always screws.
+        screw_s, screw_hz, screw_radius_m, screw_yaw_rad: length, rate and size of the screwing motion.
+        pause_s: reaction before each fetch.
+        robot_begins_s: how long the person waits after screwing for the robot to begin.
+        robot_stands_s: how long the person watches an arm that stands still away from its parking place.
+        retries: how often a part that does not sit well is placed again.
+    """
+
+    order: Literal["random", "positions"] = "random"
+    screw_probability: float = Field(default=0.6, ge=0, le=1)
+    unscrewed_limit: int = Field(default=2, ge=1)
+    screw_s: tuple[float, float] = (4.0, 6.0)
+    screw_hz: tuple[float, float] = (1.5, 2.0)
+    screw_radius_m: float = Field(default=0.008, ge=0, le=0.01)
+    screw_yaw_rad: float = Field(default=0.12, ge=0, le=0.2)
+    pause_s: tuple[float, float] = (0.1, 0.5)
+    robot_begins_s: float = Field(default=2.5, ge=0)
+    robot_stands_s: float = Field(default=8.0, ge=0)
+    retries: int = Field(default=2, ge=0)
+    motion: MotionSettings = MotionSettings()
+
+
+@dataclass(frozen=True)
+class ActionEvent:
+    """Truth for labelling: an action of the hand begins or ends.
+
+    Attributes:
+        part, position: of an assembly action, which lasts from grasp to release.
+    """
+
+    time_s: float
+    kind: ActionKind
+    edge: Literal["start", "end"]
+    part: str | None = None
+    position: str | None = None
+
+
+class Worker:
+    """Moves the hand, and implements `Panel`: a person who sees guidance and help requests.
+
+    Attributes:
+        events: what the hand did so far, in order.
+        done: nothing is left that the person could do, and the hand rests.
+    """
+
+    def __init__(
+        self,
+        world: WorkerWorld,
+        product: Product,
+        bench: Bench,
+        settings: WorkerSettings,
+        goal: str,
+        rng: np.random.Generator,
+    ) -> None:
+        self._settings = settings
+        self._rng = rng
+        self._sight = Sight(world, product, bench)
+        self._hand = Handwork(Hand(world.model, world.data), self._sight, product, settings.motion, rng)
+        self._rest_m = np.array(hand_rest_m(bench))
+        self._behind_m = bench.bracket.position_m[0] + BEHIND_BRACKET_M
+        self._wanted = product.goal_placements(goal)
+        self._order = list(product.positions)
+        if settings.order == "random":
+            self._order = [self._order[index] for index in rng.permutation(len(self._order))]
+        self._tries = dict.fromkeys(product.positions, 0)
+        self._unscrewed = 0
+        self._request: str | None = None
+        self._answered: str | None = None
+        self._time_s = 0.0
+        self._action: tuple[ActionKind, str | None, str | None] | None = None
+        self._script = self._assemble()
+        self.events: list[ActionEvent] = []
+        self.done = False
+
+    def show(self, display: Display) -> None:
+        """The person reads the panel; a help request that is new gets them going at once."""
+        self._request = display.help_request
+        if self._request is None:
+            self._answered = None
+
+    def update(self, time_s: float, dt_s: float) -> None:
+        """Let one control period pass."""
+        self._time_s, self._hand.dt_s = time_s, dt_s
+        next(self._script, None)
+        self._hand.send()
+
+    def _assemble(self) -> Script:
+        self._begin("idle")
+        while True:
+            yield from self._pause()
+            yield from self._let_robot_work()
+            position = self._next_position()
+            if position is None:
+                break
+            placed = yield from self._fill(position)
+            if placed and self._wants_to_screw():
+                yield from self._screw(position)
+                yield from self._go_to_rest()
+                yield from self._wait_for_robot_to_begin()
+        yield from self._go_to_rest()
+        self.done = True
+        while True:
+            yield
+
+    def _next_position(self) -> str | None:
+        """The next in the person's order that can be filled; one that a help request names comes first."""
+        can_be_filled = [position for position in self._order if self._can_fill(position)]
+        words = (self._request or "").translate(CORRECTIONS).split()
+        self._answered = self._request
+        asked = [name for name in can_be_filled if name in words or self._wanted[name] in words]
+        return next(iter(asked + can_be_filled), None)
+
+    def _can_fill(self, position: str) -> bool:
+        if self._tries[position] > self._settings.retries:
+            return False
+        seen = self._sight.in_hole(position)
+        if seen is None:
+            return any(_graspable(spare) for spare in self._sight.spares(self._wanted[position]))
+        crooked = seen.part == self._wanted[position] and not self._sight.seated(seen, position)
+        return crooked and _graspable(seen)
+
+    def _fill(self, position: str) -> Iterator[None]:
+        """Fill one position, or set a crooked part straight; returns whether the part sits as it should."""
+        self._tries[position] += 1
+        part = self._wanted[position]
+        seen = self._sight.in_hole(position) or next(filter(_graspable, self._sight.spares(part)))
+        self._begin("transit")
+        yield from self._hand.grasp(seen)
+        if self._hand.holds(seen.body):
+            yield from self._bring(seen, position)
+        yield from self._hand.let_go(part)
+        self._begin("transit")
+        now = self._sight.in_hole(position)
+        return now is not None and self._sight.seated(now, position)
+
+    def _bring(self, seen: SeenPart, position: str) -> Script:
+        """Take a held part to a hole, or back where it came from if the robot has filled the hole meanwhile."""
+        target_m = self._sight.holes_m[position]
+        self._begin("assembly", seen.part, position)
+        yield from self._wait_until_arm_is_away()
+        taken = self._sight.in_hole(position)
+        if taken is not None and taken.body != seen.body:
+            self._begin("transit")
+            target_m = np.array(seen.pose.position_m)
+        yield from self._hand.carry(seen.body, target_m)
+        if self._hand.holds(seen.body):
+            yield from self._hand.insert(seen.body, target_m)
+
+    def _wants_to_screw(self) -> bool:
+        self._unscrewed += 1
+        wants = self._unscrewed >= self._settings.unscrewed_limit
+        wants = self._rng.random() < self._settings.screw_probability or wants
+        self._unscrewed = 0 if wants else self._unscrewed
+        return wants
+
+    def _screw(self, position: str) -> Script:
+        seen = self._sight.in_hole(position)
+        if seen is None:
+            return
+        habits = self._settings
+        motion = ScrewMotion(
+            duration_s=float(self._rng.uniform(*habits.screw_s)),
+            rate_hz=float(self._rng.uniform(*habits.screw_hz)),
+            radius_m=habits.screw_radius_m,
+            yaw_rad=habits.screw_yaw_rad,
+        )
+        self._begin("screw")
+        yield from self._hand.screw(seen, motion, stop=lambda: self._sight.arm_over_bracket)
+        self._begin("transit")
+
+    def _go_to_rest(self) -> Script:
+        if float(np.linalg.norm(self._hand.position_m - self._rest_m)) > AT_REST_M:
+            self._begin("transit")
+            yield from self._hand.reach(self._rest_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M)
+        self._begin("idle")
+
+    def _pause(self) -> Script:
+        yield from self._hand.wait(float(self._rng.uniform(*self._settings.pause_s)))
+
+    def _wait_for_robot_to_begin(self) -> Script:
+        yield from self._wait_while(lambda: self._sight.arm_parked and not self._asked, self._settings.robot_begins_s)
+
+    def _let_robot_work(self) -> Script:
+        """Rest while the arm moves or is not parked; go on if it just stands there or asks for help."""
+        if self._sight.arm_parked:
+            return
+        yield from self._go_to_rest()
+        still_s = 0.0
+        while not self._sight.arm_parked and still_s < self._settings.robot_stands_s:
+            if self._asked and not self._sight.arm_over_bracket:
+                return
+            busy = self._sight.arm_moving or self._sight.arm_over_bracket
+            still_s = 0.0 if busy else still_s + self._hand.dt_s
+            yield
+
+    def _wait_until_arm_is_away(self) -> Script:
+        """Hold the part behind the bracket while the arm is over it."""
+        if not self._sight.arm_over_bracket:
+            return
+        _, y, z = self._hand.position_m
+        yield from self._hand.reach(np.array([self._behind_m, y, max(z, CLEAR_HEIGHT_M)]))
+        while self._sight.arm_over_bracket:
+            yield
+
+    def _wait_while(self, condition: Callable[[], bool], longest_s: float) -> Script:
+        waited_s = 0.0
+        while condition() and waited_s < longest_s:
+            waited_s += self._hand.dt_s
+            yield
+
+    @property
+    def _asked(self) -> bool:
+        """A help request stands that the person has not acted on."""
+        return self._request is not None and self._request != self._answered
+
+    def _begin(self, kind: ActionKind, part: str | None = None, position: str | None = None) -> None:
+        """Note that one action ends and another begins."""
+        if self._action == (kind, part, position):
+            return
+        if self._action is not None:
+            self.events.append(ActionEvent(self._time_s, self._action[0], "end", *self._action[1:]))
+        self._action = (kind, part, position)
+        self.events.append(ActionEvent(self._time_s, kind, "start", part, position))
+
+
+def _graspable(seen: SeenPart) -> bool:
+    return seen.tilt_rad < GRASPABLE_TILT_RAD and abs(fold_yaw(seen.pose.yaw_rad)) < MOST_YAW_RAD

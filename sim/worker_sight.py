@@ -1,0 +1,145 @@
+"""What the person at the bench sees: parts, holes and whether the robot is in the way. Truth, for the worker alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from cell.interfaces.bench import JOINTS, Bench
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+
+NEAR_HOLE_M = 0.03  # a part whose origin is this close to a hole's axis belongs to that hole
+NEAR_HOLE_HEIGHT_M = 0.06
+SEATED_HEIGHT_M = 0.003
+SEATED_SLACK_M = 0.002
+SEATED_TILT_RAD = math.radians(5)
+GRASPABLE_TILT_RAD = math.radians(25)
+OWN_BIN_M = 0.16  # parts this close to a bin's middle lie in it
+ARM_NEAR_BRACKET_M = 0.13
+ARM_MOVING_RAD_S = 0.02
+ARM_PARKED_RAD = 0.05
+
+
+class WorkerWorld(Protocol):
+    """What the worker needs of the simulated world."""
+
+    @property
+    def model(self) -> mujoco.MjModel: ...
+
+    @property
+    def data(self) -> mujoco.MjData: ...
+
+    @property
+    def parts(self) -> Mapping[str, str]:
+        """Part type by body name; a body's frame is the part frame."""
+        ...
+
+
+@dataclass(frozen=True)
+class SeenPart:
+    """One part as it stands now.
+
+    Attributes:
+        body: name of its body in the world.
+        tilt_rad: angle between its axis and the vertical.
+    """
+
+    body: str
+    part: str
+    pose: Pose
+    tilt_rad: float
+
+
+class Sight:
+    """Reads the world as a person's eyes do; everything is looked up anew at each call."""
+
+    def __init__(self, world: WorkerWorld, product: Product, bench: Bench) -> None:
+        self._data = world.data
+        self._product = product
+        self._bench = bench
+        model = world.model
+        self._bodies = {name: (int(model.body(name).id), part) for name, part in world.parts.items()}
+        bracket = bench.bracket.pose
+        self.holes_m = {
+            position: bracket.transform(np.array([*xy, 0.0])) for position, xy in product.bracket.holes_m.items()
+        }
+        joints = [name for index in range(model.njnt) for name in [model.joint(index).name] if _is_arm(name)]
+        self._arm_qpos = [int(model.joint(name).qposadr[0]) for name in joints]
+        self._arm_dofs = [int(model.joint(name).dofadr[0]) for name in joints]
+        self._tool = next((index for index in range(model.nbody) if model.body(index).name == "tool0"), None)
+
+    def part(self, body: str) -> SeenPart:
+        """One part by the name of its body."""
+        index, part = self._bodies[body]
+        pose = Pose(_triple(self._data.xpos[index]), _quadruple(self._data.xquat[index]))
+        cosine = float(self._data.xmat[index][8])
+        return SeenPart(body, part, pose, math.acos(min(max(cosine, -1.0), 1.0)))
+
+    def in_hole(self, position: str) -> SeenPart | None:
+        """The part in or on a hole."""
+        hole = self.holes_m[position]
+        for body in self._bodies:
+            seen = self.part(body)
+            offset = np.array(seen.pose.position_m) - hole
+            if math.hypot(offset[0], offset[1]) < NEAR_HOLE_M and abs(offset[2]) < NEAR_HOLE_HEIGHT_M:
+                return seen
+        return None
+
+    def seated(self, seen: SeenPart, position: str) -> bool:
+        """Whether a part stands in a hole as it should."""
+        offset = np.array(seen.pose.position_m) - self.holes_m[position]
+        slack_m = self._product.bracket.hole_clearance_m + SEATED_SLACK_M
+        return (
+            math.hypot(offset[0], offset[1]) < slack_m
+            and abs(offset[2]) < SEATED_HEIGHT_M
+            and seen.tilt_rad < SEATED_TILT_RAD
+        )
+
+    def spares(self, part: str) -> list[SeenPart]:
+        """Parts of a type that stand in the person's own bin, the nearest to the bin's middle first."""
+        middle = np.array(self._bench.bins_m[part])
+        seen = [self.part(body) for body, (_, name) in self._bodies.items() if name == part]
+        distances = [(float(np.linalg.norm(np.array(one.pose.position_m) - middle)), one) for one in seen]
+        near = [pair for pair in distances if pair[0] < OWN_BIN_M and pair[1].tilt_rad < GRASPABLE_TILT_RAD]
+        return [one for _, one in sorted(near, key=lambda pair: pair[0])]
+
+    @property
+    def arm_moving(self) -> bool:
+        """Whether any joint of the arm moves."""
+        return bool(self._arm_dofs) and float(np.abs(self._data.qvel[self._arm_dofs]).max()) > ARM_MOVING_RAD_S
+
+    @property
+    def arm_parked(self) -> bool:
+        """Whether the arm stands at its parking place."""
+        if not self._arm_qpos:
+            return True
+        off = np.abs(self._data.qpos[self._arm_qpos] - np.array(self._bench.arm_park_rad))
+        return float(off.max()) < ARM_PARKED_RAD and not self.arm_moving
+
+    @property
+    def arm_over_bracket(self) -> bool:
+        """Whether the arm's hand is over the bracket or right beside it."""
+        if self._tool is None:
+            return False
+        holes: Array = np.array(list(self.holes_m.values()))
+        tool = self._data.xpos[self._tool]
+        low, high = holes.min(axis=0) - ARM_NEAR_BRACKET_M, holes.max(axis=0) + ARM_NEAR_BRACKET_M
+        return bool(np.all(tool[:2] > low[:2]) and np.all(tool[:2] < high[:2]))
+
+
+def _is_arm(joint: str) -> bool:
+    return joint.removesuffix("_joint") in JOINTS
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def _quadruple(values: Array) -> tuple[float, float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2]), float(values[3])

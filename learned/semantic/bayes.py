@@ -68,5 +68,5 @@ class BayesPosterior:
         m = edges.shape[1]
         terms = self._terms[len(subsets) - 1]
         mean = sum(term * count / perm(m, i) for i, (term, count) in enumerate(zip(terms, subsets, strict=True)))
-        rest = arrangements * mean - float(likelihood.sum())
+        rest = arrangements * float(mean) - float(likelihood.sum())
         return max(rest, 0.0) / (arrangements - len(likelihood))

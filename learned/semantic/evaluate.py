@@ -1,0 +1,171 @@
+"""Scores of a semantic planner, whatever its kind: held-out scenarios, noise, calibration, unknown goals; no torch."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
+from cell.interfaces.product import Product
+from learned.semantic.graph import EMPTY, Floats, Ints, Layout
+from learned.semantic.planner import FactoredPlanner, PaperPlanner
+from learned.semantic.scenarios import (
+    Scenarios,
+    bound,
+    consistent,
+    misdetect,
+    scenarios,
+    split,
+    unknown_goals,
+)
+
+RUNS = 1000  # random assemblies for everything that is measured under noise
+ACTIONS = 5  # how many actions of each are looked at
+THRESHOLDS = (0.0, 0.5, 0.8, 0.9, 0.95)  # of the posterior of the next (object, position)
+LEAST_PROBABILITY = 1e-6  # of the true goal, so that one sure mistake does not make the mean log-likelihood infinite
+CALIBRATION_BINS = 10
+
+
+def evaluate_semantic(planner: SemanticPlanner, product: Product, seed: int) -> dict[str, float]:
+    """All scores by name, rates in 0..1.
+
+    Learned planners are scored on the scenarios that their own training held out; others on those that training
+    with `seed` would hold out.
+    """
+    layout = Layout.of(product)
+    answers = _Answers(planner, layout)
+    ratio, data_seed = _split_of(planner, seed)
+    whole = scenarios(layout, data_seed)
+    _, held_out = split(whole, ratio, data_seed)
+    return {
+        **{f"{name}_all": value for name, value in success(answers, layout, whole).items()},
+        **{f"{name}_held_out": value for name, value in success(answers, layout, held_out).items()},
+        **under_noise(answers, layout, np.random.default_rng([seed, 1])),
+    }
+
+
+class _Answers:
+    """A planner's plans, each state asked for once."""
+
+    def __init__(self, planner: SemanticPlanner, layout: Layout) -> None:
+        self._ask = cache(lambda row: planner.plan(layout.state(np.array(row))))
+
+    def __call__(self, seen: Ints) -> AssemblyPlan:
+        plan: AssemblyPlan = self._ask(tuple(seen.tolist()))
+        return plan
+
+
+def success(answers: _Answers, layout: Layout, some: Scenarios) -> dict[str, float]:
+    """Share of scenarios whose plan is right and complete for every object, beside the bound.
+
+    Of the labelled goal (`success`), where only one goal fits (`unique_success`), of any goal that fits
+    (`consistent_success`; its bound is 1).
+    """
+    fits = consistent(layout, some.seen)
+    rights = np.array([_right_goals(answers(row), layout, row) for row in some.seen])
+    labelled = rights[np.arange(len(some)), some.goals]
+    unique = fits.sum(axis=1) == 1
+    return {
+        "success": float(labelled.mean()),
+        "bound": bound(layout, some),
+        "unique_success": float(labelled[unique].mean()),
+        "consistent_success": float((rights & fits).any(axis=1).mean()),
+    }
+
+
+def under_noise(answers: _Answers, layout: Layout, rng: np.random.Generator) -> dict[str, float]:
+    """Random assemblies seen with misdetections: goal accuracy by action, calibration, coverage, unknown goals."""
+    known, steps = _runs(layout, rng)
+    plans = [answers(row) for row in known.seen]
+    right = np.array([_best_goal(plan, layout) for plan in plans]) == known.goals
+    depth = min(ACTIONS, len(layout.positions) - 1)
+    scores = {f"noisy_goal_accuracy_{k}": float(right[steps == k].mean()) for k in range(1, depth + 1)}
+    scores |= calibration(plans, layout, known)
+    scores |= coverage(plans, layout, known)
+    others = misdetect(layout, unknown_goals(layout, known.seen != EMPTY, rng), rng)
+    if len(others):
+        strange = np.array([_strangeness(answers(row)) for row in others.seen])
+        usual = np.array([_strangeness(plan) for plan in plans])
+        scores |= {
+            f"unknown_goal_auc_{k}": area_under_roc(strange[steps[: len(others)] == k], usual[steps == k])
+            for k in range(1, depth + 1)
+        }
+    return scores
+
+
+def calibration(plans: list[AssemblyPlan], layout: Layout, known: Scenarios) -> dict[str, float]:
+    """Mean negative log-likelihood of the true goal [nat] and expected calibration error of the best one."""
+    belief = np.array([[plan.goal_belief[goal] for goal in layout.goals] for plan in plans])
+    true = belief[np.arange(len(plans)), known.goals]
+    best, right = belief.max(axis=1), belief.argmax(axis=1) == known.goals
+    bins = np.minimum((best * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
+    gaps = [abs(float((best - right)[bins == i].sum())) for i in range(CALIBRATION_BINS)]
+    return {
+        "goal_nll": float(-np.log(np.maximum(true, LEAST_PROBABILITY)).mean()),
+        "goal_calibration_error": sum(gaps) / len(plans),
+    }
+
+
+def coverage(plans: list[AssemblyPlan], layout: Layout, known: Scenarios) -> dict[str, float]:
+    """How often the best (object, position) reaches a threshold, and how often it is wrong where it does."""
+    believed, wrong = [], []
+    for plan, goal in zip(plans, known.goals, strict=True):
+        (part, position), belief = max(plan.next_belief.items(), key=lambda item: item[1], default=(("", ""), 0.0))
+        believed.append(belief)
+        truth = layout.types[goal, layout.positions.index(position)] if position else EMPTY
+        wrong.append(not part or layout.parts[int(truth)] != part)
+    reached = np.array(believed)[:, None] >= np.array(THRESHOLDS)
+    acted = np.maximum(reached.sum(axis=0), 1)
+    mistakes = (reached & np.array(wrong)[:, None]).sum(axis=0) / acted
+    return {f"coverage_at_{t}": float(value) for t, value in zip(THRESHOLDS, reached.mean(axis=0), strict=True)} | {
+        f"wrong_at_{t}": float(value) for t, value in zip(THRESHOLDS, mistakes, strict=True)
+    }
+
+
+def area_under_roc(positive: Floats, negative: Floats) -> float:
+    """Probability that a positive scores above a negative, ties counting half."""
+    difference = np.asarray(positive)[:, None] - np.asarray(negative)
+    return float(((difference > 0) + 0.5 * (difference == 0)).mean())
+
+
+def _split_of(planner: SemanticPlanner, seed: int) -> tuple[float, int]:
+    if isinstance(planner, (PaperPlanner, FactoredPlanner)):
+        return float(str(planner.card.config["ratio"])), planner.card.seed
+    return 0.77, seed
+
+
+def _right_goals(plan: AssemblyPlan, layout: Layout, seen: Ints) -> list[bool]:
+    """For every goal: the guidance is its plan exactly, and the next object is one of those that remain."""
+    open_positions = [i for i, part in enumerate(seen) if part == EMPTY]
+    rights = []
+    for types in layout.types:
+        wanted = {
+            part: tuple(layout.positions[i] for i in open_positions if layout.parts[types[i]] == part)
+            for part in layout.parts
+        }
+        remains = plan.next_part is not None and bool(wanted[plan.next_part])
+        rights.append(remains and dict(plan.guidance) == wanted)
+    return rights
+
+
+def _best_goal(plan: AssemblyPlan, layout: Layout) -> int:
+    return int(np.argmax([plan.goal_belief[goal] for goal in layout.goals]))
+
+
+def _strangeness(plan: AssemblyPlan) -> float:
+    """Score for "none of these": its probability, or where a planner has none, doubt in the best goal."""
+    return plan.goal_belief.get(UNKNOWN_GOAL, 1.0 - max(plan.goal_belief.values()))
+
+
+def _runs(layout: Layout, rng: np.random.Generator) -> tuple[Scenarios, Ints]:
+    """States after 1, 2, ... actions of RUNS random assemblies, seen with misdetections; and the number of actions."""
+    count, m = RUNS, len(layout.positions)
+    goals = rng.integers(len(layout.goals), size=count)
+    ranks = rng.permuted(np.tile(np.arange(m), (count, 1)), axis=1)
+    depth = min(ACTIONS, m - 1)
+    steps = np.repeat(np.arange(1, depth + 1), count)
+    rows = np.tile(np.arange(count), depth)
+    seen = np.where(ranks[rows] < steps[:, None], layout.types[goals[rows]], EMPTY)
+    following = np.argmax(ranks[rows] == steps[:, None], axis=1)
+    return misdetect(layout, Scenarios(goals[rows], seen, following), rng), steps

@@ -1,0 +1,144 @@
+"""The paper's semantic planner in torch: GraphSAGE, goal and next-object heads, LSTM (Eq. 1-3, section 3.1.1)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+
+from cell.interfaces.model import Model
+from learned.semantic.graph import Direction, Layout
+from learned.semantic.scenarios import DETECTION_ERROR
+
+
+class PaperSettings(Model):
+    """Settings of network and training, as found on validation scenarios.
+
+    Attributes:
+        direction: the way that messages take along an edge.
+        aggregation: how a node sums up its neighbours' messages.
+        noise: share of the placements that are misdetected while training.
+    """
+
+    hidden: int = Field(default=64, gt=0)
+    layers: int = Field(default=2, ge=1)
+    direction: Direction = "both"
+    aggregation: str = Field(default="sum", pattern="^(mean|sum)$")
+    steps: int = Field(default=600, gt=0)
+    learning_rate: float = Field(default=5e-3, gt=0)
+    weight_decay: float = Field(default=0.0, ge=0)
+    noise: float = Field(default=DETECTION_ERROR, ge=0, lt=1)
+
+
+class PaperAnswer(NamedTuple):
+    """Outputs of the exported network: (z,), (z, n), and words (z, n, T) of a plan for every goal and object."""
+
+    belief: Tensor
+    following: Tensor
+    words: Tensor
+
+
+class SageLayer(nn.Module):
+    """One GraphSAGE layer: h_v = relu(W_1 h_v + W_2 aggregate of h_u over the neighbours u) (Eq. 1)."""
+
+    def __init__(self, inputs: int, outputs: int, aggregation: str) -> None:
+        super().__init__()
+        self.own = nn.Linear(inputs, outputs)
+        self.neighbours = nn.Linear(inputs, outputs, bias=False)
+        self.mean = aggregation == "mean"
+
+    def forward(self, nodes: Tensor, adjacency: Tensor) -> Tensor:
+        """Nodes (B, N, inputs) and adjacency (B, N receivers, N senders) to nodes (B, N, outputs)."""
+        if self.mean:
+            adjacency = adjacency / adjacency.sum(dim=2, keepdim=True).clamp(min=1.0)
+        return torch.relu(self.own(nodes) + self.neighbours(adjacency @ nodes))
+
+
+class PaperNetwork(nn.Module):
+    """Graph in; goal, next object and plans out.
+
+    Nodes are told apart by a one-hot of their identity; the graph's embedding is their mean (Eq. 2). The decoder
+    starts from [graph embedding, goal], is given the object's name as its first word, and says its positions in
+    order, then the end (Eq. 3).
+    """
+
+    def __init__(self, layout: Layout, settings: PaperSettings) -> None:
+        super().__init__()
+        goals, positions = layout.types.shape
+        parts, hidden, words = len(layout.parts), settings.hidden, len(layout.words)
+        self.parts, self.goals, self.nodes, self.words = parts, goals, parts + positions, words
+        self.longest = int(layout.quantities.max()) + 1
+        self.direction = settings.direction
+        widths = [self.nodes] + [hidden] * settings.layers
+        self.layers = nn.ModuleList(
+            SageLayer(inputs, outputs, settings.aggregation) for inputs, outputs in pairwise(widths)
+        )
+        self.goal_head = nn.Linear(hidden, goals)
+        self.next_head = nn.Sequential(nn.Linear(hidden + goals, hidden), nn.ReLU(), nn.Linear(hidden, parts))
+        self.start = nn.Linear(hidden + goals, 2 * hidden)
+        self.embedding = nn.Embedding(words, hidden)
+        self.cell = nn.LSTMCell(hidden, hidden)
+        self.say = nn.Linear(hidden, words)
+
+    def embed(self, edges: Tensor) -> Tensor:
+        """Edges (B, n, m) to graph embeddings (B, hidden)."""
+        nodes = torch.eye(self.nodes).expand(edges.shape[0], -1, -1)
+        adjacency = self.adjacency(edges)
+        for layer in self.layers:
+            nodes = layer(nodes, adjacency)
+        return nodes.mean(dim=1)
+
+    def adjacency(self, edges: Tensor) -> Tensor:
+        """(B, N, N) receivers by senders; objects come before positions."""
+        parts, positions = edges.shape[1:]
+        to_objects = nn.functional.pad(edges, (parts, 0, 0, positions))
+        to_positions = nn.functional.pad(edges.transpose(1, 2), (0, positions, parts, 0))
+        if self.direction == "both":
+            return to_objects + to_positions
+        return to_objects if self.direction == "position_to_object" else to_positions
+
+    def following(self, graph: Tensor, goal: Tensor) -> Tensor:
+        """Next-object logits (B, n) from graph embeddings (B, hidden) and one-hot goals (B, z)."""
+        logits: Tensor = self.next_head(torch.cat([graph, goal], dim=1))
+        return logits
+
+    def teach(self, graph: Tensor, goal: Tensor, said: Tensor) -> Tensor:
+        """Teacher forcing: logits (B, T, words) of the words after each of those said (B, T)."""
+        state = self._start(graph, goal)
+        logits = []
+        for step in range(said.shape[1]):
+            state = self.cell(self.embedding(said[:, step]), state)
+            logits.append(self.say(state[0]))
+        return torch.stack(logits, dim=1)
+
+    def decode(self, graph: Tensor, goal: Tensor, first: Tensor) -> Tensor:
+        """Words (B, T), each the most probable after those before; `first` (B,) are the objects' names."""
+        state = self._start(graph, goal)
+        word, words = first, []
+        for _ in range(self.longest):
+            state = self.cell(self.embedding(word), state)
+            word = self.say(state[0]).argmax(dim=1)
+            words.append(word)
+        return torch.stack(words, dim=1)
+
+    def forward(self, edges: Tensor) -> PaperAnswer:
+        """One graph, edges (n, m): plans decoded once for each hard goal (soft goals would blend plans)."""
+        graph = self.embed(edges[None])
+        goals = torch.eye(self.goals)
+        graphs = graph.expand(self.goals, -1)
+        first = torch.arange(self.parts).repeat(self.goals)
+        words = self.decode(
+            graphs.repeat_interleave(self.parts, dim=0), goals.repeat_interleave(self.parts, dim=0), first
+        )
+        return PaperAnswer(
+            self.goal_head(graph)[0].softmax(dim=0),
+            self.following(graphs, goals).softmax(dim=1),
+            words.reshape(self.goals, self.parts, self.longest),
+        )
+
+    def _start(self, graph: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:
+        hidden, memory = self.start(torch.cat([graph, goal], dim=1)).chunk(2, dim=1)
+        return torch.tanh(hidden), memory

@@ -1,0 +1,1 @@
+"""The node library: leaves named for what the two algorithms say."""

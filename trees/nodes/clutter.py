@@ -1,0 +1,94 @@
+"""Getting at a part in clutter (Alg. 2): look, judge graspability, decode what to move away."""
+
+from __future__ import annotations
+
+from py_trees.common import Status
+
+from cell.interfaces.perception import PartsView
+from trees.node import NodeError
+from trees.nodes.services import CellNode
+from trees.ports import InputPort, OutputPort
+
+
+class LookAtTray(CellNode):
+    """Take an image with the wrist camera and wait for its detections (Alg. 2 lines 1-2)."""
+
+    parts = OutputPort(PartsView, "parts seen in the tray")
+    timeout_s = InputPort(float, "longest wait for the detector", default=3.0)
+
+    _asked_s = 0.0
+
+    def initialise(self) -> None:
+        self._asked_s = self.services.observation.time_s
+        self.services.command.look = True
+
+    def update(self) -> Status:
+        observation = self.services.observation
+        view = observation.parts
+        if view is not None and view.time_s > self._asked_s:
+            self.parts.set(view)
+            self.feedback_message = "sees " + (" ".join(part.part for part in view.detections) or "nothing")
+            return Status.SUCCESS
+        self.feedback_message = "waiting for the detector"
+        late = observation.time_s - self._asked_s > self.timeout_s.get()
+        return Status.FAILURE if late else Status.RUNNING
+
+
+class FindPart(CellNode):
+    """Choose among the seen parts of the required type the one that is easiest to get at (Alg. 2 line 3)."""
+
+    part = InputPort(str, "required type")
+    parts = InputPort(PartsView, "parts seen in the tray")
+    index = OutputPort(int, "number of the required part among the seen ones")
+
+    def update(self) -> Status:
+        part, parts = self.part.get(), self.parts.get()
+        candidates = [i for i, seen in enumerate(parts.detections) if seen.part == part]
+        if not candidates:
+            self.feedback_message = f"no {part} in the tray"
+            return Status.FAILURE
+        plans = {i: self.services.solve(parts, i) for i in candidates}
+        self.index.set(min(candidates, key=lambda i: (plans[i].needs_help, -plans[i].graspable)))
+        return Status.SUCCESS
+
+
+class CheckGraspability(CellNode):
+    """Can this part be grasped as it stands? (Alg. 2 lines 4-5, Eq. 6)"""
+
+    parts = InputPort(PartsView, "parts seen in the tray")
+    index = InputPort(int, "number of the part among the seen ones")
+    threshold = InputPort(float, "least probability", default=0.5)
+
+    def update(self) -> Status:
+        index = self.index.get()
+        plan = self.services.solve(self.parts.get(), index)
+        self.services.journal.note("plan", required=index, graspable=plan.graspable, solution=plan.text)
+        self.feedback_message = f"graspable with probability {plan.graspable:.2f}"
+        return Status.SUCCESS if plan.graspable >= self.threshold.get() else Status.FAILURE
+
+
+class DecodeSolution(CellNode):
+    """Decode which part to move away first; fails where only help would do (Alg. 2 lines 6-8, Eq. 7)."""
+
+    parts = InputPort(PartsView, "parts seen in the tray")
+    index = InputPort(int, "number of the part that cannot be grasped")
+    blocker = OutputPort(int, "number of the part that becomes the required one")
+
+    def update(self) -> Status:
+        plan = self.services.solve(self.parts.get(), self.index.get())
+        self.feedback_message = plan.text
+        if plan.needs_help or not plan.blockers:
+            return Status.FAILURE
+        self.blocker.set(plan.blockers[0])
+        return Status.SUCCESS
+
+
+def chosen(parts: PartsView, index: int) -> int:
+    """`index` if it names a seen part.
+
+    Raises:
+        NodeError: it does not.
+    """
+    if not 0 <= index < len(parts.detections):
+        raise NodeError(f"part number {index} is not among the {len(parts.detections)} seen parts")
+    return index

@@ -1,0 +1,62 @@
+"""Putting a part into its hole, seeing that it is there, and noting it (Alg. 1 lines 12-13)."""
+
+from __future__ import annotations
+
+from py_trees.common import Status
+
+from cell.interfaces.planning import AssemblyState
+from cell.interfaces.skill import Skill
+from skills.place import Place
+from trees.nodes.services import CellNode
+from trees.nodes.skill_node import SkillNode
+from trees.ports import InOutPort, InputPort
+
+
+class PlacePart(SkillNode):
+    """Put the part in the gripper into its hole (Alg. 1 line 12)."""
+
+    part = InputPort(str, "type of the part in the gripper")
+    position = InputPort(str, "hole to put it into")
+
+    def make_skill(self) -> Skill:
+        return Place(self.services.motion, self.part.get(), self.position.get())
+
+
+class VerifyPlacement(CellNode):
+    """Look whether the hole now holds the part, upright."""
+
+    part = InputPort(str, "type of the placed part")
+    position = InputPort(str, "hole it was put into")
+    timeout_s = InputPort(float, "longest wait for a clear view showing it", default=2.0)
+
+    _begun_s = 0.0
+
+    def initialise(self) -> None:
+        self._begun_s = self.services.observation.time_s
+
+    def update(self) -> Status:
+        part, position = self.part.get(), self.position.get()
+        view = self.services.observation.bench
+        hole = view.holes.get(position) if view else None
+        if hole is not None and hole.seen_s > self._begun_s and hole.part == part and hole.upright:
+            self.feedback_message = f"{part} is at {position}"
+            return Status.SUCCESS
+        seen = "nothing" if hole is None else f"{hole.part or 'nothing'}{'' if hole.upright else ', tilted'}"
+        self.feedback_message = f"sees {seen} at {position}"
+        late = self.services.observation.time_s - self._begun_s > self.timeout_s.get()
+        return Status.FAILURE if late else Status.RUNNING
+
+
+class RecordPlacement(CellNode):
+    """Set the edge of the part that the robot placed (Alg. 1 line 13)."""
+
+    state = InOutPort(AssemblyState, "what is placed so far")
+    part = InputPort(str, "type of the placed part")
+    position = InputPort(str, "hole it was put into")
+
+    def update(self) -> Status:
+        part, position = self.part.get(), self.position.get()
+        self.state.set(self.state.get().with_placement(part, position))
+        self.services.show(message=f"placed {part} at {position}")
+        self.services.journal.note("belief", edge=[part, position], source="robot")
+        return Status.SUCCESS

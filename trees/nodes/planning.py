@@ -1,0 +1,142 @@
+"""From the assembly graph to belief, guidance and the next placement (Alg. 1 lines 7-11)."""
+
+from __future__ import annotations
+
+from py_trees.common import Status
+
+from cell.interfaces.planning import AssemblyPlan, AssemblyState
+from trees.guard import Verdict
+from trees.nodes.services import CellNode, Services
+from trees.ports import InputPort, OutputPort
+
+
+class InferGoal(CellNode):
+    """Infer the goal and the plans of all objects from the graph (Alg. 1 line 7)."""
+
+    state = InputPort(AssemblyState, "what is placed so far")
+    plan = OutputPort(AssemblyPlan, "belief over goals and next placements, and a plan for every object")
+
+    _state: AssemblyState | None = None
+    _plan: AssemblyPlan | None = None
+
+    def update(self) -> Status:
+        state = self.state.get()
+        if self._plan is None or state != self._state:
+            self._plan = self.services.infer(state)
+            self._state = state
+            self.services.journal.note(
+                "belief", placed=dict(state.placed), goals=dict(self._plan.goal_belief), goal=self._plan.goal
+            )
+        self.plan.set(self._plan)
+        self.feedback_message = f"{self._plan.goal} ({self._plan.goal_belief[self._plan.goal]:.2f})"
+        return Status.SUCCESS
+
+
+class DecodeGuidance(CellNode):
+    """Show for every object where it is still to be put (Alg. 1 line 8)."""
+
+    plan = InputPort(AssemblyPlan, "plan of every object")
+
+    _shown: AssemblyPlan | None = None
+
+    def update(self) -> Status:
+        plan = self.plan.get()
+        if plan is not self._shown:
+            self._shown = plan
+            self.services.show(guidance=dict(plan.guidance), goal_belief=dict(plan.goal_belief))
+            self.services.journal.note("plan", guidance={part: list(to) for part, to in plan.guidance.items()})
+        self.feedback_message = "; ".join(f"{part}: {' '.join(to) or '-'}" for part, to in plan.guidance.items())
+        return Status.SUCCESS
+
+
+class PredictNextObject(CellNode):
+    """Predict the next object to fetch (Alg. 1 line 9)."""
+
+    plan = InputPort(AssemblyPlan, "belief and plans")
+    part = OutputPort(str, "type of the part to fetch")
+
+    def update(self) -> Status:
+        part = self.plan.get().next_part
+        if part is None:
+            self.feedback_message = "nothing remains to be fetched"
+            return Status.FAILURE
+        self.part.set(part)
+        self.feedback_message = part
+        return Status.SUCCESS
+
+
+class DecodePlan(CellNode):
+    """Decode the plan [o, p...] of the next object (Alg. 1 line 10)."""
+
+    plan = InputPort(AssemblyPlan, "belief and plans")
+    part = InputPort(str, "type of the part to fetch")
+    positions = OutputPort(list[str], "positions where it is still to be put, in order")
+
+    def update(self) -> Status:
+        part = self.part.get()
+        positions = list(self.plan.get().guidance.get(part, ()))
+        self.services.journal.note("plan", next=[part, *positions])
+        self.positions.set(positions)
+        self.feedback_message = " ".join([part, *positions])
+        return Status.SUCCESS if positions else Status.FAILURE
+
+
+class ChoosePosition(CellNode):
+    """Take the first position of the plan that the guard lets pass (Alg. 1 line 11, decision 7)."""
+
+    plan = InputPort(AssemblyPlan, "belief and plans")
+    state = InputPort(AssemblyState, "what is placed so far")
+    part = InputPort(str, "type of the part to fetch")
+    positions = InputPort(list[str], "positions of its plan, in order")
+    position = OutputPort(str, "where it will be put")
+
+    def update(self) -> Status:
+        part = self.part.get()
+        for position in self.positions.get():
+            verdict = judge(self.services, self.plan.get(), self.state.get(), part, position)
+            note_verdict(self.services, part, position, verdict)
+            self.feedback_message = verdict.reason
+            if verdict.decision == "act":
+                self.position.set(position)
+                self.services.show(message=f"fetching {part} for {position}")
+                return Status.SUCCESS
+            if verdict.decision == "ask":
+                self.services.show(help_request=verdict.reason)
+                self.services.journal.note("help", text=verdict.reason)
+                return Status.FAILURE
+        self.services.show(message=f"waiting: {self.feedback_message}")
+        return Status.FAILURE
+
+
+class CheckPlacement(CellNode):
+    """Keep checking, while the part is in the gripper, that its placement is still right (decision 7)."""
+
+    plan = InputPort(AssemblyPlan, "belief and plans")
+    state = InputPort(AssemblyState, "what is placed so far")
+    part = InputPort(str, "type of the part in the gripper")
+    position = InputPort(str, "where it will be put")
+
+    def update(self) -> Status:
+        if not self.services.observation.gripper.holding:
+            return Status.SUCCESS
+        part, position = self.part.get(), self.position.get()
+        verdict = judge(self.services, self.plan.get(), self.state.get(), part, position)
+        if verdict.decision == "act":
+            return Status.SUCCESS
+        note_verdict(self.services, part, position, verdict)
+        self.feedback_message = verdict.reason
+        return Status.FAILURE
+
+
+def judge(services: Services, plan: AssemblyPlan, state: AssemblyState, part: str, position: str) -> Verdict:
+    """The guard's verdict on one placement with what is seen in this tick."""
+    view = services.observation.bench
+    reachable = services.motion.can_place(part, position)
+    return services.guard.judge(plan, state, view.holes if view else {}, part, position, reachable)
+
+
+def note_verdict(services: Services, part: str, position: str, verdict: Verdict) -> None:
+    """Write a verdict and its reason into the log."""
+    services.journal.note(
+        "verdict", subject=f"{part} at {position}", decision=verdict.decision, reason=verdict.reason
+    )

@@ -1,0 +1,77 @@
+"""What the nodes work with: product, planners, guard and motion, and the observation and command of the tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.clock import Clock
+from cell.interfaces.command import Command, Display
+from cell.interfaces.errors import ModelError
+from cell.interfaces.journal import Journal
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import PartsView
+from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
+from cell.interfaces.product import Product
+from skills.motion import MotionPlanner
+from trees.guard import Guard
+from trees.node import Node
+
+
+@dataclass
+class Services:
+    """Given to every node by `Tree.setup`; the controller renews `observation` and `command` before each tick.
+
+    Attributes:
+        semantic, grasp: the chosen planners, usually learned.
+        rule_semantic, rule_grasp: rule-based planners that answer where the chosen ones cannot be used.
+        gripper_activate: begins the gripper's activation.
+    """
+
+    product: Product
+    bench: Bench
+    clock: Clock
+    motion: MotionPlanner
+    semantic: SemanticPlanner
+    rule_semantic: SemanticPlanner
+    grasp: GraspPlanner
+    rule_grasp: GraspPlanner
+    guard: Guard
+    journal: Journal
+    observation: Observation
+    command: Command = field(default_factory=Command)
+    display: Display = field(default_factory=Display)
+
+    def show(self, **changes: Any) -> None:
+        """Change what the person is shown; fields as in Display."""
+        changed = replace(self.display, **changes)
+        if changed != self.display:
+            self.display = changed
+            self.command.display = changed
+
+    def infer(self, state: AssemblyState) -> AssemblyPlan:
+        """The chosen planner's answer if the guard lets it pass, else the rule-based planner's."""
+        try:
+            plan = self.semantic.plan(state)
+            refusal = self.guard.refusal(plan, state)
+        except ModelError as error:
+            refusal = str(error)
+        if refusal is None:
+            return plan
+        self.journal.note("verdict", subject="assembly plan", decision="refused", reason=refusal)
+        return self.rule_semantic.plan(state)
+
+    def solve(self, parts: PartsView, required: int) -> GraspPlan:
+        """How to get at one detected part; the rule-based planner answers where the chosen one cannot."""
+        try:
+            return self.grasp.plan(parts.detections, required)
+        except ModelError as error:
+            self.journal.note("verdict", subject="grasp plan", decision="refused", reason=str(error))
+            return self.rule_grasp.plan(parts.detections, required)
+
+
+class CellNode(Node):
+    """Base of the nodes in this library."""
+
+    services: Services

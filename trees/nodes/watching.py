@@ -1,0 +1,138 @@
+"""Watching the person: from detector answers to the assembly graph (Alg. 1 lines 1-6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from py_trees.common import Status
+
+from cell.interfaces.perception import Action, HoleView
+from cell.interfaces.planning import AssemblyState
+from trees.nodes.services import CellNode
+from trees.ports import InOutPort, InputPort, OutputPort
+
+
+@dataclass(frozen=True)
+class SeenAction:
+    """An action of the person and since when it goes on.
+
+    Attributes:
+        started_s: time of the first frame of this action; tells two screws of the same part apart.
+    """
+
+    action: Action
+    started_s: float
+
+
+class StartGraph(CellNode):
+    """Begin with an assembly graph without edges."""
+
+    state = OutputPort(AssemblyState, "what is placed so far")
+
+    def update(self) -> Status:
+        self.state.set(AssemblyState({}))
+        return Status.SUCCESS
+
+
+class DetectAction(CellNode):
+    """Wait for the next answer of the action detector (Alg. 1 lines 2-4)."""
+
+    action = OutputPort(SeenAction, "what the person does, and since when")
+
+    _sequence = -1
+    _seen: SeenAction | None = None
+
+    def update(self) -> Status:
+        view = self.services.observation.bench
+        if view is None or view.sequence == self._sequence:
+            self.feedback_message = "waiting for the detector"
+            return Status.RUNNING
+        self._sequence = view.sequence
+        if self._seen is None or not _same(self._seen.action, view.action):
+            self._seen = SeenAction(view.action, view.time_s)
+        else:
+            self._seen = SeenAction(view.action, self._seen.started_s)
+        self.action.set(self._seen)
+        self.feedback_message = str(view.action)
+        return Status.SUCCESS
+
+
+class UpdateGraph(CellNode):
+    """Set the edge (object, position) of a finished assembly action (Alg. 1 lines 5-6)."""
+
+    action = InputPort(SeenAction, "what the person does")
+    state = InOutPort(AssemblyState, "what is placed so far")
+
+    def update(self) -> Status:
+        action = self.action.get().action
+        state = self.state.get()
+        if action.kind == "assembly" and action.finished and action.part and action.position:
+            if action.position not in state.placed:
+                self.state.set(state.with_placement(action.part, action.position))
+                self.services.show(help_request=None)
+                self.services.journal.note("belief", edge=[action.part, action.position], source="action")
+            self.feedback_message = f"{action.part} is at {action.position}"
+        return Status.SUCCESS
+
+
+class ReconcileGraph(CellNode):
+    """Let the graph follow the holes where they have looked otherwise for a while: parts may be taken out again."""
+
+    state = InOutPort(AssemblyState, "what is placed so far")
+    settle_s = InputPort(float, "how long a hole must look otherwise", default=1.5)
+
+    def prepare(self) -> None:
+        self._differs: dict[str, tuple[str | None, float]] = {}
+
+    def update(self) -> Status:
+        view = self.services.observation.bench
+        state = self.state.get()
+        placed = dict(state.placed)
+        for position, hole in view.holes.items() if view else ():
+            if self._settled(position, hole, placed.get(position)):
+                placed.pop(position, None)
+                if hole.part is not None:
+                    placed[position] = hole.part
+                self.services.journal.note("belief", edge=[hole.part, position], source="seen hole")
+        if placed != dict(state.placed):
+            self.state.set(AssemblyState(placed))
+            self.services.show(help_request=None)
+        return Status.SUCCESS
+
+    def _settled(self, position: str, hole: HoleView, believed: str | None) -> bool:
+        if hole.part == believed:
+            self._differs.pop(position, None)
+            return False
+        part, since_s = self._differs.get(position, (None, hole.seen_s))
+        if position not in self._differs or part != hole.part:
+            since_s = hole.seen_s
+        self._differs[position] = (hole.part, since_s)
+        return hole.seen_s - since_s >= self.settle_s.get()
+
+
+class AssemblyFinished(CellNode):
+    """Every position is filled, is seen to be, and the hand has left (condition of Alg. 1's while)."""
+
+    state = InputPort(AssemblyState, "what is placed so far")
+    action = InputPort(SeenAction, "what the person does")
+
+    def update(self) -> Status:
+        view = self.services.observation.bench
+        placed = self.state.get().placed
+        open_positions = [position for position in self.services.product.positions if position not in placed]
+        if open_positions:
+            self.feedback_message = f"{len(open_positions)} positions are open"
+            return Status.FAILURE
+        unseen = [p for p in placed if view is None or p not in view.holes or view.holes[p].part is None]
+        if unseen:
+            self.feedback_message = f"not yet seen filled: {' '.join(unseen)}"
+            return Status.FAILURE
+        if self.action.get().action.kind != "idle":
+            self.feedback_message = "the hand still moves"
+            return Status.FAILURE
+        self.services.show(message="the bracket is assembled", help_request=None)
+        return Status.SUCCESS
+
+
+def _same(one: Action, other: Action) -> bool:
+    return (one.kind, one.part, one.position) == (other.kind, other.part, other.position)

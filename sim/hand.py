@@ -44,6 +44,9 @@ INDEX: tuple[Segment, ...] = (
     ((0.034, 0.028, 0.032), (0.072, 0.032, 0.050), 0.0090),
 )
 CURLED: tuple[Segment, ...] = (
+    ((0.076, 0.008, 0.049), (0.090, 0.066, 0.050), 0.0115),  # knuckles
+    ((0.085, 0.012, 0.049), (0.135, 0.026, 0.052), 0.0130),  # heel of the thumb
+    ((0.092, 0.064, 0.050), (0.140, 0.050, 0.053), 0.0120),  # outer edge of the palm
     ((0.046, 0.054, 0.020), (0.052, 0.054, 0.042), 0.0080),  # ring finger
     ((0.052, 0.054, 0.042), (0.082, 0.054, 0.052), 0.0085),
     ((0.062, 0.070, 0.024), (0.066, 0.070, 0.042), 0.0070),  # little finger
@@ -54,14 +57,13 @@ WRIST: Segment = ((0.135, 0.042, 0.054), (0.205, 0.058, 0.072), 0.027)
 
 
 def add_hand(spec: mujoco.MjSpec, bench: Bench) -> None:
-    """Add the hand at its rest to a world that is not yet compiled."""
+    """Add the hand to a world that is not yet compiled; with all controls at 0 it rests."""
     rest_m = hand_rest_m(bench)
     hand = spec.worldbody.add_body(name="hand", pos=rest_m, gravcomp=1)
     for name, axis in zip(GANTRY[:3], np.eye(3), strict=True):
-        index = GANTRY.index(name)
-        hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, ref=rest_m[index])
+        hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
     hand.add_joint(name="hand_yaw", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1), armature=0.004)
-    _add_ellipsoid(hand, (0.108, 0.036, 0.050), (0.046, 0.042, 0.017), mass_kg=0.3)
+    _add_ellipsoid(hand, (0.108, 0.037, 0.050), (0.048, 0.043, 0.018), mass_kg=0.3)
     for segment in CURLED:
         _add_capsule(hand, segment, mass_kg=0.02)
     _add_capsule(hand, WRIST, mass_kg=0.2, touches=False)
@@ -88,16 +90,15 @@ class Hand:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._data = data
+        self._rest_m: Array = model.body("hand").pos.copy()
         self._joints = [int(model.joint(name).qposadr[0]) for name in GANTRY + DIGITS]
         self._speeds = [int(model.joint(name).dofadr[0]) for name in GANTRY[:3]]
         self._motors = [int(model.actuator(name).id) for name in GANTRY + DIGITS]
-        self._states = [int(model.actuator(name).actadr[0]) for name in GANTRY + DIGITS]
-        self.hold_still()
 
     @property
     def position_m(self) -> Array:
         """Where the hand frame's origin is (3,)."""
-        position: Array = self._data.qpos[self._joints[:3]].copy()
+        position: Array = self._rest_m + self._data.qpos[self._joints[:3]]
         return position
 
     @property
@@ -117,19 +118,17 @@ class Hand:
 
     def command(self, position_m: Array, yaw_rad: float, gap_m: float) -> None:
         """Where to go; a gap smaller than what is held squeezes it with 1.25 N for each millimetre."""
-        self._data.ctrl[self._motors[:3]] = position_m
+        self._data.ctrl[self._motors[:3]] = position_m - self._rest_m
         self._data.ctrl[self._motors[3]] = yaw_rad
         self._data.ctrl[self._motors[4:]] = min(gap_m, MAX_GAP_M) / 2
 
-    def hold_still(self) -> None:
-        """Command the place where the hand is, also to the actuators' filters."""
-        here = self._data.qpos[self._joints]
-        self._data.ctrl[self._motors] = here
-        self._data.act[self._states] = here
-
 
 def _add_capsule(
-    body: mujoco.MjsBody, segment: Segment, *, mass_kg: float, touches: bool = True,
+    body: mujoco.MjsBody,
+    segment: Segment,
+    *,
+    mass_kg: float,
+    touches: bool = True,
     rgba: tuple[float, float, float, float] = SKIN_RGBA,
 ) -> None:
     start, end, radius_m = segment

@@ -27,8 +27,8 @@ class MotionSettings(Model):
         tremor_m: amplitude of the tremor in mid-reach.
     """
 
-    mean_speed_m_s: float = Field(default=0.55, gt=0)
-    start_s: float = Field(default=0.25, ge=0)
+    mean_speed_m_s: float = Field(default=0.75, gt=0)
+    start_s: float = Field(default=0.16, ge=0)
     peak_speed_m_s: float = Field(default=1.3, gt=0)
     speed_spread: float = Field(default=0.12, ge=0)
     bow: float = Field(default=0.04, ge=0)
@@ -71,7 +71,12 @@ def min_jerk(fraction: float) -> float:
 
 
 def plan_reach(
-    start_m: Array, end_m: Array, settings: MotionSettings, rng: np.random.Generator, *, arch_m: float = 0.0,
+    start_m: Array,
+    end_m: Array,
+    settings: MotionSettings,
+    rng: np.random.Generator,
+    *,
+    arch_m: float = 0.0,
     haste: float = 1.0,
 ) -> Reach:
     """Draw one reach.

@@ -1,4 +1,4 @@
-"""What a hand can do with parts: reach, grasp, carry, insert, let go, screw. Each is a generator; a `yield` is a period."""
+"""What a hand can do with parts: reach, grasp, carry, insert, let go, screw; generators, each `yield` is a period."""
 
 from __future__ import annotations
 
@@ -81,7 +81,12 @@ class Handwork:
             yield
 
     def reach(
-        self, target_m: Array, yaw_rad: float | None = None, gap_m: float | None = None, *, arch_m: float = 0.0,
+        self,
+        target_m: Array,
+        yaw_rad: float | None = None,
+        gap_m: float | None = None,
+        *,
+        arch_m: float = 0.0,
         haste: float = 1.0,
     ) -> Script:
         """One reach; wrist and fingers move along with it."""
@@ -97,7 +102,7 @@ class Handwork:
             self.yaw_rad, self.gap_m = yaw_from + done * yaw_by, gap_from + done * gap_by
             yield
 
-    def grasp(self, seen: SeenPart) -> Iterator[None]:
+    def grasp(self, seen: SeenPart) -> Script:
         """Reach over a standing part, close the fingers around its end and lift it."""
         part = self._product.parts[seen.part]
         yaw_rad = fold_yaw(seen.pose.yaw_rad)

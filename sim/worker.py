@@ -6,7 +6,7 @@ the bench as it is; parts are carried by friction alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,12 +20,12 @@ from cell.interfaces.perception import ActionKind
 from cell.interfaces.product import Product
 from sim.hand import Hand, hand_rest_m
 from sim.hand_motion import MotionSettings
-from sim.handwork import ARCH_M, CLEAR_HEIGHT_M, MOST_YAW_RAD, RELAXED_GAP_M, Handwork, Script, ScrewMotion, fold_yaw
+from sim.handwork import ARCH_M, CLEAR_HEIGHT_M, MOST_YAW_RAD, RELAXED_GAP_M, Handwork, ScrewMotion, Script, fold_yaw
 from sim.worker_sight import GRASPABLE_TILT_RAD, SeenPart, Sight, WorkerWorld
 
 BEHIND_BRACKET_M = 0.26  # where the hand waits with a part while the arm is over the bracket
 AT_REST_M = 0.02
-CORRECTIONS = str.maketrans(",.;:()", "      ")
+PUNCTUATION = str.maketrans(",.;:()", "      ")
 
 
 class WorkerSettings(Model):
@@ -141,7 +141,7 @@ class Worker:
     def _next_position(self) -> str | None:
         """The next in the person's order that can be filled; one that a help request names comes first."""
         can_be_filled = [position for position in self._order if self._can_fill(position)]
-        words = (self._request or "").translate(CORRECTIONS).split()
+        words = (self._request or "").translate(PUNCTUATION).split()
         self._answered = self._request
         asked = [name for name in can_be_filled if name in words or self._wanted[name] in words]
         return next(iter(asked + can_be_filled), None)
@@ -155,7 +155,7 @@ class Worker:
         crooked = seen.part == self._wanted[position] and not self._sight.seated(seen, position)
         return crooked and _graspable(seen)
 
-    def _fill(self, position: str) -> Iterator[None]:
+    def _fill(self, position: str) -> Generator[None, None, bool]:
         """Fill one position, or set a crooked part straight; returns whether the part sits as it should."""
         self._tries[position] += 1
         part = self._wanted[position]

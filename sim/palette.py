@@ -25,6 +25,7 @@ STATIC_TOUCH = (1, 9)
 ROBOT_TOUCH = (8, 0)
 PART_TOUCH = (3, 13)  # bits 2 and 4 are the hand's (sim/hand.py)
 NO_TOUCH = (0, 0)
+FRICTION = 0.3  # painted metal on metal; the rubber of the pads and the skin of the hand decide their own contacts
 
 Rgb = tuple[float, float, float]
 
@@ -67,5 +68,6 @@ def _add(
         rgba=[*rgb, 1.0],
         contype=touch[0],
         conaffinity=touch[1],
+        friction=[FRICTION, 0.005, 0.0001],
         mass=0.0,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from cell.interfaces.model import Model
+from sim.worker import WorkerSettings
 
 
 class PhysicsSettings(Model):
@@ -58,3 +59,4 @@ class SimSettings(Model):
     physics: PhysicsSettings = PhysicsSettings()
     noise: CameraNoise = CameraNoise()
     clutter: ClutterSettings = ClutterSettings()
+    worker: WorkerSettings = WorkerSettings()

@@ -49,7 +49,8 @@ class World:
     """A compiled cell and its state.
 
     Attributes:
-        parts: all parts, in the order of the scene.
+        parts: type of every part by the name of its body, in the order of the scene.
+        bodies: the same parts with their places in the state.
         arm_qpos, arm_qvel, arm_ctrl: indices of the six joints, shoulder_pan to wrist_3.
     """
 
@@ -59,9 +60,9 @@ class World:
         self.product, self.bench, self.physics = product, bench, physics
         self.model: mujoco.MjModel = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.parts = tuple(
-            self._world_part(name, entry) for name, entry in zip(part_names(scene), scene, strict=True)
-        )
+        names = part_names(scene)
+        self.bodies = tuple(self._world_part(name, entry) for name, entry in zip(names, scene, strict=True))
+        self.parts = {body.name: body.part for body in self.bodies}
         joints = [self.model.joint(f"{name}_joint") for name in JOINTS]
         self.arm_qpos = np.array([joint.qposadr[0] for joint in joints])
         self.arm_qvel = np.array([joint.dofadr[0] for joint in joints])

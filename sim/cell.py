@@ -1,0 +1,117 @@
+"""Opens the simulated cell: world, devices and the person at the bench on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.command import Display
+from cell.interfaces.devices import Devices
+from cell.interfaces.errors import InputError
+from cell.interfaces.product import Product
+from sim.arm import SimArm
+from sim.camera import SimCamera, Studio
+from sim.clock import SimClock, Stepped
+from sim.clutter import ScenePart, full_set, sample_clutter
+from sim.gripper_node import GripperNode
+from sim.hand import add_hand
+from sim.score import Score
+from sim.settings import SimSettings
+from sim.worker import Worker
+from sim.world import build_world, person_set
+
+RANDOM_GOAL = "random"
+
+
+class EmptyPanel:
+    """A panel that nobody reads."""
+
+    def show(self, display: Display) -> None:
+        """Nothing happens."""
+
+
+class SimCell:
+    """Everything that belongs to one simulated run.
+
+    Args:
+        goal: the configuration that the person assembles; "random" lets the seed choose.
+        seed: the same seed gives the same scene, noise and person.
+        worker: with the person and their parts in the bins, or the robot alone.
+        clutter: parts in the tray; by default one product's set, cluttered at random.
+
+    Attributes:
+        world, score, gripper_node, worker: for tests and data sets; the controller gets `devices` alone.
+    """
+
+    def __init__(
+        self,
+        product: Product,
+        bench: Bench,
+        settings: SimSettings,
+        can_interface: str,
+        can_channel: str,
+        seed: int,
+        goal: str,
+        *,
+        worker: bool = True,
+        clutter: Sequence[ScenePart] | None = None,
+    ) -> None:
+        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
+        goal = _chosen_goal(product, goal, streams[0])
+        if clutter is None:
+            clutter = sample_clutter(product, bench.tray, full_set(product), streams[1], settings.clutter)
+        scene = (*person_set(product, bench), *clutter) if worker else tuple(clutter)
+        self.world = build_world(
+            product, bench, scene, settings.physics, partial(add_hand, bench=bench) if worker else None
+        )
+        self.worker = Worker(self.world, product, bench, settings.worker, goal, streams[2]) if worker else None
+        self.world.settle()
+        self.arm = SimArm(self.world)
+        self.gripper_node = GripperNode(self.world, can_interface, can_channel)
+        self.score = Score(self.world, goal)
+        self._studio = Studio(self.world)
+        overhead = SimCamera("overhead", bench.overhead, self.world, self._studio, settings.noise, streams[3])
+        wrist = SimCamera("wrist", bench.wrist, self.world, self._studio, settings.noise, streams[4])
+        actors: list[Stepped] = [self.arm, self.gripper_node]
+        if self.worker is not None:
+            actors.append(self.worker)
+        clock = SimClock(self.world, actors, [self.score, overhead, wrist])
+        self.devices = Devices(
+            clock, overhead, wrist, self.arm, self.worker or EmptyPanel(), self.score.report, self.close
+        )
+
+    def close(self) -> None:
+        """Let go of the bus and the graphics contexts."""
+        self.gripper_node.close()
+        self._studio.close()
+
+
+def open_cell(
+    product: Product,
+    bench: Bench,
+    settings: SimSettings,
+    can_interface: str,
+    can_channel: str,
+    seed: int,
+    goal: str,
+    *,
+    worker: bool = True,
+    clutter: Sequence[ScenePart] | None = None,
+) -> Devices:
+    """The devices of a simulated cell, with its gripper on the CAN bus; see SimCell."""
+    cell = SimCell(
+        product, bench, settings, can_interface, can_channel, seed, goal, worker=worker, clutter=clutter
+    )
+    return cell.devices
+
+
+def _chosen_goal(product: Product, goal: str, rng: np.random.Generator) -> str:
+    names = sorted(product.goals)
+    if goal == RANDOM_GOAL:
+        return names[int(rng.integers(len(names)))]
+    if goal not in product.goals:
+        raise InputError(f"unknown goal {goal!r}; legal: {', '.join([*names, RANDOM_GOAL])}")
+    return goal

@@ -1,0 +1,53 @@
+"""The simulator's clock: sleeping is what advances the world, in lock-step with all its devices (decision 1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+from sim.world import World
+
+SLACK_S = 1e-6  # a deadline this close after a control period is that period
+
+
+class Stepped(Protocol):
+    """Something that acts once in every control period."""
+
+    def update(self, time_s: float, dt_s: float) -> None:
+        """Act at `time_s`; the next call comes `dt_s` later."""
+        ...
+
+
+class SimClock:
+    """Time since the run began, in whole control periods.
+
+    Args:
+        actors: set their controls before physics advances, in this order.
+        observers: look at the world after it has advanced, and once at the beginning.
+    """
+
+    def __init__(self, world: World, actors: Sequence[Stepped], observers: Sequence[Stepped]) -> None:
+        self._world = world
+        self._actors, self._observers = actors, observers
+        self._period_s = world.physics.control_period_s
+        self._periods = 0
+        self._observe()
+
+    def now_s(self) -> float:
+        """Simulated seconds since the run began."""
+        return self._periods * self._period_s
+
+    def sleep_until(self, time_s: float) -> None:
+        """Advance to the first control period at or after `time_s`."""
+        last = math.ceil((time_s - SLACK_S) / self._period_s)
+        while self._periods < last:
+            for actor in self._actors:
+                actor.update(self.now_s(), self._period_s)
+            self._world.step_period()
+            self._periods += 1
+            self._observe()
+
+    def _observe(self) -> None:
+        for observer in self._observers:
+            observer.update(self.now_s(), self._period_s)

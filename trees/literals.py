@@ -1,0 +1,138 @@
+"""Conversion of strings from XML, and of blackboard values, to the types of ports."""
+
+from __future__ import annotations
+
+import types
+import typing
+from enum import Enum
+from typing import Any
+
+from py_trees.common import Status
+
+STATUS_WORDS = {
+    "SUCCESS": Status.SUCCESS,
+    "FAILURE": Status.FAILURE,
+    "RUNNING": Status.RUNNING,
+    "SKIPPED": Status.INVALID,
+}
+TRUE_WORDS = ("true", "True", "TRUE", "1")
+FALSE_WORDS = ("false", "False", "FALSE", "0")
+
+
+class LiteralError(ValueError):
+    """A value does not fit a type; `legal` says what does."""
+
+    def __init__(self, what: str, legal: str) -> None:
+        super().__init__(what)
+        self.legal = legal
+
+
+def type_name(kind: Any) -> str:
+    """A type as people write it: `int`, `list[str]`, `AssemblyState`."""
+    if kind is Any:
+        return "any"
+    if isinstance(kind, types.GenericAlias):
+        return str(kind).replace("typing.", "")
+    return str(getattr(kind, "__name__", kind))
+
+
+def has_literals(kind: Any) -> bool:
+    """Whether a value of this type can be written in a tree file."""
+    if kind in (int, float, bool, str, Any):
+        return True
+    if typing.get_origin(kind) in (list, tuple):
+        return has_literals(_item(kind))
+    return isinstance(kind, type) and issubclass(kind, Enum)
+
+
+def from_text(text: str, kind: Any) -> Any:
+    """The value that a string in a tree file means for a port of type `kind`.
+
+    Raises:
+        LiteralError: it means none.
+    """
+    if kind is str or kind is Any:
+        return text
+    if kind is bool:
+        return _boolean(text)
+    if kind is int or kind is float:
+        return _number(text, kind)
+    if typing.get_origin(kind) in (list, tuple):
+        items = [from_text(item, _item(kind)) for item in text.split(";")] if text else []
+        return typing.get_origin(kind)(items)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return _member(text, kind)
+    raise LiteralError(
+        f"'{text}' cannot become a {type_name(kind)}", "connect this port to a blackboard entry: {entry}"
+    )
+
+
+def constant(text: str) -> int | float | str:
+    """What an attribute of a SubTree passes in: an int, else a float, else the string itself."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def converted(value: Any, kind: Any) -> Any:
+    """A blackboard value as a port of type `kind` reads it: strings are parsed, numbers change without loss.
+
+    Raises:
+        LiteralError: the value does not fit.
+    """
+    if fits(value, kind):
+        return value
+    if isinstance(value, str):
+        return from_text(value, kind)
+    if kind is str and isinstance(value, int | float):
+        return str(value)
+    if isinstance(value, int | float) and kind in (int, float, bool) and kind(value) == value:
+        return kind(value)
+    if isinstance(kind, type) and issubclass(kind, Enum) and isinstance(value, int | float):
+        return _member(str(value), kind)
+    raise LiteralError(f"{value!r} is a {type_name(type(value))}", f"the port takes a {type_name(kind)}")
+
+
+def fits(value: Any, kind: Any) -> bool:
+    """Whether a value is of a port's type as it stands."""
+    if kind is Any:
+        return True
+    if kind in (int, float) and isinstance(value, bool):
+        return False
+    return isinstance(value, typing.get_origin(kind) or kind)
+
+
+def _item(kind: Any) -> Any:
+    return (typing.get_args(kind) or (str,))[0]
+
+
+def _boolean(text: str) -> bool:
+    if text in TRUE_WORDS:
+        return True
+    if text in FALSE_WORDS:
+        return False
+    raise LiteralError(f"'{text}' is not a bool", "true or false")
+
+
+def _number(text: str, kind: type[int] | type[float]) -> int | float:
+    try:
+        return kind(text)
+    except ValueError:
+        example = "42" if kind is int else "0.5"
+        raise LiteralError(f"'{text}' is not {'an int' if kind is int else 'a float'}", f"like {example}") from None
+
+
+def _member(text: str, kind: type[Enum]) -> Enum:
+    if kind is Status:
+        members: dict[str, Any] = dict(STATUS_WORDS)
+    else:
+        members = {member.name: member for member in kind}
+        members |= {str(member.value): member for member in kind if isinstance(member.value, int)}
+    if text in members:
+        member: Enum = members[text]
+        return member
+    names = STATUS_WORDS if kind is Status else kind.__members__
+    raise LiteralError(f"'{text}' is no {kind.__name__}", "one of " + ", ".join(names))

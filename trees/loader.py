@@ -1,0 +1,68 @@
+"""Loads a tree file: all mistakes are found, and reported at once, before anything moves."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cell.interfaces.errors import InputError, Problem
+from trees.blackboard import Scope
+from trees.builder import Builder
+from trees.dataflow import check_dataflow
+from trees.library import Library, read_library
+from trees.node import Runtime
+from trees.registry import Registry
+from trees.structure import LEVEL_LIMIT, check_structure
+from trees.tree import Tree
+
+# A level of the tree takes up to four Python frames in a tick.
+RECURSION_LIMIT = 4 * LEVEL_LIMIT + 1_000
+
+
+def load_tree(
+    path: Path, registry: Registry, main: str | None = None, provided: Mapping[str, Any] | None = None
+) -> Tree:
+    """Load a tree file and what it includes.
+
+    Args:
+        registry: the nodes that the file may name.
+        main: BehaviorTree to run instead of the file's `main_tree_to_execute`.
+        provided: entries of the main tree that are set before the first tick.
+
+    Raises:
+        InputError: everything that is wrong, each with its place.
+    """
+    library = read_library(path)
+    problems = library.problems + check_structure(library, registry)
+    if problems:
+        raise InputError(*in_order(problems))
+    tree, problems = build(library, registry, library.main if main is None else main, provided or {})
+    if problems:
+        raise InputError(*in_order(problems))
+    return tree
+
+
+def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:
+    """Make the nodes of a library without problems, and check how values flow between them."""
+    sys.setrecursionlimit(max(sys.getrecursionlimit(), RECURSION_LIMIT))
+    runtime = Runtime()
+    scope = Scope()
+    for key, value in provided.items():
+        scope.entry(key).value = value
+    builder = Builder(library, registry, runtime)
+    root = builder.tree(main, scope)
+    given = {id(scope.entry(key)) for key, port in library.models.get(main, {}).items() if port.direction != "output"}
+    problems = check_dataflow(builder.uses, given)
+    tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime)
+    return tree, problems
+
+
+def in_order(problems: list[Problem]) -> list[Problem]:
+    """Problems by file, as first named, then by line and column."""
+    files = list(dict.fromkeys(problem.place.file for problem in problems))
+    return sorted(
+        dict.fromkeys(problems),
+        key=lambda problem: (files.index(problem.place.file), problem.place.line or 0, problem.place.column or 0),
+    )

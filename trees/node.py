@@ -1,0 +1,265 @@
+"""Base classes of all nodes: BehaviorTree.CPP's life cycle on py_trees' behaviours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol
+
+from py_trees import behaviour, composites, decorators
+from py_trees.common import Status
+
+from cell.interfaces.clock import Clock, ManualClock
+from trees.errors import NodeError as NodeError  # node modules import it from here
+
+IDLE = Status.INVALID
+RUNNING = Status.RUNNING
+SUCCESS = Status.SUCCESS
+FAILURE = Status.FAILURE
+# What a tick answers when the node was skipped; the node itself stays idle. py_trees has no fifth status.
+SKIPPED = Status.INVALID
+
+
+@dataclass(frozen=True)
+class StatusChange:
+    """One change of one node in a tick; `old` equals `new` where only the feedback changed."""
+
+    path: str
+    uid: int
+    old: Status
+    new: Status
+    feedback: str
+
+
+@dataclass
+class Runtime:
+    """What all nodes of one tree share while it runs.
+
+    Attributes:
+        changes: status changes since the tick began.
+        visited: nodes ticked by a py_trees generator, None while nobody listens.
+    """
+
+    clock: Clock = field(default_factory=ManualClock)
+    changes: list[StatusChange] = field(default_factory=list)
+    visited: list[behaviour.Behaviour] | None = None
+
+
+class Conditions(Protocol):
+    """Pre- and post-conditions of one node, written in the tree file."""
+
+    def before(self, node: TreeNode) -> Status | None:
+        """A status that replaces the tick, or None."""
+        ...
+
+    def after(self, status: Status) -> None:
+        """Run what follows SUCCESS or FAILURE."""
+        ...
+
+    def halted(self) -> None:
+        """Run what follows a halt."""
+        ...
+
+
+class TreeNode(behaviour.Behaviour):
+    """A node of a loaded tree.
+
+    Attributes:
+        node_type: how Groot2 files it: Action, Condition, Control, Decorator or SubTree.
+        children_min, children_max: legal numbers of children; None for any number.
+        tag: element name in XML, the class name unless given.
+        uid: number in the tree, counted from 1 in the order of the file.
+        full_path: names from the main tree to this node.
+    """
+
+    node_type: ClassVar[str] = "Action"
+    children_min: ClassVar[int] = 0
+    children_max: ClassVar[int | None] = 0
+    tag: ClassVar[str] = ""
+
+    uid = 0
+    full_path = ""
+    conditions: Conditions | None = None
+
+    def attach(self, runtime: Runtime, uid: int, path: str) -> None:
+        """Join a tree."""
+        self.runtime = runtime
+        self.uid = uid
+        self.full_path = path
+
+    def execute(self) -> Status:
+        """Tick once; SKIPPED leaves the node as it was."""
+        conditions = self.conditions
+        try:
+            status = self.run() if conditions is None else self._run_with(conditions)
+        except NodeError as error:
+            if self.status is RUNNING:
+                self.rest()
+            self.feedback_message = str(error)
+            status = FAILURE
+        if status is not SKIPPED:
+            self.become(status)
+        elif self.status is RUNNING:
+            self.become(IDLE)
+        if self.runtime.visited is not None:
+            self.runtime.visited.append(self)
+        return status
+
+    def run(self) -> Status:
+        """What a tick does, without conditions."""
+        raise NotImplementedError
+
+    def halt(self) -> None:
+        """Bring a RUNNING node and all below it to rest; called by its parent, once."""
+        try:
+            self.rest()
+        finally:
+            self.become(IDLE)
+        if self.conditions is not None:
+            self._guarded(self.conditions.halted)
+
+    def rest(self) -> None:
+        """What a halt does, without conditions."""
+
+    def reset(self) -> None:
+        """Halt if RUNNING, then forget the last result."""
+        if self.status is RUNNING:
+            self.halt()
+        elif self.status is not IDLE:
+            self.become(IDLE)
+
+    def become(self, status: Status) -> None:
+        """Change the status and note it."""
+        old = self.status
+        if status is not old:
+            self.status = status
+            self.runtime.changes.append(StatusChange(self.full_path, self.uid, old, status, self.feedback_message))
+
+    def tick(self) -> Iterator[behaviour.Behaviour]:
+        """py_trees' way to tick: yields the nodes that were ticked, children first."""
+        visited: list[behaviour.Behaviour] = []
+        self.runtime.visited = visited
+        try:
+            self.execute()
+        finally:
+            self.runtime.visited = None
+        yield from visited
+
+    def stop(self, new_status: Status = IDLE) -> None:
+        """py_trees' way to halt."""
+        self.reset()
+        if new_status is not IDLE:
+            self.become(new_status)
+
+    def _run_with(self, conditions: Conditions) -> Status:
+        status = conditions.before(self)
+        if status is None:
+            status = self.run()
+        if status is SUCCESS or status is FAILURE:
+            self._guarded(lambda: conditions.after(status))
+        return status
+
+    def _guarded(self, script: Any) -> None:
+        """A script after the node's end cannot change its result; its error is told as feedback."""
+        try:
+            script()
+        except NodeError as error:
+            self.feedback_message = str(error)
+
+
+class Node(TreeNode):
+    """Base of all leaves that the project writes; override `prepare`, `initialise`, `update` and `terminate`.
+
+    `initialise` starts work, `update` polls it and answers in well under a millisecond, `terminate` cancels what
+    still goes on: it is called exactly once for every `initialise`, whatever ends the node. A NodeError raised in
+    either of the first two makes the node fail with its message as feedback; other exceptions halt the tree.
+
+    Attributes:
+        services: what the controller gave to `Tree.setup`; a subclass declares its type.
+    """
+
+    services: object = None
+
+    def setup(self, **kwargs: Any) -> None:
+        """Take the services; called by `Tree.setup` before the first tick."""
+        self.services = kwargs.get("services")
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Check once, before the first tick, that all that is needed is there."""
+
+    def run(self) -> Status:
+        told = self.feedback_message
+        try:
+            if self.status is not RUNNING:
+                self.feedback_message = ""
+                self.initialise()
+            status = self.update()
+        except NodeError as error:
+            self.feedback_message = str(error)
+            status = FAILURE
+        except BaseException:
+            self._fall()
+            raise
+        if status is not RUNNING:
+            self._end(status)
+        elif self.status is RUNNING and told != self.feedback_message:
+            self.runtime.changes.append(StatusChange(self.full_path, self.uid, RUNNING, RUNNING, self.feedback_message))
+        return status
+
+    def rest(self) -> None:
+        self.terminate(IDLE)
+
+    def _end(self, status: Status) -> None:
+        try:
+            self.terminate(status)
+        except BaseException:
+            self.become(IDLE)
+            raise
+
+    def _fall(self) -> None:
+        """An exception left `initialise` or `update`: cancel what was begun, once."""
+        try:
+            self.terminate(IDLE)
+        finally:
+            self.become(IDLE)
+
+
+class Control(TreeNode, composites.Composite):
+    """A node with several children; py_trees' tools see a Composite."""
+
+    node_type = "Control"
+    children_min = 1
+    children_max: ClassVar[int | None] = None
+    children: list[TreeNode]  # type: ignore[assignment]
+
+    def __init__(self, name: str, children: Sequence[TreeNode]) -> None:
+        composites.Composite.__init__(self, name, children)
+
+    def rest(self) -> None:
+        self.reset_children()
+
+    def reset_children(self) -> None:
+        """Halt what is RUNNING below, in order, and forget results."""
+        for child in self.children:
+            if child.status is not IDLE:
+                child.reset()
+
+
+class Decorator(TreeNode, decorators.Decorator):
+    """A node with one child; py_trees' tools see a Decorator."""
+
+    node_type = "Decorator"
+    children_min = 1
+    children_max = 1
+    decorated: TreeNode
+
+    def __init__(self, name: str, children: Sequence[TreeNode]) -> None:
+        decorators.Decorator.__init__(self, name, children[0])
+
+    def update(self) -> Status:
+        """py_trees' hook, unused: `run` decides."""
+        return self.status
+
+    def rest(self) -> None:
+        self.decorated.reset()

@@ -1,0 +1,96 @@
+"""A loaded tree: set up once, ticked at a fixed rate, halted at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from py_trees.common import Status
+
+from cell.interfaces.clock import Clock
+from trees.blackboard import Scope
+from trees.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
+
+
+class Tree:
+    """The nodes of one tree and their blackboard.
+
+    Attributes:
+        name: ID of the BehaviorTree that runs.
+        root: topmost node, a py_trees behaviour.
+        nodes: all nodes, by uid - 1.
+        blackboard: entries of the main tree.
+        texts: text of every file that the tree was loaded from, for the log.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        root: TreeNode,
+        nodes: tuple[TreeNode, ...],
+        blackboard: Scope,
+        texts: Mapping[Path, str],
+        runtime: Runtime,
+    ) -> None:
+        self.name = name
+        self.root = root
+        self.nodes = nodes
+        self.blackboard = blackboard
+        self.texts = texts
+        self._runtime = runtime
+
+    def setup(self, services: Any, clock: Clock) -> None:
+        """Give the leaves their services and all nodes the clock; before the first tick."""
+        self._runtime.clock = clock
+        for node in self.nodes:
+            node.setup(services=services)
+
+    def tick(self) -> Status:
+        """Tick once; Status.INVALID means that everything was skipped.
+
+        An exception of a leaf halts the whole tree, so that nothing is left RUNNING, and is raised again.
+        """
+        self._runtime.changes = []
+        try:
+            status = self.root.execute()
+            if status is SUCCESS or status is FAILURE:
+                self.root.become(IDLE)
+        except BaseException:
+            self._halt_all()
+            raise
+        return status
+
+    def halt(self) -> None:
+        """Terminate every RUNNING node exactly once; harmless where nothing runs.
+
+        Raises:
+            ExceptionGroup: nodes failed to terminate; all others were terminated all the same.
+        """
+        self._runtime.changes = []
+        errors = self._halt_all()
+        if errors:
+            raise ExceptionGroup("nodes failed to terminate", errors)
+
+    @property
+    def status_changes(self) -> list[StatusChange]:
+        """What changed in the last tick or halt, in order."""
+        return self._runtime.changes
+
+    @property
+    def status(self) -> Status:
+        """The root's status."""
+        return self.root.status
+
+    def _halt_all(self) -> list[Exception]:
+        """Halt from the root down; where a node raises, go on with what still runs."""
+        errors: list[Exception] = []
+        for node in self.nodes:
+            if node.status is RUNNING:
+                try:
+                    node.halt()
+                except Exception as error:
+                    errors.append(error)
+        for node in self.nodes:
+            node.become(IDLE)
+        return errors

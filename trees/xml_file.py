@@ -1,0 +1,160 @@
+"""XML with the line and column of every element and attribute; hostile files are refused."""
+
+from __future__ import annotations
+
+import re
+import stat
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from cell.interfaces.errors import InputError, Place, Problem
+
+SIZE_LIMIT_BYTES = 1_000_000
+DEPTH_LIMIT = 1_000
+
+_TAG = re.compile(rb"<[^\s/>]+")
+_ATTRIBUTE = re.compile(rb"\s+([^\s=]+)\s*=\s*([\"'])")
+
+
+@dataclass(frozen=True)
+class Attribute:
+    """An attribute of an element.
+
+    Attributes:
+        place: where its name begins.
+        value_place: where its value begins, inside the quotes.
+    """
+
+    value: str
+    place: Place
+    value_place: Place
+
+
+@dataclass
+class Element:
+    """An element with all that is below it."""
+
+    tag: str
+    place: Place
+    attributes: dict[str, Attribute] = field(default_factory=dict)
+    children: list[Element] = field(default_factory=list)
+
+    def get(self, name: str) -> str | None:
+        """An attribute's value."""
+        attribute = self.attributes.get(name)
+        return attribute.value if attribute else None
+
+    def place_of(self, name: str) -> Place:
+        """Where an attribute stands, or the element where it has none of that name."""
+        attribute = self.attributes.get(name)
+        return attribute.place if attribute else self.place
+
+
+def read_xml(path: Path) -> tuple[str, Element]:
+    """The text of a file and its root element.
+
+    Raises:
+        InputError: the file cannot be read, is no XML, or is refused: too large, too deep, with a DTD or entities.
+    """
+    data = _read(path)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(Problem(Place(path, line), "this is not UTF-8 text", "save the file as UTF-8")) from None
+    return text, _Reader(path, text).read()
+
+
+def _read(path: Path) -> bytes:
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(Problem(Place(path), "this is not a file", "give the path of a tree file"))
+        if status.st_size > SIZE_LIMIT_BYTES:
+            raise InputError(
+                Problem(Place(path), f"{status.st_size} bytes are too many", f"at most {SIZE_LIMIT_BYTES}")
+            )
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(Problem(Place(path), f"cannot be read: {error.strerror}")) from None
+
+
+class _Reader:
+    """Builds elements from expat's events."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self._path = path
+        self._data = text.encode()
+        self._open: list[Element] = []
+        self._root: Element | None = None
+        self._parser = parser = expat.ParserCreate("utf-8")
+        parser.ordered_attributes = True
+        parser.buffer_text = True
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.CharacterDataHandler = self._text
+        parser.StartDoctypeDeclHandler = self._doctype
+
+    def read(self) -> Element:
+        try:
+            self._parser.Parse(self._data, True)
+        except expat.ExpatError as error:
+            place = Place(self._path, error.lineno, error.offset + 1)
+            raise InputError(Problem(place, f"this is not well-formed XML: {expat.ErrorString(error.code)}")) from None
+        assert self._root is not None
+        return self._root
+
+    def _start(self, tag: str, pairs: list[str]) -> None:
+        element = Element(tag, self._here())
+        if len(self._open) >= DEPTH_LIMIT:
+            raise InputError(Problem(element.place, f"elements nest deeper than {DEPTH_LIMIT}", "use fewer levels"))
+        element.attributes = self._attributes(element.place, pairs)
+        if self._open:
+            self._open[-1].children.append(element)
+        else:
+            self._root = element
+        self._open.append(element)
+
+    def _end(self, _tag: str) -> None:
+        self._open.pop()
+
+    def _text(self, text: str) -> None:
+        if word := text.strip():
+            shown = word if len(word) <= 20 else word[:20] + "..."
+            what = f"text '{shown}' stands between elements"
+            raise InputError(Problem(self._here(), what, "only elements and comments are allowed"))
+
+    def _doctype(self, *_: object) -> None:
+        raise InputError(Problem(self._here(), "a document type or entities are refused", "remove the <!DOCTYPE ...>"))
+
+    def _here(self) -> Place:
+        return Place(self._path, self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
+
+    def _attributes(self, start: Place, pairs: list[str]) -> dict[str, Attribute]:
+        """Scans the tag's source, which expat has found well-formed, for where its attributes stand."""
+        attributes = {}
+        position = self._parser.CurrentByteIndex
+        tag = _TAG.match(self._data, position)
+        assert tag
+        place = self._after(start, position, tag.end())
+        position = tag.end()
+        for name, value in zip(pairs[::2], pairs[1::2], strict=True):
+            found = _ATTRIBUTE.match(self._data, position)
+            assert found
+            name_place = self._after(place, position, found.start(1))
+            value_place = self._after(name_place, found.start(1), found.end())
+            attributes[name] = Attribute(value, name_place, value_place)
+            position = self._data.index(found[2], found.end()) + 1
+            place = self._after(value_place, found.end(), position)
+        return attributes
+
+    def _after(self, place: Place, start: int, end: int) -> Place:
+        """The place of byte `end`, given that of byte `start`."""
+        passed = self._data[start:end].decode()
+        lines = passed.count("\n")
+        assert place.line is not None
+        assert place.column is not None
+        if not lines:
+            return Place(self._path, place.line, place.column + len(passed))
+        return Place(self._path, place.line + lines, len(passed) - passed.rindex("\n"))

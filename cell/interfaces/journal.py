@@ -27,3 +27,9 @@ class ListJournal:
 
     def note(self, topic: Topic, **fields: object) -> None:
         self.notes.append((topic, fields))
+
+    def take(self) -> tuple[tuple[Topic, dict[str, object]], ...]:
+        """All notes so far; the list begins anew."""
+        notes = tuple(self.notes)
+        self.notes.clear()
+        return notes

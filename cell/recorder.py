@@ -1,0 +1,213 @@
+"""The log of a run: one MCAP file with Foxglove's schemas for images, frames and log lines (decision 12)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import can
+import cv2
+import foxglove
+from foxglove import messages
+from foxglove.channels import CompressedImageChannel, FrameTransformChannel, LogChannel
+from foxglove.mcap import MCAPWriteOptions
+
+from cell.configuration import LogSettings
+from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Pose
+from cell.log_schemas import TOPICS, plain, schema
+from cell.witness import Level, Outcome, TickRecord
+
+CHUNK_BYTES = 64 * 1024  # and a chunk ends with every tick, so that a killed process loses none
+LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
+
+
+class CanTap(Protocol):
+    """A python-can bus that is only listened to."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The next frame, or None after the timeout."""
+        ...
+
+    def shutdown(self) -> None:
+        """Let go of the bus."""
+        ...
+
+
+@dataclass(frozen=True)
+class Heading:
+    """What a log says about its run before the first tick.
+
+    Attributes:
+        metadata: seed, versions, hashes of weights and the like, as text by name.
+        attachments: (media type, content) by name: tree, configuration, product.
+    """
+
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    attachments: Mapping[str, tuple[str, bytes]] = field(default_factory=dict)
+
+
+class McapRecorder:
+    """A witness that writes everything to a file; `log_time` is clock time."""
+
+    def __init__(
+        self,
+        path: Path,
+        settings: LogSettings,
+        heading: Heading,
+        tap: CanTap | None = None,
+        world_from_tool: Callable[[tuple[float, ...]], Pose] | None = None,
+    ) -> None:
+        """Open the file.
+
+        Args:
+            tap: where CAN frames are overheard.
+            world_from_tool: forward kinematics of the arm.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        self.path = path
+        self._settings = settings
+        self._tap = tap
+        self._world_from_tool = world_from_tool
+        self._context = foxglove.Context()
+        self._writer = _open(path, self._context)
+        self._json = {
+            topic: foxglove.Channel(topic, schema=schema(topic), message_encoding="json", context=self._context)
+            for topic in TOPICS
+        }
+        self._log = LogChannel("/log", context=self._context)
+        self._transforms = FrameTransformChannel("/tf", context=self._context)
+        self._images: dict[str, CompressedImageChannel] = {}
+        self._bench = self._parts = -1
+        for name, (media_type, content) in heading.attachments.items():
+            self._writer.attach(log_time=0, create_time=0, name=name, media_type=media_type, data=content)
+        self._writer.write_metadata("run", dict(heading.metadata))
+        self._writer.flush()
+
+    def frame(self, frame: Frame) -> None:
+        stamp_ns = _nanoseconds(frame.time_s)
+        self._pose(stamp_ns, f"camera_{frame.camera}", frame.world_from_camera)
+        if not self._settings.camera_frames:
+            return
+        options = [cv2.IMWRITE_JPEG_QUALITY, self._settings.jpeg_quality]
+        _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR), options)
+        if frame.camera not in self._images:
+            self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self._context)
+        image = messages.CompressedImage(
+            timestamp=_timestamp(stamp_ns), frame_id=f"camera_{frame.camera}", data=jpeg.tobytes(), format="jpeg"
+        )
+        self._images[frame.camera].log(image, log_time=stamp_ns)
+
+    def tick(self, record: TickRecord) -> None:
+        observation = record.observation
+        tick, stamp_ns = observation.tick, _nanoseconds(observation.time_s)
+        if observation.bench is not None and observation.bench.sequence != self._bench:
+            self._bench = observation.bench.sequence
+            self._write("/bench", stamp_ns, plain(observation.bench))
+        if observation.parts is not None and observation.parts.sequence != self._parts:
+            self._parts = observation.parts.sequence
+            self._write("/parts", stamp_ns, plain(observation.parts))
+        seen = {
+            "tick": tick,
+            "time_s": observation.time_s,
+            "arm": plain(observation.arm),
+            "gripper": plain(observation.gripper),
+            "bench": observation.bench and self._bench,
+            "parts": observation.parts and self._parts,
+        }
+        self._write("/observation", stamp_ns, seen)
+        self._write("/tick", stamp_ns, {"tick": tick, "status": record.status, "changes": plain(record.changes)})
+        for topic, fields in record.notes:
+            self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
+        self._command(stamp_ns, record)
+        self._write("/timing", stamp_ns, {"tick": tick, "wall_s": record.wall_s, "overrun": record.overrun})
+        if self._world_from_tool is not None:
+            self._pose(stamp_ns, "tool", self._world_from_tool(observation.arm.positions_rad))
+        self._overhear(stamp_ns)
+        self._writer.flush()
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        stamp_ns = _nanoseconds(time_s)
+        line = messages.Log(timestamp=_timestamp(stamp_ns), level=LEVELS[level], message=text, name="controller")
+        self._log.log(line, log_time=stamp_ns)
+
+    def close(self, outcome: Outcome) -> None:
+        fields = ("end", "reason", "ticks", "overruns", "sim_time_s", "wall_time_s")
+        self._writer.write_metadata("outcome", {name: str(getattr(outcome, name)) for name in fields})
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Close the file of a run that did not begin."""
+        if self._tap is not None:
+            self._tap.shutdown()
+        self._writer.close()
+
+    def _command(self, stamp_ns: int, record: TickRecord) -> None:
+        command = record.command
+        if command.display is not None:
+            self._write("/display", stamp_ns, plain(command.display))
+        asked = (command.follow, command.gripper)
+        if asked == (None, None) and not (command.stop_arm or command.look or command.activate_gripper):
+            return
+        values = {
+            "tick": record.observation.tick,
+            "stop_arm": command.stop_arm,
+            "look": command.look,
+            "activate_gripper": command.activate_gripper,
+            "follow": plain(command.follow),
+            "gripper": plain(command.gripper),
+            "sent_follow": "as asked" if record.sent.trajectory is command.follow else plain(record.sent.trajectory),
+            "sent_gripper": plain(record.sent.gripper),
+        }
+        self._write("/command", stamp_ns, values)
+
+    def _overhear(self, stamp_ns: int) -> None:
+        while self._tap is not None and (frame := self._tap.recv(timeout=0)) is not None:
+            values = {
+                "id": frame.arbitration_id,
+                "extended": frame.is_extended_id,
+                "data_hex": bytes(frame.data).hex(),
+            }
+            self._write("/can", stamp_ns, values)
+
+    def _pose(self, stamp_ns: int, child: str, pose: Pose) -> None:
+        x, y, z = pose.position_m
+        qw, qx, qy, qz = pose.quaternion_wxyz
+        transform = messages.FrameTransform(
+            timestamp=_timestamp(stamp_ns),
+            parent_frame_id="world",
+            child_frame_id=child,
+            translation=messages.Vector3(x=x, y=y, z=z),
+            rotation=messages.Quaternion(x=qx, y=qy, z=qz, w=qw),
+        )
+        self._transforms.log(transform, log_time=stamp_ns)
+
+    def _write(self, topic: str, stamp_ns: int, values: dict[str, object]) -> None:
+        self._json[topic].log(json.dumps(values, allow_nan=False).encode(), log_time=stamp_ns)
+
+
+def _open(path: Path, context: foxglove.Context) -> foxglove.MCAPWriter:
+    options = MCAPWriteOptions(chunk_size=CHUNK_BYTES, compression_threads=0, profile="cell")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("wb").close()
+        return foxglove.open_mcap(path, allow_overwrite=True, context=context, writer_options=options)
+    except OSError as error:
+        problem = Problem(
+            Place(path), f"the log cannot be written: {error.strerror or error}", "choose a path by --log"
+        )
+        raise InputError(problem) from None
+
+
+def _nanoseconds(time_s: float) -> int:
+    return round(time_s * 1e9)
+
+
+def _timestamp(stamp_ns: int) -> messages.Timestamp:
+    return messages.Timestamp(sec=stamp_ns // 1_000_000_000, nsec=stamp_ns % 1_000_000_000)

@@ -156,6 +156,3 @@ def _choose_main(library: Library, root: Element) -> None:
     elif main is not None:
         what = f"main_tree_to_execute names '{main}', and there is no such BehaviorTree"
         library.problems.append(Problem(root.place_of("main_tree_to_execute"), what, hint(main, library.trees)))
-    elif not library.problems:
-        what = "it is not said which BehaviorTree to run"
-        library.problems.append(Problem(root.place, what, f"main_tree_to_execute; {hint('', library.trees)}"))

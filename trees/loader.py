@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cell.interfaces.errors import InputError, Problem
+from cell.interfaces.errors import InputError, Place, Problem
 from trees.blackboard import Scope
 from trees.builder import Builder
 from trees.dataflow import check_dataflow
@@ -16,6 +16,7 @@ from trees.node import Runtime
 from trees.registry import Registry
 from trees.structure import LEVEL_LIMIT, check_structure
 from trees.tree import Tree
+from trees.words import hint
 
 # A level of the tree takes up to four Python frames in a tick.
 RECURSION_LIMIT = 4 * LEVEL_LIMIT + 1_000
@@ -35,10 +36,18 @@ def load_tree(
         InputError: everything that is wrong, each with its place.
     """
     library = read_library(path)
+    if main is not None:
+        library.main = main
     problems = library.problems + check_structure(library, registry)
+    if not problems and library.main not in library.trees:
+        place = Place(path, 1, 1)
+        what = (
+            f"there is no BehaviorTree '{library.main}'" if library.main else "it is not said which BehaviorTree to run"
+        )
+        problems = [Problem(place, what, f"set main_tree_to_execute; {hint(library.main, library.trees)}")]
     if problems:
         raise InputError(*in_order(problems))
-    tree, problems = build(library, registry, library.main if main is None else main, provided or {})
+    tree, problems = build(library, registry, library.main, provided or {})
     if problems:
         raise InputError(*in_order(problems))
     return tree

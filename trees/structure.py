@@ -109,7 +109,7 @@ class _Checker:
         node = self._registry.classes.get(tag)
         if node is None:
             place = element.place_of("ID") if element.tag in EXPLICIT else element.place
-            legal = hint(tag, [*self._registry.classes, "SubTree"])
+            legal = hint(tag, [*self._registry.classes, "SubTree"], "`cell nodes` lists all nodes")
             self._report(place, f"there is no node '{tag}'", legal)
             return
         self._children(element, node)
@@ -231,5 +231,5 @@ def _size(tree: Element, sizes: dict[str, tuple[int, int]]) -> tuple[int, int]:
 
 
 def _wanted(port: Port) -> str:
-    literal = f"a {type_name(port.kind)} or an entry" if has_literals(port.kind) else f'an entry: {port.name}="{{=}}"'
+    literal = f"{type_name(port.kind)} or {{entry}}" if has_literals(port.kind) else f'an entry: {port.name}="{{=}}"'
     return literal + (f" ({port.meaning})" if port.meaning else "")

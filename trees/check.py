@@ -1,0 +1,24 @@
+"""What is wrong with tree files, without running them (`cell check FILE...`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from cell.interfaces.errors import Problem
+from trees.library import read_library
+from trees.loader import build, in_order
+from trees.registry import Registry
+from trees.structure import check_structure
+
+
+def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
+    """All problems of all files, in order of place; a file that only others include needs no main tree."""
+    problems: list[Problem] = []
+    for path in paths:
+        library = read_library(path)
+        found = library.problems + check_structure(library, registry)
+        if not found and library.main:
+            _, found = build(library, registry, library.main, {})
+        problems += in_order(found)
+    return list(dict.fromkeys(problems))

@@ -56,7 +56,7 @@ class MotionSettings(Model):
     transit_lift_m: float = Field(default=0.12, gt=0)
     part_gap_m: float = Field(default=0.030, gt=0)
     rim_gap_m: float = Field(default=0.030, gt=0)
-    collision_step_rad: float = Field(default=0.05, gt=0)
+    collision_step_rad: float = Field(default=0.02, gt=0)
     collision_margin_m: float = Field(default=0.004, ge=0)
 
     gripper_speed_m_s: float = Field(default=0.15, ge=0.020, le=0.150)

@@ -1,0 +1,133 @@
+"""Where the tool goes to grasp a part and to put it down, and whether fingers have room there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import PartType, Product
+from skills.collision import FINGER_SIZE_M, Box, body_box
+from skills.settings import MotionSettings
+
+STROKE_M = 0.085
+_DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """One way to hold a part.
+
+    Attributes:
+        world_from_tool: the tool (TCP) when the fingers close.
+        opening_m: opening with which the fingers come down.
+        height_m: of the TCP above the body's bottom.
+    """
+
+    world_from_tool: Pose
+    opening_m: float
+    height_m: float
+
+
+def tool_down(position_m: Sequence[float], yaw_rad: float) -> Pose:
+    """world_from_tool with the fingers straight down, opening along the heading `yaw_rad`."""
+    return Pose.from_yaw(position_m, yaw_rad) @ _DOWN
+
+
+def grasp_height_m(body_height_m: float, settings: MotionSettings) -> float:
+    """Height of the TCP above a body's bottom: fingertips near its top, but never below its bottom."""
+    fingertips = max(settings.fingertip_clearance_m, body_height_m - settings.grasp_depth_m)
+    return fingertips + settings.fingertip_beyond_tcp_m
+
+
+def grasps(
+    part: PartDetection, kind: PartType, settings: MotionSettings, clearance_m: float | None = None
+) -> tuple[Grasp, Grasp]:
+    """Both ways to grasp a part across its width, half a turn apart.
+
+    Args:
+        clearance_m: gap between each finger and the body; the settings' usual one by default.
+    """
+    clearance = settings.finger_clearance_m if clearance_m is None else clearance_m
+    opening = min(STROKE_M, kind.size_m[1] + 2 * clearance)
+    height = grasp_height_m(kind.size_m[2], settings)
+    x, y, bottom = part.world_from_part.position_m
+    yaw = part.world_from_part.yaw_rad
+    first, second = (
+        Grasp(tool_down((x, y, bottom + height), yaw + turn), opening, height) for turn in (math.pi / 2, -math.pi / 2)
+    )
+    return first, second
+
+
+def held_boxes(part: str, kind: PartType, settings: MotionSettings, *, with_peg: bool) -> tuple[Box, ...]:
+    """A grasped part in the tool frame: its body, and its peg where that must not touch either."""
+    height = grasp_height_m(kind.size_m[2], settings)
+    # The tool looks down, so the part hangs upside down in its frame; half a turn about the tool's y + x axis.
+    tool_from_part = Pose((0.0, 0.0, height), (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0))
+    body = body_box(part, tool_from_part, kind.size_m)
+    if not with_peg:
+        return (body,)
+    middle = tool_from_part @ Pose((0.0, 0.0, -kind.peg_length_m / 2))
+    return body, Box(part, middle, (kind.peg_diameter_m, kind.peg_diameter_m, kind.peg_length_m))
+
+
+def hole_pose(product: Product, bench: Bench, position: str) -> Pose:
+    """World pose of a part that sits in a hole: its length across the row of holes."""
+    x, y = product.bracket.holes_m[position]
+    return bench.bracket.pose @ Pose((x, y, 0.0))
+
+
+def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings) -> tuple[Pose, Pose]:
+    """Both tool poses, half a turn apart, that let a held part go just above where it will rest."""
+    height = grasp_height_m(kind.size_m[2], settings) + settings.release_gap_m
+    x, y, bottom = world_from_part.position_m
+    yaw = world_from_part.yaw_rad
+    return (
+        tool_down((x, y, bottom + height), yaw + math.pi / 2),
+        tool_down((x, y, bottom + height), yaw - math.pi / 2),
+    )
+
+
+def fingers_clear(
+    world_from_tool: Pose, opening_m: float, others: Sequence[PartDetection], settings: MotionSettings
+) -> bool:
+    """Whether both fingers, as they come down and close, pass beside all other parts that reach up to them."""
+    fingertip_m = world_from_tool.position_m[2] - settings.fingertip_beyond_tcp_m
+    centre, yaw = np.array(world_from_tool.position_m[:2]), world_from_tool.yaw_rad
+    direction = np.array([math.cos(yaw), math.sin(yaw)])
+    half = np.array(FINGER_SIZE_M[:2]) / 2
+    for side in (-1.0, 1.0):
+        finger = rectangle(centre + side * direction * (opening_m / 2 + half[0]), yaw, half)
+        for other in others:
+            top = other.world_from_part.position_m[2] + other.size_m[2]
+            if top > fingertip_m and gap_m(finger, footprint(other)) <= 0:
+                return False
+    return True
+
+
+def footprint(part: PartDetection) -> Array:
+    """Corners (4, 2) of a body seen from above."""
+    return rectangle(
+        np.array(part.world_from_part.position_m[:2]), part.world_from_part.yaw_rad, np.array(part.size_m[:2]) / 2
+    )
+
+
+def rectangle(centre_m: Array, yaw_rad: float, half_m: Array) -> Array:
+    """Corners (4, 2) of a turned rectangle, in order around it."""
+    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    corners: Array = (signs * half_m) @ np.array([[c, s], [-s, c]]) + centre_m
+    return corners
+
+
+def gap_m(first: Array, second: Array) -> float:
+    """Largest distance between two rectangles (4, 2) along any side direction; negative or 0 where they overlap."""
+    sides = np.concatenate([first[:2] - first[1:3], second[:2] - second[1:3]])
+    axes = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+    a, b = first @ axes.T, second @ axes.T
+    return float(np.max(np.maximum(a.min(axis=0) - b.max(axis=0), b.min(axis=0) - a.max(axis=0))))

@@ -16,7 +16,7 @@ from sim.worker_sight import SeenPart, Sight
 
 Script = Iterator[None]
 
-CLEAR_HEIGHT_M = 0.16  # of a carried body's bottom: its peg passes over the tallest part in the bracket
+CLEAR_M = 0.025  # between a carried part's peg and the tallest part in the bracket
 HOVER_M = 0.03  # of the fingertips over a part before they close around it
 OPEN_IN_BIN_M = 0.020  # how much wider than the part the fingers open
 OPEN_IN_BRACKET_M = 0.014  # less: neighbours are near
@@ -54,6 +54,8 @@ class Handwork:
 
     Attributes:
         position_m, yaw_rad, gap_m: commanded to the hand at the end of each period.
+        clear_height_m: of a carried body's bottom, at which it passes over everything in the bracket.
+        dt_s: length of a period.
     """
 
     def __init__(
@@ -64,6 +66,11 @@ class Handwork:
         self._product = product
         self._motion = motion
         self._rng = rng
+        kinds = product.parts.values()
+        top_m = max(float(hole[2]) for hole in sight.holes_m.values())
+        self.clear_height_m = (
+            top_m + max(kind.size_m[2] for kind in kinds) + max(kind.peg_length_m for kind in kinds) + CLEAR_M
+        )
         self.dt_s = 0.0
         self.position_m = hand.position_m
         self.yaw_rad = hand.yaw_rad
@@ -114,7 +121,7 @@ class Handwork:
         yield from self._move_fingers(width_m - SQUEEZE_M, CLOSE_S)
         yield from self.wait(LOOK_S)
         if self.holds(seen.body):
-            lift_m = max(CLEAR_HEIGHT_M - seen.pose.position_m[2], 0.02)
+            lift_m = max(self.clear_height_m - seen.pose.position_m[2], 0.02)
             yield from self.reach(self.position_m + np.array([0.0, 0.0, lift_m]), haste=STEADY)
 
     def holds(self, body: str) -> bool:
@@ -126,7 +133,7 @@ class Handwork:
 
     def carry(self, body: str, target_m: Array) -> Script:
         """Bring a held part over its target."""
-        clear_m = np.array([target_m[0], target_m[1], CLEAR_HEIGHT_M])
+        clear_m = np.array([target_m[0], target_m[1], self.clear_height_m])
         yield from self.reach(*self._hand_for(body, clear_m), arch_m=ARCH_M / 2)
 
     def insert(self, body: str, target_m: Array) -> Script:
@@ -141,19 +148,24 @@ class Handwork:
             yield from self._search()
 
     def let_go(self, part: str) -> Script:
-        """Open the fingers and back off towards the person."""
+        """Open the fingers."""
         yield from self._move_fingers(self._product.parts[part].size_m[1] + OPEN_IN_BRACKET_M, OPEN_S)
-        away_m = turn(self.yaw_rad, np.array([BACK_OFF_M, 0.0, BACK_OFF_M]))
-        yield from self.reach(self.position_m + away_m, haste=STEADY)
 
-    def screw(self, seen: SeenPart, motion: ScrewMotion, stop: Callable[[], bool]) -> Script:
-        """Work over a placed part without touching it, until the time is up or `stop` says so."""
+    def back_off(self) -> Script:
+        """Move the fingers up and away towards the person."""
+        away_m = turn(self.yaw_rad, np.array([BACK_OFF_M, 0.0, BACK_OFF_M]))
+        yield from self.reach(self.position_m + away_m, 0.0, haste=STEADY)
+
+    def reach_over(self, seen: SeenPart) -> Script:
+        """Bring the fingertips over the near end of a placed part, where they screw."""
         part = self._product.parts[seen.part]
-        grip_m = self._grip_in_part(part)
-        grip_m[2] = part.size_m[2] + SCREW_HEIGHT_M
-        centre_m = np.array(seen.pose.position_m) + grip_m
-        yield from self.reach(centre_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
-        elapsed_s = 0.0
+        above_m = self._grip_in_part(part)
+        above_m[2] = part.size_m[2] + SCREW_HEIGHT_M
+        yield from self.reach(np.array(seen.pose.position_m) + above_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
+
+    def screw(self, motion: ScrewMotion, stop: Callable[[], bool]) -> Script:
+        """Circle where the fingertips are, touching nothing, until the time is up or `stop` says so."""
+        centre_m, elapsed_s = self.position_m, 0.0
         while elapsed_s < motion.duration_s and not stop():
             elapsed_s += self.dt_s
             ease = min(1.0, elapsed_s / SCREW_EASE_S, max(motion.duration_s - elapsed_s, 0.0) / SCREW_EASE_S)
@@ -162,8 +174,6 @@ class Handwork:
             self.position_m = centre_m + ease * motion.radius_m * circle
             self.yaw_rad = ease * motion.yaw_rad * math.sin(phase)
             yield
-        away_m = np.array([BACK_OFF_M, 0.0, BACK_OFF_M])
-        yield from self.reach(self.position_m + away_m, 0.0)
 
     def _grip_in_part(self, part: PartType) -> Array:
         length_m, _, height_m = part.size_m

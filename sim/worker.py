@@ -20,7 +20,7 @@ from cell.interfaces.perception import ActionKind
 from cell.interfaces.product import Product
 from sim.hand import Hand, hand_rest_m
 from sim.hand_motion import MotionSettings
-from sim.handwork import ARCH_M, CLEAR_HEIGHT_M, MOST_YAW_RAD, RELAXED_GAP_M, Handwork, ScrewMotion, Script, fold_yaw
+from sim.handwork import ARCH_M, MOST_YAW_RAD, RELAXED_GAP_M, Handwork, ScrewMotion, Script, fold_yaw
 from sim.worker_sight import GRASPABLE_TILT_RAD, SeenPart, Sight, WorkerWorld
 
 BEHIND_BRACKET_M = 0.26  # where the hand waits with a part while the arm is over the bracket
@@ -76,7 +76,7 @@ class Worker:
 
     Attributes:
         events: what the hand did so far, in order.
-        done: nothing is left that the person could do, and the hand rests.
+        done: nothing is left that the person can do now, and the hand rests.
     """
 
     def __init__(
@@ -127,16 +127,16 @@ class Worker:
             yield from self._let_robot_work()
             position = self._next_position()
             if position is None:
-                break
+                yield from self._go_to_rest()
+                self.done = True
+                yield
+                continue
+            self.done = False
             placed = yield from self._fill(position)
             if placed and self._wants_to_screw():
                 yield from self._screw(position)
                 yield from self._go_to_rest()
                 yield from self._wait_for_robot_to_begin()
-        yield from self._go_to_rest()
-        self.done = True
-        while True:
-            yield
 
     def _next_position(self) -> str | None:
         """The next in the person's order that can be filled; one that a help request names comes first."""
@@ -166,6 +166,7 @@ class Worker:
             yield from self._bring(seen, position)
         yield from self._hand.let_go(part)
         self._begin("transit")
+        yield from self._hand.back_off()
         now = self._sight.in_hole(position)
         return now is not None and self._sight.seated(now, position)
 
@@ -200,9 +201,11 @@ class Worker:
             radius_m=habits.screw_radius_m,
             yaw_rad=habits.screw_yaw_rad,
         )
+        yield from self._hand.reach_over(seen)
         self._begin("screw")
-        yield from self._hand.screw(seen, motion, stop=lambda: self._sight.arm_over_bracket)
+        yield from self._hand.screw(motion, stop=lambda: self._sight.arm_over_bracket)
         self._begin("transit")
+        yield from self._hand.back_off()
 
     def _go_to_rest(self) -> Script:
         if float(np.linalg.norm(self._hand.position_m - self._rest_m)) > AT_REST_M:
@@ -234,7 +237,7 @@ class Worker:
         if not self._sight.arm_over_bracket:
             return
         _, y, z = self._hand.position_m
-        yield from self._hand.reach(np.array([self._behind_m, y, max(z, CLEAR_HEIGHT_M)]))
+        yield from self._hand.reach(np.array([self._behind_m, y, max(float(z), self._hand.clear_height_m)]))
         while self._sight.arm_over_bracket:
             yield
 

@@ -93,7 +93,9 @@ class SimCamera:
         gain = max(0.0, 1.0 + self._noise.brightness_jitter * self._rng.standard_normal())
         start = int(self._rng.integers(self._bank.size - image.size + 1))
         grain = self._bank[start : start + image.size].reshape(image.shape)
-        bright = cv2.convertScaleAbs(image, alpha=gain)
+        blur = self._noise.blur_px
+        seen = cv2.GaussianBlur(image, (0, 0), blur) if blur > 0 else image
+        bright = cv2.convertScaleAbs(seen, alpha=gain)
         spoiled: NDArray[np.uint8] = cv2.add(bright, grain, dtype=cv2.CV_8U).astype(np.uint8, copy=False)
         spoiled.setflags(write=False)
         return spoiled

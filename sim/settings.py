@@ -32,10 +32,12 @@ class CameraNoise(Model):
     Attributes:
         gaussian_levels: standard deviation of every pixel's noise, in grey levels of 255.
         brightness_jitter: standard deviation of a whole frame's gain.
+        blur_px: standard deviation of the lens's blur, which also softens the renderer's jagged edges.
     """
 
     gaussian_levels: float = Field(default=2.0, ge=0)
     brightness_jitter: float = Field(default=0.01, ge=0)
+    blur_px: float = Field(default=0.6, ge=0)
 
 
 class ClutterSettings(Model):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -12,9 +14,11 @@ from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.geometry import Boxes, boxes_of
+from learned.grasp.graph import EdgeKind, scene_graph
+from learned.grasp.language import WORDS, decode
 from learned.grasp.pairs import near_pairs, pair_features
 from learned.grasp.rule import RulePlanner
-from learned.grasp.solution import nearest_first, solve
+from learned.grasp.solution import Solution, nearest_first, solve
 from learned.onnx_model import OnnxModel
 
 KINDS = ("pairwise", "paper", "rule")
@@ -30,11 +34,13 @@ def load_grasp_planner(kind: str, path: Path, product: Product) -> GraspPlanner:
         return RulePlanner(product)
     if kind == "pairwise":
         return PairwisePlanner(OnnxModel.load(path, "grasp.pairwise"), product)
+    if kind == "paper":
+        return PaperPlanner(OnnxModel.load(path, "grasp.paper"), product)
     raise ModelError(f"unknown grasp planner {kind!r}; known: {', '.join(KINDS)}")
 
 
 class PairwisePlanner:
-    """Asks a network of every pair of neighbours whether one blocks the other; who blocks none decides the rest."""
+    """Asks a network of each pair of neighbours whether one blocks the other, and works out the moves from that."""
 
     def __init__(self, model: OnnxModel, product: Product) -> None:
         model.require_vocabulary("parts", tuple(product.parts))
@@ -60,3 +66,29 @@ class PairwisePlanner:
             logits = self._model.run({"pairs": pair_features(boxes, required, neighbour)})["logits"]
             chance[required, neighbour] = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
         return chance
+
+
+class PaperPlanner:
+    """Scene graph in; graspability and decoded words out (Eq. 4-7)."""
+
+    def __init__(self, model: OnnxModel, product: Product) -> None:
+        model.require_vocabulary("parts", tuple(product.parts))
+        model.require_vocabulary("words", WORDS)
+        self._model = model
+        self._product = product
+        self._edges = cast(EdgeKind, model.card.config["edges"])
+
+    def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
+        """A plan for `parts[required]`.
+
+        Raises:
+            ModelError: the network answered NaN or words that are no solution.
+        """
+        graph = scene_graph(parts, required, self._product, self._edges)
+        answer = self._model.run(
+            {"nodes": graph.nodes[None], "weights": graph.weights[None], "present": graph.present[None]}
+        )
+        graspable = 1.0 / (1.0 + math.exp(-float(answer["verdict"][0])))
+        if graspable >= 0.5:
+            return Solution().plan(graspable)
+        return decode([int(word) for word in answer["words"][0]], graph.order).plan(graspable)

@@ -1,0 +1,108 @@
+"""The scene graph: detections as nodes, a goal flag on the required one, weighted edges (section 3.2, Eq. 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Array
+from cell.interfaces.product import Product
+from learned.grasp.geometry import boxes_of
+from learned.grasp.solution import nearest_first
+
+MAX_PARTS = 8  # what does not fit is farthest from the required part
+UNIT_M = 0.05  # lengths in the graph are multiples of this, so that features are near 1
+EdgeKind = Literal["printed", "normalised"]
+_GEOMETRY = 10
+
+
+@dataclass(frozen=True)
+class SceneGraph:
+    """One required part among its neighbours, padded to MAX_PARTS nodes.
+
+    Node 0 is the required part, the others follow by distance; so the graph is the same whatever the order of the
+    detections.
+
+    Attributes:
+        nodes: (MAX_PARTS, features).
+        weights: (MAX_PARTS, MAX_PARTS) e_ij of Eq. 4, 0 on the diagonal and where there is no node.
+        present: (MAX_PARTS,) 1 where there is a node.
+        order: index of the detection behind each node.
+    """
+
+    nodes: NDArray[np.float32]
+    weights: NDArray[np.float32]
+    present: NDArray[np.float32]
+    order: tuple[int, ...]
+
+
+def feature_count(product: Product) -> int:
+    """Width of the node features."""
+    return len(product.parts) + _GEOMETRY + MAX_PARTS
+
+
+def mirror_signs(product: Product) -> NDArray[np.float32]:
+    """Signs (4, features) that turn nodes into those of the scene mirrored at the required part's axes."""
+    signs = np.ones((4, feature_count(product)), dtype=np.float32)
+    along, across, sine = (len(product.parts) + offset for offset in (1, 2, 4))
+    signs[1, [along, sine]] = signs[2, [across, sine]] = signs[3, [along, across]] = -1.0
+    return signs
+
+
+def scene_graph(parts: Sequence[PartDetection], required: int, product: Product, edges: EdgeKind) -> SceneGraph:
+    """The graph of all detections for one required part."""
+    boxes = boxes_of(parts, product)
+    order = nearest_first(boxes, required)[:MAX_PARTS]
+    near = boxes.take(order)
+    count = len(order)
+    offset = near.centre_m - near.centre_m[0]
+    cos, sin = np.cos(near.yaw_rad[0]), np.sin(near.yaw_rad[0])
+    turn = near.yaw_rad - near.yaw_rad[0]
+    names = list(product.parts)
+    nodes = np.zeros((MAX_PARTS, feature_count(product)), dtype=np.float32)
+    nodes[:count] = np.concatenate(
+        [
+            np.eye(len(names))[[names.index(name) for name in near.types]],
+            np.eye(count, 1),  # goal flag
+            offset @ np.array([[cos, -sin], [sin, cos]]) / UNIT_M,
+            np.stack([np.cos(2 * turn), np.sin(2 * turn)], axis=1),
+            near.size_m / UNIT_M,
+            (near.bottom_m - near.bottom_m[0])[:, None] / UNIT_M,
+            np.array([[parts[i].confidence] for i in order]),
+            np.eye(count, MAX_PARTS),  # its letter
+        ],
+        axis=1,
+    )
+    weights = np.zeros((MAX_PARTS, MAX_PARTS), dtype=np.float32)
+    weights[:count, :count] = edge_weights(near.centre_m / UNIT_M, edges)
+    present = (np.arange(MAX_PARTS) < count).astype(np.float32)
+    return SceneGraph(nodes, weights, present, tuple(order))
+
+
+def edge_weights(centres: Array, edges: EdgeKind) -> Array:
+    """e_ij (n, n) between nodes at centres (n, 2); 0 on the diagonal."""
+    between = centres[None] - centres[:, None]
+    closeness = 1.0 / np.maximum(np.hypot(between[..., 0], between[..., 1]), 1e-3)
+    np.fill_diagonal(closeness, 0.0)
+    total = np.maximum(closeness.sum(axis=1, keepdims=True), 1e-9)
+    return _EDGE_WEIGHTS[edges](closeness, total)
+
+
+def _printed(closeness: Array, total: Array) -> Array:
+    """Eq. 4 as printed: the same for every j, it says how isolated i is."""
+    weights: Array = np.where(closeness > 0, 1.0 / total, 0.0)
+    return weights
+
+
+def _normalised(closeness: Array, total: Array) -> Array:
+    """The reading that weights neighbours: e_ij = (1 / d_ij) / sum_k (1 / d_ik)."""
+    weights: Array = closeness / total
+    return weights
+
+
+_EDGE_WEIGHTS: dict[EdgeKind, Callable[[Array, Array], Array]] = {"printed": _printed, "normalised": _normalised}

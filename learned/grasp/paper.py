@@ -1,0 +1,172 @@
+"""The paper's grasp planner in torch: WL-GNN with weighted edges, graspability head, LSTM with attention (Eq. 5-7)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from cell.interfaces.product import Product
+from learned.grasp.graph import MAX_PARTS, EdgeKind, mirror_signs, scene_graph
+from learned.grasp.language import FIRST_LETTER, MAX_WORDS, WORDS, encode, grammar
+from learned.grasp.scenes import Scene
+
+_IMPOSSIBLE = -1e9
+
+
+class GraphConvolution(nn.Module):
+    """x_i' = W x_i + V sum_j e_ij x_j + b (Eq. 5), on dense batches."""
+
+    def __init__(self, narrow: int, wide: int) -> None:
+        super().__init__()
+        self.own = nn.Linear(narrow, wide)
+        self.neighbours = nn.Linear(narrow, wide, bias=False)
+
+    def forward(self, nodes: Tensor, weights: Tensor) -> Tensor:
+        """Nodes (b, n, narrow) and weights (b, n, n) to nodes (b, n, wide)."""
+        updated: Tensor = self.own(nodes) + self.neighbours(weights @ nodes)
+        return updated
+
+
+class PaperNet(nn.Module):
+    """Encoder, head and decoder; inputs are batches of padded scene graphs."""
+
+    def __init__(self, features: int, hidden: int, layers: int) -> None:
+        super().__init__()
+        self.features = features
+        widths = [features] + [hidden] * layers
+        self.convolutions = nn.ModuleList(GraphConvolution(narrow, wide) for narrow, wide in pairwise(widths))
+        self.head = nn.Sequential(nn.Linear(2 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
+        self.decoder = Decoder(hidden)
+
+    def encode(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
+        """Node embeddings (b, n, hidden) by Eq. 5, and of required part and graph together (b, 2 hidden)."""
+        x = nodes
+        for convolution in self.convolutions:
+            x = torch.relu(convolution(x, weights)) * present[..., None]
+        graph = x.sum(1) / present.sum(1, keepdim=True)
+        return x, torch.cat([x[:, 0], graph], dim=-1)
+
+    def forward(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
+        """Logit (b,) that the required part is graspable (Eq. 6), and word numbers (b, MAX_WORDS) of a solution."""
+        embedded, summary = self.encode(nodes, weights, present)
+        return self.head(summary).squeeze(-1), self.decoder.greedy(embedded, summary, present)
+
+    def scores(self, nodes: Tensor, weights: Tensor, present: Tensor, words: Tensor) -> tuple[Tensor, Tensor]:
+        """Logit (b,) of graspability and word logits (b, MAX_WORDS, words), each given the right words before."""
+        embedded, summary = self.encode(nodes, weights, present)
+        return self.head(summary).squeeze(-1), self.decoder.forced(embedded, summary, present, words)
+
+
+class Decoder(nn.Module):
+    """LSTM that attends to the nodes at each word (Eq. 7)."""
+
+    grammar: Tensor
+
+    def __init__(self, hidden: int) -> None:
+        super().__init__()
+        self.begin = nn.Linear(2 * hidden, hidden)
+        self.embedding = nn.Embedding(len(WORDS) + 1, hidden)
+        self.cell = nn.LSTMCell(2 * hidden, hidden)
+        self.query = nn.Linear(hidden, hidden, bias=False)
+        self.key = nn.Linear(hidden, hidden)
+        self.energy = nn.Linear(hidden, 1, bias=False)
+        self.word = nn.Linear(2 * hidden, len(WORDS))
+        self.register_buffer("grammar", torch.tensor(grammar(), dtype=torch.float32), persistent=False)
+
+    def forced(self, embedded: Tensor, summary: Tensor, present: Tensor, words: Tensor) -> Tensor:
+        """Word logits (b, MAX_WORDS, words) with teacher forcing."""
+        state = self._start(summary)
+        previous = torch.full_like(words[:, 0], len(WORDS))
+        logits = []
+        for step in range(MAX_WORDS):
+            scores, state = self._step(previous, embedded, present, state)
+            logits.append(scores)
+            previous = words[:, step]
+        return torch.stack(logits, dim=1)
+
+    def greedy(self, embedded: Tensor, summary: Tensor, present: Tensor) -> Tensor:
+        """The likeliest word at each step (b, MAX_WORDS) among those that grammar and scene allow."""
+        state = self._start(summary)
+        # Letters of absent parts, and those already said, cannot be said.
+        unspeakable = nn.functional.pad((1 - present) * _IMPOSSIBLE, (FIRST_LETTER, 0))
+        previous = torch.full((len(summary),), len(WORDS), dtype=torch.long)
+        letter = (torch.arange(len(WORDS)) >= FIRST_LETTER).to(present.dtype)
+        words = []
+        for _ in range(MAX_WORDS):
+            scores, state = self._step(previous, embedded, present, state)
+            previous = (scores + self.grammar[previous] + unspeakable).argmax(-1)
+            said = nn.functional.one_hot(previous, len(WORDS)).to(present.dtype)
+            unspeakable = unspeakable + said * letter * _IMPOSSIBLE
+            words.append(previous)
+        return torch.stack(words, dim=1)
+
+    def _start(self, summary: Tensor) -> tuple[Tensor, Tensor]:
+        hidden = torch.tanh(self.begin(summary))
+        return hidden, torch.zeros_like(hidden)
+
+    def _step(
+        self, previous: Tensor, embedded: Tensor, present: Tensor, state: tuple[Tensor, Tensor]
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        energy = self.energy(torch.tanh(self.query(state[0])[:, None] + self.key(embedded))).squeeze(-1)
+        attention = torch.softmax(energy + (1 - present) * _IMPOSSIBLE, dim=-1)
+        context = (attention[..., None] * embedded).sum(1)
+        hidden, memory = self.cell(torch.cat([self.embedding(previous), context], dim=-1), state)
+        return self.word(torch.cat([hidden, context], dim=-1)), (hidden, memory)
+
+
+@dataclass(frozen=True)
+class GraphData:
+    """Every part of many scenes as the required one.
+
+    Attributes:
+        nodes, weights, present: (parts, ...) as in SceneGraph.
+        graspable: (parts,).
+        words: (parts, MAX_WORDS).
+        mirrors: (4, features) signs; a mirrored scene has the same answer.
+    """
+
+    nodes: Tensor
+    weights: Tensor
+    present: Tensor
+    graspable: Tensor
+    words: Tensor
+    mirrors: Tensor
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def loss(self, net: PaperNet, chosen: Tensor) -> Tensor:
+        """Cross-entropy of verdict and of words, in randomly mirrored scenes."""
+        mirrors = self.mirrors[torch.randint(4, (len(chosen),))]
+        graph = self.nodes[chosen] * mirrors[:, None], self.weights[chosen], self.present[chosen]
+        words = self.words[chosen]
+        verdict, scores = net.scores(*graph, words)
+        verdict_loss = nn.functional.binary_cross_entropy_with_logits(verdict, self.graspable[chosen])
+        word_loss = nn.functional.cross_entropy(scores.transpose(1, 2), words, reduction="none").sum(1).mean()
+        return verdict_loss + word_loss
+
+
+def graph_data(scenes: Sequence[Scene], product: Product, edges: EdgeKind) -> GraphData:
+    """Graphs from the detections, labels from the truth."""
+    graphs, graspable, words = [], [], []
+    for scene in scenes:
+        if len(scene.parts) > MAX_PARTS:
+            raise ValueError(f"a scene of {len(scene.parts)} parts; at most {MAX_PARTS} fit into a graph")
+        for required in range(len(scene.parts)):
+            graph = scene_graph(scene.parts, required, product, edges)
+            graphs.append(graph)
+            graspable.append(scene.graspable(required))
+            words.append(encode(scene.solution(required), graph.order))
+    return GraphData(
+        torch.from_numpy(np.stack([graph.nodes for graph in graphs])),
+        torch.from_numpy(np.stack([graph.weights for graph in graphs])),
+        torch.from_numpy(np.stack([graph.present for graph in graphs])),
+        torch.tensor(graspable, dtype=torch.float32),
+        torch.tensor(words),
+        torch.from_numpy(mirror_signs(product)),
+    )

@@ -31,7 +31,7 @@ _FIELDS: dict[str, dict[str, dict[str, str]]] = {
     "/note/verdict": {"tick": INTEGER, "subject": TEXT, "decision": TEXT, "reason": TEXT},
     "/note/help": {"tick": INTEGER, "text": TEXT},
     "/note/skill": {"tick": INTEGER, "node": TEXT, "status": TEXT, "reason": TEXT},
-    "/can": {"id": INTEGER, "extended": FLAG, "data_hex": TEXT},
+    "/can": {"id": INTEGER, "sent": FLAG, "data_hex": TEXT},
 }
 TOPICS = tuple(_FIELDS)
 

@@ -54,7 +54,7 @@ class LiveProgress:
     def message(self, time_s: float, level: Level, text: str) -> None:
         self._console.print(_line(time_s, "cell", text.splitlines()[-1]), style=STYLES[level], markup=False)
 
-    def close(self, outcome: Outcome) -> None:
+    def close(self, outcome: Outcome) -> None:  # noqa: ARG002 - its message has been shown
         if self._live is not None:
             self._live.stop()
 

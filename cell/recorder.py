@@ -6,9 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
-import can
 import cv2
 import foxglove
 from foxglove import messages
@@ -21,21 +19,10 @@ from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.log_schemas import TOPICS, plain, schema
 from cell.witness import Level, Outcome, TickRecord
+from skills.can_gripper import CanFrame
 
 CHUNK_BYTES = 64 * 1024  # and a chunk ends with every tick, so that a killed process loses none
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
-
-
-class CanTap(Protocol):
-    """A python-can bus that is only listened to."""
-
-    def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame, or None after the timeout."""
-        ...
-
-    def shutdown(self) -> None:
-        """Let go of the bus."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -59,13 +46,11 @@ class McapRecorder:
         path: Path,
         settings: LogSettings,
         heading: Heading,
-        tap: CanTap | None = None,
         world_from_tool: Callable[[tuple[float, ...]], Pose] | None = None,
     ) -> None:
         """Open the file.
 
         Args:
-            tap: where CAN frames are overheard.
             world_from_tool: forward kinematics of the arm.
 
         Raises:
@@ -73,7 +58,6 @@ class McapRecorder:
         """
         self.path = path
         self._settings = settings
-        self._tap = tap
         self._world_from_tool = world_from_tool
         self._context = foxglove.Context()
         self._writer = _open(path, self._context)
@@ -129,8 +113,12 @@ class McapRecorder:
         self._write("/timing", stamp_ns, {"tick": tick, "wall_s": record.wall_s, "overrun": record.overrun})
         if self._world_from_tool is not None:
             self._pose(stamp_ns, "tool", self._world_from_tool(observation.arm.positions_rad))
-        self._overhear(stamp_ns)
         self._writer.flush()
+
+    def can_frame(self, frame: CanFrame) -> None:
+        """A CAN frame went over the gripper's bus."""
+        values = {"id": frame.identifier, "sent": frame.sent, "data_hex": frame.data.hex()}
+        self._write("/can", _nanoseconds(frame.time_s), values)
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         stamp_ns = _nanoseconds(time_s)
@@ -144,8 +132,6 @@ class McapRecorder:
 
     def abandon(self) -> None:
         """Close the file of a run that did not begin."""
-        if self._tap is not None:
-            self._tap.shutdown()
         self._writer.close()
 
     def _command(self, stamp_ns: int, record: TickRecord) -> None:
@@ -166,15 +152,6 @@ class McapRecorder:
             "sent_gripper": plain(record.sent.gripper),
         }
         self._write("/command", stamp_ns, values)
-
-    def _overhear(self, stamp_ns: int) -> None:
-        while self._tap is not None and (frame := self._tap.recv(timeout=0)) is not None:
-            values = {
-                "id": frame.arbitration_id,
-                "extended": frame.is_extended_id,
-                "data_hex": bytes(frame.data).hex(),
-            }
-            self._write("/can", stamp_ns, values)
 
     def _pose(self, stamp_ns: int, child: str, pose: Pose) -> None:
         x, y, z = pose.position_m

@@ -20,6 +20,9 @@ LARGEST_ANGLE_RAD = 0.40
 PALEST = 0.35  # of the reference's saturation: gloss and haze add white
 RICHEST = 1.45
 LEAST_SATURATION = 0.28  # length of the chroma below which anything is background
+OVEREXPOSED = 0.97  # of the largest channel; beyond it colours pale and their hue drifts
+LEAST_OVEREXPOSED = 0.14
+DRIFT_RAD = 0.25
 LEAST_REFERENCE = 0.35
 LEAST_DISTANCE = 0.30
 
@@ -60,6 +63,9 @@ def _table(references: Array) -> Labels:
     colours = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
     chroma = _chroma(colours)
     saturation = np.linalg.norm(chroma, axis=1)
+    clipped = colours.max(axis=1) > OVEREXPOSED
+    least = np.where(clipped, LEAST_OVEREXPOSED, LEAST_SATURATION)
+    widest = LARGEST_ANGLE_RAD + DRIFT_RAD * clipped
     best = np.full(len(colours), np.inf)
     labels = np.zeros(len(colours), np.uint8)
     for label, reference in enumerate(references, start=1):
@@ -67,8 +73,8 @@ def _table(references: Array) -> Labels:
         angle = np.arccos(np.clip(chroma @ reference / np.maximum(saturation * strength, 1e-9), -1.0, 1.0))
         ratio = saturation / strength
         distance = np.linalg.norm(chroma - reference, axis=1) / strength
-        rich = (saturation > LEAST_SATURATION) & (ratio > PALEST) & (ratio < RICHEST)
-        fits = rich & (angle < LARGEST_ANGLE_RAD) & (distance < best)
+        rich = (saturation > least) & (ratio > PALEST) & (ratio < RICHEST)
+        fits = rich & (angle < widest) & (distance < best)
         labels[fits] = label
         best[fits] = distance[fits]
     labels[colours.mean(axis=1) < DARKEST] = BACKGROUND

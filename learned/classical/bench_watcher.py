@@ -1,0 +1,37 @@
+"""Turns the stream of overhead frames into bench views: colours, hand, holes, action."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import SEGMENT_FRAMES, BenchView, Frame, HandSample, Segment
+from cell.interfaces.product import Product
+from learned.classical.action_detector import ClassicalActionDetector
+from learned.classical.colour import ColourModel
+from learned.classical.hand_tracker import ClassicalHandTracker
+from learned.classical.hole_reader import ClassicalHoleReader
+from learned.classical.settings import PerceptionSettings
+
+
+class ClassicalBenchWatcher:
+    """Labels the colours of each frame once and runs the three detectors on them (BenchWatcher)."""
+
+    def __init__(self, bench: Bench, product: Product, settings: PerceptionSettings | None = None) -> None:
+        settings = settings or PerceptionSettings()
+        self._colours = ColourModel(product, settings.skin_rgb)
+        self._tracker = ClassicalHandTracker(bench, product, settings, self._colours)
+        self._reader = ClassicalHoleReader(bench, product, settings, self._colours)
+        self._detector = ClassicalActionDetector(bench, product, settings)
+        self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
+        self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
+
+    def watch(self, frame: Frame) -> BenchView:
+        """The answer to this frame; frames must come in order."""
+        labels = self._colours.label(frame.image)
+        hand = self._tracker.track_labels(frame, labels)
+        holes = self._reader.read_labels(frame, labels, hand)
+        self._frames.append(frame)
+        self._hands.append(hand)
+        action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands)), holes)
+        return BenchView(frame.sequence, frame.time_s, hand, holes, action)

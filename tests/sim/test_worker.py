@@ -1,0 +1,144 @@
+"""The person alone assembles every goal, by friction, at a human pace, and lets the robot work."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cell.interfaces.command import Display
+from cell.interfaces.pose import Pose
+from sim.clutter import ScenePart
+from sim.hand import Hand
+from sim.worker import WorkerSettings
+from sim.world import person_set
+from tests.sim.worker_bench import Shift, bench, product, world_with_hand
+
+GOALS = tuple(product().goals)
+BRISK = WorkerSettings(screw_probability=0.0, unscrewed_limit=9)
+
+
+def hole(position: str, height_m: float = 0.0) -> tuple[float, float, float]:
+    x, y = product().bracket.holes_m[position]
+    x, y, z = bench().bracket.pose.transform(np.array([x, y, height_m]))
+    return float(x), float(y), float(z)
+
+
+def with_robot_part(part: str, pose: Pose) -> Shift:
+    """A shift in which the robot has left one part in the bracket."""
+    scene = (*person_set(product(), bench()), ScenePart(part, pose))
+    return Shift("g0", settings=BRISK, world=world_with_hand(scene))
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_person_alone_assembles(goal: str) -> None:
+    shift = Shift(goal, seed=1)
+    assert shift.until(lambda: shift.worker.done)
+    assert shift.placed() == product().goal_placements(goal)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("goal", GOALS)
+def test_person_alone_assembles_almost_always(goal: str) -> None:
+    right = 0
+    for seed in range(30):
+        shift = Shift(goal, seed)
+        shift.until(lambda shift=shift: shift.worker.done)  # type: ignore[misc]
+        right += shift.placed() == product().goal_placements(goal)
+    assert right >= 29
+
+
+def test_same_seed_same_bits() -> None:
+    runs = [Shift(seed=3), Shift(seed=3)]
+    for shift in runs:
+        shift.until(lambda: False, 8.0)
+    first, second = (shift.world.data for shift in runs)
+    assert np.array_equal(first.qpos, second.qpos)
+    assert np.array_equal(first.qvel, second.qvel)
+    assert runs[0].worker.events == runs[1].worker.events
+
+
+def test_hand_keeps_to_a_human_pace() -> None:
+    shift = Shift("g1", seed=5)
+    hand = Hand(shift.world.model, shift.world.data)
+    fastest_m_s = 0.0
+    while shift.time_s < 15.0:
+        shift.period()
+        fastest_m_s = max(fastest_m_s, hand.speed_m_s)
+    assert 0.5 < fastest_m_s < 1.6
+
+
+def test_part_falls_when_fingers_open() -> None:
+    shift = Shift(seed=2)
+    shift.until(lambda: shift.doing("assembly"))
+    part = next(one for one in shift.world.bodies if shift.world.part_pose(one).position_m[2] > 0.1)
+    hand = Hand(shift.world.model, shift.world.data)
+    hand.command(hand.position_m, hand.yaw_rad, 0.1)
+    for _ in range(60):
+        shift.world.step_period()
+    assert shift.world.part_pose(part).position_m[2] < 0.06
+
+
+def test_actions_follow_each_other_without_gaps() -> None:
+    shift = Shift(seed=4)
+    shift.until(lambda: shift.time_s > 20.0)
+    events = shift.worker.events
+    ends, starts = events[1::2], events[2::2]
+    assert all(event.edge == "end" for event in ends)
+    assert [event.time_s for event in ends[: len(starts)]] == [event.time_s for event in starts]
+    assert {event.kind for event in events} == {"idle", "transit", "assembly", "screw"}
+
+
+def test_person_screws_a_few_seconds_and_disturbs_nothing() -> None:
+    shift = Shift(seed=0)
+    assert shift.until(lambda: shift.doing("screw"))
+    before = shift.placed()
+    began_s = shift.time_s
+    assert shift.until(lambda: not shift.doing("screw"))
+    assert 3.9 < shift.time_s - began_s < 6.1
+    assert shift.placed() == before != {}
+
+
+def test_filled_position_is_skipped() -> None:
+    shift = with_robot_part("o3", Pose(hole("p6")))
+    assert shift.until(lambda: shift.worker.done)
+    assert shift.placed() == product().goal_placements("g0")
+    assert all(event.position != "p6" for event in shift.worker.events)
+
+
+def test_wrong_part_of_the_robot_is_left_and_the_rest_done() -> None:
+    shift = with_robot_part("o1", Pose(hole("p6")))
+    assert shift.until(lambda: shift.worker.done)
+    assert shift.placed() == product().goal_placements("g0") | {"p6": "o1"}
+
+
+def test_crooked_part_is_set_straight() -> None:
+    x, y, z = hole("p4", height_m=0.013)  # the peg stands beside its hole
+    shift = with_robot_part("o2", Pose((x + 0.018, y, z)))
+    assert "p4" not in shift.placed()
+    assert shift.until(lambda: shift.worker.done)
+    assert shift.placed() == product().goal_placements("g0")
+
+
+def test_person_waits_while_the_arm_is_not_parked() -> None:
+    shift = Shift()
+    shift.world.set_arm(bench().arm_look_rad)
+    shift.until(lambda: False, 5.0)
+    assert {event.kind for event in shift.worker.events} == {"idle"}
+    shift.world.set_arm(bench().arm_park_rad)
+    assert shift.until(lambda: shift.doing("assembly"), 5.0)
+
+
+def test_help_request_gets_the_person_going() -> None:
+    shift = Shift(seed=6)
+    shift.world.set_arm(bench().arm_look_rad)
+    shift.until(lambda: False, 2.0)
+    shift.worker.show(Display(help_request="please place o3 at p6"))
+    assert shift.until(lambda: shift.doing("assembly"), 5.0)
+    assert (shift.worker.events[-1].part, shift.worker.events[-1].position) == ("o3", "p6")
+
+
+def test_person_goes_on_when_the_arm_just_stands_there() -> None:
+    shift = Shift()
+    shift.world.set_arm(bench().arm_look_rad)
+    assert not shift.until(lambda: shift.doing("transit"), 7.0)
+    assert shift.until(lambda: shift.doing("transit"), 3.0)

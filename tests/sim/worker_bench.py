@@ -1,0 +1,77 @@
+"""A bench with a person at it, for the tests of hand and worker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.product import Product
+from sim.clutter import ScenePart
+from sim.hand import add_hand
+from sim.worker import Worker, WorkerSettings
+from sim.world import World, build_world
+
+PERIOD_S = 0.008
+CONFIG = Path(__file__).parents[2] / "config"
+
+
+@cache
+def product() -> Product:
+    return Product(**yaml.safe_load((CONFIG / "products.yaml").read_text(encoding="utf-8")))
+
+
+@cache
+def bench() -> Bench:
+    return Bench(**yaml.safe_load((CONFIG / "cell.yaml").read_text(encoding="utf-8"))["bench"])
+
+
+def world_with_hand(scene: Sequence[ScenePart] | None = None) -> World:
+    world = build_world(product(), bench(), scene, extend=partial(add_hand, bench=bench()))
+    world.settle()
+    return world
+
+
+class Shift:
+    """A worker in a world, advanced together."""
+
+    def __init__(
+        self, goal: str = "g0", seed: int = 0, settings: WorkerSettings | None = None, world: World | None = None
+    ) -> None:
+        self.world = world or world_with_hand()
+        rng = np.random.default_rng(seed)
+        self.worker = Worker(self.world, product(), bench(), settings or WorkerSettings(), goal, rng)
+        self.goal = goal
+        self.time_s = 0.0
+
+    def period(self) -> None:
+        self.worker.update(self.time_s, PERIOD_S)
+        self.world.step_period()
+        self.time_s += PERIOD_S
+
+    def until(self, condition: Callable[[], bool], longest_s: float = 150.0) -> bool:
+        """Go on until something is so; whether it came to be in time."""
+        end_s = self.time_s + longest_s
+        while not condition() and self.time_s < end_s:
+            self.period()
+        return condition()
+
+    def doing(self, kind: str) -> bool:
+        """Whether the person does this now."""
+        return bool(self.worker.events) and self.worker.events[-1].kind == kind
+
+    def placed(self) -> dict[str, str]:
+        """Type of the part that sits well in a hole, by position."""
+        found = {}
+        for position, (x, y) in product().bracket.holes_m.items():
+            hole = bench().bracket.pose.transform(np.array([x, y, 0.0]))
+            for part in self.world.bodies:
+                pose = self.world.part_pose(part)
+                near = np.linalg.norm(np.array(pose.position_m) - hole) < 0.006
+                if near and pose.rotation[2, 2] > 0.996:
+                    found[position] = part.part
+        return found

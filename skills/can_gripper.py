@@ -65,7 +65,9 @@ class CanGripper:
         self._received = {
             message.frame_id: message for message in database.messages if message.name != self._command.name
         }
-        self._meanings: Mapping[int, object] = dict(database.get_message_by_name("GripperStatus").get_signal_by_name("gFLT").choices or {})
+        self._meanings: Mapping[int, object] = dict(
+            database.get_message_by_name("GripperStatus").get_signal_by_name("gFLT").choices or {}
+        )
         self._bus, self._clock, self._settings, self._tap = bus, clock, settings, tap
         self._request = {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, "rPR": 85.0, "rSP": 20.0, "rFR": 20.0}
         self._sent_s: float | None = None

@@ -33,7 +33,9 @@ _BASE_LINKS = ("base_link", "shoulder_link", "upper_arm_link")
 _TOOL = ("palm", "finger_left", "finger_right", "camera")
 # Links that can meet another one of the arm: neighbours on the chain always touch.
 _SELF_PAIRS = (
-    *pairs_of(("base_link", "shoulder_link", "upper_arm_link", "forearm_link"), ("wrist_2_link", "wrist_3_link", *_TOOL)),
+    *pairs_of(
+        ("base_link", "shoulder_link", "upper_arm_link", "forearm_link"), ("wrist_2_link", "wrist_3_link", *_TOOL)
+    ),
     ("forearm_link", "base_link"),
     ("wrist_1_link", "base_link"),
     ("wrist_1_link", "upper_arm_link"),
@@ -75,7 +77,12 @@ class CollisionChecker:
             self._add_obstacle(self._geometry, box)
 
     def first_contact(
-        self, positions_rad: Array, opening_m: float, obstacles: Sequence[Box] = (), held: Sequence[Box] = ()
+        self,
+        positions_rad: Array,
+        opening_m: float,
+        obstacles: Sequence[Box] = (),
+        held: Sequence[Box] = (),
+        margin_m: float = 0.0,
     ) -> str | None:
         """What touches first along a joint path (n, 6), in words; None where the way is free.
 
@@ -83,20 +90,17 @@ class CollisionChecker:
             opening_m: distance between the fingers.
             obstacles: more boxes to keep clear of, in the world frame.
             held: boxes that move with the tool, in the tool frame.
+            margin_m: what comes nearer than this counts as touching.
         """
         geometry = self._scene(opening_m, obstacles, held)
         data = geometry.createData()
         for request in data.collisionRequests:
-            request.security_margin = self._margin
+            request.security_margin = margin_m
         path = resampled(positions_rad, self._settings.collision_step_rad)
         for joints in path:
             if pinocchio.computeCollisions(self._model, self._data, geometry, data, joints, True):
                 return _describe(geometry, data)
         return None
-
-    @property
-    def _margin(self) -> float:
-        return self._settings.collision_margin_m
 
     def _scene(self, opening_m: float, obstacles: Sequence[Box], held: Sequence[Box]) -> pinocchio.GeometryModel:
         geometry = self._geometry.copy()
@@ -110,9 +114,7 @@ class CollisionChecker:
         for number, box in enumerate(held):
             name = f"{box.name} in the gripper" + (f" ({number})" if number else "")
             placement = self._on_flange((0.0, 0.0, self._tcp_m)) * _se3(box.pose)
-            geometry.addGeometryObject(
-                pinocchio.GeometryObject(name, self._wrist, placement, coal.Box(*box.size_m))
-            )
+            geometry.addGeometryObject(pinocchio.GeometryObject(name, self._wrist, placement, coal.Box(*box.size_m)))
             _add_pairs(geometry, ((name, other) for other in (*fixed, "forearm_link", "upper_arm_link", "base_link")))
         return geometry
 

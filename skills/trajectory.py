@@ -77,9 +77,7 @@ def speed_excess(times_s: Array, positions_rad: Array, settings: MotionSettings)
     return float(max(fastest, np.sqrt(hardest)))
 
 
-def _follow_line(
-    kinematics: Kinematics, start_rad: Array, start: Pose, goal: Pose, shares: Array
-) -> Array | None:
+def _follow_line(kinematics: Kinematics, start_rad: Array, start: Pose, goal: Pose, shares: Array) -> Array | None:
     """Joints (n, 6) at shares 0..1 of the straight way."""
     rows = [np.array(start_rad, dtype=float)]
     for share in shares[1:]:

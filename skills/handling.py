@@ -1,0 +1,166 @@
+"""What picking, placing and moving aside share: phases that take a part and that put it down."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cell.interfaces.command import GripperCommand
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import PartType
+from skills.collision import Box, body_box, part_box
+from skills.grasp_pose import STROKE_M, Grasp, fingers_clear, grasps, held_boxes, hole_pose, place_poses
+from skills.phases import Activate, FingersRest, Move, Phase, SetGripper
+from skills.planner import Load, MotionPlanner, at_height
+
+
+def tray_boxes(planner: MotionPlanner, others: Sequence[PartDetection]) -> tuple[Box, ...]:
+    """Seen parts as obstacles."""
+    return tuple(
+        part_box(other, planner.product, f"{other.part} in the tray ({number})") for number, other in enumerate(others)
+    )
+
+
+def bracket_boxes(planner: MotionPlanner, placed: Mapping[str, str]) -> tuple[Box, ...]:
+    """Parts in holes as obstacles; `placed`: part type by position."""
+    return tuple(
+        body_box(
+            f"{part} at {position}",
+            hole_pose(planner.product, planner.bench, position),
+            planner.product.parts[part].size_m,
+        )
+        for position, part in placed.items()
+    )
+
+
+def seen_in_holes(observation: Observation) -> dict[str, str]:
+    """Part type by position, as the overhead camera last saw it."""
+    if observation.bench is None:
+        return {}
+    return {position: hole.part for position, hole in observation.bench.holes.items() if hole.part is not None}
+
+
+def joints_of(observation: Observation) -> Array:
+    """Joints (6,) as measured."""
+    return np.array(observation.arm.positions_rad)
+
+
+def choose_grasp(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array
+) -> tuple[Grasp, Array] | str:
+    """How to take a part and the joints for it; or why it cannot be taken."""
+    settings, kind = planner.settings, planner.product.parts[part.part]
+    reason = ""
+    for clearance in (settings.finger_clearance_m, settings.least_finger_clearance_m):
+        options = grasps(part, kind, settings, clearance)
+        if not fingers_clear(options[0].world_from_tool, options[0].opening_m, others, settings):
+            reason = "no room for the fingers beside it"
+            continue
+        load = Load(options[0].opening_m, tray_boxes(planner, others), close=True)
+        found = planner.reach([option.world_from_tool for option in options], near_rad, load)
+        if not isinstance(found, str):
+            pose, joints = found
+            return next(option for option in options if option.world_from_tool == pose), joints
+        reason = found
+    return f"cannot take {part.part}: {reason}"
+
+
+def take_phases(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array, carry_m: float
+) -> list[Phase] | str:
+    """Phases that end with the part held, its body's bottom at the height `carry_m`; or why it cannot be taken."""
+    chosen = choose_grasp(planner, part, others, near_rad)
+    if isinstance(chosen, str):
+        return chosen
+    grasp, joints = chosen
+    settings, name = planner.settings, part.part
+    others_boxes = tray_boxes(planner, others)
+    above_part = Load(grasp.opening_m, (*others_boxes, part_box(part, planner.product, name)))
+    # The part itself goes straight up from where it stood, so only the fingers can meet its neighbours.
+    around_part = Load(grasp.opening_m, others_boxes, close=True)
+    approach = at_height(grasp.world_from_tool, _approach_height_m(planner, part, others, grasp))
+    above = planner.kinematics.inverse(approach, joints)
+    if above is None:
+        return f"cannot take {name}: out of the arm's reach above it"
+    bottom_m = part.world_from_part.position_m[2]
+    lifted = at_height(grasp.world_from_tool, max(carry_m, bottom_m) + grasp.height_m)
+    speed, force = settings.gripper_speed_m_s, settings.grip_force_n
+    return [
+        Activate(),
+        SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
+        Move(f"moving above {name}", lambda start: planner.free_move(start, above, above_part), settings),
+        FingersRest("opening the fingers", settings),
+        Move(
+            f"going down to {name}",
+            lambda start: planner.straight_move(start, grasp.world_from_tool, around_part),
+            settings,
+        ),
+        SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
+        Move(
+            f"lifting {name}", lambda start: planner.straight_move(start, lifted, around_part), settings, holding=name
+        ),
+    ]
+
+
+def put_phases(
+    planner: MotionPlanner, name: str, target: Pose, obstacles: tuple[Box, ...], near_rad: Array, carry_m: float
+) -> list[Phase] | str:
+    """Phases that put the held part at `target` (its part frame) and end with the empty fingers above it.
+
+    Args:
+        carry_m: height of the body's bottom on the way there.
+    """
+    settings, kind = planner.settings, planner.product.parts[name]
+    opening_m = min(STROKE_M, kind.size_m[1] + 2 * settings.finger_clearance_m)
+    hanging = held_boxes(name, kind, settings, with_peg=False)
+    carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, with_peg=True))
+    lowering, leaving = Load(opening_m, obstacles, hanging, close=True), Load(opening_m, obstacles, close=True)
+    found = planner.reach(place_poses(target, kind, settings), near_rad, lowering)
+    if isinstance(found, str):
+        return f"cannot put {name} there: {found}"
+    pose, joints = found
+    rise_m = max(carry_m - target.position_m[2], settings.release_gap_m)
+    above = planner.kinematics.inverse(at_height(pose, pose.position_m[2] + rise_m), joints)
+    if above is None:
+        return f"cannot put {name} there: out of the arm's reach above it"
+    retreat = at_height(pose, _clear_height_m(planner, kind, target))
+    release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
+    return [
+        Move(f"carrying {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
+        Move(f"lowering {name}", lambda start: planner.straight_move(start, pose, lowering), settings, holding=name),
+        SetGripper(f"letting go of {name}", release, settings),
+        Move(f"leaving {name}", lambda start: planner.straight_move(start, retreat, leaving), settings),
+    ]
+
+
+def carry_over_bracket_m(planner: MotionPlanner, kind: PartType) -> float:
+    """Height of a carried body's bottom that clears every part on the bracket."""
+    tallest = max(part.size_m[2] for part in planner.product.parts.values())
+    return planner.bench.bracket.position_m[2] + tallest + kind.peg_length_m + planner.settings.carry_gap_m
+
+
+def _approach_height_m(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], grasp: Grasp
+) -> float:
+    """TCP height at which the fingertips pass over the part and its near neighbours."""
+    settings = planner.settings
+    kind = planner.product.parts[part.part]
+    x, y, bottom = part.world_from_part.position_m
+    tops = [bottom + kind.size_m[2]]
+    for other in others:
+        ox, oy, other_bottom = other.world_from_part.position_m
+        if np.hypot(ox - x, oy - y) < _NEAR_M:
+            tops.append(other_bottom + other.size_m[2])
+    return max(*tops, grasp.world_from_tool.position_m[2]) + settings.fingertip_beyond_tcp_m + settings.approach_gap_m
+
+
+def _clear_height_m(planner: MotionPlanner, kind: PartType, target: Pose) -> float:
+    """TCP height at which the empty fingertips are above the part that was put down."""
+    settings = planner.settings
+    return target.position_m[2] + kind.size_m[2] + settings.fingertip_beyond_tcp_m + settings.approach_gap_m
+
+
+_NEAR_M = 0.13  # half the gripper's width and half the longest part

@@ -1,0 +1,195 @@
+"""Motion phases that skills are made of, and the skill that runs phases one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.observation import ObjectStatus, Observation
+from cell.interfaces.pose import Array
+from cell.interfaces.skill import Progress, SkillStatus
+from skills.planner import Planning
+from skills.settings import MotionSettings
+
+STANDING_RAD_S = 0.05
+ACTIVATION_TIMEOUT_S = 10.0
+
+
+class Phase(Protocol):
+    """One step of a skill, polled until it does not answer RUNNING."""
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Carry on; the first call starts the phase."""
+        ...
+
+
+class Move:
+    """Follow a trajectory that is planned when the phase starts, and wait until the arm stands at its end."""
+
+    def __init__(self, doing: str, plan: Planning, settings: MotionSettings, *, holding: str | None = None) -> None:
+        """Args:
+        holding: type of the part that the gripper must not lose on the way.
+        """
+        self._doing, self._plan, self._settings, self._holding = doing, plan, settings, holding
+        self._goal: Array | None = None
+        self._deadline_s: float | None = None
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Wait for standstill, plan and start, then watch."""
+        if self._holding is not None and not observation.gripper.holding:
+            return _failed(f"{self._holding} was dropped while {self._doing}")
+        if self._deadline_s is None:
+            self._deadline_s = observation.time_s + self._settings.arm_timeout_s
+        if self._goal is None:
+            return self._start(observation, command)
+        if not observation.arm.moving and _stands(observation) and self._arrived(observation):
+            return _done(self._doing)
+        return self._running(observation)
+
+    def _start(self, observation: Observation, command: Command) -> Progress:
+        if observation.arm.moving or not _stands(observation):
+            return self._running(observation)
+        plan = self._plan(np.array(observation.arm.positions_rad))
+        if isinstance(plan, str):
+            return _failed(f"{self._doing}: {plan}")
+        self._goal = plan.positions_rad[-1]
+        if plan.duration_s == 0:
+            return _done(self._doing)
+        command.follow = plan
+        self._deadline_s = observation.time_s + plan.duration_s + self._settings.arm_timeout_s
+        return Progress(SkillStatus.RUNNING, self._doing)
+
+    def _arrived(self, observation: Observation) -> bool:
+        offset = np.abs(np.array(observation.arm.positions_rad) - self._goal)
+        return bool(offset.max() < self._settings.arrival_tolerance_rad)
+
+    def _running(self, observation: Observation) -> Progress:
+        assert self._deadline_s is not None
+        if observation.time_s > self._deadline_s:
+            return _failed(f"{self._doing}: the arm did not arrive in time")
+        return Progress(SkillStatus.RUNNING, self._doing)
+
+
+class SetGripper:
+    """Send a goal to the fingers; with `wait` also wait until they stand.
+
+    With `must_hold` they have to close on something.
+    """
+
+    def __init__(
+        self, doing: str, goal: GripperCommand, settings: MotionSettings, *, wait: bool = True, must_hold: bool = False
+    ) -> None:
+        self._doing, self._goal, self._timeout_s = doing, goal, settings.gripper_timeout_s
+        self._wait, self._must_hold = wait, must_hold
+        self._deadline_s: float | None = None
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Send the goal once, then read the object status."""
+        if self._deadline_s is None:
+            command.gripper = self._goal
+            self._deadline_s = observation.time_s + self._timeout_s
+            return Progress(SkillStatus.RUNNING, self._doing) if self._wait else _done(self._doing)
+        if observation.gripper.object_status is ObjectStatus.MOVING:
+            if observation.time_s > self._deadline_s:
+                return _failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
+            return Progress(SkillStatus.RUNNING, self._doing)
+        if self._must_hold and not observation.gripper.holding:
+            return _failed(f"{self._doing}: nothing between the fingers")
+        return _done(self._doing)
+
+
+class FingersRest:
+    """Wait until an earlier goal of the fingers is reached."""
+
+    def __init__(self, doing: str, settings: MotionSettings) -> None:
+        self._doing, self._timeout_s = doing, settings.gripper_timeout_s
+        self._deadline_s: float | None = None
+
+    def poll(self, observation: Observation, command: Command) -> Progress:  # noqa: ARG002
+        """Read the object status."""
+        if self._deadline_s is None:
+            self._deadline_s = observation.time_s + self._timeout_s
+        if observation.gripper.object_status is not ObjectStatus.MOVING:
+            return _done(self._doing)
+        if observation.time_s > self._deadline_s:
+            return _failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
+        return Progress(SkillStatus.RUNNING, self._doing)
+
+
+class Activate:
+    """Activate the gripper unless it is."""
+
+    def __init__(self) -> None:
+        self._deadline_s: float | None = None
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Ask once, then wait."""
+        if observation.gripper.activated:
+            return _done("gripper active")
+        if self._deadline_s is None:
+            command.activate_gripper = True
+            self._deadline_s = observation.time_s + ACTIVATION_TIMEOUT_S
+        if observation.time_s > self._deadline_s:
+            return _failed(f"the gripper did not finish its activation in {ACTIVATION_TIMEOUT_S} s")
+        return Progress(SkillStatus.RUNNING, "activating the gripper")
+
+
+class PhasedSkill:
+    """A skill that runs phases one after the other; subclasses say which."""
+
+    def __init__(self) -> None:
+        self._phases: list[Phase] | None = None
+        self._end: Progress | None = None
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """The phases, or why the skill is impossible; nothing has moved yet."""
+        raise NotImplementedError
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Carry on; the first call starts the skill, calls after its end repeat its answer."""
+        if self._end is not None:
+            return self._end
+        if self._phases is None:
+            phases = self.prepare(observation)
+            if isinstance(phases, str):
+                return self._finish(_failed(phases))
+            self._phases = list(phases)
+        while self._phases:
+            progress = self._phases[0].poll(observation, command)
+            if progress.status is SkillStatus.RUNNING:
+                return progress
+            if progress.status is SkillStatus.FAILURE:
+                command.follow, command.stop_arm = None, True
+                return self._finish(progress)
+            self._phases.pop(0)
+        return self._finish(_done(self.done))
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        raise NotImplementedError
+
+    def halt(self, command: Command) -> None:
+        """Stop the arm within its limits; the fingers keep what they hold."""
+        command.follow, command.stop_arm = None, True
+        if self._end is None:
+            self._end = _failed("halted")
+
+    def _finish(self, progress: Progress) -> Progress:
+        self._end = progress
+        return progress
+
+
+def _stands(observation: Observation) -> bool:
+    return max(abs(speed) for speed in observation.arm.velocities_rad_s) < STANDING_RAD_S
+
+
+def _done(doing: str) -> Progress:
+    return Progress(SkillStatus.SUCCESS, doing)
+
+
+def _failed(reason: str) -> Progress:
+    return Progress(SkillStatus.FAILURE, reason)

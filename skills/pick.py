@@ -1,0 +1,33 @@
+"""Pick: take a seen part out of the tray and hold it high (Alg. 1 "pick", Alg. 2 "grasp")."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import PartDetection
+from skills.handling import carry_over_bracket_m, joints_of, take_phases
+from skills.phases import Phase, PhasedSkill
+from skills.planner import MotionPlanner
+
+
+class Pick(PhasedSkill):
+    """Grasp a part across its width, from straight above, and lift it; done when it is held high."""
+
+    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection] = ()) -> None:
+        """Args:
+        part: the part to take, as last seen.
+        others: all other parts seen in the tray; the arm keeps clear of them.
+        """
+        super().__init__()
+        self._planner, self._part, self._others = planner, part, tuple(others)
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """Choose a grasp."""
+        carry_m = carry_over_bracket_m(self._planner, self._planner.product.parts[self._part.part])
+        return take_phases(self._planner, self._part, self._others, joints_of(observation), carry_m)
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return f"holding {self._part.part}"

@@ -1,0 +1,42 @@
+"""Place: put the held part into a hole of the bracket (Alg. 1 "place")."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import PartDetection
+from skills.grasp_pose import hole_pose
+from skills.handling import bracket_boxes, carry_over_bracket_m, joints_of, put_phases, seen_in_holes, tray_boxes
+from skills.phases import Phase, PhasedSkill
+from skills.planner import MotionPlanner
+
+
+class Place(PhasedSkill):
+    """Carry the held part over a hole, lower its peg into it, let go and rise; done when the fingers are clear."""
+
+    def __init__(
+        self, planner: MotionPlanner, position: str, part: str, tray_parts: Sequence[PartDetection] = ()
+    ) -> None:
+        """Args:
+        position: name of the hole.
+        part: type of the part that the gripper holds.
+        tray_parts: parts that remain in the tray; the arm keeps clear of them.
+        """
+        super().__init__()
+        self._planner, self._position, self._part, self._tray_parts = planner, position, part, tuple(tray_parts)
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """Refuse a filled hole, choose a heading of the tool."""
+        planner, placed = self._planner, seen_in_holes(observation)
+        if self._position in placed:
+            return f"cannot put {self._part} at {self._position}: {placed[self._position]} is there"
+        obstacles = (*bracket_boxes(planner, placed), *tray_boxes(planner, self._tray_parts))
+        target = hole_pose(planner.product, planner.bench, self._position)
+        carry_m = carry_over_bracket_m(planner, planner.product.parts[self._part])
+        return put_phases(planner, self._part, target, obstacles, joints_of(observation), carry_m)
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return f"{self._part} placed at {self._position}"

@@ -1,0 +1,128 @@
+"""Motion planner: inverse kinematics, collision checks and limits behind three questions that skills ask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from skills.collision import Box, CollisionChecker
+from skills.kinematics import Kinematics
+from skills.settings import MotionSettings
+from skills.trajectory import joint_move, line_move
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a motion is checked with.
+
+    Attributes:
+        opening_m: widest opening of the fingers on the way.
+        obstacles: parts and other boxes to keep clear of, beside the bench.
+        held: boxes carried along, in the tool frame.
+        close: keep no margin, for the last way down to a part among others or into a hole.
+    """
+
+    opening_m: float
+    obstacles: tuple[Box, ...] = ()
+    held: tuple[Box, ...] = ()
+    close: bool = False
+
+
+Plan = JointTrajectory | str  # a trajectory, or why there is none, in words for an operator
+Planning = Callable[[Array], Plan]  # from the joints (6,) at which the arm stands
+
+
+class MotionPlanner:
+    """Plans motions that keep the joint limits and touch nothing.
+
+    Attributes:
+        product, bench, settings: what it plans for.
+        kinematics: of the arm with its tool.
+    """
+
+    def __init__(self, product: Product, bench: Bench, settings: MotionSettings | None = None) -> None:
+        self.product, self.bench = product, bench
+        self.settings = settings or MotionSettings()
+        self.kinematics = Kinematics(self.settings)
+        self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
+
+    def reach(self, poses: Sequence[Pose], near_rad: Array, load: Load) -> tuple[Pose, Array] | str:
+        """The tool pose with the shortest way there and its joints; or why none of them can be reached."""
+        reason = "out of the arm's reach"
+        candidates: list[tuple[float, int, Pose, Array]] = []
+        for pose in poses:
+            joints = self.kinematics.inverse(pose, near_rad)
+            if joints is None:
+                continue
+            contact = self._contact(joints[None], load)
+            if contact is not None:
+                reason = contact
+                continue
+            candidates.append((self._travel(joints - near_rad), len(candidates), pose, joints))
+        if not candidates:
+            return reason
+        _, _, pose, joints = min(candidates, key=lambda entry: entry[:2])
+        return pose, joints
+
+    def free_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
+        """To joints; where the direct way is blocked, straight up first and down again at the end."""
+        direct = joint_move(start_rad, goal_rad, self.settings)
+        contact = self._contact(direct.positions_rad, load)
+        if contact is None:
+            return direct
+        detour = self._over_the_top(start_rad, goal_rad)
+        if detour is None or self._contact(detour.positions_rad, load) is not None:
+            return f"no free way: {contact}"
+        return detour
+
+    def straight_move(self, start_rad: Array, world_from_tool: Pose, load: Load) -> Plan:
+        """The tool on a straight line to a pose."""
+        line = line_move(self.kinematics, start_rad, world_from_tool, self.settings)
+        if line is None:
+            return "the arm cannot follow a straight line there"
+        contact = self._contact(line.positions_rad, load)
+        return line if contact is None else f"no free way: {contact}"
+
+    def _contact(self, positions_rad: Array, load: Load) -> str | None:
+        margin_m = 0.0 if load.close else self.settings.collision_margin_m
+        return self._checker.first_contact(positions_rad, load.opening_m, load.obstacles, load.held, margin_m)
+
+    def _over_the_top(self, start_rad: Array, goal_rad: Array) -> JointTrajectory | None:
+        """Up from the start, across, and down to the goal, standing in between."""
+        start, goal = self.kinematics.forward(start_rad), self.kinematics.forward(goal_rad)
+        height = max(start.position_m[2], goal.position_m[2]) + self.settings.transit_lift_m
+        up = line_move(self.kinematics, start_rad, at_height(start, height), self.settings)
+        down = line_move(self.kinematics, goal_rad, at_height(goal, height), self.settings)
+        if up is None or down is None:
+            return None
+        across = joint_move(up.positions_rad[-1], down.positions_rad[-1], self.settings)
+        return _joined([up, across, _reversed(down)])
+
+    def _travel(self, difference_rad: Array) -> float:
+        """Time that the slowest joint needs at full speed."""
+        return float(np.max(np.abs(difference_rad) / np.array(self.settings.speed_limits_rad_s)))
+
+
+def at_height(pose: Pose, height_m: float) -> Pose:
+    """The same pose straight above or below."""
+    return Pose((pose.position_m[0], pose.position_m[1], height_m), pose.quaternion_wxyz)
+
+
+def _reversed(trajectory: JointTrajectory) -> JointTrajectory:
+    return JointTrajectory(trajectory.duration_s - trajectory.times_s[::-1], trajectory.positions_rad[::-1])
+
+
+def _joined(legs: Sequence[JointTrajectory]) -> JointTrajectory:
+    """One trajectory out of legs that each start where the last one ends."""
+    times, positions, offset = [np.zeros(1)], [legs[0].positions_rad[:1]], 0.0
+    for leg in legs:
+        times.append(leg.times_s[1:] + offset)
+        positions.append(leg.positions_rad[1:])
+        offset += leg.duration_s
+    return JointTrajectory(np.concatenate(times), np.concatenate(positions))

@@ -12,9 +12,10 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
 
-SKIN_RGBA = (0.87, 0.64, 0.50, 1.0)
-SLEEVE_RGBA = (0.20, 0.20, 0.21, 1.0)
+COLOURS = {"hand_skin": (0.85, 0.62, 0.48, 1.0), "hand_sleeve": (0.20, 0.20, 0.21, 1.0)}
+SPECULAR = 0.1
 PALM_BEHIND_TIPS_M = 0.105  # the rest position of the bench file is that of the palm's middle
+PALM_M = (0.108, 0.037, 0.050)
 TIP_RADIUS_M = 0.0075
 TIP_REACH_M = 0.0135  # the tips end this far ahead of the hand frame's origin
 MAX_GAP_M = 0.11
@@ -46,6 +47,7 @@ INDEX: tuple[Segment, ...] = (
 CURLED: tuple[Segment, ...] = (
     ((0.076, 0.008, 0.049), (0.090, 0.066, 0.050), 0.0115),  # knuckles
     ((0.085, 0.012, 0.049), (0.135, 0.026, 0.052), 0.0130),  # heel of the thumb
+    ((0.068, -0.010, 0.034), (0.100, 0.014, 0.044), 0.0110),  # web of the thumb
     ((0.092, 0.064, 0.050), (0.140, 0.050, 0.053), 0.0120),  # outer edge of the palm
     ((0.046, 0.054, 0.020), (0.052, 0.054, 0.042), 0.0080),  # ring finger
     ((0.052, 0.054, 0.042), (0.082, 0.054, 0.052), 0.0085),
@@ -58,16 +60,18 @@ WRIST: Segment = ((0.135, 0.042, 0.054), (0.205, 0.058, 0.072), 0.027)
 
 def add_hand(spec: mujoco.MjSpec, bench: Bench) -> None:
     """Add the hand to a world that is not yet compiled; with all controls at 0 it rests."""
+    for name, rgba in COLOURS.items():
+        spec.add_material(name=name, rgba=rgba, specular=SPECULAR, shininess=SPECULAR)
     rest_m = hand_rest_m(bench)
     hand = spec.worldbody.add_body(name="hand", pos=rest_m, gravcomp=1)
     for name, axis in zip(GANTRY[:3], np.eye(3), strict=True):
         hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
     hand.add_joint(name="hand_yaw", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1), armature=0.004)
-    _add_ellipsoid(hand, (0.108, 0.037, 0.050), (0.048, 0.043, 0.018), mass_kg=0.3)
+    _add_ellipsoid(hand, PALM_M, (0.048, 0.043, 0.018), mass_kg=0.3)
     for segment in CURLED:
         _add_capsule(hand, segment, mass_kg=0.02)
     _add_capsule(hand, WRIST, mass_kg=0.2, touches=False)
-    _add_capsule(hand, SLEEVE, mass_kg=0.2, touches=False, rgba=SLEEVE_RGBA)
+    _add_capsule(hand, SLEEVE, mass_kg=0.2, touches=False, material="hand_sleeve")
     for name, outwards, segments in ((DIGITS[0], -1, THUMB), (DIGITS[1], 1, INDEX)):
         digit = hand.add_body(name=name, gravcomp=1)
         digit.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, outwards, 0))
@@ -91,6 +95,7 @@ class Hand:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._data = data
         self._rest_m: Array = model.body("hand").pos.copy()
+        self._body = int(model.body("hand").id)
         self._joints = [int(model.joint(name).qposadr[0]) for name in GANTRY + DIGITS]
         self._speeds = [int(model.joint(name).dofadr[0]) for name in GANTRY[:3]]
         self._motors = [int(model.actuator(name).id) for name in GANTRY + DIGITS]
@@ -100,6 +105,12 @@ class Hand:
         """Where the hand frame's origin is (3,)."""
         position: Array = self._rest_m + self._data.qpos[self._joints[:3]]
         return position
+
+    @property
+    def palm_m(self) -> Array:
+        """Where the palm's middle is (3,)."""
+        palm: Array = self._data.xpos[self._body] + self._data.xmat[self._body].reshape(3, 3) @ np.array(PALM_M)
+        return palm
 
     @property
     def yaw_rad(self) -> float:
@@ -129,7 +140,7 @@ def _add_capsule(
     *,
     mass_kg: float,
     touches: bool = True,
-    rgba: tuple[float, float, float, float] = SKIN_RGBA,
+    material: str = "hand_skin",
 ) -> None:
     start, end, radius_m = segment
     body.add_geom(
@@ -137,7 +148,7 @@ def _add_capsule(
         fromto=(*start, *end),
         size=(radius_m, 0, 0),
         mass=mass_kg,
-        rgba=rgba,
+        material=material,
         **_touch(touches),
     )
 
@@ -146,7 +157,12 @@ def _add_ellipsoid(
     body: mujoco.MjsBody, centre_m: tuple[float, float, float], radii_m: tuple[float, float, float], *, mass_kg: float
 ) -> None:
     body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, pos=centre_m, size=radii_m, mass=mass_kg, rgba=SKIN_RGBA, **_touch(True)
+        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        pos=centre_m,
+        size=radii_m,
+        mass=mass_kg,
+        material="hand_skin",
+        **_touch(True),
     )
 
 

@@ -75,6 +75,7 @@ class Worker:
     """Moves the hand, and implements `Panel`: a person who sees guidance and help requests.
 
     Attributes:
+        hand: where it is, for labels.
         events: what the hand did so far, in order.
         done: nothing is left that the person can do now, and the hand rests.
     """
@@ -91,7 +92,8 @@ class Worker:
         self._settings = settings
         self._rng = rng
         self._sight = Sight(world, product, bench)
-        self._hand = Handwork(Hand(world.model, world.data), self._sight, product, settings.motion, rng)
+        self.hand = Hand(world.model, world.data)
+        self._work = Handwork(self.hand, self._sight, product, settings.motion, rng)
         self._rest_m = np.array(hand_rest_m(bench))
         self._behind_m = bench.bracket.position_m[0] + BEHIND_BRACKET_M
         self._wanted = product.goal_placements(goal)
@@ -116,9 +118,9 @@ class Worker:
 
     def update(self, time_s: float, dt_s: float) -> None:
         """Let one control period pass."""
-        self._time_s, self._hand.dt_s = time_s, dt_s
+        self._time_s, self._work.dt_s = time_s, dt_s
         next(self._script, None)
-        self._hand.send()
+        self._work.send()
 
     def _assemble(self) -> Script:
         self._begin("idle")
@@ -161,12 +163,12 @@ class Worker:
         part = self._wanted[position]
         seen = self._sight.in_hole(position) or next(filter(_graspable, self._sight.spares(part)))
         self._begin("transit")
-        yield from self._hand.grasp(seen)
-        if self._hand.holds(seen.body):
+        yield from self._work.grasp(seen)
+        if self._work.holds(seen.body):
             yield from self._bring(seen, position)
-        yield from self._hand.let_go(part)
+        yield from self._work.let_go(part)
         self._begin("transit")
-        yield from self._hand.back_off()
+        yield from self._work.back_off()
         now = self._sight.in_hole(position)
         return now is not None and self._sight.seated(now, position)
 
@@ -179,9 +181,9 @@ class Worker:
         if taken is not None and taken.body != seen.body:
             self._begin("transit")
             target_m = np.array(seen.pose.position_m)
-        yield from self._hand.carry(seen.body, target_m)
-        if self._hand.holds(seen.body):
-            yield from self._hand.insert(seen.body, target_m)
+        yield from self._work.carry(seen.body, target_m)
+        if self._work.holds(seen.body):
+            yield from self._work.insert(seen.body, target_m)
 
     def _wants_to_screw(self) -> bool:
         self._unscrewed += 1
@@ -201,20 +203,20 @@ class Worker:
             radius_m=habits.screw_radius_m,
             yaw_rad=habits.screw_yaw_rad,
         )
-        yield from self._hand.reach_over(seen)
+        yield from self._work.reach_over(seen)
         self._begin("screw")
-        yield from self._hand.screw(motion, stop=lambda: self._sight.arm_over_bracket)
+        yield from self._work.screw(motion, stop=lambda: self._sight.arm_over_bracket)
         self._begin("transit")
-        yield from self._hand.back_off()
+        yield from self._work.back_off()
 
     def _go_to_rest(self) -> Script:
-        if float(np.linalg.norm(self._hand.position_m - self._rest_m)) > AT_REST_M:
+        if float(np.linalg.norm(self._work.position_m - self._rest_m)) > AT_REST_M:
             self._begin("transit")
-            yield from self._hand.reach(self._rest_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M)
+            yield from self._work.reach(self._rest_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M)
         self._begin("idle")
 
     def _pause(self) -> Script:
-        yield from self._hand.wait(float(self._rng.uniform(*self._settings.pause_s)))
+        yield from self._work.wait(float(self._rng.uniform(*self._settings.pause_s)))
 
     def _wait_for_robot_to_begin(self) -> Script:
         yield from self._wait_while(lambda: self._sight.arm_parked and not self._asked, self._settings.robot_begins_s)
@@ -229,22 +231,22 @@ class Worker:
             if self._asked and not self._sight.arm_over_bracket:
                 return
             busy = self._sight.arm_moving or self._sight.arm_over_bracket
-            still_s = 0.0 if busy else still_s + self._hand.dt_s
+            still_s = 0.0 if busy else still_s + self._work.dt_s
             yield
 
     def _wait_until_arm_is_away(self) -> Script:
         """Hold the part behind the bracket while the arm is over it."""
         if not self._sight.arm_over_bracket:
             return
-        _, y, z = self._hand.position_m
-        yield from self._hand.reach(np.array([self._behind_m, y, max(float(z), self._hand.clear_height_m)]))
+        _, y, z = self._work.position_m
+        yield from self._work.reach(np.array([self._behind_m, y, max(float(z), self._work.clear_height_m)]))
         while self._sight.arm_over_bracket:
             yield
 
     def _wait_while(self, condition: Callable[[], bool], longest_s: float) -> Script:
         waited_s = 0.0
         while condition() and waited_s < longest_s:
-            waited_s += self._hand.dt_s
+            waited_s += self._work.dt_s
             yield
 
     @property

@@ -105,7 +105,7 @@ class Builder:
         if value is UNSET:
             port.connect(node, None)
             return
-        pointer = entry_name(value, port.name)
+        pointer = entry_name(value, port.name, port.names_entry)
         if pointer is not None:
             entry = scope.entry(pointer)
             reads, writes = port.direction != "output", port.direction != "input"
@@ -114,7 +114,7 @@ class Builder:
         else:
             entry = Entry(port.name)
             entry.value = self._constant(element, port, attribute, scope)
-        port.connect(node, entry)
+        port.connect(node, entry, constant=pointer is None)
 
     def _constant(self, element: Element, port: Port, attribute: Attribute | None, scope: Scope) -> Any:
         if attribute is None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence as Children
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
 from py_trees.common import Status
 
 from trees.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Decorator, TreeNode
-from trees.ports import InputPort
+from trees.ports import EntryPort, InputPort, OutputPort
+from trees.script import Script as Code
 
 Results = dict[Status, Status]
 
@@ -178,6 +179,126 @@ class RunOnce(Decorator):
             self._result = status
             self.decorated.reset()
         return status
+
+
+class Precondition(Decorator):
+    """Ticks the child only where a script is true; not asked again while the child runs."""
+
+    if_ = InputPort(Code, "script that must be true", name="if")
+    else_ = InputPort(Status, "answer where it is not", default=FAILURE, name="else")
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._begun = False
+
+    def run(self) -> Status:
+        self._begun = self._begun or self.if_.get().true()
+        if not self._begun:
+            return self.else_.get()
+        self.become(RUNNING)
+        status = _reset_if_done(self.decorated, self.decorated.execute())
+        self._begun = status is RUNNING or status is SKIPPED
+        return status
+
+    def rest(self) -> None:
+        self._begun = False
+        super().rest()
+
+
+class _Loop(Decorator):
+    """Ticks the child once for every item of a queue, written to an entry before each round."""
+
+    if_empty = InputPort(Status, "answer where the queue is empty", default=SUCCESS)
+    queue: Any
+    value: Any
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._child_runs = False
+        self._own: list[Any] | None = None
+
+    def run(self) -> Status:
+        if self.status is not RUNNING:
+            self._child_runs = False
+            self._own = None
+        if not self._child_runs:
+            queue = self._items()
+            if not queue:
+                return self.if_empty.get()
+            self.value.set(queue.pop(0))
+        self.become(RUNNING)
+        status = _reset_if_done(self.decorated, self.decorated.execute())
+        self._child_runs = status is RUNNING
+        return FAILURE if status is FAILURE else RUNNING
+
+    def _items(self) -> list[Any]:
+        """The list in the entry itself, so that items are used up; a copy of a queue that the file spells out."""
+        if self._own is None:
+            queue = self.queue.get()
+            if not self.queue.constant and queue is self.queue.entry.value:
+                return cast(list[Any], queue)
+            self._own = list(queue)
+        return self._own
+
+
+class LoopInt(_Loop):
+    """Ticks the child once for every whole number of a queue."""
+
+    queue = InputPort(list[int], "the items, used up from the front")
+    value = OutputPort(int, "the item of this round")
+
+
+class LoopBool(_Loop):
+    """Ticks the child once for every true or false of a queue."""
+
+    queue = InputPort(list[bool], "the items, used up from the front")
+    value = OutputPort(bool, "the item of this round")
+
+
+class LoopDouble(_Loop):
+    """Ticks the child once for every number of a queue."""
+
+    queue = InputPort(list[float], "the items, used up from the front")
+    value = OutputPort(float, "the item of this round")
+
+
+class LoopString(_Loop):
+    """Ticks the child once for every string of a queue."""
+
+    queue = InputPort(list[str], "the items, used up from the front")
+    value = OutputPort(str, "the item of this round")
+
+
+class _Updated(Decorator):
+    """Ticks the child where an entry was written since this node last looked; `otherwise` where it was not."""
+
+    otherwise: ClassVar[Status]
+
+    entry = EntryPort("the entry", "input")
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._seen = 0
+
+    def run(self) -> Status:
+        if self.decorated.status is not RUNNING:
+            if self.entry.revision == self._seen:
+                return self.otherwise
+            self._seen = self.entry.revision
+        self.become(RUNNING)
+        return _reset_if_done(self.decorated, self.decorated.execute())
+
+
+class SkipUnlessUpdated(_Updated):
+    """Skips the child until the entry is written, and again until it is written anew."""
+
+    otherwise = SKIPPED
+
+
+class WaitValueUpdate(_Updated):
+    """Runs until the entry is written, then ticks the child."""
+
+    otherwise = RUNNING
 
 
 def _reset_if_done(child: TreeNode, status: Status) -> Status:

@@ -7,7 +7,7 @@ from typing import Any
 from py_trees.common import Status
 
 from trees.node import FAILURE, RUNNING, SUCCESS, Node
-from trees.ports import InOutPort, InputPort, OutputPort
+from trees.ports import EntryPort, InputPort
 from trees.script import Script as Code
 
 
@@ -62,7 +62,7 @@ class SetBlackboard(Node):
     """Copies a value, or another entry, into an entry."""
 
     value = InputPort(Any, "what to write")
-    output_key = OutputPort(Any, "where to write it")
+    output_key = EntryPort("where to write it")
 
     def update(self) -> Status:
         self.output_key.set(self.value.get())
@@ -72,11 +72,11 @@ class SetBlackboard(Node):
 class UnsetBlackboard(Node):
     """Forgets an entry's value."""
 
-    key = InOutPort(Any, "the entry")
+    key = EntryPort("the entry", "inout")
 
     def update(self) -> Status:
-        if self.key.entry is not None:
-            self.key.entry.clear()
+        assert self.key.entry is not None
+        self.key.entry.clear()
         return SUCCESS
 
 
@@ -85,7 +85,7 @@ class WasEntryUpdated(Node):
 
     node_type = "Condition"
 
-    entry = InputPort(Any, "the entry", optional=True)
+    entry = EntryPort("the entry", "input")
     _seen = 0
 
     def update(self) -> Status:

@@ -56,7 +56,7 @@ def load_tree(
 def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:
     """Make the nodes of a library without problems, and check how values flow between them."""
     sys.setrecursionlimit(max(sys.getrecursionlimit(), RECURSION_LIMIT))
-    runtime = Runtime()
+    runtime = Runtime(enums=registry.enums)
     scope = Scope()
     for key, value in provided.items():
         scope.entry(key).value = value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
@@ -36,11 +36,13 @@ class Runtime:
     """What all nodes of one tree share while it runs.
 
     Attributes:
+        enums: values by the enum names that scripts and cases know.
         changes: status changes since the tick began.
         visited: nodes ticked by a py_trees generator, None while nobody listens.
     """
 
     clock: Clock = field(default_factory=ManualClock)
+    enums: Mapping[str, Any] = field(default_factory=dict)
     changes: list[StatusChange] = field(default_factory=list)
     visited: list[behaviour.Behaviour] | None = None
 

@@ -33,6 +33,7 @@ class Port:
     """
 
     direction = "inout"
+    names_entry = False
 
     def __init__(
         self, kind: Any, meaning: str = "", default: Any = UNSET, optional: bool = False, name: str | None = None
@@ -48,9 +49,9 @@ class Port:
         self.attribute = attribute
         self.name = self.name or attribute
 
-    def connect(self, node: object, entry: Entry | None) -> None:
+    def connect(self, node: object, entry: Entry | None, constant: bool = False) -> None:
         """Connect this port of one node; a plain attribute of the node from now on."""
-        vars(node)[self.attribute] = CONNECTIONS[self.direction](self, entry)
+        vars(node)[self.attribute] = CONNECTIONS[self.direction](self, entry, constant)
 
     def _own(self, node: object) -> Any:
         """A port that no file connected, as in a unit test: an entry of its own."""
@@ -67,13 +68,15 @@ class Connection:
     Attributes:
         entry: an entry of the blackboard, an entry of its own for a constant, or None for an output that the
             file left unconnected, whose values are dropped.
+        constant: the file spells the value out.
     """
 
-    __slots__ = ("entry", "port")
+    __slots__ = ("constant", "entry", "port")
 
-    def __init__(self, port: Port, entry: Entry | None) -> None:
+    def __init__(self, port: Port, entry: Entry | None, constant: bool) -> None:
         self.port = port
         self.entry = entry
+        self.constant = constant
 
     @property
     def revision(self) -> int:
@@ -165,6 +168,17 @@ class OutputPort(Port, Generic[T]):
     def __get__(self, node: object, owner: type) -> Output[T]: ...
     def __get__(self, node: object | None, owner: type) -> OutputPort[T] | Output[T]:
         return self if node is None else cast(Output[T], self._own(node))
+
+
+class EntryPort(OutputPort[Any]):
+    """A port that says which entry is meant, whatever its type: `{key}`, or the bare name."""
+
+    names_entry = True
+
+    def __init__(self, meaning: str = "", direction: str = "output") -> None:
+        super().__init__(Any, meaning)
+        self.direction = direction
+        self.optional = False
 
 
 class InOutPort(Port, Generic[T]):

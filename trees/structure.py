@@ -29,11 +29,15 @@ _POINTER = re.compile(r"\s*\{([^{}]*)\}\s*\Z")
 _KEY = re.compile(r"@?[^\W\d][\w./-]*\Z")
 
 
-def entry_name(value: object, port: str) -> str | None:
-    """The entry that `{key}` means for a port, `{=}` being the port's own name; None for a literal."""
+def entry_name(value: object, port: str, bare: bool = False) -> str | None:
+    """The entry that `{key}` means for a port, `{=}` being the port's own name; None for a literal.
+
+    Args:
+        bare: a name without braces means the entry, too.
+    """
     found = _POINTER.match(value) if isinstance(value, str) else None
     if found is None:
-        return None
+        return str(value) if bare else None
     return port if found[1] == "=" else found[1]
 
 
@@ -138,7 +142,7 @@ class _Checker:
         if port.kind is Script:
             self._script(attribute)
             return
-        key = entry_name(attribute.value, port.name)
+        key = entry_name(attribute.value, port.name, port.names_entry)
         if key is not None:
             self._key(attribute, key)
         elif port.direction != "input":

@@ -19,6 +19,7 @@ from trees.guard import GuardSettings
 
 ROOT = Path(__file__).resolve().parent.parent
 DEFAULT_CONFIGURATION = ROOT / "config" / "cell.yaml"
+WEIGHTS = ROOT / "learned" / "weights"
 DEFAULT_TREE = ROOT / "trees" / "assemble.xml"
 
 
@@ -54,7 +55,7 @@ class PlannerSettings(Model):
 
     Attributes:
         kind: which implementation answers, e.g. a learned one or "rule".
-        weights: ONNX file, relative to the checkout; None where the kind has none or its usual file is meant.
+        weights: ONNX file, relative to the configuration file; None means the shipped one of this kind.
     """
 
     kind: str
@@ -120,8 +121,19 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
         InputError: with every problem of the file.
     """
     path = Path(path)
-    configuration = load_yaml(path, Configuration)
-    return configuration.model_copy(update={"product": path.parent.resolve() / configuration.product})
+    read = load_yaml(path, Configuration)
+    folder = path.parent.resolve()
+    planners = {
+        name: planner.model_copy(update={"weights": _weights(name, planner, folder)}) for name, planner in read.planners
+    }
+    log = read.log.model_copy(update={"folder": ROOT / read.log.folder})
+    return read.model_copy(
+        update={"product": folder / read.product, "planners": read.planners.model_copy(update=planners), "log": log}
+    )
+
+
+def _weights(name: str, planner: PlannerSettings, folder: Path) -> Path:
+    return WEIGHTS / f"{name}_{planner.kind}.onnx" if planner.weights is None else folder / planner.weights
 
 
 def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIGURATION) -> Product:

@@ -48,8 +48,7 @@ class LockStep(Generic[Job, Answer]):
     So a simulated run is deterministic, and no tick knows an answer earlier than on a real cell.
     """
 
-    def __init__(self, name: str, detector: Callable[[Job], Answer], clock: Clock, latency_s: float) -> None:
-        self._name = name
+    def __init__(self, detector: Callable[[Job], Answer], clock: Clock, latency_s: float) -> None:
         self._detector = detector
         self._clock = clock
         self._latency_s = latency_s

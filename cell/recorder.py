@@ -69,6 +69,7 @@ class McapRecorder:
         self._transforms = FrameTransformChannel("/tf", context=self._context)
         self._images: dict[str, CompressedImageChannel] = {}
         self._bench = self._parts = -1
+        self._closed = False
         for name, (media_type, content) in heading.attachments.items():
             self._writer.attach(log_time=0, create_time=0, name=name, media_type=media_type, data=content)
         self._writer.write_metadata("run", dict(heading.metadata))
@@ -128,11 +129,15 @@ class McapRecorder:
     def close(self, outcome: Outcome) -> None:
         fields = ("end", "reason", "ticks", "overruns", "sim_time_s", "wall_time_s")
         self._writer.write_metadata("outcome", {name: str(getattr(outcome, name)) for name in fields})
-        self.abandon()
+        self._writer.close()
+        self._closed = True
 
     def abandon(self) -> None:
-        """Close the file of a run that did not begin."""
-        self._writer.close()
+        """Leave no file behind of a run that did not begin; harmless once the log is closed."""
+        if not self._closed:
+            self._writer.close()
+            self._closed = True
+            self.path.unlink(missing_ok=True)
 
     def _command(self, stamp_ns: int, record: TickRecord) -> None:
         command = record.command

@@ -1,0 +1,270 @@
+"""The command line; every command imports what it needs by itself, so that `cell check` answers at once."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cell.interfaces.errors import CellError, DeviceFault, InputError, ModelError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from cell.interfaces.product import Product
+
+ROOT = Path(__file__).resolve().parent.parent
+TREE = ROOT / "trees" / "assemble.xml"
+CONFIGURATION = ROOT / "config" / "cell.yaml"
+BAD_INPUT, SAFE_STOP = 2, 3
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Behaviour-tree controller for a human-robot assembly cell.",
+)
+train_app = typer.Typer(no_args_is_help=True, help="Train a planner on generated scenarios and write its ONNX file.")
+eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
+app.add_typer(train_app, name="train")
+app.add_typer(eval_app, name="eval")
+
+
+class Pace(StrEnum):
+    """How fast simulated time passes."""
+
+    fast = "fast"
+    real = "real"
+
+
+class NodeFormat(StrEnum):
+    """How the nodes are listed."""
+
+    text = "text"
+    json = "json"
+    groot = "groot"
+
+
+ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="End standard output with one line of JSON.")]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
+    try:
+        status = app(args=arguments, prog_name="cell", standalone_mode=False)
+    except (InputError, ModelError) as error:
+        return _complain(str(error), BAD_INPUT)
+    except DeviceFault as error:
+        return _complain(str(error), SAFE_STOP)
+    except CellError as error:
+        return _complain(str(error), 1)
+    except typer.Abort:
+        return _complain("interrupted", 1)
+    except typer.TyperException as error:
+        error.show()
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        return _complain("interrupted", 1)
+    return status if isinstance(status, int) else 0
+
+
+@app.command()
+def run(
+    tree: Annotated[Path, typer.Option(help="Tree file to run.")] = TREE,
+    config: ConfigOption = CONFIGURATION,
+    goal: Annotated[str, typer.Option(help="What the simulated person assembles: a goal's name or random.")] = "random",
+    seed: SeedOption = 0,
+    pace: Annotated[Pace, typer.Option(help="fast: as fast as it goes; real: tied to the wall clock.")] = Pace.fast,
+    log: Annotated[Path | None, typer.Option(help="Log file (MCAP); a new one in runs/ by default.")] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Assemble one product."""
+    from cell import run as running
+
+    console = _console()
+    options = running.RunOptions(tree, config, goal, seed, pace.value, log)
+    result = running.run(options, console)
+    console.print(_table("run", result.summary))
+    if as_json:
+        _print_json(result.summary)
+    return result.outcome.exit_status
+
+
+@app.command()
+def check(files: Annotated[list[Path], typer.Argument(help="Tree files.")]) -> int:
+    """Say everything that is wrong with tree files."""
+    from cell.node_library import node_registry
+    from trees.check import check as problems_of
+
+    problems = problems_of(files, node_registry())
+    if problems:
+        raise InputError(*problems)
+    _console().print(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong", highlight=False)
+    return 0
+
+
+@app.command()
+def show(file: Annotated[Path, typer.Argument(help="Tree file.")]) -> None:
+    """Print the trees of a file."""
+    from cell.node_library import node_registry
+    from trees.show import show_file
+
+    sys.stdout.write(show_file(file, node_registry()))
+
+
+@app.command()
+def nodes(
+    style: Annotated[
+        NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
+    ] = NodeFormat.text,
+) -> None:
+    """List the nodes that tree files may name, with their ports."""
+    from cell.node_library import node_registry
+    from trees import palette
+
+    registry = node_registry()
+    writers: Mapping[NodeFormat, Callable[[], str]] = {
+        NodeFormat.text: lambda: palette.palette_text(registry),
+        NodeFormat.json: lambda: json.dumps(palette.palette_list(registry)) + "\n",
+        NodeFormat.groot: lambda: palette.groot_model(registry),
+    }
+    sys.stdout.write(writers[style]())
+
+
+@app.command()
+def doctor(as_json: JsonOption = False) -> int:
+    """Say what is missing on this machine and how to get it."""
+    from cell.doctor import examine
+
+    console = _console()
+    findings = examine()
+    for finding in findings:
+        console.print(f"{'ok     ' if finding.ok else 'MISSING'} {finding.what}", highlight=False, markup=False)
+        if not finding.ok and finding.remedy:
+            console.print(f"        {finding.remedy}", highlight=False, markup=False)
+    healthy = all(finding.ok for finding in findings)
+    if as_json:
+        _print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
+    return 0 if healthy else 1
+
+
+@train_app.command("semantic")
+def train_semantic(
+    kind: Annotated[str, typer.Option(help="paper or factored.")] = "factored",
+    out: Annotated[Path | None, typer.Option(help="File to write; the shipped one by default.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Train the planner that infers the goal and what remains to be done."""
+    _need_torch()
+    from learned.semantic.train import train_semantic as train
+
+    _report("semantic", train(_product(config), out or _weights("semantic", kind), seed, kind), as_json)
+
+
+@train_app.command("grasp")
+def train_grasp(
+    kind: Annotated[str, typer.Option(help="paper or pairwise.")] = "pairwise",
+    out: Annotated[Path | None, typer.Option(help="File to write; the shipped one by default.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Train the planner that judges graspability in clutter."""
+    _need_torch()
+    from learned.grasp.train import train_grasp as train
+
+    command = f"cell train grasp --kind {kind} --seed {seed}"
+    _report("grasp", train(_product(config), out or _weights("grasp", kind), seed, kind, command=command), as_json)
+
+
+@eval_app.command("semantic")
+def eval_semantic(
+    kind: Annotated[str, typer.Option(help="paper, factored or bayes.")] = "factored",
+    weights: Annotated[Path | None, typer.Option(help="ONNX file; the shipped one by default.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Score the semantic planner."""
+    from learned.semantic.evaluate import evaluate_semantic
+    from learned.semantic.planner import load_semantic_planner
+
+    product = _product(config)
+    planner = load_semantic_planner(kind, weights or _weights("semantic", kind), product)
+    _report("semantic", evaluate_semantic(planner, product, seed), as_json)
+
+
+@eval_app.command("grasp")
+def eval_grasp(
+    kind: Annotated[str, typer.Option(help="paper, pairwise or rule.")] = "pairwise",
+    weights: Annotated[Path | None, typer.Option(help="ONNX file; the shipped one by default.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    scenes: Annotated[int, typer.Option(min=4, help="Number of test scenes.")] = 1000,
+    as_json: JsonOption = False,
+) -> None:
+    """Score the grasp planner."""
+    from learned.grasp.evaluate import evaluate_grasp
+    from learned.grasp.planner import load_grasp_planner
+
+    product = _product(config)
+    planner = load_grasp_planner(kind, weights or _weights("grasp", kind), product)
+    _report("grasp", evaluate_grasp(planner, product, seed, scenes), as_json)
+
+
+def _product(config: Path) -> Product:
+    from cell.configuration import load_configuration, load_product
+
+    return load_product(load_configuration(config), config)
+
+
+def _weights(planner: str, kind: str) -> Path:
+    return ROOT / "learned" / "weights" / f"{planner}_{kind}.onnx"
+
+
+def _need_torch() -> None:
+    from importlib.util import find_spec
+
+    missing = [name for name in ("torch", "torch_geometric", "onnx", "onnxscript") if find_spec(name) is None]
+    if missing:
+        raise InputError(f"training needs {', '.join(missing)}; install with: make train-deps")
+
+
+def _report(title: str, scores: Mapping[str, float], as_json: bool) -> None:
+    _console().print(_table(title, {name: f"{value:.4g}" for name, value in scores.items()}))
+    if as_json:
+        _print_json(scores)
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console(stderr=True, soft_wrap=True)
+
+
+def _table(title: str, values: Mapping[str, object]) -> Any:
+    from rich.table import Table
+
+    table = Table(title=title, show_header=False, title_justify="left")
+    for name, value in values.items():
+        table.add_row(name, str(value))
+    return table
+
+
+def _print_json(values: Mapping[str, object]) -> None:
+    sys.stdout.write(json.dumps(values) + "\n")
+    sys.stdout.flush()
+
+
+def _complain(text: str, status: int) -> int:
+    sys.stderr.write(f"cell: {text}\n")
+    return status

@@ -1,0 +1,225 @@
+"""Wires a whole run together: configuration, devices, detectors, planners, tree, witnesses, controller."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from rich.console import Console
+
+from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration, load_configuration, load_product
+from cell.contact_sheet import ContactSheet
+from cell.controller import Controller
+from cell.detectors import lock_step, worker_processes
+from cell.interfaces.clock import PacedClock
+from cell.interfaces.devices import Devices
+from cell.interfaces.errors import InputError, Problem
+from cell.interfaces.pose import Pose
+from cell.interfaces.product import Product
+from cell.interfaces.yaml_file import place_of
+from cell.node_library import node_registry
+from cell.progress import LiveProgress
+from cell.recorder import Heading, McapRecorder
+from cell.tally import Tally
+from cell.witness import Outcome, Witness
+from learned.grasp.planner import load_grasp_planner
+from learned.semantic.planner import load_semantic_planner
+from skills.can_gripper import CanGripper, open_bus
+from skills.kinematics import Kinematics
+from skills.planner import MotionPlanner
+from trees.guard import Guard
+from trees.loader import load_tree
+from trees.nodes.services import Services
+from trees.tree import Tree
+
+Pace = Literal["fast", "real"]
+RECORDED_VERSIONS = ("cell", "mujoco", "placo", "py-trees", "onnxruntime", "opencv-python-headless", "numpy")
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What `cell run` was asked for.
+
+    Attributes:
+        log: file to write; None for a new one in the configured folder.
+    """
+
+    tree: Path = DEFAULT_TREE
+    configuration: Path = DEFAULT_CONFIGURATION
+    goal: str = "random"
+    seed: int = 0
+    pace: Pace = "fast"
+    log: Path | None = None
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended, with the keys of `cell run --json`."""
+
+    outcome: Outcome
+    summary: dict[str, object]
+
+
+@dataclass(frozen=True)
+class Files:
+    """Everything that was read before any device was opened."""
+
+    configuration: Configuration
+    product: Product
+    tree: Tree
+
+
+def run(options: RunOptions, console: Console) -> RunResult:
+    """Run one tree on one cell.
+
+    Raises:
+        InputError, ModelError: nothing has moved.
+        DeviceFault: a device could not be opened.
+    """
+    configuration = load_configuration(options.configuration)
+    product = load_product(configuration, options.configuration)
+    files = Files(configuration, product, load_tree(options.tree, node_registry()))
+    log = options.log or _new_log(configuration.log.folder, options.seed)
+    with ExitStack() as stack:
+        motion = MotionPlanner(product, configuration.bench, configuration.motion)
+        recorder = McapRecorder(log, configuration.log, _heading(options, files), _forward(motion.kinematics))
+        stack.callback(recorder.abandon)
+        devices = _open_devices(options, files)
+        stack.callback(devices.close)
+        gripper = CanGripper(
+            open_bus(configuration.gripper_can), devices.clock, configuration.gripper_can, recorder.can_frame
+        )
+        stack.callback(gripper.close)
+        detectors = (configuration.bench, product, configuration.perception)
+        executors = worker_processes(*detectors) if options.pace == "real" else lock_step(*detectors, devices.clock)
+        for executor in executors:
+            stack.callback(executor.close)
+        tally, sheet = Tally(), ContactSheet(log.with_suffix(".png"))
+        progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
+        witnesses: tuple[Witness, ...] = (recorder, progress, sheet, tally)
+        controller = Controller(devices, gripper, *executors, configuration.controller, witnesses)
+        services = _services(files, devices, controller, motion)
+        files.tree.setup(services, devices.clock)
+        outcome = controller.run(files.tree, services)
+        return RunResult(outcome, _summary(options, files, outcome, tally, devices, recorder.path, sheet.path))
+
+
+def _services(files: Files, devices: Devices, controller: Controller, motion: MotionPlanner) -> Services:
+    configuration, product = files.configuration, files.product
+    semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
+    assert semantic.weights is not None
+    assert grasp.weights is not None
+    return Services(
+        product=product,
+        bench=configuration.bench,
+        clock=devices.clock,
+        motion=motion,
+        semantic=load_semantic_planner(semantic.kind, semantic.weights, product),
+        rule_semantic=load_semantic_planner("bayes", None, product),
+        grasp=load_grasp_planner(grasp.kind, grasp.weights, product),
+        rule_grasp=load_grasp_planner("rule", grasp.weights, product),
+        guard=Guard(product, configuration.guard),
+        journal=controller.journal,
+        observation=controller.observe(),
+    )
+
+
+def _open_devices(options: RunOptions, files: Files) -> Devices:
+    configuration = files.configuration
+    can_settings = configuration.gripper_can
+    factory = _factory(options.configuration, configuration.devices.factory)
+    devices = factory(
+        files.product,
+        configuration.bench,
+        configuration.devices.simulation,
+        can_settings.interface,
+        can_settings.channel,
+        options.seed,
+        options.goal,
+    )
+    if options.pace == "real":
+        return Devices(**{**vars(devices), "clock": PacedClock(devices.clock)})
+    return devices
+
+
+def _factory(path: Path, dotted: str) -> Callable[..., Devices]:
+    """The function that opens the devices, by its name in the configuration."""
+    module, _, function = dotted.partition(":")
+    try:
+        factory: Callable[..., Devices] = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError) as error:
+        raise InputError(Problem(place_of(path, ("devices", "factory")), f"no such factory: {error}")) from None
+    return factory
+
+
+def _forward(kinematics: Kinematics) -> Callable[[tuple[float, ...]], Pose]:
+    return lambda joints_rad: kinematics.forward(np.asarray(joints_rad))
+
+
+def _heading(options: RunOptions, files: Files) -> Heading:
+    """What a log needs to be run again: files as attachments, the rest as metadata."""
+    attachments = {
+        "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
+        "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
+    }
+    for path, text in files.tree.texts.items():
+        attachments[f"tree/{path.name}"] = ("application/xml", text.encode())
+    values = {
+        "seed": str(options.seed),
+        "goal": options.goal,
+        "pace": options.pace,
+        "tree": options.tree.name,
+        "perception": files.configuration.perception.kind,
+    }
+    for name, planner in files.configuration.planners:
+        values[f"planner.{name}"] = planner.kind
+        if planner.weights is not None and planner.weights.exists():
+            values[f"weights.{name}.sha256"] = hashlib.sha256(planner.weights.read_bytes()).hexdigest()
+    for package in RECORDED_VERSIONS:
+        values[f"version.{package}"] = _version(package)
+    return Heading(values, attachments)
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed as a package"
+
+
+def _new_log(folder: Path, seed: int) -> Path:
+    """A name that no log in the folder has yet."""
+    stem = f"{datetime.now():%Y%m%d-%H%M%S}-seed{seed}"
+    names = (f"{stem}{suffix}.mcap" for suffix in ("", *(f"-{count}" for count in range(2, 1000))))
+    return next(folder / name for name in names if not (folder / name).exists())
+
+
+def _summary(
+    options: RunOptions, files: Files, outcome: Outcome, tally: Tally, devices: Devices, log: Path, sheet: Path
+) -> dict[str, object]:
+    speed = outcome.sim_time_s / outcome.wall_time_s if outcome.wall_time_s > 0 else 0.0
+    return {
+        "finished": outcome.end == "finished",
+        "end": outcome.end,
+        "reason": outcome.reason,
+        **devices.report(),
+        "inferred_goal": tally.inferred_goal,
+        "help_requests": tally.help_requests,
+        "ticks": outcome.ticks,
+        "overruns": outcome.overruns,
+        "sim_time_s": round(outcome.sim_time_s, 3),
+        "wall_time_s": round(outcome.wall_time_s, 3),
+        "real_time_factor": round(speed, 2),
+        "perception": files.configuration.perception.kind,
+        "seed": options.seed,
+        "log": str(log),
+        "contact_sheet": str(sheet),
+    }

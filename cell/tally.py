@@ -1,0 +1,40 @@
+"""Counts what a run's summary tells."""
+
+from __future__ import annotations
+
+from cell.interfaces.perception import Frame
+from cell.witness import Level, Outcome, TickRecord
+
+
+class Tally:
+    """A witness that keeps the last belief and counts calls for help.
+
+    Attributes:
+        goal_belief: as last shown to the person.
+    """
+
+    def __init__(self) -> None:
+        self.goal_belief: dict[str, float] = {}
+        self.help_requests = 0
+        self.last_message = ""
+
+    def frame(self, frame: Frame) -> None:
+        """Images are not counted."""
+
+    def tick(self, record: TickRecord) -> None:
+        self.help_requests += sum(topic == "help" for topic, _ in record.notes)
+        display = record.command.display
+        if display is not None:
+            self.goal_belief = dict(display.goal_belief) or self.goal_belief
+            self.last_message = display.message
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        """Messages are not counted."""
+
+    def close(self, outcome: Outcome) -> None:
+        """Nothing to do."""
+
+    @property
+    def inferred_goal(self) -> str | None:
+        """The most probable goal, None before the first belief."""
+        return max(self.goal_belief, key=lambda goal: self.goal_belief[goal]) if self.goal_belief else None

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from py_trees.common import Status
 
-from cell.interfaces.perception import PartsView
-from trees.node import NodeError
+from cell.interfaces.perception import PartDetection, PartsView
+from trees.errors import NodeError
 from trees.nodes.services import CellNode
 from trees.ports import InputPort, OutputPort
 
@@ -27,6 +27,7 @@ class LookAtTray(CellNode):
         view = observation.parts
         if view is not None and view.time_s > self._asked_s:
             self.parts.set(view)
+            self.services.tray_parts = view.detections
             self.feedback_message = "sees " + (" ".join(part.part for part in view.detections) or "nothing")
             return Status.SUCCESS
         self.feedback_message = "waiting for the detector"
@@ -83,12 +84,13 @@ class DecodeSolution(CellNode):
         return Status.SUCCESS
 
 
-def chosen(parts: PartsView, index: int) -> int:
-    """`index` if it names a seen part.
+def part_and_others(parts: PartsView, index: int) -> tuple[PartDetection, tuple[PartDetection, ...]]:
+    """A seen part by its number, and all others.
 
     Raises:
-        NodeError: it does not.
+        NodeError: no seen part has this number.
     """
-    if not 0 <= index < len(parts.detections):
-        raise NodeError(f"part number {index} is not among the {len(parts.detections)} seen parts")
-    return index
+    seen = parts.detections
+    if not 0 <= index < len(seen):
+        raise NodeError(f"part number {index} is not among the {len(seen)} seen parts")
+    return seen[index], seen[:index] + seen[index + 1 :]

@@ -11,8 +11,9 @@ from cell.interfaces.skill import Skill
 from skills.move_aside import MoveAside as MoveAsideSkill
 from skills.move_to import MoveTo as MoveToSkill
 from skills.pick import Pick
-from skills.place import Place
-from trees.nodes.clutter import chosen
+from skills.put_back import PutBack
+from trees.errors import NodeError
+from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
 from trees.ports import InputPort
@@ -59,10 +60,7 @@ class MoveTo(SkillNode):
     pose = InputPort(NamedPose, "park: out of the overhead view; look: the wrist camera sees the tray")
 
     def make_skill(self) -> Skill:
-        bench = self.services.bench
-        pose = self.pose.get()
-        joints = bench.arm_look_rad if pose is NamedPose.look else bench.arm_park_rad
-        return MoveToSkill(self.services.motion, joints, pose.value)
+        return MoveToSkill(self.services.motion, self.pose.get().value, self.services.tray_parts)
 
 
 class PickPart(SkillNode):
@@ -72,9 +70,9 @@ class PickPart(SkillNode):
     index = InputPort(int, "number of the part among the seen ones")
 
     def make_skill(self) -> Skill:
-        parts = self.parts.get()
-        index = chosen(parts, self.index.get())
-        return Pick(self.services.motion, parts.detections, index)
+        part, others = part_and_others(self.parts.get(), self.index.get())
+        self.services.held_part, self.services.tray_parts = part.part, others
+        return Pick(self.services.motion, part, others)
 
 
 class MoveAside(SkillNode):
@@ -84,6 +82,15 @@ class MoveAside(SkillNode):
     index = InputPort(int, "number of the part among the seen ones")
 
     def make_skill(self) -> Skill:
-        parts = self.parts.get()
-        index = chosen(parts, self.index.get())
-        return MoveAsideSkill(self.services.motion, parts.detections, index)
+        part, others = part_and_others(self.parts.get(), self.index.get())
+        self.services.held_part, self.services.tray_parts = part.part, others
+        return MoveAsideSkill(self.services.motion, part, others)
+
+
+class ReturnToTray(SkillNode):
+    """Put the part in the gripper back into the tray."""
+
+    def make_skill(self) -> Skill:
+        if self.services.held_part is None:
+            raise NodeError("nothing was picked yet, so the part in the gripper has no known type")
+        return PutBack(self.services.motion, self.services.held_part, self.services.tray_parts)

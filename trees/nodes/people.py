@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from py_trees.common import Status
 
 from trees.nodes.services import CellNode
@@ -44,8 +45,8 @@ class WaitForHandClear(CellNode):
         if view.hand is None:
             return Status.SUCCESS
         bench, product = self.services.bench, self.services.product
-        hole = (*product.bracket.holes_m[self.position.get()], 0.0)
-        x, y, _ = bench.bracket.pose.transform(hole)
+        hole_m = np.array([*product.bracket.holes_m[self.position.get()], 0.0])
+        x, y, _ = bench.bracket.pose.transform(hole_m)
         nearest = min(math.dist((x, y), point) for point in (view.hand.fingertips_m, view.hand.palm_m))
         if nearest >= self.distance_m.get():
             return Status.SUCCESS

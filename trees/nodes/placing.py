@@ -19,7 +19,8 @@ class PlacePart(SkillNode):
     position = InputPort(str, "hole to put it into")
 
     def make_skill(self) -> Skill:
-        return Place(self.services.motion, self.part.get(), self.position.get())
+        services = self.services
+        return Place(services.motion, self.position.get(), self.part.get(), services.tray_parts)
 
 
 class VerifyPlacement(CellNode):

@@ -109,7 +109,9 @@ class ChoosePosition(CellNode):
 
 
 class CheckPlacement(CellNode):
-    """Keep checking, while the part is in the gripper, that its placement is still right (decision 7)."""
+    """Is this placement still right? (decision 7; ticked again and again while the part is carried)"""
+
+    kind = "Condition"
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")
@@ -117,8 +119,6 @@ class CheckPlacement(CellNode):
     position = InputPort(str, "where it will be put")
 
     def update(self) -> Status:
-        if not self.services.observation.gripper.holding:
-            return Status.SUCCESS
         part, position = self.part.get(), self.position.get()
         verdict = judge(self.services, self.plan.get(), self.state.get(), part, position)
         if verdict.decision == "act":
@@ -131,12 +131,10 @@ class CheckPlacement(CellNode):
 def judge(services: Services, plan: AssemblyPlan, state: AssemblyState, part: str, position: str) -> Verdict:
     """The guard's verdict on one placement with what is seen in this tick."""
     view = services.observation.bench
-    reachable = services.motion.can_place(part, position)
+    reachable = services.reachable(part, position)
     return services.guard.judge(plan, state, view.holes if view else {}, part, position, reachable)
 
 
 def note_verdict(services: Services, part: str, position: str, verdict: Verdict) -> None:
     """Write a verdict and its reason into the log."""
-    services.journal.note(
-        "verdict", subject=f"{part} at {position}", decision=verdict.decision, reason=verdict.reason
-    )
+    services.journal.note("verdict", subject=f"{part} at {position}", decision=verdict.decision, reason=verdict.reason)

@@ -11,10 +11,11 @@ from cell.interfaces.command import Command, Display
 from cell.interfaces.errors import ModelError
 from cell.interfaces.journal import Journal
 from cell.interfaces.observation import Observation
-from cell.interfaces.perception import PartsView
+from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
-from skills.motion import MotionPlanner
+from skills.place import can_place
+from skills.planner import MotionPlanner
 from trees.guard import Guard
 from trees.node import Node
 
@@ -26,7 +27,8 @@ class Services:
     Attributes:
         semantic, grasp: the chosen planners, usually learned.
         rule_semantic, rule_grasp: rule-based planners that answer where the chosen ones cannot be used.
-        gripper_activate: begins the gripper's activation.
+        held_part: type of the part that was picked last; whether it is still held, the gripper tells.
+        tray_parts: what stands in the tray as last seen, without what was taken since.
     """
 
     product: Product
@@ -42,6 +44,9 @@ class Services:
     observation: Observation
     command: Command = field(default_factory=Command)
     display: Display = field(default_factory=Display)
+    held_part: str | None = None
+    tray_parts: tuple[PartDetection, ...] = ()
+    _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
 
     def show(self, **changes: Any) -> None:
         """Change what the person is shown; fields as in Display."""
@@ -69,6 +74,12 @@ class Services:
         except ModelError as error:
             self.journal.note("verdict", subject="grasp plan", decision="refused", reason=str(error))
             return self.rule_grasp.plan(parts.detections, required)
+
+    def reachable(self, part: str, position: str) -> bool:
+        """Whether the arm can put a part into a position of the empty bracket; worked out once for each."""
+        if (part, position) not in self._reachable:
+            self._reachable[part, position] = can_place(self.motion, part, position)
+        return self._reachable[part, position]
 
 
 class CellNode(Node):

@@ -1,0 +1,106 @@
+"""Services with scripted planners for tests of single nodes, without simulator or motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+from cell.configuration import load_configuration, load_product
+from cell.interfaces.clock import ManualClock
+from cell.interfaces.command import Command
+from cell.interfaces.errors import ModelError
+from cell.interfaces.journal import ListJournal
+from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
+from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan
+from cell.interfaces.pose import Pose
+from skills.planner import MotionPlanner
+from trees.guard import Guard, GuardSettings
+from trees.nodes.services import Services
+
+ROOT = Path(__file__).resolve().parents[3]
+CONFIGURATION = load_configuration()
+PRODUCT, BENCH = load_product(CONFIGURATION), CONFIGURATION.bench
+STANDING = ArmState(0.0, (0.0,) * 6, (0.0,) * 6, moving=False)
+EMPTY_GRIPPER = GripperState(0.0, True, ObjectStatus.AT_POSITION, 0.085, 0.0, 0)
+HOLDING = replace(EMPTY_GRIPPER, object_status=ObjectStatus.CONTACT_CLOSING, opening_m=0.03)
+IDLE = Action("idle", 1.0)
+EMPTY_HOLES = {position: HoleView(None, 1.0, 0.0) for position in PRODUCT.positions}
+SURE = AssemblyPlan(
+    goal_belief={"g0": 1.0, "g1": 0.0, "g2": 0.0},
+    next_belief={("o1", "p1"): 1.0, ("o1", "p2"): 1.0},
+    next_part="o1",
+    guidance={"o1": ("p1", "p2"), "o2": (), "o3": ()},
+)
+
+
+class ScriptedPlanner:
+    """Answers one plan, or raises one error; counts the questions."""
+
+    def __init__(self, answer: AssemblyPlan | ModelError) -> None:
+        self.answer = answer
+        self.asked: list[AssemblyState] = []
+
+    def plan(self, state: AssemblyState) -> AssemblyPlan:
+        self.asked.append(state)
+        if isinstance(self.answer, ModelError):
+            raise self.answer
+        return self.answer
+
+
+class ScriptedGrasps:
+    """Answers a grasp plan by the number of the required part."""
+
+    def __init__(self, plans: dict[int, GraspPlan]) -> None:
+        self.plans = plans
+
+    def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:  # noqa: ARG002
+        return self.plans[required]
+
+
+def services(**changes: Any) -> Services:
+    """Services whose motion planner is absent and whose arm reaches everything."""
+    made = Services(
+        product=PRODUCT,
+        bench=BENCH,
+        clock=ManualClock(),
+        motion=cast(MotionPlanner, None),
+        semantic=ScriptedPlanner(SURE),
+        rule_semantic=ScriptedPlanner(SURE),
+        grasp=ScriptedGrasps({}),
+        rule_grasp=ScriptedGrasps({}),
+        guard=Guard(PRODUCT, GuardSettings()),
+        journal=ListJournal(),
+        observation=Observation(0, 0.0, STANDING, EMPTY_GRIPPER),
+    )
+    made.reachable = lambda part, position: True  # type: ignore[method-assign]  # noqa: ARG005
+    for name, value in changes.items():
+        setattr(made, name, value)
+    return made
+
+
+def see(to: Services, time_s: float, **changes: Any) -> None:
+    """Give the services a new bench view and an empty command."""
+    fields: dict[str, Any] = {"hand": None, "holes": EMPTY_HOLES, "action": IDLE, **changes}
+    sequence = to.observation.bench.sequence + 1 if to.observation.bench else 0
+    view = BenchView(sequence=sequence, time_s=time_s, **fields)
+    to.observation = replace(to.observation, tick=to.observation.tick + 1, time_s=time_s, bench=view)
+    to.command = Command()
+
+
+def hand_at(x: float, y: float) -> HandSample:
+    """A hand whose fingertips are at (x, y) on the bench."""
+    return HandSample(0.0, (0, 0, 10, 10), (x, y), (x + 0.1, y))
+
+
+def seen_parts(*types: str) -> PartsView:
+    """Parts in a row, 0.1 m apart."""
+    return PartsView(
+        0,
+        1.0,
+        tuple(
+            PartDetection(part, 1.0, Pose((0.4 + 0.1 * i, -0.4, 0.016)), PRODUCT.parts[part].size_m, (0, 0, 1, 1))
+            for i, part in enumerate(types)
+        ),
+    )

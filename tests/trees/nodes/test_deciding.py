@@ -1,0 +1,143 @@
+"""Inferring, choosing, waiting for people, and getting at parts in clutter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from py_trees.common import Status
+
+from cell.interfaces.errors import ModelError
+from cell.interfaces.journal import ListJournal
+from cell.interfaces.perception import Action, HoleView
+from cell.interfaces.planning import AssemblyState, GraspPlan
+from tests.trees.nodes.rig import (
+    BENCH,
+    EMPTY_HOLES,
+    PRODUCT,
+    SURE,
+    ScriptedGrasps,
+    ScriptedPlanner,
+    hand_at,
+    see,
+    seen_parts,
+    services,
+)
+from trees.errors import NodeError
+from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
+from trees.nodes.people import WaitForAction, WaitForHandClear
+from trees.nodes.planning import ChoosePosition, InferGoal
+from trees.nodes.watching import SeenAction
+
+FREE = GraspPlan(0.9, (), False, "grasp")
+BLOCKED = GraspPlan(0.1, (2,), False, "move c")
+HELP = GraspPlan(0.0, (), True, "help")
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        ModelError("the file is damaged"),
+        replace(SURE, goal_belief={"g0": float("nan"), "g1": 0.5, "g2": 0.5}),
+        replace(SURE, guidance={"o1": ("p9",)}),
+    ],
+)
+def test_a_planner_that_cannot_be_used_is_refused_and_the_rule_answers(answer: object) -> None:
+    at = services(semantic=ScriptedPlanner(answer))  # type: ignore[arg-type]
+    assert at.infer(AssemblyState({})) is SURE
+    assert isinstance(at.journal, ListJournal)
+    assert [fields["decision"] for topic, fields in at.journal.notes if topic == "verdict"] == ["refused"]
+
+
+def test_a_state_is_inferred_once() -> None:
+    at = services()
+    node = InferGoal("infer")
+    node.setup(services=at)
+    for placed in ({}, {}, {"p1": "o1"}, {"p1": "o1"}):
+        node.state.entry.value = AssemblyState(placed)  # type: ignore[union-attr]
+        assert node.update() is Status.SUCCESS
+    assert len(at.semantic.asked) == 2  # type: ignore[attr-defined]
+
+
+def test_the_first_position_that_the_guard_lets_pass_is_chosen() -> None:
+    at = services()
+    see(at, 1.0, holes={**EMPTY_HOLES, "p1": HoleView("o2", 1.0, 0.0)})
+    node = ChoosePosition("choose")
+    node.setup(services=at)
+    for port, value in (("plan", SURE), ("state", AssemblyState({})), ("part", "o1"), ("positions", ["p1", "p2"])):
+        getattr(node, port).entry.value = value
+    assert node.update() is Status.SUCCESS
+    assert node.position.entry.value == "p2"  # type: ignore[union-attr]
+
+
+def test_a_screw_is_served_once() -> None:
+    node = WaitForAction("wait")
+    node.setup(services=services())
+    node.kind.entry.value = "screw"  # type: ignore[union-attr]
+    assert node.update() is Status.RUNNING
+    answers = []
+    for kind, started_s in (("idle", 0.0), ("screw", 1.0), ("screw", 1.0), ("idle", 2.0), ("screw", 3.0)):
+        node.action.entry.value = SeenAction(Action(kind, 1.0), started_s)  # type: ignore[union-attr, arg-type]
+        answers.append(node.update())
+    assert answers == [Status.RUNNING, Status.SUCCESS, Status.RUNNING, Status.RUNNING, Status.SUCCESS]
+
+
+def test_the_arm_waits_for_a_near_hand_and_for_a_fresh_view() -> None:
+    at = services()
+    node = WaitForHandClear("clear")
+    node.setup(services=at)
+    node.position.entry.value = "p3"  # type: ignore[union-attr]
+    x, y, _ = BENCH.bracket.position_m
+    y += PRODUCT.bracket.holes_m["p3"][1]
+    assert node.update() is Status.RUNNING
+    see(at, 1.0, hand=hand_at(x + 0.05, y))
+    assert node.update() is Status.RUNNING
+    see(at, 1.1, hand=hand_at(x + 0.35, y))
+    assert node.update() is Status.SUCCESS
+    at.observation = replace(at.observation, time_s=3.0)
+    assert node.update() is Status.RUNNING
+
+
+def test_looking_waits_for_an_answer_to_an_image_taken_after_the_question() -> None:
+    old, new = replace(seen_parts("o1"), time_s=1.0), replace(seen_parts("o2"), time_s=2.1)
+    at = services()
+    at.observation = replace(at.observation, time_s=2.0, parts=old)
+    node = LookAtTray("look")
+    node.setup(services=at)
+    node.initialise()
+    assert at.command.look
+    assert node.update() is Status.RUNNING
+    at.observation = replace(at.observation, time_s=2.2, parts=new)
+    assert node.update() is Status.SUCCESS
+    assert node.parts.entry.value is new  # type: ignore[union-attr]
+
+
+def test_the_easiest_part_of_the_required_type_is_found() -> None:
+    at = services(grasp=ScriptedGrasps({0: BLOCKED, 1: FREE, 2: HELP}))
+    node = FindPart("find")
+    node.setup(services=at)
+    node.parts.entry.value = seen_parts("o1", "o1", "o2")  # type: ignore[union-attr]
+    for part, expected in (("o1", Status.SUCCESS), ("o3", Status.FAILURE)):
+        node.part.entry.value = part  # type: ignore[union-attr]
+        assert node.update() is expected
+    assert node.index.entry.value == 1  # type: ignore[union-attr]
+
+
+def test_a_blocked_part_is_decoded_to_its_blocker_and_help_fails() -> None:
+    at = services(grasp=ScriptedGrasps({0: BLOCKED, 1: HELP, 2: FREE}))
+    view = seen_parts("o1", "o2", "o3")
+    graspable, solution = [], []
+    for index in range(3):
+        check, decode = CheckGraspability("check"), DecodeSolution("decode")
+        for node in (check, decode):
+            node.setup(services=at)
+            node.parts.entry.value, node.index.entry.value = view, index  # type: ignore[union-attr]
+        graspable.append(check.update())
+        solution.append((decode.update(), decode.feedback_message))
+    assert graspable == [Status.FAILURE, Status.FAILURE, Status.SUCCESS]
+    assert solution == [(Status.SUCCESS, "move c"), (Status.FAILURE, "help"), (Status.FAILURE, "grasp")]
+
+
+def test_a_number_that_no_part_has_is_a_node_error() -> None:
+    with pytest.raises(NodeError, match="part number 4 is not among the 2 seen parts"):
+        part_and_others(seen_parts("o1", "o2"), 4)

@@ -1,0 +1,94 @@
+"""From detector answers to the assembly graph."""
+
+from __future__ import annotations
+
+from py_trees.common import Status
+
+from cell.interfaces.perception import Action, HoleView
+from cell.interfaces.planning import AssemblyState
+from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, hand_at, see, services
+from trees.nodes.watching import AssemblyFinished, DetectAction, ReconcileGraph, SeenAction, UpdateGraph
+
+PLACED = Action("assembly", 0.9, "o1", "p2", finished=True)
+
+
+def test_each_answer_of_the_detector_counts_once() -> None:
+    at = services()
+    node = DetectAction("detect")
+    node.setup(services=at)
+    assert node.update() is Status.RUNNING
+    see(at, 0.1)
+    assert node.update() is Status.SUCCESS
+    assert node.update() is Status.RUNNING
+
+
+def test_an_action_that_goes_on_keeps_its_start() -> None:
+    at = services()
+    node = DetectAction("detect")
+    node.setup(services=at)
+    starts = []
+    for time_s, kind in ((0.1, "idle"), (0.2, "screw"), (0.3, "screw"), (0.4, "idle"), (0.5, "screw")):
+        see(at, time_s, action=Action(kind, 1.0))  # type: ignore[arg-type]
+        node.update()
+        starts.append(node.action.entry.value.started_s)  # type: ignore[union-attr]
+    assert starts == [0.1, 0.2, 0.2, 0.4, 0.5]
+
+
+def test_only_a_finished_assembly_action_sets_an_edge() -> None:
+    at = services()
+    for action, edges in (
+        (IDLE, {}),
+        (Action("assembly", 0.9, "o1", "p2", finished=False), {}),
+        (PLACED, {"p2": "o1"}),
+        (Action("assembly", 0.9, "o2", "p2", finished=True), {"p2": "o1"}),
+    ):
+        node = UpdateGraph("update")
+        node.setup(services=at)
+        before = AssemblyState(edges if action.part == "o2" else {})
+        node.state.entry.value = before  # type: ignore[union-attr]
+        node.action.entry.value = SeenAction(action, 0.0)  # type: ignore[union-attr]
+        assert node.update() is Status.SUCCESS
+        assert dict(node.state.get().placed) == edges
+
+
+def test_the_graph_follows_what_holes_look_like_for_a_while() -> None:
+    at = services()
+    node = ReconcileGraph("reconcile")
+    node.setup(services=at)
+    node.state.entry.value = AssemblyState({"p1": "o3"})  # type: ignore[union-attr]
+    for time_s in (0.0, 1.0, 2.0):
+        holes = {**EMPTY_HOLES, "p1": HoleView(None, 1.0, time_s), "p4": HoleView("o2", 1.0, time_s)}
+        see(at, time_s, holes=holes)
+        node.update()
+        settled = {"p4": "o2"} if time_s >= 1.5 else {"p1": "o3"}
+        assert dict(node.state.get().placed) == settled
+
+
+def test_a_hole_that_is_covered_changes_nothing() -> None:
+    at = services()
+    node = ReconcileGraph("reconcile")
+    node.setup(services=at)
+    node.state.entry.value = AssemblyState({})  # type: ignore[union-attr]
+    for time_s in (0.0, 1.0, 2.0, 3.0):
+        see(at, time_s, holes={**EMPTY_HOLES, "p4": HoleView("o2", 1.0, seen_s=0.0)})
+        node.update()
+    assert not node.state.get().placed
+
+
+def test_finished_means_all_filled_seen_and_the_hand_gone() -> None:
+    at = services()
+    node = AssemblyFinished("finished")
+    node.setup(services=at)
+    full = dict.fromkeys(EMPTY_HOLES, "o1")
+    filled = {position: HoleView("o1", 1.0, 0.0) for position in EMPTY_HOLES}
+    cases = (
+        ({**full, "p1": "o1"}, filled, IDLE, Status.SUCCESS),
+        ({"p1": "o1"}, filled, IDLE, Status.FAILURE),
+        (full, EMPTY_HOLES, IDLE, Status.FAILURE),
+        (full, filled, PLACED, Status.FAILURE),
+    )
+    for placed, holes, action, expected in cases:
+        see(at, 1.0, holes=holes, hand=hand_at(1.0, 0.4))
+        node.state.entry.value = AssemblyState(placed)  # type: ignore[union-attr]
+        node.action.entry.value = SeenAction(action, 0.0)  # type: ignore[union-attr]
+        assert node.update() is expected

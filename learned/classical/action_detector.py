@@ -21,7 +21,7 @@ SCREW_TURNS = 3  # turning points of both coordinates together
 SCREW_KEEPS_S = 0.4  # a screw action goes on this long after the last sign of it
 CARRY_WINDOW_S = 1.5
 REST_WINDOW_S = 0.4
-REST_M = 0.10  # from the resting place
+REST_M = 0.06  # from the resting place
 BEFORE_S = 0.5  # a hole is looked at this long before it is covered, so that frames overlap
 
 
@@ -131,11 +131,17 @@ class ClassicalActionDetector:
         return sum(turning_points(column, SCREW_SWING_M) for column in tips.T) >= SCREW_TURNS
 
     def _resting(self, hands: list[HandSample], now_s: float) -> bool:
-        recent = np.array([hand.palm_m for hand in hands if now_s - hand.time_s < REST_WINDOW_S])
-        if len(recent) < 3:
+        """Palm at its resting place, fingertips still; medians, for the outline of a hand trembles by a pixel."""
+        recent = [hand for hand in hands if now_s - hand.time_s < REST_WINDOW_S]
+        if len(recent) < 4 or recent[-1].held_part is not None:
             return False
-        still = float(np.ptp(recent, axis=0).max()) < self._settings.still_m
-        return still and float(np.linalg.norm(recent[-1] - self._rest_m)) < REST_M
+        palms = np.array([hand.palm_m for hand in recent])
+        if float(np.linalg.norm(np.median(palms, axis=0) - self._rest_m)) > REST_M:
+            return False
+        tips = np.array([hand.fingertips_m for hand in recent])
+        half = len(tips) // 2
+        moved = np.median(tips[half:], axis=0) - np.median(tips[:half], axis=0)
+        return float(np.linalg.norm(moved)) < self._settings.still_m
 
 
 def turning_points(values: Array, swing: float) -> int:

@@ -29,7 +29,7 @@ class BoxFit:
     """An upright box on the floor.
 
     Attributes:
-        support: share of the box's visible outline that shows the right colour.
+        support: share of the box's visible pixels that show the right colour.
         visible: share of its pixels that nothing of another colour hides.
     """
 
@@ -147,8 +147,8 @@ class BoxFitter:
         return signed_distances(points, self.polygon(BoxFit(x_m, y_m, yaw_rad))) + EDGE_PX
 
     def _judge(self, fit: BoxFit, own: Mask, hidden: Mask) -> BoxFit:
-        """How much of the box is seen, and how much of what is seen has its colour."""
-        box = fill(own.shape, self.polygon(fit))
+        """How much of the box is seen, and how much of what is seen has its colour; its blurred rim does not count."""
+        box = np.asarray(cv2.erode(fill(own.shape, self.polygon(fit)), np.ones((3, 3), np.uint8)), np.uint8)
         total = max(int(box.sum()), 1)
         covered = int((box & own).sum())
         obscured = int((box & hidden & (1 - own)).sum())

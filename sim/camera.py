@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import cv2
 import mujoco
 import numpy as np
@@ -77,7 +76,7 @@ class SimCamera:
         """The newest frame."""
         return self._frame
 
-    def update(self, time_s: float, dt_s: float) -> None:
+    def observe(self, time_s: float, /) -> None:
         """Expose where a frame is due."""
         due = self._triggered if self._setup.triggered else time_s >= self._sequence / self._setup.rate_hz - SLACK_S
         if due:

@@ -14,7 +14,7 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from sim.arm import SimArm
 from sim.camera import SimCamera, Studio
-from sim.clock import SimClock, Stepped
+from sim.clock import Actor, SimClock
 from sim.clutter import ScenePart, full_set, sample_clutter
 from sim.gripper_node import GripperNode
 from sim.hand import add_hand
@@ -75,7 +75,7 @@ class SimCell:
         self._studio = Studio(self.world)
         overhead = SimCamera("overhead", bench.overhead, self.world, self._studio, settings.noise, streams[3])
         wrist = SimCamera("wrist", bench.wrist, self.world, self._studio, settings.noise, streams[4])
-        actors: list[Stepped] = [self.arm, self.gripper_node]
+        actors: list[Actor] = [self.arm, self.gripper_node]
         if self.worker is not None:
             actors.append(self.worker)
         clock = SimClock(self.world, actors, [self.score, overhead, wrist])
@@ -102,9 +102,7 @@ def open_cell(
     clutter: Sequence[ScenePart] | None = None,
 ) -> Devices:
     """The devices of a simulated cell, with its gripper on the CAN bus; see SimCell."""
-    cell = SimCell(
-        product, bench, settings, can_interface, can_channel, seed, goal, worker=worker, clutter=clutter
-    )
+    cell = SimCell(product, bench, settings, can_interface, can_channel, seed, goal, worker=worker, clutter=clutter)
     return cell.devices
 
 

@@ -11,11 +11,19 @@ from sim.world import World
 SLACK_S = 1e-6  # a deadline this close after a control period is that period
 
 
-class Stepped(Protocol):
+class Actor(Protocol):
     """Something that acts once in every control period."""
 
     def update(self, time_s: float, dt_s: float) -> None:
         """Act at `time_s`; the next call comes `dt_s` later."""
+        ...
+
+
+class Observer(Protocol):
+    """Something that looks at the world after every control period."""
+
+    def observe(self, time_s: float, /) -> None:
+        """Look at the world as it is at `time_s`."""
         ...
 
 
@@ -27,7 +35,7 @@ class SimClock:
         observers: look at the world after it has advanced, and once at the beginning.
     """
 
-    def __init__(self, world: World, actors: Sequence[Stepped], observers: Sequence[Stepped]) -> None:
+    def __init__(self, world: World, actors: Sequence[Actor], observers: Sequence[Observer]) -> None:
         self._world = world
         self._actors, self._observers = actors, observers
         self._period_s = world.physics.control_period_s
@@ -50,4 +58,4 @@ class SimClock:
 
     def _observe(self) -> None:
         for observer in self._observers:
-            observer.update(self.now_s(), self._period_s)
+            observer.observe(self.now_s())

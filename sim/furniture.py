@@ -123,8 +123,8 @@ def _check_bracket(product: Product, bench: Bench, radius_m: float) -> None:
     height = bench.bracket.position_m[2]
     if height < _longest_peg_m(product) + 0.002 or height < product.bracket.thickness_m:
         raise InputError(
-            f"the bracket's upper side is {height:.3f} m above the table; its plate of "
-            f"{product.bracket.thickness_m:.3f} m and pegs of {_longest_peg_m(product):.3f} m + 0.002 m do not fit below"
+            f"the bracket's upper side is {height:.3f} m above the table, too low for its plate of "
+            f"{product.bracket.thickness_m:.3f} m and pegs of {_longest_peg_m(product):.3f} m + 0.002 m"
         )
     holes = list(product.bracket.holes_m.items())
     for i, (name, (x, y)) in enumerate(holes):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 from pathlib import Path
+from typing import cast
 
 import can
 import cantools.database
@@ -104,9 +105,8 @@ class GripperNode:
         self._report(time_s, fault)
 
     def _decode(self, message: can.Message) -> Mapping[str, float]:
-        values = self._database.decode_message(self._command_id, message.data, decode_choices=False)
-        assert isinstance(values, dict)
-        return {name: float(value) for name, value in values.items()}
+        values = self._database.decode_message(self._command_id, bytes(message.data), decode_choices=False)
+        return cast(dict[str, float], values)  # numbers, as choices are not decoded
 
     def _accept(self, request: Mapping[str, float]) -> None:
         self._request = request

@@ -36,7 +36,8 @@ def add_part(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, kind: PartTy
 
 def _add_fitting(body: mujoco.MjsBody, kind: PartType, style: int) -> None:
     length, width, height = kind.size_m
-    rgb = tuple(FITTING_SHADE * channel for channel in kind.colour_rgb)
+    red, green, blue = kind.colour_rgb
+    rgb = (FITTING_SHADE * red, FITTING_SHADE * green, FITTING_SHADE * blue)
     centre = (0.0, 0.0, height - FITTING_M / 2)
     if style % 3 == 0:
         add_cylinder(body, centre, 0.75 * width, FITTING_M, rgb, palette.NO_TOUCH)

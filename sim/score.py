@@ -55,7 +55,7 @@ class Score:
         self._movable = np.array([index in self._part for index in range(len(names))])
         self._touched: dict[str, Hand] = {}
 
-    def update(self, time_s: float, dt_s: float) -> None:
+    def observe(self, _time_s: float, /) -> None:
         """Note who touches parts that are not seated; brushing a seated one does not count."""
         pairs = self._world.model.geom_bodyid[self._world.data.contact.geom]
         for mine, other in ((pairs[:, 0], pairs[:, 1]), (pairs[:, 1], pairs[:, 0])):

@@ -13,6 +13,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
 from skills.collision import Box, body_box, part_box
 from skills.grasp_pose import STROKE_M, Grasp, fingers_clear, grasps, held_boxes, hole_pose, place_poses
+from skills.insertion import Insert
 from skills.phases import Activate, FingersRest, Move, Phase, SetGripper
 from skills.planner import Load, MotionPlanner, at_height
 
@@ -106,18 +107,26 @@ def take_phases(
 
 
 def put_phases(
-    planner: MotionPlanner, name: str, target: Pose, obstacles: tuple[Box, ...], near_rad: Array, carry_m: float
+    planner: MotionPlanner,
+    name: str,
+    target: Pose,
+    obstacles: tuple[Box, ...],
+    near_rad: Array,
+    carry_m: float,
+    *,
+    into_hole: bool = False,
 ) -> list[Phase] | str:
     """Phases that put the held part at `target` (its part frame) and end with the empty fingers above it.
 
     Args:
         carry_m: height of the body's bottom on the way there.
+        into_hole: the peg goes into a hole, and feels for it.
     """
     settings, kind = planner.settings, planner.product.parts[name]
     opening_m = min(STROKE_M, kind.size_m[1] + 2 * settings.finger_clearance_m)
-    hanging = held_boxes(name, kind, settings, with_peg=False)
     carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, with_peg=True))
-    lowering, leaving = Load(opening_m, obstacles, hanging, close=True), Load(opening_m, obstacles, close=True)
+    lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, with_peg=False), close=True)
+    leaving = Load(opening_m, obstacles, close=True)
     found = planner.reach(place_poses(target, kind, settings), near_rad, lowering)
     if isinstance(found, str):
         return f"cannot put {name} there: {found}"
@@ -126,11 +135,14 @@ def put_phases(
     above = planner.kinematics.inverse(at_height(pose, pose.position_m[2] + rise_m), joints)
     if above is None:
         return f"cannot put {name} there: out of the arm's reach above it"
+    depth_m = kind.peg_length_m + settings.insertion_start_m if into_hole else 0.0
+    before = at_height(pose, pose.position_m[2] + depth_m)
     retreat = at_height(pose, _clear_height_m(planner, kind, target))
     release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
     return [
         Move(f"carrying {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
-        Move(f"lowering {name}", lambda start: planner.straight_move(start, pose, lowering), settings, holding=name),
+        Move(f"lowering {name}", lambda start: planner.straight_move(start, before, lowering), settings, holding=name),
+        *([Insert(name, planner, pose, depth_m, lowering)] if into_hole else []),
         SetGripper(f"letting go of {name}", release, settings),
         Move(f"leaving {name}", lambda start: planner.straight_move(start, retreat, leaving), settings),
     ]

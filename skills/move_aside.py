@@ -42,9 +42,10 @@ class MoveAside(PhasedSkill):
         take = take_phases(planner, part, self._others, near, carry_m)
         if isinstance(take, str):
             return take
+        obstacles = tray_boxes(planner, self._others)
         reason = f"no free spot in the tray for {part.part}"
         for target in free_spots(part, kind, self._others, planner.bench.tray, planner.settings):
-            put = put_phases(planner, part.part, target, tray_boxes(planner, self._others), near, carry_m)
+            put = put_phases(planner, part.part, target, obstacles, near, carry_m, into_hole=False)
             if not isinstance(put, str):
                 return [*take, *put]
             reason = put

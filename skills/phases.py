@@ -7,14 +7,14 @@ from typing import Protocol
 
 import numpy as np
 
-from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ObjectStatus, Observation
-from cell.interfaces.pose import Array
 from cell.interfaces.skill import Progress, SkillStatus
 from skills.planner import Planning
 from skills.settings import MotionSettings
 
 STANDING_RAD_S = 0.05
+DROPPED_TICKS = 3  # the fingers may settle for a moment without having lost the part
 ACTIVATION_TIMEOUT_S = 10.0
 
 
@@ -27,26 +27,32 @@ class Phase(Protocol):
 
 
 class Move:
-    """Follow a trajectory that is planned when the phase starts, and wait until the arm stands at its end."""
+    """Follow a trajectory that is planned when the phase starts, and wait until the arm stands at its end.
+
+    Attributes:
+        trajectory, started_s: what the arm follows and since when; None before the start.
+    """
 
     def __init__(self, doing: str, plan: Planning, settings: MotionSettings, *, holding: str | None = None) -> None:
         """Args:
         holding: type of the part that the gripper must not lose on the way.
         """
         self._doing, self._plan, self._settings, self._holding = doing, plan, settings, holding
-        self._goal: Array | None = None
+        self.trajectory: JointTrajectory | None = None
+        self.started_s = 0.0
         self._deadline_s: float | None = None
+        self._empty_ticks = 0
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Wait for standstill, plan and start, then watch."""
-        if self._holding is not None and not observation.gripper.holding:
-            return _failed(f"{self._holding} was dropped while {self._doing}")
+        if self._lost(observation):
+            return failed(f"{self._holding} was dropped while {self._doing}")
         if self._deadline_s is None:
             self._deadline_s = observation.time_s + self._settings.arm_timeout_s
-        if self._goal is None:
+        if self.trajectory is None:
             return self._start(observation, command)
         if not observation.arm.moving and _stands(observation) and self._arrived(observation):
-            return _done(self._doing)
+            return done(self._doing)
         return self._running(observation)
 
     def _start(self, observation: Observation, command: Command) -> Progress:
@@ -54,22 +60,28 @@ class Move:
             return self._running(observation)
         plan = self._plan(np.array(observation.arm.positions_rad))
         if isinstance(plan, str):
-            return _failed(f"{self._doing}: {plan}")
-        self._goal = plan.positions_rad[-1]
+            return failed(f"{self._doing}: {plan}")
+        self.trajectory, self.started_s = plan, observation.time_s
         if plan.duration_s == 0:
-            return _done(self._doing)
+            return done(self._doing)
         command.follow = plan
         self._deadline_s = observation.time_s + plan.duration_s + self._settings.arm_timeout_s
         return Progress(SkillStatus.RUNNING, self._doing)
 
+    def _lost(self, observation: Observation) -> bool:
+        empty = self._holding is not None and not observation.gripper.holding
+        self._empty_ticks = self._empty_ticks + 1 if empty else 0
+        return self._empty_ticks >= DROPPED_TICKS
+
     def _arrived(self, observation: Observation) -> bool:
-        offset = np.abs(np.array(observation.arm.positions_rad) - self._goal)
+        assert self.trajectory is not None
+        offset = np.abs(np.array(observation.arm.positions_rad) - self.trajectory.positions_rad[-1])
         return bool(offset.max() < self._settings.arrival_tolerance_rad)
 
     def _running(self, observation: Observation) -> Progress:
         assert self._deadline_s is not None
         if observation.time_s > self._deadline_s:
-            return _failed(f"{self._doing}: the arm did not arrive in time")
+            return failed(f"{self._doing}: the arm did not arrive in time")
         return Progress(SkillStatus.RUNNING, self._doing)
 
 
@@ -91,14 +103,14 @@ class SetGripper:
         if self._deadline_s is None:
             command.gripper = self._goal
             self._deadline_s = observation.time_s + self._timeout_s
-            return Progress(SkillStatus.RUNNING, self._doing) if self._wait else _done(self._doing)
+            return Progress(SkillStatus.RUNNING, self._doing) if self._wait else done(self._doing)
         if observation.gripper.object_status is ObjectStatus.MOVING:
             if observation.time_s > self._deadline_s:
-                return _failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
+                return failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
             return Progress(SkillStatus.RUNNING, self._doing)
         if self._must_hold and not observation.gripper.holding:
-            return _failed(f"{self._doing}: nothing between the fingers")
-        return _done(self._doing)
+            return failed(f"{self._doing}: nothing between the fingers")
+        return done(self._doing)
 
 
 class FingersRest:
@@ -113,9 +125,9 @@ class FingersRest:
         if self._deadline_s is None:
             self._deadline_s = observation.time_s + self._timeout_s
         if observation.gripper.object_status is not ObjectStatus.MOVING:
-            return _done(self._doing)
+            return done(self._doing)
         if observation.time_s > self._deadline_s:
-            return _failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
+            return failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
         return Progress(SkillStatus.RUNNING, self._doing)
 
 
@@ -128,12 +140,12 @@ class Activate:
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Ask once, then wait."""
         if observation.gripper.activated:
-            return _done("gripper active")
+            return done("gripper active")
         if self._deadline_s is None:
             command.activate_gripper = True
             self._deadline_s = observation.time_s + ACTIVATION_TIMEOUT_S
         if observation.time_s > self._deadline_s:
-            return _failed(f"the gripper did not finish its activation in {ACTIVATION_TIMEOUT_S} s")
+            return failed(f"the gripper did not finish its activation in {ACTIVATION_TIMEOUT_S} s")
         return Progress(SkillStatus.RUNNING, "activating the gripper")
 
 
@@ -155,7 +167,7 @@ class PhasedSkill:
         if self._phases is None:
             phases = self.prepare(observation)
             if isinstance(phases, str):
-                return self._finish(_failed(phases))
+                return self._finish(failed(phases))
             self._phases = list(phases)
         while self._phases:
             progress = self._phases[0].poll(observation, command)
@@ -165,7 +177,7 @@ class PhasedSkill:
                 command.follow, command.stop_arm = None, True
                 return self._finish(progress)
             self._phases.pop(0)
-        return self._finish(_done(self.done))
+        return self._finish(done(self.done))
 
     @property
     def done(self) -> str:
@@ -176,7 +188,7 @@ class PhasedSkill:
         """Stop the arm within its limits; the fingers keep what they hold."""
         command.follow, command.stop_arm = None, True
         if self._end is None:
-            self._end = _failed("halted")
+            self._end = failed("halted")
 
     def _finish(self, progress: Progress) -> Progress:
         self._end = progress
@@ -187,9 +199,11 @@ def _stands(observation: Observation) -> bool:
     return max(abs(speed) for speed in observation.arm.velocities_rad_s) < STANDING_RAD_S
 
 
-def _done(doing: str) -> Progress:
+def done(doing: str) -> Progress:
+    """The answer of a phase that has achieved its aim."""
     return Progress(SkillStatus.SUCCESS, doing)
 
 
-def _failed(reason: str) -> Progress:
+def failed(reason: str) -> Progress:
+    """The answer of a phase that cannot go on."""
     return Progress(SkillStatus.FAILURE, reason)

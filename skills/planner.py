@@ -81,9 +81,14 @@ class MotionPlanner:
             return f"no free way: {contact}"
         return detour
 
-    def straight_move(self, start_rad: Array, world_from_tool: Pose, load: Load) -> Plan:
-        """The tool on a straight line to a pose."""
-        line = line_move(self.kinematics, start_rad, world_from_tool, self.settings)
+    def straight_move(
+        self, start_rad: Array, world_from_tool: Pose, load: Load, speed_m_s: float | None = None
+    ) -> Plan:
+        """The tool on a straight line to a pose, at the settings' speed by default."""
+        settings = self.settings
+        if speed_m_s is not None:
+            settings = settings.model_copy(update={"line_speed_m_s": speed_m_s})
+        line = line_move(self.kinematics, start_rad, world_from_tool, settings)
         if line is None:
             return "the arm cannot follow a straight line there"
         contact = self._contact(line.positions_rad, load)

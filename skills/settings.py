@@ -25,6 +25,11 @@ class MotionSettings(Model):
             one, and the narrowest that is tried where a neighbour is in the way.
         approach_gap_m: fingertips pass this far above what stands below them before a descent.
         carry_gap_m: the peg of a carried part passes this far above placed parts.
+        insertion_speed_m_s: of a peg that is being lowered into its hole.
+        insertion_start_m: above the hole, where slow lowering begins.
+        contact_lag_m: a tool that stays this far above its trajectory has met something.
+        search_shifts_m: where a peg that met the rim is tried again, along the body's length; across it the fingers
+            have centred the part.
         release_gap_m: a part is let go this far above what it will stand on.
         transit_lift_m: how much higher a second try passes, where the direct way is blocked.
         part_gap_m, rim_gap_m: least room that is left around a part that is moved aside.
@@ -52,6 +57,10 @@ class MotionSettings(Model):
     least_finger_clearance_m: float = Field(default=0.004, gt=0)
     approach_gap_m: float = Field(default=0.015, gt=0)
     carry_gap_m: float = Field(default=0.020, gt=0)
+    insertion_speed_m_s: float = Field(default=0.08, gt=0)
+    insertion_start_m: float = Field(default=0.002, ge=0)
+    contact_lag_m: float = Field(default=0.002, gt=0)
+    search_shifts_m: tuple[float, ...] = (0.0035, -0.0035, 0.007, -0.007)
     release_gap_m: float = Field(default=0.0015, ge=0)
     transit_lift_m: float = Field(default=0.12, gt=0)
     part_gap_m: float = Field(default=0.030, gt=0)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -17,13 +15,9 @@ import can
 from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration, load_product
 from cell.interfaces.errors import CellError
 from cell.interfaces.product import Product
+from cell.rendering import chosen_backend, renders
 
-RENDER_TIMEOUT_S = 60.0
-GL_PACKAGES = "libosmesa6 libegl1 libgl1-mesa-dri"
-RENDER = (
-    "import mujoco; m = mujoco.MjModel.from_xml_string('<mujoco/>'); r = mujoco.Renderer(m, 32, 32); "
-    "d = mujoco.MjData(m); mujoco.mj_forward(m, d); r.update_scene(d); r.render(); r.close()"
-)
+GL_PACKAGES = "libegl1 libgl1-mesa-dri libosmesa6"
 
 
 @dataclass(frozen=True)
@@ -76,20 +70,11 @@ def _packages() -> Iterator[Finding]:
 
 
 def _rendering() -> Finding:
-    """Render one picture in a process of its own: a missing GL library can end the process."""
-    wanted = os.environ.get("MUJOCO_GL")
-    backends = [wanted] if wanted else ["egl", "osmesa"]
-    for backend in backends:
-        result = subprocess.run(
-            [sys.executable, "-c", RENDER],
-            env={**os.environ, "MUJOCO_GL": backend},
-            capture_output=True,
-            timeout=RENDER_TIMEOUT_S,
-            check=False,
-        )
-        if result.returncode == 0:
-            return Finding(f"rendering by {backend}", True)
-    return Finding(f"rendering by {' or '.join(backends)}", False, f"apt-get install -y {GL_PACKAGES}")
+    backend = chosen_backend()
+    if renders(backend):
+        return Finding(f"rendering by {backend}", True)
+    other = " (or: export MUJOCO_GL=osmesa)" if backend != "osmesa" and renders("osmesa") else ""
+    return Finding(f"rendering by {backend}", False, f"apt-get install -y {GL_PACKAGES}{other}")
 
 
 def _weights(name: str, configuration: Configuration, product: Product) -> Finding:

@@ -1,0 +1,87 @@
+# Two commands matter: `make run` assembles one bracket in simulation, `make test` runs the tests.
+# Both set up all they need in .venv; stamp files there make every later call instant.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -e -u -o pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help run test test-all check bench train-deps doctor clean
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
+BIN := .venv/bin
+SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri libosmesa6
+RUN_ARGS ?= --goal random --seed 1
+
+# uv installs in seconds what pip installs in minutes; it gets the settings that this machine gives to pip.
+pip_setting = $(shell $(PYTHON) -m pip config get $(1) 2>/dev/null)
+export UV_DEFAULT_INDEX := $(or $(UV_DEFAULT_INDEX),$(PIP_INDEX_URL),$(call pip_setting,global.index-url))
+export UV_FIND_LINKS := $(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS))
+export SSL_CERT_FILE := $(or $(SSL_CERT_FILE),$(PIP_CERT),$(call pip_setting,global.cert))
+export UV_HTTP_TIMEOUT := 180
+export UV_LINK_MODE := copy
+UV := $(BIN)/uv pip install --quiet --python $(BIN)/python
+export OMP_NUM_THREADS := 1
+
+help:
+	@echo "make run        assemble one bracket in simulation (RUN_ARGS=\"--goal g0 --seed 3\")"
+	@echo "make test       run the tests"
+	@echo "make check      ruff, mypy, import-linter"
+	@echo "make bench      benchmarks"
+	@echo "make test-all   the tests and the long experiments"
+	@echo "make train-deps what 'cell train' needs"
+	@echo "make doctor     what is missing on this machine"
+
+run: .venv/system
+	$(BIN)/cell run $(RUN_ARGS)
+
+doctor: .venv/runtime
+	$(BIN)/cell doctor
+
+# Software OpenGL and torch crash in one process, so tests marked `torch` have a process of their own.
+test: .venv/tests .venv/system
+	$(BIN)/python -m pytest -m "not slow and not torch"
+	$(BIN)/python -m pytest -m "torch and not slow"
+
+test-all: .venv/tests .venv/system
+	$(BIN)/python -m pytest -m "not torch"
+	$(BIN)/python -m pytest -m "torch"
+
+check: .venv/tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: .venv/tests .venv/system
+	$(BIN)/python -m tests.benchmarks
+
+train-deps: .venv/tests
+
+clean:
+	rm -rf .venv build *.egg-info
+
+# Debian's python3 comes without ensurepip.
+.venv/uv:
+	@if ! $(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))'; then \
+	  echo "Python 3.11 or 3.12 is needed: make run PYTHON=/path/to/python3.11"; exit 2; fi
+	@if ! $(PYTHON) -c 'import ensurepip' 2>/dev/null; then \
+	  if [ "$$(id -u)" = 0 ]; then apt-get update -qq && apt-get install -y -qq python3-venv python3-pip; \
+	  else echo "python3-venv is missing: sudo apt-get install -y python3-venv python3-pip"; exit 2; fi; fi
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	@touch $@
+
+.venv/runtime: .venv/uv pyproject.toml
+	$(UV) --editable .
+	@touch $@
+
+.venv/tests: .venv/runtime
+	$(UV) --editable '.[train,dev]'
+	@touch $@
+
+# Rendering is tried, not guessed: whatever OpenGL is here may do.
+.venv/system: .venv/runtime
+	@if ! $(BIN)/python -m cell.rendering; then \
+	  if [ "$$(id -u)" = 0 ]; then apt-get update -qq && apt-get install -y -qq $(SYSTEM_PACKAGES); \
+	    $(BIN)/python -m cell.rendering; \
+	  else echo "software OpenGL is missing: sudo apt-get install -y $(SYSTEM_PACKAGES)"; exit 2; fi; fi
+	@touch $@

@@ -62,14 +62,17 @@ class ClassicalHandTracker:
         """The mask of the largest piece of skin within its box (left, top, right, bottom)."""
         skin = (labels == self._colours.skin).astype(np.uint8)
         skin = np.asarray(cv2.morphologyEx(skin, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
-        _, pieces, stats, _ = cv2.connectedComponentsWithStats(skin, connectivity=8)
+        x, y, width, height = cv2.boundingRect(skin)
+        if width == 0:
+            return None, (0, 0, 0, 0)
+        _, pieces, stats, _ = cv2.connectedComponentsWithStats(skin[y : y + height, x : x + width], connectivity=8)
         areas = stats[1:, cv2.CC_STAT_AREA]
         if len(areas) == 0 or areas.max() < self._settings.hand_area_m2 * self._scale**2:
             return None, (0, 0, 0, 0)
         index = int(areas.argmax()) + 1
         left, top, width, height, _ = (int(value) for value in stats[index])
         piece = (pieces[top : top + height, left : left + width] == index).astype(np.uint8)
-        return piece, (left, top, left + width, top + height)
+        return piece, (x + left, y + top, x + left + width, y + top + height)
 
     def _palm(self, view: View, skin: Labels, corner: tuple[int, int]) -> tuple[float, float]:
         """The middle of the hand's widest place."""

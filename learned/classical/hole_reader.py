@@ -32,6 +32,8 @@ SAME_PX = 0.7  # a blob that moved and changed less than this was judged before
 SAME_AREA = 0.06
 BELONGS_M = 0.035
 
+Pixels = tuple[NDArray[np.intp], ...]
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -73,6 +75,7 @@ class ClassicalHoleReader:
         radius_m = max(part.peg_diameter_m for part in product.parts.values()) / 2 + product.bracket.hole_clearance_m
         self._radius_px = radius_m * self._scale
         self._window = self._plate_window(bracket.transform(_plate_corners(product)))
+        self._masks = {position: self._hole_masks(position) for position in product.positions}
         self._judged: dict[str, tuple[_Blob, Reading | None]] = {}
         self._candidates: dict[str, tuple[Reading, int]] = {}
         self._views: dict[str, HoleView] = {}
@@ -108,6 +111,14 @@ class ClassicalHoleReader:
         high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 1, (model.width_px, model.height_px))
         return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
+    def _hole_masks(self, position: str) -> tuple[Pixels, Pixels]:
+        """Pixels in the window inside a hole, and on the ring of plate around it."""
+        left, top, right, bottom = self._window
+        centre = self._view.pixels(np.array([[*self._holes_m[position], self._plate_m]]))[0] - (left, top)
+        rows, columns = np.ogrid[: bottom - top, : right - left]
+        radii = np.hypot(rows - centre[1], columns - centre[0]) / self._radius_px
+        return np.nonzero(radii < DISC), np.nonzero((radii > RING[0]) & (radii < RING[1]))
+
     def _blobs(self, crop: Labels) -> tuple[list[_Blob], dict[int, NDArray[np.int32]]]:
         """Pieces of part colour around the plate, large enough for a part, and their maps by label."""
         left, top, _, _ = self._window
@@ -138,11 +149,7 @@ class ClassicalHoleReader:
 
     def _empty(self, position: str, crop: Labels, grey: Array) -> Reading | None:
         """An empty hole: dark inside, bare plate all around."""
-        x_m, y_m = self._holes_m[position]
-        column, row = self._view.pixels(np.array([[x_m, y_m, self._plate_m]]))[0] - self._window[:2]
-        rows, columns = np.ogrid[: crop.shape[0], : crop.shape[1]]
-        radii = np.hypot(rows - row, columns - column) / self._radius_px
-        disc, ring = radii < DISC, (radii > RING[0]) & (radii < RING[1])
+        disc, ring = self._masks[position]
         plate = float(np.median(grey[ring]))
         low, high = PLATE_RANGE
         bare = (grey[ring] > low * plate) & (grey[ring] < high * plate) & (crop[ring] == BACKGROUND)

@@ -78,8 +78,6 @@ class _Rounds(Decorator):
             if status is RUNNING:
                 return RUNNING
             child.reset()
-            if status is SKIPPED:
-                return SKIPPED
             if status is not self.goes_on:
                 self._round = 0
                 return status

@@ -117,6 +117,8 @@ class _Checker:
             self._report(place, f"there is no node '{tag}'", legal)
             return
         self._children(element, node)
+        if tag == "ReactiveSequence":
+            self._reactive(element)
         ports = self._registry.ports(tag)
         for name, attribute in element.attributes.items():
             if name in ports:
@@ -137,6 +139,13 @@ class _Checker:
         wanted = f"at least {low}" if high is None else str(low) if low == high else f"{low} to {high}"
         what = f"{node_tag(element)} has {count} {'child' if count == 1 else 'children'}"
         self._report(element.place, what, f"it takes {wanted}")
+
+    def _reactive(self, element: Element) -> None:
+        """Only one child may go on over several ticks: the others would be halted and begun anew for ever."""
+        several = [child for child in element.children if node_tag(child) == "AsyncSequence"]
+        for child in several[1:]:
+            what = f"{element.tag} has a second asynchronous child"
+            self._report(child.place, what, "at most one; put them into one Sequence")
 
     def _port(self, attribute: Attribute, port: Port) -> None:
         if port.kind is Script:

@@ -11,6 +11,7 @@ import behaviortreepy
 from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
+from cell.interfaces.errors import InputError
 from trees.loader import load_tree
 from trees.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
 from trees.registry import Registry
@@ -23,12 +24,15 @@ THEIRS = {
     "K": behaviortreepy.NodeStatus.SKIPPED,
 }
 WORDS = {status.name: letter for letter, status in THEIRS.items()} | {"IDLE": "K"}
+REFUSED = ["refused"]
 VARIABLES = ("x", "y")
 CONDITIONS = ("x > 1", "y == 0", "x != y", "x + y < 4", "x - y > 0", "true", "x == 0 || y > 2")
 CONTROLS = (
     *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "SequenceWithMemory", "AsyncSequence"),
     *("AsyncFallback", "Parallel", "ParallelAll", "IfThenElse", "WhileDoElse"),
 )
+ATTRIBUTES_BEFORE = ("_failureIf", "_successIf")
+ATTRIBUTES_AFTER = ("_onSuccess", "_onFailure", "_post")
 DECORATORS = (
     *("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure", "Repeat", "RunOnce", "SubTree"),
     *("RetryUntilSuccessful", "Precondition"),
@@ -52,7 +56,7 @@ class Generator:
     def __init__(self, seed: int, size: int, skips: bool = True, scripts: bool = True) -> None:
         self._random = random.Random(seed)
         self._left = size
-        self._skips = skips
+        self._skips = skips  # whether nodes at this point of the tree may be skipped
         self._scripts = scripts
         self._subtrees: list[str] = []
         self.answers: dict[str, str] = {}
@@ -76,7 +80,7 @@ class Generator:
     def _leaf(self) -> str:
         draw = self._random.random()
         if self._scripts and draw < 0.1:
-            return f'<Script code="{self._random.choice(ASSIGNMENTS)}"{self._conditions()}/>'
+            return f'<Script code="{self._random.choice(ASSIGNMENTS)}"{self._leaf_conditions()}/>'
         if self._scripts and draw < 0.2:
             code = self._random.choice(CONDITIONS).replace("<", "&lt;").replace("&&", "&amp;&amp;")
             return f'<ScriptCondition code="{code}"/>'
@@ -85,7 +89,7 @@ class Generator:
         name = f"leaf{len(self.answers)}"
         letters = "SSSFFRRR" + ("K" if self._skips else "")
         self.answers[name] = "".join(self._random.choices(letters, k=self._random.randint(1, 9)))
-        return f'<Leaf name="{name}"{self._conditions()}/>'
+        return f'<Leaf name="{name}"{self._leaf_conditions()}/>'
 
     def _check(self) -> str:
         """A condition: the library does not tick a finished action again before it is reset, as a py_trees leaf is."""
@@ -117,34 +121,45 @@ class Generator:
             self._subtrees.append("")
             number = len(self._subtrees) - 1
             self._subtrees[number] = self._node(depth + 1)
-            return f'<SubTree ID="T{number}" x="{{x}}" y="{{y}}"{self._conditions()}/>'
-        ports = {
-            "Repeat": f' num_cycles="{self._random.randint(1, 4)}"',
-            "RetryUntilSuccessful": f' num_attempts="{self._random.randint(1, 4)}"',
-            "RunOnce": f' then_skip="{self._random.choice(("true", "false"))}"',
-        }
-        return self._element(tag, ports.get(tag, ""), [self._node(depth + 1)])
+            return f'<SubTree ID="T{number}" x="{{x}}" y="{{y}}"{self._leaf_conditions()}/>'
+        if tag in ("Repeat", "RetryUntilSuccessful"):
+            return self._rounds(tag, depth)
+        ports = ""
+        if tag == "RunOnce":
+            ports = f' then_skip="{self._random.choice(("true", "false")) if self._skips else "false"}"'
+        return self._element(tag, ports, [self._node(depth + 1)])
+
+    def _rounds(self, tag: str, depth: int) -> str:
+        """Nothing below is skipped: the library keeps the count of a skipped Repeat, this engine begins anew."""
+        before, self._skips = self._skips, False
+        port = "num_cycles" if tag == "Repeat" else "num_attempts"
+        element = self._element(tag, f' {port}="{self._random.randint(1, 4)}"', [self._node(depth + 1)])
+        self._skips = before
+        return element
 
     def _precondition(self) -> str:
         """Only with a child that finishes at once: the library does not ask again after a halt, this engine does."""
         if not self._scripts:
             return self._leaf()
         condition = self._random.choice(("x > 1", "y == 0", "x != y"))
-        otherwise = self._random.choice(("FAILURE", "SUCCESS", "RUNNING", "SKIPPED"))
+        otherwise = self._random.choice(("FAILURE", "SUCCESS", "RUNNING", "SKIPPED")[: 4 if self._skips else 3])
         child = self._random.choice((self._check(), f'<Script code="{self._random.choice(ASSIGNMENTS)}"/>'))
         return self._element("Precondition", f' if="{condition}" else="{otherwise}"', [child])
 
     def _element(self, tag: str, ports: str, children: list[str]) -> str:
-        return f"<{tag}{ports}{self._conditions()}>{''.join(children)}</{tag}>"
+        """The library leaves a skipped control RUNNING, so that it does not ask the first three conditions again."""
+        attributes = ("_while", *ATTRIBUTES_AFTER) if self._skips else (*ATTRIBUTES_BEFORE, *ATTRIBUTES_AFTER)
+        return f"<{tag}{ports}{self._conditions(attributes)}>{''.join(children)}</{tag}>"
 
-    def _conditions(self) -> str:
+    def _leaf_conditions(self) -> str:
+        skips = ("_skipIf", "_while") if self._skips else ()
+        return self._conditions((*skips, *ATTRIBUTES_BEFORE, *ATTRIBUTES_AFTER))
+
+    def _conditions(self, attributes: tuple[str, ...]) -> str:
         if not self._scripts or self._random.random() > 0.2:
             return ""
-        name = self._random.choice(
-            ("_failureIf", "_successIf", "_skipIf", "_while", "_onSuccess", "_onFailure", "_post")
-        )
-        before = name in ("_failureIf", "_successIf", "_skipIf", "_while")
-        code = self._random.choice(CONDITIONS if before else ASSIGNMENTS)
+        name = self._random.choice(attributes)
+        code = self._random.choice(ASSIGNMENTS if name in ATTRIBUTES_AFTER else CONDITIONS)
         return f' {name}="{code.replace("<", "&lt;")}"'
 
 
@@ -166,8 +181,11 @@ def run_theirs(case: Case) -> list[str]:
         lambda node: log.append(f"halt {node.name()}"),
     )
     factory.register_simple_condition("Check", lambda node: answer(node, "start"))
-    factory.register_behavior_tree_from_text(case.xml)
-    tree = factory.create_tree("Main")
+    try:
+        factory.register_behavior_tree_from_text(case.xml)
+        tree = factory.create_tree("Main")
+    except RuntimeError:
+        return REFUSED
     board = tree.root_blackboard()
     for turn in range(case.ticks):
         if turn in case.halts:
@@ -199,7 +217,10 @@ def run_ours(case: Case, path: Path) -> list[str]:
         """The same, as a condition."""
 
     path.write_text(case.xml)
-    tree = load_tree(path, Registry([Leaf, Check]))
+    try:
+        tree = load_tree(path, Registry([Leaf, Check]))
+    except InputError:
+        return REFUSED
     tree.setup(None, ManualClock())
     letters = {status: letter for letter, status in OURS.items()}
     for turn in range(case.ticks):

@@ -13,9 +13,17 @@ RUN_ARGS ?= --goal random --seed 1
 
 # uv installs in seconds what pip installs in minutes; it gets the settings that this machine gives to pip.
 pip_setting = $(shell $(PYTHON) -m pip config get $(1) 2>/dev/null)
-export UV_DEFAULT_INDEX := $(or $(UV_DEFAULT_INDEX),$(PIP_INDEX_URL),$(call pip_setting,global.index-url))
-export UV_FIND_LINKS := $(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS))
-export SSL_CERT_FILE := $(or $(SSL_CERT_FILE),$(PIP_CERT),$(call pip_setting,global.cert))
+index := $(or $(PIP_INDEX_URL),$(call pip_setting,global.index-url))
+certificates := $(or $(PIP_CERT),$(call pip_setting,global.cert))
+ifneq ($(index),)
+  export UV_DEFAULT_INDEX ?= $(index)
+endif
+ifneq ($(certificates),)
+  export SSL_CERT_FILE ?= $(certificates)
+endif
+ifneq ($(PIP_FIND_LINKS),)
+  export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
+endif
 export UV_HTTP_TIMEOUT := 180
 export UV_LINK_MODE := copy
 UV := $(BIN)/uv pip install --quiet --python $(BIN)/python

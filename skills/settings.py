@@ -60,7 +60,7 @@ class MotionSettings(Model):
     insertion_speed_m_s: float = Field(default=0.08, gt=0)
     insertion_start_m: float = Field(default=0.002, ge=0)
     contact_lag_m: float = Field(default=0.002, gt=0)
-    search_shifts_m: tuple[float, ...] = (0.0035, -0.0035, 0.007, -0.007)
+    search_shifts_m: tuple[float, ...] = (0.0035, -0.0035, 0.007, -0.007, 0.0105, -0.0105)
     release_gap_m: float = Field(default=0.0015, ge=0)
     transit_lift_m: float = Field(default=0.12, gt=0)
     part_gap_m: float = Field(default=0.030, gt=0)
@@ -72,7 +72,7 @@ class MotionSettings(Model):
     grip_force_n: float = Field(default=60.0, ge=20, le=235)
     arm_timeout_s: float = Field(default=1.5, gt=0)
     gripper_timeout_s: float = Field(default=2.5, gt=0)
-    arrival_tolerance_rad: float = Field(default=0.01, gt=0)
+    arrival_tolerance_rad: float = Field(default=0.004, gt=0)
 
 
 class CanSettings(Model):

@@ -9,9 +9,9 @@ from types import TracebackType
 
 import numpy as np
 
+from cell.configuration import load_configuration
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import Command
-from cell.interfaces.model import Model
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
@@ -20,7 +20,7 @@ from cell.interfaces.skill import Progress, Skill, SkillStatus
 from cell.interfaces.yaml_file import load_yaml
 from sim.arm import SimArm
 from sim.clock import SimClock
-from sim.clutter import ScenePart, standing
+from sim.clutter import standing
 from sim.gripper_node import GripperNode
 from sim.settings import PhysicsSettings
 from sim.world import WorldPart, build_world
@@ -41,7 +41,9 @@ class RobotAlone:
         channel: name of the virtual CAN bus, one for each robot.
         """
         self.product, self.bench = load_cell()
-        scene = [standing(self.product, self.bench.tray, name, (0.0, 0.7 + 0.1 * i), 0.0) for i, name in enumerate(types)]
+        scene = [
+            standing(self.product, self.bench.tray, name, (0.0, 0.7 + 0.1 * i), 0.0) for i, name in enumerate(types)
+        ]
         self.world = build_world(self.product, self.bench, scene, PhysicsSettings())
         self.arm = SimArm(self.world)
         self.node = GripperNode(self.world, "virtual", channel)
@@ -136,28 +138,18 @@ class RobotAlone:
         return None
 
 
-class _CellFile(Model):
-    """What this harness reads of config/cell.yaml."""
-
-    bench: Bench
-
-
 def load_cell() -> tuple[Product, Bench]:
     """The shipped product and bench."""
-    from cell.configuration import load_configuration
-
-    return load_yaml(CONFIG / "products.yaml", Product), load_configuration(CONFIG / "cell.yaml").bench
+    return load_yaml(CONFIG / "products.yaml", Product), load_configuration().bench
 
 
-def tray_poses(bench: Bench, count: int, rng: np.random.Generator, margin_m: float = 0.07) -> list[tuple[float, float, float]]:
+def tray_poses(
+    bench: Bench, count: int, rng: np.random.Generator, margin_m: float = 0.07
+) -> list[tuple[float, float, float]]:
     """Random (x, y, yaw) in the tray, a margin away from its rim."""
     half = np.array(bench.tray.size_m) / 2 - margin_m
     middle = np.array(bench.tray.centre_m[:2])
     return [
-        (*(float(v) for v in middle + rng.uniform(-half, half)), float(rng.uniform(-math.pi, math.pi)))  # type: ignore[misc]
-        for _ in range(count)
+        (float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+        for x, y in (middle + rng.uniform(-half, half) for _ in range(count))
     ]
-
-
-def scene_part(part: ScenePart) -> str:
-    return part.part

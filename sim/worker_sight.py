@@ -102,12 +102,11 @@ class Sight:
         )
 
     def spares(self, part: str) -> list[SeenPart]:
-        """Parts of a type that stand in the person's own bin, the nearest to the bin's middle first."""
+        """Parts of a type in the person's own bin, the rightmost first: there a right hand has most room."""
         middle = np.array(self._bench.bins_m[part])
         seen = [self.part(body) for body, (_, name) in self._bodies.items() if name == part]
-        distances = [(float(np.linalg.norm(np.array(one.pose.position_m) - middle)), one) for one in seen]
-        near = [pair for pair in distances if pair[0] < OWN_BIN_M and pair[1].tilt_rad < GRASPABLE_TILT_RAD]
-        return [one for _, one in sorted(near, key=lambda pair: pair[0])]
+        own = [one for one in seen if np.linalg.norm(np.array(one.pose.position_m) - middle) < OWN_BIN_M]
+        return sorted(own, key=lambda one: -one.pose.position_m[1])
 
     @property
     def arm_moving(self) -> bool:

@@ -14,12 +14,13 @@ from trees.dataflow import check_dataflow
 from trees.library import Library, read_library
 from trees.node import Runtime
 from trees.registry import Registry
-from trees.structure import LEVEL_LIMIT, check_structure
+from trees.structure import check_structure, count_levels
 from trees.tree import Tree
 from trees.words import hint
 
-# A level of the tree takes up to four Python frames in a tick.
-RECURSION_LIMIT = 4 * LEVEL_LIMIT + 1_000
+# Python frames that a level of a tree takes at most in a tick, and those that its callers may need.
+FRAMES_A_LEVEL = 4
+FRAMES_AROUND = 400
 
 
 def load_tree(
@@ -55,7 +56,9 @@ def load_tree(
 
 def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:
     """Make the nodes of a library without problems, and check how values flow between them."""
-    sys.setrecursionlimit(max(sys.getrecursionlimit(), RECURSION_LIMIT))
+    frames = FRAMES_A_LEVEL * count_levels(library, main) + FRAMES_AROUND
+    if frames > sys.getrecursionlimit():
+        sys.setrecursionlimit(frames)
     runtime = Runtime(enums=registry.enums)
     scope = Scope()
     for key, value in provided.items():

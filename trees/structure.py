@@ -187,6 +187,13 @@ class _Checker:
             self._report(attribute.place, f"there is no attribute '{name}' here", hint(name, legal))
 
 
+def count_levels(library: Library, identifier: str) -> int:
+    """Levels of a checked tree with every SubTree in its place."""
+    sizes: dict[str, tuple[int, int]] = {}
+    _measure(library, identifier, sizes)
+    return sizes[identifier][1]
+
+
 def _check_expansion(library: Library) -> Iterator[Problem]:
     """Recursive SubTrees, and trees that grow too large when every SubTree is put in its place."""
     sizes: dict[str, tuple[int, int]] = {}

@@ -173,7 +173,9 @@ class ClassicalHoleReader:
         gap = math.ceil(SKIN_GAP_M * self._scale)
         left, top, right, bottom = blob.box_px
         around = labels[max(top - gap, 0) : bottom + gap, max(left - gap, 0) : right + gap]
-        return int((around == self._colours.skin).sum()) > 2
+        # a red part's blurred rim may look like skin, but is a single pixel wide
+        skin = cv2.erode((around == self._colours.skin).astype(np.uint8), np.ones((3, 3), np.uint8))
+        return cv2.countNonZero(skin) > 0
 
     def _judge(self, position: str, blob: _Blob, labels: Labels, pieces: NDArray[np.int32]) -> Reading | None:
         name = list(self._product.parts)[blob.label - 1]

@@ -17,7 +17,9 @@ SEED_YAWS = 12  # over half a turn
 SEED_SCALE = 2  # seeds are searched in an image this much smaller
 RING_PX = 2  # pixels around a seed that should not be of its colour
 FLOOR_COST = 1.5
+TAKEN_COST = 0.3  # a neighbour may hide a body's sides
 LEAST_SEED_SCORE = 0.35
+MOST_OVERLAP = 0.2  # of two footprints; bodies cannot stand inside each other
 ROUNDS = 4
 REACH_PX = 8.0  # outline points farther from every box belong to none
 HUBER_PX = 1.0
@@ -82,7 +84,22 @@ class BoxFitter:
             remaining &= 1 - fill(own.shape, polygon)
             if int(remaining.sum()) < 0.3 * expected or len(seeds) > 8:
                 break
-        return self.refine(seeds, own, hidden)
+        return self._apart(self.refine(seeds, own, hidden))
+
+    def _apart(self, fits: list[BoxFit]) -> list[BoxFit]:
+        """Without boxes that stand inside an earlier one."""
+        kept: list[BoxFit] = []
+        for fit in fits:
+            footprint = self._footprint(fit)
+            overlaps = [cv2.intersectConvexConvex(footprint, self._footprint(other))[0] for other in kept]
+            if max(overlaps, default=0.0) < MOST_OVERLAP * self._size_m[0] * self._size_m[1] * 1e6:
+                kept.append(fit)
+        return kept
+
+    def _footprint(self, fit: BoxFit) -> NDArray[np.float32]:
+        """Corners (4, 2) of the body on the floor, in [mm]."""
+        corners = body_corners(self._size_m, fit.x_m, fit.y_m, fit.yaw_rad, self._bottom_m)[:4, :2]
+        return (corners * 1e3).astype(np.float32)
 
     def _best_seed(self, remaining: Mask, own: Mask, hidden: Mask, box: tuple[int, int, int, int]) -> BoxFit | None:
         """The pose where the outline covers most remaining and least bare pixels, with none around it."""
@@ -168,7 +185,7 @@ def _evidence(
     wanted, coloured, obscured = crops
     taken = coloured - wanted
     floor = 1.0 - np.maximum(coloured, obscured)
-    return np.asarray(wanted - FLOOR_COST * floor - 0.7 * taken, np.float32), np.negative(wanted)
+    return np.asarray(wanted - FLOOR_COST * floor - TAKEN_COST * taken, np.float32), np.negative(wanted)
 
 
 def _correlate(image: NDArray[np.float32], kernel: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,0 +1,74 @@
+"""Poses of parts come back from images that were drawn with them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.pose import Pose
+from learned.classical.box_model import View, outline, signed_distances
+from learned.classical.part_detector import ClassicalPartDetector
+from tests.learned.classical.scenes import BENCH, PRODUCT, Canvas, Standing
+
+LOOK = Pose((*BENCH.tray.centre_m[:2], 0.52), (0.0, 0.7071067811865476, 0.7071067811865476, 0.0))
+
+
+def on_tray(name: str, x_m: float, y_m: float, yaw_rad: float) -> Standing:
+    """A part that stands in the tray, off its centre by (x, y)."""
+    x, y, z = BENCH.tray.centre_m
+    return name, x + x_m, y + y_m, yaw_rad, z + PRODUCT.parts[name].peg_length_m
+
+
+def detect(parts: list[Standing], seed: int = 0, gain: float = 1.0) -> tuple[PartDetection, ...]:
+    canvas = Canvas(View(BENCH.wrist.model, LOOK), grey=70.0)
+    canvas.parts(parts)
+    image = canvas.image(np.random.default_rng(seed), gain=gain)
+    return ClassicalPartDetector(BENCH, PRODUCT).detect(Frame("wrist", 0, 0.0, image, LOOK))
+
+
+def error(found: PartDetection, part: Standing) -> tuple[float, float]:
+    x_m, y_m, z_m = found.world_from_part.position_m
+    turn = found.world_from_part.yaw_rad - part[3]
+    return math.dist((x_m, y_m, z_m), (part[1], part[2], part[4])), abs((turn + math.pi / 2) % math.pi - math.pi / 2)
+
+
+@pytest.mark.parametrize("name", list(PRODUCT.parts))
+def test_a_part_alone_is_found_where_it_stands(name: str) -> None:
+    rng = np.random.default_rng(1)
+    for seed in range(8):
+        part = on_tray(name, *rng.uniform((-0.11, -0.15), (0.11, 0.15)), float(rng.uniform(-1.5, 1.5)))
+        (found,) = detect([part], seed, gain=float(rng.uniform(0.7, 1.2)))
+        distance_m, turn_rad = error(found, part)
+        assert found.part == name
+        assert distance_m < 0.0015
+        assert turn_rad < math.radians(1.5)
+
+
+def test_parts_of_one_type_that_touch_are_told_apart() -> None:
+    width = PRODUCT.parts["o1"].size_m[1] + 0.0005
+    parts = [on_tray("o1", 0.05, 0.06 + index * width, 0.0) for index in range(3)]
+    found = sorted(detect(parts), key=lambda one: one.world_from_part.position_m[1])
+    assert len(found) == 3
+    assert all(error(one, part)[0] < 0.003 for one, part in zip(found, parts, strict=True))
+
+
+def test_a_part_behind_a_taller_one_is_found() -> None:
+    parts = [on_tray("o3", 0.0, 0.03, 0.0), on_tray("o1", 0.0, 0.08, 0.0)]
+    found = {one.part: one for one in detect(parts)}
+    assert error(found["o3"], parts[0])[0] < 0.0015
+    assert error(found["o1"], parts[1])[0] < 0.005
+
+
+def test_an_empty_tray_shows_nothing() -> None:
+    assert detect([]) == ()
+
+
+def test_a_part_far_from_the_tray_does_not_count() -> None:
+    assert detect([on_tray("o1", 0.0, 0.27, 0.0)]) == ()
+
+
+def test_signed_distance_is_negative_inside_and_metric_outside() -> None:
+    square = outline(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [2.0, 2.0]]))
+    distances = signed_distances(np.array([[2.0, 2.0], [4.0, 2.0], [7.0, 2.0], [2.0, -1.0]]), square)
+    assert np.allclose(distances, [-2.0, 0.0, 3.0, 1.0])

@@ -80,14 +80,13 @@ def take_phases(
     settings, name = planner.settings, part.part
     others_boxes = tray_boxes(planner, others)
     above_part = Load(grasp.opening_m, (*others_boxes, part_box(part, planner.product, name)))
-    # The part itself goes straight up from where it stood, so only the fingers can meet its neighbours.
     around_part = Load(grasp.opening_m, others_boxes, close=True)
     approach = at_height(grasp.world_from_tool, _approach_height_m(planner, part, others, grasp))
     above = planner.kinematics.inverse(approach, joints)
     if above is None:
         return f"cannot take {name}: out of the arm's reach above it"
     bottom_m = part.world_from_part.position_m[2]
-    lifted = at_height(grasp.world_from_tool, max(carry_m, bottom_m) + grasp.height_m)
+    lifted_m = max(carry_m, bottom_m) + grasp.height_m
     speed, force = settings.gripper_speed_m_s, settings.grip_force_n
     return [
         Activate(),
@@ -100,9 +99,7 @@ def take_phases(
             settings,
         ),
         SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
-        Move(
-            f"lifting {name}", lambda start: planner.straight_move(start, lifted, around_part), settings, holding=name
-        ),
+        Move(f"lifting {name}", lambda start: planner.rise(start, lifted_m, grasp.opening_m), settings, holding=name),
     ]
 
 
@@ -126,7 +123,6 @@ def put_phases(
     opening_m = min(STROKE_M, kind.size_m[1] + 2 * settings.finger_clearance_m)
     carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, with_peg=True))
     lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, with_peg=False), close=True)
-    leaving = Load(opening_m, obstacles, close=True)
     found = planner.reach(place_poses(target, kind, settings), near_rad, lowering)
     if isinstance(found, str):
         return f"cannot put {name} there: {found}"
@@ -137,14 +133,14 @@ def put_phases(
         return f"cannot put {name} there: out of the arm's reach above it"
     depth_m = kind.peg_length_m + settings.insertion_start_m if into_hole else 0.0
     before = at_height(pose, pose.position_m[2] + depth_m)
-    retreat = at_height(pose, _clear_height_m(planner, kind, target))
+    clear_m = _clear_height_m(planner, kind, target)
     release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
     return [
         Move(f"carrying {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
         Move(f"lowering {name}", lambda start: planner.straight_move(start, before, lowering), settings, holding=name),
         *([Insert(name, planner, pose, depth_m, lowering)] if into_hole else []),
         SetGripper(f"letting go of {name}", release, settings),
-        Move(f"leaving {name}", lambda start: planner.straight_move(start, retreat, leaving), settings),
+        Move(f"leaving {name}", lambda start: planner.rise(start, clear_m, opening_m), settings),
     ]
 
 

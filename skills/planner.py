@@ -76,10 +76,21 @@ class MotionPlanner:
         contact = self._contact(direct.positions_rad, load)
         if contact is None:
             return direct
-        detour = self._over_the_top(start_rad, goal_rad)
-        if detour is None or self._contact(detour.positions_rad, load) is not None:
+        start, goal = self.kinematics.forward(start_rad), self.kinematics.forward(goal_rad)
+        height = max(start.position_m[2], goal.position_m[2]) + self.settings.transit_lift_m
+        up = self.rise(start_rad, height, load.opening_m)
+        down = line_move(self.kinematics, goal_rad, at_height(goal, height), self.settings)
+        if isinstance(up, str) or down is None:
             return f"no free way: {contact}"
-        return detour
+        across = joint_move(up.positions_rad[-1], down.positions_rad[-1], self.settings)
+        rest = _joined([across, _reversed(down)])
+        still = self._contact(rest.positions_rad, load)
+        return _joined([up, rest]) if still is None else f"no free way: {still}"
+
+    def rise(self, start_rad: Array, height_m: float, opening_m: float) -> Plan:
+        """The tool straight up, which takes it away from all that stands beside or below it."""
+        pose = at_height(self.kinematics.forward(start_rad), height_m)
+        return self.straight_move(start_rad, pose, Load(opening_m, close=True))
 
     def straight_move(
         self, start_rad: Array, world_from_tool: Pose, load: Load, speed_m_s: float | None = None
@@ -97,17 +108,6 @@ class MotionPlanner:
     def _contact(self, positions_rad: Array, load: Load) -> str | None:
         margin_m = 0.0 if load.close else self.settings.collision_margin_m
         return self._checker.first_contact(positions_rad, load.opening_m, load.obstacles, load.held, margin_m)
-
-    def _over_the_top(self, start_rad: Array, goal_rad: Array) -> JointTrajectory | None:
-        """Up from the start, across, and down to the goal, standing in between."""
-        start, goal = self.kinematics.forward(start_rad), self.kinematics.forward(goal_rad)
-        height = max(start.position_m[2], goal.position_m[2]) + self.settings.transit_lift_m
-        up = line_move(self.kinematics, start_rad, at_height(start, height), self.settings)
-        down = line_move(self.kinematics, goal_rad, at_height(goal, height), self.settings)
-        if up is None or down is None:
-            return None
-        across = joint_move(up.positions_rad[-1], down.positions_rad[-1], self.settings)
-        return _joined([up, across, _reversed(down)])
 
     def _travel(self, difference_rad: Array) -> float:
         """Time that the slowest joint needs at full speed."""

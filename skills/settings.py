@@ -23,6 +23,7 @@ class MotionSettings(Model):
         fingertip_clearance_m: ... but stay this far above its bottom, so that they clear the bracket.
         finger_clearance_m, least_finger_clearance_m: gap between each finger and the body before closing: the usual
             one, and the narrowest that is tried where a neighbour is in the way.
+        passing_gap_m: what ends this far below the fingertips is out of their way.
         approach_gap_m: fingertips pass this far above what stands below them before a descent.
         carry_gap_m: the peg of a carried part passes this far above placed parts.
         insertion_speed_m_s: of a peg that is being lowered into its hole.
@@ -55,6 +56,7 @@ class MotionSettings(Model):
     fingertip_clearance_m: float = Field(default=0.003, ge=0)
     finger_clearance_m: float = Field(default=0.006, gt=0)
     least_finger_clearance_m: float = Field(default=0.004, gt=0)
+    passing_gap_m: float = Field(default=0.004, ge=0)
     approach_gap_m: float = Field(default=0.015, gt=0)
     carry_gap_m: float = Field(default=0.020, gt=0)
     insertion_speed_m_s: float = Field(default=0.08, gt=0)

@@ -1,0 +1,103 @@
+"""The whole controller on the simulated cell, from pixels, without a log: for tests and benchmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cell.configuration import ROOT, load_configuration, load_product
+from cell.interfaces.perception import Frame
+from cell.node_library import node_registry
+from cell.run import Files, drive
+from cell.witness import Level, Outcome, TickRecord
+from sim.cell import SimCell
+from sim.clutter import ScenePart
+from skills.planner import MotionPlanner
+from trees.loader import load_tree
+
+COMMISSION = ROOT / "trees" / "commission.xml"
+CONFIGURATION = load_configuration()
+PRODUCT = load_product(CONFIGURATION)
+BENCH = CONFIGURATION.bench
+
+
+@dataclass
+class Diary:
+    """A witness that keeps what decides a test.
+
+    Attributes:
+        notes: (time_s, topic, fields) of every note that nodes made.
+        joints: measured joints of every tick.
+        statuses: status changes of every tick.
+    """
+
+    notes: list[tuple[float, str, dict[str, object]]] = field(default_factory=list)
+    joints: list[tuple[float, ...]] = field(default_factory=list)
+    statuses: list[tuple[tuple[str, str], ...]] = field(default_factory=list)
+
+    def frame(self, frame: Frame) -> None:
+        """Images are not kept."""
+
+    def tick(self, record: TickRecord) -> None:
+        time_s = record.observation.time_s
+        self.notes += [(time_s, topic, dict(fields)) for topic, fields in record.notes]
+        self.joints.append(record.observation.arm.positions_rad)
+        self.statuses.append(tuple((change.path, change.new.name) for change in record.changes))
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        """Messages are not kept."""
+
+    def close(self, outcome: Outcome) -> None:
+        """Nothing to do."""
+
+    def reasons(self) -> list[str]:
+        """What skills and guards said, in order."""
+        return [str(fields.get("reason")) for _, topic, fields in self.notes if topic in ("skill", "verdict")]
+
+
+@contextmanager
+def robot_alone(clutter: Sequence[ScenePart], seed: int) -> Iterator[SimCell]:
+    """A cell without a person, with these parts in the tray."""
+    cell = SimCell(
+        PRODUCT,
+        BENCH,
+        CONFIGURATION.devices.simulation,
+        CONFIGURATION.gripper_can.interface,
+        CONFIGURATION.gripper_can.channel,
+        seed,
+        "g0",
+        worker=False,
+        clutter=clutter,
+    )
+    try:
+        yield cell
+    finally:
+        cell.close()
+
+
+_motion: list[MotionPlanner] = []
+
+
+def motion_planner() -> MotionPlanner:
+    """One motion planner for all runs of a process: it keeps no state between them."""
+    if not _motion:
+        _motion.append(MotionPlanner(PRODUCT, BENCH, CONFIGURATION.motion))
+    return _motion[0]
+
+
+def run_tree(
+    cell: SimCell, tree: Path, main: str | None = None, provided: Mapping[str, object] | None = None
+) -> tuple[Outcome, Diary]:
+    """Run a tree to its end on a cell."""
+    diary = Diary()
+    files = Files(CONFIGURATION, PRODUCT, load_tree(tree, node_registry(), main, provided))
+    return drive(files, cell.devices, motion_planner(), (diary,)), diary
+
+
+def lifted(cell: SimCell, part: str, height_m: float = 0.03) -> bool:
+    """Whether a part of this type hangs above the tray in truth."""
+    floor_m = BENCH.tray.centre_m[2] + PRODUCT.parts[part].peg_length_m
+    heights_m = [cell.world.data.xpos[body.body][2] for body in cell.world.bodies if body.part == part]
+    return any(height > floor_m + height_m for height in heights_m)

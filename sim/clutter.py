@@ -14,7 +14,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.settings import ClutterSettings
 
-TRIES = 2000
+TRIES = 500
 
 Owner = Literal["robot", "person"]
 

@@ -12,12 +12,12 @@ class PhysicsSettings(Model):
     """Time steps of the simulation.
 
     Attributes:
-        step_s: one physics step.
+        step_s: one physics step; a held part drifts by half a step of the arm's turning for each metre travelled.
         control_period_s: the arm's and the gripper's own cycle, a whole number of steps.
         settle_s: how long parts come to rest before the run begins.
     """
 
-    step_s: float = Field(default=0.002, gt=0)
+    step_s: float = Field(default=0.001, gt=0)
     control_period_s: float = Field(default=0.008, gt=0)
     settle_s: float = Field(default=0.3, ge=0)
 

@@ -93,11 +93,11 @@ class Rig:
         joints = [np.array(self.cell.arm.state().positions_rad)]
         for share in np.linspace(0, 1, waypoints + 1)[1:]:
             joints.append(self.solve(_between(start, target, share), joints[-1]))
-        times: Array = np.arange(0.0, duration_s + 1e-9, 0.008)
+        times: Array = np.linspace(0.0, duration_s, round(duration_s / 0.008) + 1)
         phase = times / times[-1]
         progress = waypoints * (10 * phase**3 - 15 * phase**4 + 6 * phase**5)
         path = np.array(joints)
-        columns = [np.interp(progress, np.arange(waypoints + 1), column) for column in path.T]
+        columns = [np.interp(progress, range(waypoints + 1), column) for column in path.T]
         self.cell.arm.follow(JointTrajectory(times, np.column_stack(columns)))
         self.wait(times[-1] + 0.1)
 

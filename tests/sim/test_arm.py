@@ -1,0 +1,112 @@
+"""The simulated arm: follows what it may follow, stops within its limits, refuses the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.errors import DeviceFault
+from cell.interfaces.pose import Array
+from sim.arm import SPEED_LIMITS_RAD_S, STOP_DECELERATION_RAD_S2
+from tests.sim.conftest import MakeRig
+from tests.sim.rig import Rig
+
+PERIOD_S = 0.008
+
+
+def ramp(rig: Rig, goal_rad: Array, duration_s: float) -> JointTrajectory:
+    """Minimum-jerk joint motion from where the arm is."""
+    start = np.array(rig.cell.arm.state().positions_rad)
+    times: Array = np.linspace(0.0, duration_s, round(duration_s / PERIOD_S) + 1)
+    phase = times / duration_s
+    progress = 10 * phase**3 - 15 * phase**4 + 6 * phase**5
+    return JointTrajectory(times, start + np.outer(progress, goal_rad - start))
+
+
+def test_the_arm_tracks_and_arrives(make_rig: MakeRig, bench: Bench) -> None:
+    rig = make_rig()
+    goal = np.array(bench.arm_look_rad)
+    rig.cell.arm.follow(ramp(rig, goal, 3.0))
+    errors = []
+    while rig.cell.arm.state().moving:
+        rig.wait(0.04)
+        errors.append(rig.cell.arm.tracking_error_rad)
+    assert len(errors) == 75
+    assert max(errors) < 0.005
+    rig.wait(0.2)
+    np.testing.assert_allclose(rig.cell.arm.state().positions_rad, goal, atol=5e-4)
+
+
+def test_a_stop_stays_on_the_path_and_within_the_limit(make_rig: MakeRig, bench: Bench) -> None:
+    rig = make_rig()
+    arm = rig.cell.arm
+    start = np.array(arm.state().positions_rad)
+    trajectory = ramp(rig, np.array(bench.arm_look_rad), 3.0)
+    arm.follow(trajectory)
+    rig.wait(1.5)
+    arm.stop()
+    speeds = [np.array(arm.state().velocities_rad_s)]
+    while arm.state().moving:
+        rig.wait(PERIOD_S)
+        speeds.append(np.array(arm.state().velocities_rad_s))
+    rig.wait(0.3)
+    decelerations = np.abs(np.diff(speeds, axis=0)).max() / PERIOD_S
+    assert decelerations < 1.5 * STOP_DECELERATION_RAD_S2
+    stopped = np.array(arm.state().positions_rad)
+    travel = trajectory.positions_rad[-1] - start
+    share = (stopped - start) @ travel / (travel @ travel)
+    assert 0.5 < share < 0.7
+    np.testing.assert_allclose(stopped, start + share * travel, atol=2e-3)
+    assert np.abs(arm.state().velocities_rad_s).max() < 1e-3
+
+
+def test_a_stop_of_a_standing_arm_is_harmless(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    before = rig.cell.arm.state().positions_rad
+    rig.cell.arm.stop()
+    rig.wait(0.2)
+    np.testing.assert_allclose(rig.cell.arm.state().positions_rad, before, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("offset_rad", "goal_rad", "duration_s", "reason"),
+    [
+        (0.06, 0.0, 1.0, "starts 0.060 rad from where shoulder_pan is"),
+        (0.0, 7.0, 9.0, "leaves the range of shoulder_pan"),
+        (0.0, 0.0, 0.2, "moves shoulder_pan at .* limit 2.09"),
+        (0.0, float("nan"), 1.0, "not finite"),
+    ],
+)
+def test_trajectories_that_cannot_be_followed_are_refused(
+    make_rig: MakeRig, offset_rad: float, goal_rad: float, duration_s: float, reason: str
+) -> None:
+    rig = make_rig()
+    start = np.array(rig.cell.arm.state().positions_rad)
+    path = np.array([start, start])
+    path[0, 0] += offset_rad
+    path[1, 0] = goal_rad
+    with pytest.raises(DeviceFault, match=reason):
+        rig.cell.arm.follow(JointTrajectory(np.array([0.0, duration_s]), path))
+    rig.wait(0.1)
+    np.testing.assert_allclose(rig.cell.arm.state().positions_rad, start, atol=1e-4)
+
+
+def test_full_speed_is_allowed(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    start = np.array(rig.cell.arm.state().positions_rad)
+    path = np.array([start, start + 0.1 * SPEED_LIMITS_RAD_S])
+    assert rig.cell.arm.follow(JointTrajectory(np.array([0.0, 0.1]), path)).duration_s == 0.1
+
+
+def test_an_arm_that_is_held_back_stops_and_says_why(make_rig: MakeRig, bench: Bench) -> None:
+    rig = make_rig()
+    rig.cell.arm.follow(ramp(rig, np.array(bench.arm_look_rad), 3.0))
+    rig.wait(3.2)
+    into_the_table = np.array(bench.arm_look_rad)
+    into_the_table[1] += 0.8
+    rig.cell.arm.follow(ramp(rig, into_the_table, 3.0))
+    rig.wait(3.2)
+    with pytest.raises(DeviceFault, match=r"protective stop: .* rad from its trajectory, limit"):
+        rig.cell.arm.state()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
@@ -32,7 +32,7 @@ from cell.tally import Tally
 from cell.witness import Outcome, Witness
 from learned.grasp.planner import load_grasp_planner
 from learned.semantic.planner import load_semantic_planner
-from skills.can_gripper import CanGripper, open_bus
+from skills.can_gripper import CanGripper, Tap, open_bus
 from skills.kinematics import Kinematics
 from skills.planner import MotionPlanner
 from trees.guard import Guard
@@ -88,28 +88,41 @@ def run(options: RunOptions, console: Console) -> RunResult:
     product = load_product(configuration, options.configuration)
     files = Files(configuration, product, load_tree(options.tree, node_registry()))
     log = options.log or _new_log(configuration.log.folder, options.seed)
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
     with ExitStack() as stack:
-        motion = MotionPlanner(product, configuration.bench, configuration.motion)
         recorder = McapRecorder(log, configuration.log, _heading(options, files), _forward(motion.kinematics))
         stack.callback(recorder.abandon)
         devices = _open_devices(options, files)
         stack.callback(devices.close)
-        gripper = CanGripper(
-            open_bus(configuration.gripper_can), devices.clock, configuration.gripper_can, recorder.can_frame
-        )
-        stack.callback(gripper.close)
-        detectors = (configuration.bench, product, configuration.perception)
-        executors = worker_processes(*detectors) if options.pace == "real" else lock_step(*detectors, devices.clock)
-        for executor in executors:
-            stack.callback(executor.close)
         tally, sheet = Tally(), ContactSheet(log.with_suffix(".png"))
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
         witnesses: tuple[Witness, ...] = (recorder, progress, sheet, tally)
+        outcome = drive(files, devices, motion, witnesses, recorder.can_frame, options.pace)
+        return RunResult(outcome, _summary(options, files, outcome, tally, devices, recorder.path, sheet.path))
+
+
+def drive(
+    files: Files,
+    devices: Devices,
+    motion: MotionPlanner,
+    witnesses: Sequence[Witness] = (),
+    can_tap: Tap | None = None,
+    pace: Pace = "fast",
+) -> Outcome:
+    """Run the tree on devices that are open, to its end and a safe stop."""
+    configuration = files.configuration
+    with ExitStack() as stack:
+        can_settings = configuration.gripper_can
+        gripper = CanGripper(open_bus(can_settings), devices.clock, can_settings, can_tap)
+        stack.callback(gripper.close)
+        detectors = (configuration.bench, files.product, configuration.perception)
+        executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices.clock)
+        for executor in executors:
+            stack.callback(executor.close)
         controller = Controller(devices, gripper, *executors, configuration.controller, witnesses)
         services = _services(files, devices, controller, motion)
         files.tree.setup(services, devices.clock)
-        outcome = controller.run(files.tree, services)
-        return RunResult(outcome, _summary(options, files, outcome, tally, devices, recorder.path, sheet.path))
+        return controller.run(files.tree, services)
 
 
 def _services(files: Files, devices: Devices, controller: Controller, motion: MotionPlanner) -> Services:

@@ -265,5 +265,6 @@ def _print_json(values: Mapping[str, object]) -> None:
 
 
 def _complain(text: str, status: int) -> int:
-    sys.stderr.write(f"cell: {text}\n")
+    if text:  # none where the help was printed
+        sys.stderr.write(f"cell: {text}\n")
     return status

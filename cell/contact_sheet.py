@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import cv2
 import numpy as np
 
 from cell.interfaces.observation import Image
-from cell.interfaces.perception import Frame
+from cell.interfaces.perception import BenchView, Frame
 from cell.witness import Level, Outcome, TickRecord
 
 COLUMNS = 5
@@ -19,6 +20,7 @@ MOST_FRAMES = 30
 THUMBNAIL_PX = (320, 240)
 CAPTION_PX = 34
 CAPTION_LETTERS = 50
+RECENT_FRAMES = 30  # two seconds: no answer is older
 BOX_RGB = (255, 220, 0)
 
 
@@ -38,6 +40,7 @@ class ContactSheet:
         self.path = path
         self._shots: list[Shot] = []
         self._frames: dict[str, Frame] = {}
+        self._recent: deque[Frame] = deque(maxlen=RECENT_FRAMES)
         self._action = ""
         self._parts = -1
 
@@ -45,10 +48,12 @@ class ContactSheet:
         if not self._frames:
             self._take(frame, "begin")
         self._frames[frame.camera] = frame
+        self._recent.append(frame)
 
     def tick(self, record: TickRecord) -> None:
         view, parts = record.observation.bench, record.observation.parts
-        overhead, wrist = self._frames.get("overhead"), self._frames.get("wrist")
+        wrist = self._frames.get("wrist")
+        overhead = self._answered(view) or self._frames.get("overhead")
         if wrist is not None and parts is not None and parts.sequence != self._parts:
             self._parts = parts.sequence
             seen = " ".join(sorted(part.part for part in parts.detections)) or "nothing"
@@ -75,7 +80,16 @@ class ContactSheet:
             sheet = compose(self._shots)
             self.path.write_bytes(cv2.imencode(".png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))[1].tobytes())
 
+    def _answered(self, view: BenchView | None) -> Frame | None:
+        """The frame that a view answers, so that hand and box are of the same moment."""
+        if view is None:
+            return None
+        wanted = ("overhead", view.sequence)
+        return next((frame for frame in self._recent if (frame.camera, frame.sequence) == wanted), None)
+
     def _take(self, frame: Frame, caption: str, boxes: list[tuple[int, int, int, int]] | None = None) -> None:
+        if self._shots and self._shots[-1].caption == caption:
+            return
         image = frame.image.copy()
         for left, top, right, bottom in boxes or []:
             cv2.rectangle(image, (left, top), (right, bottom), BOX_RGB, 2)

@@ -34,7 +34,7 @@ class ColourModel:
     minus one) alone, and so pixels are compared by that direction, then by its length, the saturation.
     """
 
-    def __init__(self, product: Product, skin_rgb: Sequence[float]) -> None:
+    def __init__(self, product: Product, skin_rgb: Sequence[float] | Array) -> None:
         names = [*product.parts, "skin"]
         colours = np.array([*(part.colour_rgb for part in product.parts.values()), skin_rgb])
         references = _chroma(colours)

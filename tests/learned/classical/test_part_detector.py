@@ -37,7 +37,8 @@ def error(found: PartDetection, part: Standing) -> tuple[float, float]:
 def test_a_part_alone_is_found_where_it_stands(name: str) -> None:
     rng = np.random.default_rng(1)
     for seed in range(8):
-        part = on_tray(name, *rng.uniform((-0.11, -0.15), (0.11, 0.15)), float(rng.uniform(-1.5, 1.5)))
+        x_m, y_m, yaw_rad = rng.uniform((-0.11, -0.15, -1.5), (0.11, 0.15, 1.5))
+        part = on_tray(name, float(x_m), float(y_m), float(yaw_rad))
         (found,) = detect([part], seed, gain=float(rng.uniform(0.7, 1.2)))
         distance_m, turn_rad = error(found, part)
         assert found.part == name

@@ -211,7 +211,7 @@ def _add_camera(body: mujoco.MjsBody, name: str, setup: CameraSetup) -> None:
 
 
 def _add_lights(spec: mujoco.MjSpec) -> None:
-    """Two soft lamps without shadows; shadow maps cost more than all the rest of an image."""
+    """Two soft lamps without shadows, whose maps cost more than all the rest of an image; a sky for portraits."""
     headlight = spec.visual.headlight
     headlight.ambient, headlight.diffuse, headlight.specular = [0.35] * 3, [0.15] * 3, [0.0] * 3
     for position in LIGHTS_M:
@@ -225,3 +225,12 @@ def _add_lights(spec: mujoco.MjSpec) -> None:
             ambient=[0.0] * 3,
             castshadow=False,
         )
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.80, 0.84, 0.88],
+        rgb2=[0.45, 0.48, 0.52],
+        width=64,
+        height=64,
+    )

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from cell.interfaces.bench import Tray
+from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.settings import ClutterSettings
@@ -53,7 +54,7 @@ def sample_clutter(
         rng: the same generator state gives the same scene.
 
     Raises:
-        ValueError: the tray is too small for so many parts.
+        InputError: the tray is too small for so many parts.
     """
     settings = settings or ClutterSettings()
     order = [types[i] for i in rng.permutation(len(types))]
@@ -111,7 +112,7 @@ def _free_spot(
         inside = bool(np.all(np.abs(body - middle) <= room))
         if inside and all(gap(body, other) >= settings.nearest_gap_m - 1e-9 for other in obstacles):
             return centre, yaw
-    raise ValueError(f"no free spot for {len(placed) + 1} parts in a tray of {tray.size_m[0]} x {tray.size_m[1]} m")
+    raise InputError(f"no free spot for {len(placed) + 1} parts in a tray of {tray.size_m[0]} x {tray.size_m[1]} m")
 
 
 def _beside(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from sim.clutter import ScenePart, full_set, gap, rectangle, sample_clutter
@@ -66,5 +67,5 @@ def test_scenes_come_to_rest_where_they_were_put(product: Product, bench: Bench,
 
 
 def test_a_tray_that_is_full_says_so(product: Product, bench: Bench) -> None:
-    with pytest.raises(ValueError, match="no free spot"):
+    with pytest.raises(InputError, match="no free spot"):
         sample_clutter(product, bench.tray, ("o3",) * 60, np.random.default_rng(0))

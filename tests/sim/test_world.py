@@ -110,6 +110,12 @@ def test_a_bracket_too_low_for_its_pegs_is_refused(product: Product, bench: Benc
         build_world(product, bench.model_copy(update={"bracket": low}))
 
 
+def test_a_type_without_a_bin_is_refused(product: Product, bench: Bench) -> None:
+    bins = {name: spot for name, spot in bench.bins_m.items() if name != "o2"}
+    with pytest.raises(InputError, match="no place for o2; it has o1, o3"):
+        build_world(product, bench.model_copy(update={"bins_m": bins}))
+
+
 def test_holes_that_overlap_are_refused(product: Product, bench: Bench) -> None:
     holes = {**product.bracket.holes_m, "p2": (0.0, 0.185)}
     bracket = product.bracket.model_copy(update={"holes_m": holes})

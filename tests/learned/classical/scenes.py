@@ -24,10 +24,10 @@ Standing = tuple[str, float, float, float, float]  # type, x, y, yaw, height of 
 class Canvas:
     """An image of one view, drawn at a higher resolution so that edges come out soft."""
 
-    def __init__(self, view: View, grey: float = 100.0) -> None:
+    def __init__(self, view: View, grey: int = 100) -> None:
         self._view = view
         shape = (view.model.height_px * OVERSAMPLING, view.model.width_px * OVERSAMPLING, 3)
-        self._image = np.full(shape, grey, np.float32)
+        self._image = np.full(shape, grey, np.uint8)
 
     def polygon(self, points_m: Array, colour: Array) -> None:
         """Fill a flat convex polygon (n, 3) in the world."""
@@ -61,8 +61,8 @@ class Canvas:
     def image(self, rng: np.random.Generator, noise: float = 3.0, gain: float = 1.0) -> Image:
         """What the sensor makes of it."""
         size = (self._view.model.width_px, self._view.model.height_px)
-        clean = cv2.resize(self._image, size, interpolation=cv2.INTER_AREA) * gain
-        return np.clip(clean + rng.normal(0, noise, clean.shape), 0, 255).astype(np.uint8)
+        clean = cv2.resize(self._image, size, interpolation=cv2.INTER_AREA).astype(np.float32) * gain
+        return np.clip(clean + noise * rng.standard_normal(clean.shape, np.float32), 0, 255).astype(np.uint8)
 
 
 def overhead_view() -> View:
@@ -83,7 +83,7 @@ def in_hole(name: str, position: str, yaw_rad: float = 0.0, shift_m: tuple[float
 
 def bench_canvas() -> Canvas:
     """Table and bracket with its empty holes."""
-    canvas = Canvas(overhead_view(), grey=90.0)
+    canvas = Canvas(overhead_view(), grey=90)
     holes = np.array([hole_m(position) for position in PRODUCT.positions])
     margin = np.array([PRODUCT.bracket.margin_m, PRODUCT.bracket.margin_m, 0.0])
     (x0, y0, z), (x1, y1, _) = holes.min(axis=0) - margin, holes.max(axis=0) + margin

@@ -15,7 +15,7 @@ from trees.node import Control, Decorator, Runtime, TreeNode
 from trees.ports import Port
 from trees.registry import Registry
 from trees.script import Script, parse_script
-from trees.structure import CONDITIONS, SCRIPTS_AFTER, entry_name, inside, node_tag
+from trees.structure import CONDITIONS, SCRIPTS_AFTER, entry_name, node_tag
 from trees.xml_file import Attribute, Element
 
 
@@ -134,5 +134,5 @@ class Builder:
     def _script(self, attribute: Attribute, user: str, scope: Scope) -> Script:
         script = parse_script(attribute.value, scope, self._registry.enums)
         for entry, offset, reads, writes in script.uses:
-            self.uses.append(Use(entry, inside(attribute.value_place, offset), reads, writes, Any, user))
+            self.uses.append(Use(entry, attribute.place_at(offset), reads, writes, Any, user))
         return script

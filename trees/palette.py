@@ -9,7 +9,6 @@ from xml.sax.saxutils import quoteattr
 from py_trees.common import Status
 
 from trees.blackboard import UNSET
-from trees.decorators import SubTree
 from trees.literals import type_name
 from trees.node import TreeNode
 from trees.ports import Port
@@ -81,16 +80,15 @@ def _port_data(port: Port) -> dict[str, object]:
 
 
 def _model_lines(tag: str, node: type[TreeNode], registry: Registry) -> Iterator[str]:
-    element = node.node_type if node is not SubTree else "SubTree"
-    yield f"    <{element} ID={quoteattr(tag)}>"
-    yield f'      <description_port name="description" type="string">{_escaped(meaning_of(node))}</description_port>'
+    yield f"    <{node.node_type} ID={quoteattr(tag)}>"
+    yield f"      <MetadataFields><Metadata description={quoteattr(meaning_of(node))}/></MetadataFields>"
     for port in registry.ports(tag).values():
         default = "" if port.default is UNSET else f" default={quoteattr(_default(port))}"
         kind = quoteattr(type_name(port.kind))
         meaning = _escaped(port.meaning)
         name = f"{port.direction}_port"
         yield f"      <{name} name={quoteattr(port.name)} type={kind}{default}>{meaning}</{name}>"
-    yield f"    </{element}>"
+    yield f"    </{node.node_type}>"
 
 
 def _default(port: Port) -> str:

@@ -21,7 +21,7 @@ from trees.blackboard import UNSET, Entry, Scope
 from trees.errors import NodeError
 from trees.literals import type_name
 
-DEPTH_LIMIT = 100
+DEPTH_LIMIT = 30
 # Numbers this close are equal: the library compares with the precision of a float.
 EPSILON = 2.0**-23
 

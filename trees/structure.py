@@ -8,7 +8,7 @@ from typing import Any
 
 from cell.interfaces.errors import Place, Problem
 from trees.blackboard import Scope
-from trees.library import Library
+from trees.library import PROBLEM_LIMIT, Library
 from trees.literals import LiteralError, from_text, has_literals, type_name
 from trees.node import TreeNode
 from trees.ports import Port
@@ -48,11 +48,6 @@ def node_tag(element: Element) -> str:
     return element.tag
 
 
-def inside(begin: Place, offset: int) -> Place:
-    """A place in an attribute's value; XML has turned its line breaks into spaces, so the line stays the first."""
-    return Place(begin.file, begin.line, (begin.column or 1) + offset)
-
-
 def check_structure(library: Library, registry: Registry) -> list[Problem]:
     """All problems of all trees, those that nothing runs included."""
     problems: list[Problem] = []
@@ -74,7 +69,7 @@ class _Checker:
 
     def check(self, element: Element) -> None:
         waiting = [element]
-        while waiting:
+        while waiting and len(self._problems) < PROBLEM_LIMIT:
             current = waiting.pop()
             waiting += reversed(current.children)
             if current.tag == "SubTree":
@@ -167,7 +162,7 @@ class _Checker:
         try:
             parse_script(attribute.value, Scope(), self._registry.enums)
         except ScriptError as error:
-            self._report(inside(attribute.value_place, error.offset), f"bad script: {error}", error.legal)
+            self._report(attribute.place_at(error.offset), f"bad script: {error}", error.legal)
 
     def _literal(self, attribute: Attribute, kind: Any) -> None:
         try:

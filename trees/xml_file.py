@@ -12,9 +12,12 @@ from cell.interfaces.errors import InputError, Place, Problem
 
 SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 1_000
+ATTRIBUTE_LIMIT = 100
+ELEMENT_LIMIT = 20_000
 
 _TAG = re.compile(rb"<[^\s/>]+")
 _ATTRIBUTE = re.compile(rb"\s+([^\s=]+)\s*=\s*([\"'])")
+_CHARACTER = re.compile(r"&[^;]*;|\r\n|.", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -24,11 +27,18 @@ class Attribute:
     Attributes:
         place: where its name begins.
         value_place: where its value begins, inside the quotes.
+        source: the value as the file writes it, with its `&lt;` and line breaks.
     """
 
     value: str
     place: Place
     value_place: Place
+    source: str
+
+    def place_at(self, offset: int) -> Place:
+        """Where the character `offset` of the value stands."""
+        characters = [found[0] for found in _CHARACTER.finditer(self.source)]
+        return _after(self.value_place, "".join(characters[:offset]))
 
 
 @dataclass
@@ -87,10 +97,10 @@ class _Reader:
         self._path = path
         self._data = text.encode()
         self._open: list[Element] = []
+        self._count = 0
         self._root: Element | None = None
         self._parser = parser = expat.ParserCreate("utf-8")
         parser.ordered_attributes = True
-        parser.buffer_text = True
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
         parser.CharacterDataHandler = self._text
@@ -109,6 +119,9 @@ class _Reader:
         element = Element(tag, self._here())
         if len(self._open) >= DEPTH_LIMIT:
             raise InputError(Problem(element.place, f"elements nest deeper than {DEPTH_LIMIT}", "use fewer levels"))
+        self._count += 1
+        if self._count > ELEMENT_LIMIT:
+            raise InputError(Problem(element.place, f"there are more than {ELEMENT_LIMIT} elements", "use SubTrees"))
         element.attributes = self._attributes(element.place, pairs)
         if self._open:
             self._open[-1].children.append(element)
@@ -120,41 +133,47 @@ class _Reader:
         self._open.pop()
 
     def _text(self, text: str) -> None:
-        if word := text.strip():
+        described = any(element.tag == "TreeNodesModel" for element in self._open)
+        if (word := text.strip()) and not described:
             shown = word if len(word) <= 20 else word[:20] + "..."
             what = f"text '{shown}' stands between elements"
-            raise InputError(Problem(self._here(), what, "only elements and comments are allowed"))
+            place = _after(self._here(), text[: text.index(word[0])])
+            raise InputError(Problem(place, what, "only elements and comments are allowed"))
 
     def _doctype(self, *_: object) -> None:
-        raise InputError(Problem(self._here(), "a document type or entities are refused", "remove the <!DOCTYPE ...>"))
+        head = self._data[: self._data.index(b"<!DOCTYPE")].decode()
+        place = _after(Place(self._path, 1, 1), head)
+        raise InputError(Problem(place, "a document type or entities are refused", "remove the <!DOCTYPE ...>"))
 
     def _here(self) -> Place:
         return Place(self._path, self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
 
     def _attributes(self, start: Place, pairs: list[str]) -> dict[str, Attribute]:
         """Scans the tag's source, which expat has found well-formed, for where its attributes stand."""
+        if len(pairs) > 2 * ATTRIBUTE_LIMIT:
+            raise InputError(Problem(start, f"{len(pairs) // 2} attributes are too many", f"at most {ATTRIBUTE_LIMIT}"))
         attributes = {}
         position = self._parser.CurrentByteIndex
         tag = _TAG.match(self._data, position)
         assert tag
-        place = self._after(start, position, tag.end())
-        position = tag.end()
+        place, position = _after(start, tag[0].decode()), tag.end()
         for name, value in zip(pairs[::2], pairs[1::2], strict=True):
             found = _ATTRIBUTE.match(self._data, position)
             assert found
-            name_place = self._after(place, position, found.start(1))
-            value_place = self._after(name_place, found.start(1), found.end())
-            attributes[name] = Attribute(value, name_place, value_place)
-            position = self._data.index(found[2], found.end()) + 1
-            place = self._after(value_place, found.end(), position)
+            end = self._data.index(found[2], found.end())
+            name_place = _after(place, self._data[position : found.start(1)].decode())
+            value_place = _after(name_place, self._data[found.start(1) : found.end()].decode())
+            source = self._data[found.end() : end].decode()
+            attributes[name] = Attribute(value, name_place, value_place, source)
+            place, position = _after(value_place, source + '"'), end + 1
         return attributes
 
-    def _after(self, place: Place, start: int, end: int) -> Place:
-        """The place of byte `end`, given that of byte `start`."""
-        passed = self._data[start:end].decode()
-        lines = passed.count("\n")
-        assert place.line is not None
-        assert place.column is not None
-        if not lines:
-            return Place(self._path, place.line, place.column + len(passed))
-        return Place(self._path, place.line + lines, len(passed) - passed.rindex("\n"))
+
+def _after(place: Place, text: str) -> Place:
+    """The place behind a text that begins at `place`."""
+    assert place.line is not None
+    assert place.column is not None
+    lines = text.count("\n")
+    if not lines:
+        return Place(place.file, place.line, place.column + len(text))
+    return Place(place.file, place.line + lines, len(text) - text.rindex("\n"))

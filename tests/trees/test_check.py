@@ -1,0 +1,262 @@
+"""Every mistake in a tree file is reported at its line and column, all at once."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from py_trees.common import Status
+
+from cell.interfaces.errors import InputError
+from trees.check import check
+from trees.loader import load_tree
+from trees.node import Node
+from trees.ports import InputPort, OutputPort
+from trees.registry import Registry
+
+Write = Callable[..., Path]
+
+
+class Place:
+    """A type that cannot be written in a file."""
+
+
+class See(Node):
+    """Writes a place."""
+
+    place = OutputPort(Place, "where")
+    count = OutputPort(int, "how many")
+
+    def update(self) -> Status:
+        return Status.SUCCESS
+
+
+class Go(Node):
+    """Reads a place."""
+
+    place = InputPort(Place, "where to")
+    speed = InputPort(float, "in [m/s]", default=0.1)
+
+    def update(self) -> Status:
+        return Status.SUCCESS
+
+
+REGISTRY = Registry([See, Go])
+
+# The mark ^ stands where the mistake must be reported.
+BAD_NODES = [
+    ("^<Sequense><AlwaysSuccess/></Sequense>", "there is no node 'Sequense'; did you mean 'Sequence'"),
+    ("^<sequence><AlwaysSuccess/></sequence>", "did you mean 'Sequence'"),
+    ("^<Xyzzy/>", "there is no node 'Xyzzy'; `cell nodes` lists all nodes"),
+    ('<Action ^ID="Goo"/>', "there is no node 'Goo'; did you mean 'Go'"),
+    ("^<Action/>", "this <Action> has no ID"),
+    ("^<Sequence/>", "Sequence has 0 children; it takes at least 1"),
+    ("^<Inverter/>", "Inverter has 0 children; it takes 1"),
+    ("^<Inverter><AlwaysSuccess/><AlwaysSuccess/></Inverter>", "Inverter has 2 children; it takes 1"),
+    ("^<AlwaysSuccess><AlwaysSuccess/></AlwaysSuccess>", "AlwaysSuccess has 1 child; it takes 0"),
+    ("^<IfThenElse><AlwaysSuccess/></IfThenElse>", "IfThenElse has 1 child; it takes 2 to 3"),
+    ('^<Switch2 variable="{=}" case_1="a" case_2="b"><AlwaysSuccess/></Switch2>', "Switch2 has 1 child; it takes 3"),
+    ("^<Repeat><AlwaysSuccess/></Repeat>", "Repeat needs port 'num_cycles'; num_cycles: int or {entry}"),
+    ("^<Go/>", "Go needs port 'place'; place: an entry"),
+    (
+        '<Repeat ^cycles="3" num_cycles="1"><AlwaysSuccess/></Repeat>',
+        "Repeat has no port 'cycles'; did you mean 'num_cy",
+    ),
+    ('<AlwaysSuccess ^ID="x"/>', "AlwaysSuccess has no port 'ID'"),
+    ('<Repeat num_cycles="^three"><AlwaysSuccess/></Repeat>', "'three' is not an int; like 42"),
+    ('<Repeat num_cycles="^1.5"><AlwaysSuccess/></Repeat>', "'1.5' is not an int"),
+    ('<RunOnce then_skip="^maybe"><AlwaysSuccess/></RunOnce>', "'maybe' is not a bool; true or false"),
+    (
+        '<Precondition if="true" else="^FAIL"><AlwaysSuccess/></Precondition>',
+        "'FAIL' is no Status; one of SUCCESS, FAIL",
+    ),
+    ('<LoopInt queue="^1;x" value="{v}"><AlwaysSuccess/></LoopInt>', "'x' is not an int"),
+    ('<Go ^place="home"/>', "port 'place' takes a Place, which cannot be written here; connect it"),
+    ('<See ^count="5"/>', "port 'count' is an output and '5' is no entry"),
+    ('<See count="^{}"/>', "'' is no name of an entry"),
+    ('<See count="^{a b}"/>', "'a b' is no name of an entry"),
+    ('<Sequence><See place="{p}"/><Go place="{p}" speed="^fast"/></Sequence>', "'fast' is not a float; like 0.5"),
+    ('<Go ^place="{nowhere}"/>', "port 'place' of Go reads {nowhere}, which nothing writes"),
+    ('<Sequence><See count="{p}"/><Go ^place="{p}"/></Sequence>', "takes {p} as Place; port 'count' of See at"),
+    ('<AlwaysSuccess ^_skipif="true"/>', "there is no attribute '_skipif' here; did you mean '_skipIf'"),
+    ('<AlwaysSuccess ^_autoremap="true"/>', "there is no attribute '_autoremap' here"),
+    ('<Script code="a := ^"/>', "bad script: the script ends where a number"),
+    ('<Script code="a := 1 ^b"/>', "bad script: 'b' stands where an operator or ';' is expected"),
+    ('<Script code="a := (1 + 2^"/>', "bad script: the script ends where ')' is expected"),
+    ('<Script code="a := ^\'open"/>', "bad script: ''' has no meaning here; close the string"),
+    ('<Script code="1 ^:= 2"/>', "bad script: ':=' needs a name on its left"),
+    ('<Script code="a := 1 ^# 2"/>', "bad script: '#' has no meaning here"),
+    ('<Script code="^"/>', "bad script: the script is empty"),
+    ('<Script code="^SUCCESS := 1"/>', "'SUCCESS' is an enum name and cannot be written"),
+    ('<Script code="a := true ? 1 ^"/>', "the script ends where ':' is expected"),
+    ('<AlwaysSuccess _while="a &lt; ^"/>', "bad script: the script ends"),
+    ('<ScriptCondition code="^missing &gt; 1"/>', "'code' of ScriptCondition reads {missing}, which nothing writes"),
+    ('<AlwaysSuccess _skipIf="1 == ^missing"/>', "'_skipIf' of AlwaysSuccess reads {missing}"),
+    ('<SubTree ^ID="Othr"/>', "there is no BehaviorTree 'Othr'; did you mean 'Other'"),
+    ("^<SubTree/>", "this SubTree has no ID; legal: Main, Other"),
+    ('<SubTree ID="Other">^<AlwaysSuccess/></SubTree>', "a SubTree has no children here"),
+    ('<SubTree ID="Other" _autoremap="^yes"/>', "'yes' is not a bool"),
+    ('<SubTree ID="Other" x="^{a b}"/>', "'a b' is no name of an entry"),
+    ('^<SubTree ID="Main"/>', "this SubTree contains itself: Main > Main"),
+    ("<Sequence>\n  <AlwaysSuccess/>\n\t^<Oops/>\n</Sequence>", "there is no node 'Oops'"),
+    ('<!-- äöü --><Sequence name="äöü">^<Oops/><AlwaysSuccess/></Sequence>', "there is no node 'Oops'"),
+    (
+        "<ReactiveSequence><AsyncSequence><AlwaysSuccess/></AsyncSequence>^<AsyncSequence><AlwaysSuccess/></AsyncSequence>"
+        "</ReactiveSequence>",
+        "ReactiveSequence has a second asynchronous child",
+    ),
+]
+MAIN = '<BehaviorTree ID="Main">{}</BehaviorTree><BehaviorTree ID="Other"><AlwaysSuccess/></BehaviorTree>'
+GOOD = '<BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree>'
+BAD_FILES = [
+    ("^<tree/>", "the outermost element is <tree>; must be <root>"),
+    (f"^<root>{GOOD}</root>", "BTCPP_format is missing"),
+    (f'<root ^BTCPP_format="3">{GOOD}</root>', "BTCPP_format is '3'"),
+    (f'<root BTCPP_format="4" ^main_tree="Main">{GOOD}</root>', "did you mean 'main_tree_to_execute'"),
+    (f'<root BTCPP_format="4" ^main_tree_to_execute="Mian">{GOOD}</root>', "names 'Mian'.*did you mean 'Main'"),
+    (f'<root BTCPP_format="4">^<Behaviortree/>{GOOD}</root>', "<Behaviortree> cannot stand in <root>"),
+    ('<root BTCPP_format="4">^<BehaviorTree><AlwaysSuccess/></BehaviorTree></root>', "this BehaviorTree has no ID"),
+    ('<root BTCPP_format="4">^<BehaviorTree ID="Main"/></root>', "has 0 nodes directly below it"),
+    (f'<root BTCPP_format="4">{GOOD}{GOOD.replace("ID", "^ID")}</root>', "a BehaviorTree 'Main' stands already at"),
+    (
+        f'<root BTCPP_format="4">{GOOD.replace("<Be", "^<Be").replace("<Al", "<AlwaysFailure/><Al")}</root>',
+        "has 2 nodes",
+    ),
+    (f'<root BTCPP_format="4">^<include/>{GOOD}</root>', "this include has no path"),
+    (f'<root BTCPP_format="4"><include ^path="no.xml"/>{GOOD}</root>', "the included file no.xml cannot be used"),
+    (f'<root BTCPP_format="4"><include ^path="../up.xml"/>{GOOD}</root>', "leads out of"),
+    (f'<root BTCPP_format="4"><include ^path="/etc/passwd"/>{GOOD}</root>', "leads out of"),
+    (f'<root BTCPP_format="4"><include ^path="bad.xml"/>{GOOD}</root>', "is included already"),
+    (f'<root BTCPP_format="4">{GOOD}<BehaviorTree ID="B">^', "this is not well-formed XML: no element found"),
+    (f'<root BTCPP_format="4">{GOOD}</^wrong>', "this is not well-formed XML: mismatched tag"),
+    (f'<root BTCPP_format="4">{GOOD}^words</root>', "text 'words' stands between elements"),
+    (f'^<!DOCTYPE root [<!ENTITY a "b">]><root BTCPP_format="4">{GOOD}</root>', "entities are refused"),
+    (
+        '<root BTCPP_format="4"><BehaviorTree ID="A"><SubTree ID="B"/></BehaviorTree>'
+        '<BehaviorTree ID="B">^<SubTree ID="A"/></BehaviorTree></root>',
+        "this SubTree contains itself: A > B > A",
+    ),
+    (
+        '<root BTCPP_format="4" main_tree_to_execute="Main"><TreeNodesModel><SubTree ID="Fetch"><input_port name="part"'
+        '/></SubTree></TreeNodesModel><BehaviorTree ID="Main">^<SubTree ID="Fetch"/></BehaviorTree>'
+        '<BehaviorTree ID="Fetch"><AlwaysSuccess/></BehaviorTree></root>',
+        "SubTree 'Fetch' needs port 'part'",
+    ),
+    (
+        f'<root BTCPP_format="4"><TreeNodesModel><SubTree ID="Main">^<port name="a"/></SubTree></TreeNodesModel>'
+        f"{GOOD}</root>",
+        "<port> is no port",
+    ),
+]
+
+
+def assert_reported(folder: Path, marked: str, message: str) -> None:
+    head = marked[: marked.index("^")]
+    line, column = head.count("\n") + 1, len(head) - (head.rfind("\n") + 1) + 1
+    path = folder / "bad.xml"
+    path.write_text(marked.replace("^", "", 1))
+    problems = check([path], REGISTRY)
+    first = problems[0]
+    assert re.search(message if ".*" in message else re.escape(message), str(first))
+    assert (first.place.file.name, first.place.line, first.place.column) == ("bad.xml", line, column)
+
+
+@pytest.mark.parametrize(("nodes", "message"), BAD_NODES)
+def test_bad_nodes_are_reported_where_they_stand(tmp_path: Path, nodes: str, message: str) -> None:
+    root = '<root BTCPP_format="4" main_tree_to_execute="Main">\n  '
+    assert_reported(tmp_path, root + MAIN.format(nodes) + "</root>", message)
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_FILES)
+def test_bad_files_are_reported_where_they_are_wrong(tmp_path: Path, text: str, message: str) -> None:
+    assert_reported(tmp_path, text, message)
+
+
+def test_all_mistakes_are_reported_at_once_and_in_order(write: Write) -> None:
+    nodes = '<Sequence><Oops/><Go speed="x"/><Sequence/><Script code="="/></Sequence>'
+    problems = check([write(MAIN.format(nodes))], REGISTRY)
+    assert [problem.what.split()[0] for problem in problems] == ["there", "Go", "'x'", "Sequence", "bad"]
+    with pytest.raises(InputError) as raised:
+        load_tree(problems[0].place.file, REGISTRY)
+    assert list(raised.value.problems) == problems
+
+
+def test_mistakes_in_included_files_name_that_file(write: Write) -> None:
+    write('<BehaviorTree ID="Part">\n<Oops/></BehaviorTree>', "part.xml")
+    path = write('<root BTCPP_format="4" main_tree_to_execute="Main"><include path="part.xml"/>' + GOOD + "</root>")
+    (problem,) = check([path], REGISTRY)
+    assert str(problem).startswith(f"{path.parent / 'part.xml'}:2:1: there is no node 'Oops'")
+
+
+def test_types_are_checked_across_subtrees(write: Write) -> None:
+    path = write(
+        '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence><See count="{n}"/>'
+        '<SubTree ID="Inner" p="{n}"/></Sequence></BehaviorTree>\n'
+        '<BehaviorTree ID="Inner"><Go place="{p}"/></BehaviorTree></root>'
+    )
+    (problem,) = check([path], REGISTRY)
+    assert (problem.place.line, problem.place.column) == (2, 30)
+    assert "as Place" in problem.what
+
+
+def test_declared_inputs_of_the_main_tree_come_from_outside(write: Write) -> None:
+    model = '<TreeNodesModel><SubTree ID="Main"><input_port name="place"/></SubTree></TreeNodesModel>'
+    assert check([write(model + '<BehaviorTree ID="Main"><Go place="{place}"/></BehaviorTree>')], REGISTRY) == []
+
+
+def test_a_file_for_inclusion_needs_no_main_tree(write: Write) -> None:
+    path = write(MAIN.format("<AlwaysSuccess/>"))
+    assert check([path], REGISTRY) == []
+    with pytest.raises(InputError, match="it is not said which BehaviorTree to run"):
+        load_tree(path, REGISTRY)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<!DOCTYPE r [<!ENTITY a "x"><!ENTITY b "&a;&a;&a;&a;">]><root BTCPP_format="4">&b;</root>',
+        '<root BTCPP_format="4"><BehaviorTree ID="M">' + "<Inverter>" * 20_000,
+        '<root BTCPP_format="4">' + "<a/>" * 200_000 + "</root>",
+        '<root BTCPP_format="4"><BehaviorTree ID="M"><Sequence>'
+        + "<Sequenc/>" * 90_000
+        + "</Sequence></BehaviorTree></root>",
+        "<root " + " ".join(f'a{i}="{i}"' for i in range(60_000)) + "/>",
+        '<root BTCPP_format="4">' + "<include path='x'/>" * 5_000 + "</root>",
+        " " * 2_000_000,
+        '<root BTCPP_format="4"><BehaviorTree ID="M"><Script code="' + "(" * 50_000 + '"/></BehaviorTree></root>',
+        '<root BTCPP_format="4"><BehaviorTree ID="M"><Script code="a := ' + "-" * 50_000 + '1"/></BehaviorTree></root>',
+        '<root BTCPP_format="4" main_tree_to_execute="T0">'
+        + "".join(
+            f'<BehaviorTree ID="T{i}"><Sequence>' + f'<SubTree ID="T{i + 1}"/>' * 2 + "</Sequence></BehaviorTree>"
+            for i in range(60)
+        )
+        + '<BehaviorTree ID="T60"><AlwaysSuccess/></BehaviorTree></root>',
+    ],
+    ids=["entities", "deep", "strangers", "nodes", "attributes", "includes", "large", "brackets", "signs", "doubling"],
+)
+def test_hostile_files_are_refused_quickly(write: Write, text: str) -> None:
+    path = write(text)
+    begun_s = time.process_time()
+    assert check([path], REGISTRY)
+    assert time.process_time() - begun_s < 10  # seconds instead of for ever; a second is normal on a busy machine
+
+
+def test_what_is_no_file_is_refused() -> None:
+    assert [str(problem) for problem in check([Path("/dev/zero")], REGISTRY)] == [
+        "/dev/zero: this is not a file; give the path of a tree file"
+    ]
+
+
+def test_a_thousand_levels_are_refused_and_nine_hundred_run(write: Write) -> None:
+    def chain(levels: int) -> Path:
+        return write(
+            f'<BehaviorTree ID="M">{"<Inverter>" * levels}<AlwaysSuccess/>{"</Inverter>" * levels}</BehaviorTree>'
+        )
+
+    assert check([chain(1_000)], REGISTRY)
+    tree = load_tree(chain(900), REGISTRY)
+    assert tree.tick() is Status.SUCCESS
+    tree.halt()

@@ -29,5 +29,5 @@ class PerceptionSettings(Model):
     upright_tolerance_m: float = Field(default=0.010, gt=0)
     at_hole_m: float = Field(default=0.045, gt=0)
     still_m: float = Field(default=0.006, gt=0)
-    report_s: float = Field(default=1.0, gt=0)
+    report_s: float = Field(default=0.7, gt=0)
     tray_margin_m: float = Field(default=0.06, ge=0)

@@ -304,7 +304,7 @@ def watch_still(cell: SimCell, watcher: ClassicalBenchWatcher, frames: int) -> B
     assert isinstance(camera, SimCamera)
     for _ in range(frames):
         before = camera.latest()
-        camera.update(0.0 if before is None else (before.sequence + 1) / overhead_rate_hz(cell), 0.0)
+        camera.observe(0.0 if before is None else (before.sequence + 1) / overhead_rate_hz(cell))
         frame = camera.latest()
         assert frame is not None
         view = watcher.watch(frame)

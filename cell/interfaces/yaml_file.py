@@ -55,8 +55,8 @@ def _read(path: Path) -> tuple[Node, object, list[Problem]]:
         root = loader.get_single_node()
         if root is None:
             raise InputError(Problem(Place(path, 1, 1), "the file is empty"))
-        problems: list[Problem] = []
-        return root, _construct(path, loader, root, (), problems), problems
+        constructor = _Constructor(path, loader)
+        return root, constructor.data(root), constructor.problems
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = Place(path, mark.line + 1, mark.column + 1) if mark else Place(path)
@@ -67,27 +67,42 @@ def _read(path: Path) -> tuple[Node, object, list[Problem]]:
         loader.dispose()
 
 
-def _construct(
-    path: Path, loader: yaml.SafeLoader, node: Node, above: tuple[Node, ...], problems: list[Problem]
-) -> object:
-    """Plain data of a node; unlike PyYAML's own constructor it refuses duplicate keys and keys that are no text."""
-    if any(node is parent for parent in above):
-        problems.append(Problem(_at(path, node), "an alias that contains itself"))
-        return None
-    inside = (*above, node)
-    if isinstance(node, SequenceNode):
-        return [_construct(path, loader, item, inside, problems) for item in node.value]
-    if not isinstance(node, MappingNode):
-        return loader.construct_object(node)
-    data: dict[str, object] = {}
-    lines: dict[str, int] = {}
-    for key, value in node.value:
-        name = key.value if isinstance(key, ScalarNode) else "?"
-        if name in data:
-            problems.append(Problem(_at(path, key), f"key {name!r} stands twice", f"first in line {lines[name]}"))
-        lines.setdefault(name, key.start_mark.line + 1)
-        data[name] = _construct(path, loader, value, inside, problems)
-    return data
+class _Constructor:
+    """Plain data of nodes; unlike PyYAML's own constructor it refuses duplicate keys and reports where they are."""
+
+    def __init__(self, path: Path, loader: yaml.SafeLoader) -> None:
+        self.problems: list[Problem] = []
+        self._path = path
+        self._loader = loader
+        self._made: dict[int, object] = {}  # by node: an alias costs nothing however often it is used
+        self._under_way: set[int] = set()
+
+    def data(self, node: Node) -> object:
+        key = id(node)
+        if key in self._under_way:
+            self.problems.append(Problem(_at(self._path, node), "an alias that contains itself"))
+            return None
+        if key not in self._made:
+            self._under_way.add(key)
+            self._made[key] = self._make(node)
+            self._under_way.remove(key)
+        return self._made[key]
+
+    def _make(self, node: Node) -> object:
+        if isinstance(node, SequenceNode):
+            return [self.data(item) for item in node.value]
+        if not isinstance(node, MappingNode):
+            return self._loader.construct_object(node)
+        made: dict[str, object] = {}
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            name = key.value if isinstance(key, ScalarNode) else "?"
+            if name in made:
+                what = f"key {name!r} stands twice"
+                self.problems.append(Problem(_at(self._path, key), what, f"first in line {lines[name]}"))
+            lines.setdefault(name, key.start_mark.line + 1)
+            made[name] = self.data(value)
+        return made
 
 
 def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDetails) -> list[Problem]:

@@ -1,0 +1,191 @@
+"""Fake devices, tree and witness for tests of the controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from py_trees.common import Status
+
+from cell.configuration import ControllerSettings
+from cell.controller import Controller
+from cell.inference import LockStep
+from cell.interfaces.clock import ManualClock
+from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
+from cell.interfaces.devices import Devices
+from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from cell.interfaces.perception import Action, BenchView, Frame, PartsView
+from cell.interfaces.pose import Pose
+from cell.witness import Level, Outcome, TickRecord
+from trees.node import StatusChange
+
+PARKED = (0.0,) * 6
+
+
+def frame(sequence: int, time_s: float = 0.0, camera: str = "overhead") -> Frame:
+    """A grey image of 8 x 6 pixels."""
+    return Frame(camera, sequence, time_s, np.full((6, 8, 3), 128, np.uint8), Pose((0.0, 0.0, 1.0)))
+
+
+@dataclass
+class FakeCamera:
+    """Hands out what a test put there."""
+
+    clock: ManualClock
+    newest: Frame | None = None
+    triggers: int = 0
+
+    def trigger(self) -> None:
+        self.triggers += 1
+
+    def latest(self) -> Frame | None:
+        return self.newest
+
+
+@dataclass
+class FakeArm:
+    """Notes what it was told; after a stop it moves on for `coast_polls` readings."""
+
+    clock: ManualClock
+    calls: list[str] = field(default_factory=list)
+    coast_polls: int = 0
+    stop_error: Exception | None = None
+
+    def state(self) -> ArmState:
+        moving = "stop" in self.calls and self.coast_polls > 0
+        self.coast_polls -= moving
+        return ArmState(self.clock.now_s(), PARKED, PARKED, moving)
+
+    def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
+        self.calls.append("follow")
+        return trajectory
+
+    def stop(self) -> None:
+        self.calls.append("stop")
+        if self.stop_error is not None:
+            raise self.stop_error
+
+
+@dataclass
+class FakeGripper:
+    """Notes what it was told; sends whole millimetres only."""
+
+    clock: ManualClock
+    calls: list[str] = field(default_factory=list)
+    fault: Exception | None = None
+
+    def state(self) -> GripperState:
+        if self.fault is not None:
+            raise self.fault
+        return GripperState(self.clock.now_s(), True, ObjectStatus.AT_POSITION, 0.085, 0.0, 0)
+
+    def activate(self) -> None:
+        self.calls.append("activate")
+
+    def command(self, command: GripperCommand) -> GripperCommand:
+        self.calls.append("command")
+        return GripperCommand(round(command.opening_m, 3), command.speed_m_s, command.force_n)
+
+    def hold(self) -> None:
+        self.calls.append("hold")
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+
+@dataclass
+class FakePanel:
+    """Keeps what it was shown."""
+
+    shown: list[Display] = field(default_factory=list)
+
+    def show(self, display: Display) -> None:
+        self.shown.append(display)
+
+
+@dataclass
+class FakeServices:
+    """What the loop renews."""
+
+    observation: Observation
+    command: Command = field(default_factory=Command)
+
+
+@dataclass
+class FakeTree:
+    """Calls `act` in each tick and answers what it returns."""
+
+    act: Callable[[int], Status]
+    ticks: int = 0
+    halts: int = 0
+    status_changes: Sequence[StatusChange] = ()
+
+    def tick(self) -> Status:
+        status = self.act(self.ticks)
+        self.ticks += 1
+        return status
+
+    def halt(self) -> None:
+        self.halts += 1
+
+
+@dataclass
+class FakeWitness:
+    """Keeps what it was told."""
+
+    records: list[TickRecord] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
+    outcomes: list[Outcome] = field(default_factory=list)
+
+    def frame(self, frame: Frame) -> None:
+        self.frames.append(frame)
+
+    def tick(self, record: TickRecord) -> None:
+        self.records.append(record)
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        self.messages.append(f"{time_s:.2f} {level}: {text}")
+
+    def close(self, outcome: Outcome) -> None:
+        self.outcomes.append(outcome)
+
+
+def idle_view(seen: Frame) -> BenchView:
+    """An answer that nothing goes on."""
+    return BenchView(seen.sequence, seen.time_s, None, {}, Action("idle", 1.0))
+
+
+def no_parts(seen: Frame) -> PartsView:
+    """An answer that the tray is empty."""
+    return PartsView(seen.sequence, seen.time_s, ())
+
+
+class Rig:
+    """A controller among fakes.
+
+    Attributes:
+        services: what a test's tree reads and fills.
+    """
+
+    def __init__(self, settings: ControllerSettings | None = None, latency_s: float = 0.1) -> None:
+        self.clock = ManualClock()
+        self.overhead, self.wrist = FakeCamera(self.clock), FakeCamera(self.clock)
+        self.arm, self.gripper, self.panel = FakeArm(self.clock), FakeGripper(self.clock), FakePanel()
+        self.witness = FakeWitness()
+        devices = Devices(self.clock, self.overhead, self.wrist, self.arm, self.panel, lambda: {}, lambda: None)
+        self.controller = Controller(
+            devices,
+            self.gripper,
+            LockStep(idle_view, self.clock, latency_s),
+            LockStep(no_parts, self.clock, latency_s),
+            settings or ControllerSettings(),
+            [self.witness],
+        )
+        self.services = FakeServices(self.controller.observe())
+
+    def run(self, act: Callable[[int], Status]) -> tuple[Outcome, FakeTree]:
+        """Run a tree that calls `act`."""
+        tree = FakeTree(act)
+        return self.controller.run(tree, self.services), tree

@@ -27,7 +27,6 @@ class Boxes:
         yaw_rad: (n,) heading of the longer side.
         bottom_m: (n,) height of the body's bottom.
         size_m: (n, 3) length, width, height.
-        peg_m: (n,) length of the peg on which each stands.
     """
 
     types: tuple[str, ...]
@@ -35,7 +34,6 @@ class Boxes:
     yaw_rad: Array
     bottom_m: Array
     size_m: Array
-    peg_m: Array
 
     def __len__(self) -> int:
         return len(self.types)
@@ -55,7 +53,6 @@ class Boxes:
             self.yaw_rad[chosen],
             self.bottom_m[chosen],
             self.size_m[chosen],
-            self.peg_m[chosen],
         )
 
 
@@ -73,14 +70,12 @@ def boxes_of(parts: Sequence[PartDetection], product: Product) -> Boxes:
         np.array([part.world_from_part.yaw_rad for part in parts]),
         np.array([part.world_from_part.position_m[2] for part in parts]),
         np.array([part.size_m for part in parts]),
-        np.array([product.parts[part.part].peg_length_m for part in parts]),
     )
 
 
 def fingertip_height_m(boxes: Boxes, gripper: GripperGeometry) -> Array:
     """Height (n,) of the fingertips when each box is grasped."""
-    floor = boxes.bottom_m - boxes.peg_m
-    height: Array = np.maximum(floor + gripper.floor_gap_m, boxes.top_m - gripper.grasp_depth_m)
+    height: Array = np.maximum(boxes.bottom_m + gripper.bottom_gap_m, boxes.top_m - gripper.grasp_depth_m)
     return height
 
 
@@ -91,9 +86,9 @@ def blocking(boxes: Boxes, gripper: GripperGeometry) -> Blocks:
     (where the finger closes), or one that reaches up to the hand and lies under it.
     """
     tip = fingertip_height_m(boxes, gripper)
-    meets_finger = _under_fingers(boxes, gripper) & (boxes.top_m[None] > tip[:, None] - gripper.vertical_gap_m)
+    meets_finger = _under_fingers(boxes, gripper) & (boxes.top_m[None] > tip[:, None] - gripper.below_gap_m)
     hand = tip + gripper.finger_length_m
-    meets_hand = _under_hand(boxes, gripper) & (boxes.top_m[None] > hand[:, None] - gripper.vertical_gap_m)
+    meets_hand = _under_hand(boxes, gripper) & (boxes.top_m[None] > hand[:, None] - gripper.below_gap_m)
     blocks: Blocks = (meets_finger | meets_hand) & ~np.eye(len(boxes), dtype=bool)
     return blocks
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cell.interfaces.pose import Array
 from learned.grasp.geometry import Boxes
 
-PAIR_FEATURES = 15
+PAIR_FEATURES = 16
 REACH_M = 0.16  # no outline of gripper or part extends so far from a part's middle that farther pairs matter
 _UNIT_M = 0.03
 
@@ -36,6 +36,9 @@ def pair_features(boxes: Boxes, required: NDArray[np.intp], neighbour: NDArray[n
     mirrored = np.where(along * across < 0, -1.0, 1.0)
     own, other = boxes.size_m[required], boxes.size_m[neighbour]
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    # The required part as the neighbour sees it.
+    seen_along = np.abs(offset[:, 0] * np.cos(yaw + turn) + offset[:, 1] * np.sin(yaw + turn))
+    seen_across = np.abs(offset[:, 1] * np.cos(yaw + turn) - offset[:, 0] * np.sin(yaw + turn))
     half_along = (other[:, 0] * cos + other[:, 1] * sin) / 2
     half_across = (other[:, 0] * sin + other[:, 1] * cos) / 2
     lengths: Array = np.column_stack(
@@ -46,9 +49,10 @@ def pair_features(boxes: Boxes, required: NDArray[np.intp], neighbour: NDArray[n
             np.abs(across),
             np.abs(along) - half_along,
             np.abs(across) - half_across - own[:, 1] / 2,
+            seen_along,
+            seen_across,
             boxes.bottom_m[neighbour] - boxes.bottom_m[required],
             boxes.top_m[neighbour] - boxes.top_m[required],
-            boxes.peg_m[required],
         ]
     )
     angles = np.column_stack([np.cos(2 * turn), mirrored * np.sin(2 * turn)])

@@ -21,6 +21,7 @@ Split = Literal["train", "validation", "test"]
 _SPLIT_CODES: dict[Split, int] = {"train": 0, "validation": 1, "test": 2}
 _PIXELS_PER_M = 1000.0
 _PLACING_TRIES = 40
+_BISECTIONS = 12
 
 
 @dataclass(frozen=True)
@@ -121,26 +122,39 @@ def _place(
     """The boxes with one more, or None where no free place was found."""
     half_tray = np.array(settings.tray_m) / 2
     for _ in range(_PLACING_TRIES):
+        yaw = rng.uniform(-math.pi, math.pi)
         if placed is None:
-            centre = rng.uniform(-half_tray, half_tray)
+            box = _box(name, product, rng.uniform(-half_tray, half_tray), yaw)
         else:
-            angle, radius = rng.uniform(-math.pi, math.pi), settings.reach_m * math.sqrt(rng.uniform())
-            anchor = placed.centre_m[rng.integers(len(placed))]
-            centre = anchor + radius * np.array([math.cos(angle), math.sin(angle)])
-        box = _box(name, product, centre, rng.uniform(-math.pi, math.pi))
-        if np.any(np.abs(centre) + np.hypot(*box.size_m[0, :2]) / 2 > half_tray):
+            box = _box_beside(placed.take([int(rng.integers(len(placed)))]), name, product, yaw, rng, settings)
+        if np.any(np.abs(box.centre_m) + np.hypot(*box.size_m[0, :2]) / 2 > half_tray):
             continue
         if placed is None:
             return box
-        if not bodies_overlap(placed, box, settings.gap_m).any():
+        if not bodies_overlap(placed, box, settings.nearest_gap_m).any():
             return _joined(placed, box)
     return None
 
 
+def _box_beside(
+    neighbour: Boxes, name: str, product: Product, yaw_rad: float, rng: np.random.Generator, settings: SceneSettings
+) -> Boxes:
+    """A part slid away from its neighbour in a random direction until the gap is as drawn."""
+    angle = rng.uniform(-math.pi, math.pi)
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    gap = rng.uniform(settings.nearest_gap_m, settings.farthest_gap_m)
+    near, far = 0.0, float(np.hypot(*neighbour.size_m[0, :2]) + np.hypot(*product.parts[name].size_m[:2])) / 2 + 2 * gap
+    for _ in range(_BISECTIONS):
+        middle = (near + far) / 2
+        box = _box(name, product, neighbour.centre_m[0] + middle * direction, yaw_rad)
+        near, far = (middle, far) if bodies_overlap(neighbour, box, gap).any() else (near, middle)
+    return _box(name, product, neighbour.centre_m[0] + far * direction, yaw_rad)
+
+
 def _box(name: str, product: Product, centre_m: Array, yaw_rad: float) -> Boxes:
     part = product.parts[name]
-    peg = np.array([part.peg_length_m])
-    return Boxes((name,), centre_m[None], np.array([yaw_rad]), peg, np.array([part.size_m]), peg)
+    bottom = np.array([part.peg_length_m])
+    return Boxes((name,), centre_m[None], np.array([yaw_rad]), bottom, np.array([part.size_m]))
 
 
 def _joined(first: Boxes, second: Boxes) -> Boxes:
@@ -150,7 +164,6 @@ def _joined(first: Boxes, second: Boxes) -> Boxes:
         np.concatenate([first.yaw_rad, second.yaw_rad]),
         np.concatenate([first.bottom_m, second.bottom_m]),
         np.concatenate([first.size_m, second.size_m]),
-        np.concatenate([first.peg_m, second.peg_m]),
     )
 
 

@@ -1,7 +1,8 @@
 """Geometry of the gripper at a grasp, and how random tray scenes are drawn: all numbers of this package's labels.
 
 The gripper comes straight down over the middle of a part, opened to the part's width plus a clearance on each
-side, its fingers across the body's width, and closes. Skills must keep the same clearances when they descend.
+side, its fingers across the body's width, and closes. These are the clearances with which the skills first try; that
+they then try a narrower one leaves room for what the detector did not see exactly.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ class GripperGeometry(Model):
         finger_thickness_m: along the tool's x, across the body's width.
         clearance_m: gap between each finger and the body during descent.
         grasp_depth_m: fingertips reach this far below the body's top ...
-        floor_gap_m: ... but never nearer to the floor than this.
-        vertical_gap_m: a neighbour must end this far below the fingertips to be passed over.
+        bottom_gap_m: ... but stay this far above its bottom.
+        below_gap_m: a neighbour must end this far below the fingertips, or the hand, to be passed over.
         finger_length_m: from the fingertips up to the lower side of the hand.
         hand_size_m: (tool x, tool y) extent of hand and knuckles above the fingers.
     """
@@ -29,14 +30,14 @@ class GripperGeometry(Model):
     finger_thickness_m: float = Field(default=0.012, gt=0)
     clearance_m: float = Field(default=0.006, gt=0)
     grasp_depth_m: float = Field(default=0.030, gt=0)
-    floor_gap_m: float = Field(default=0.005, ge=0)
-    vertical_gap_m: float = Field(default=0.004, ge=0)
+    bottom_gap_m: float = Field(default=0.003, ge=0)
+    below_gap_m: float = Field(default=0.005, ge=0)
     finger_length_m: float = Field(default=0.079, gt=0)
-    hand_size_m: tuple[float, float] = (0.100, 0.062)
+    hand_size_m: tuple[float, float] = (0.104, 0.076)
 
 
 class DetectionNoise(Model):
-    """Standard deviations of what the part detector answers.
+    """Standard deviations of what the part detector answers: a few times those of the classical one in simulation.
 
     Attributes:
         position_m: of x and y, each.
@@ -45,10 +46,10 @@ class DetectionNoise(Model):
         size_m: length, width and height, each.
     """
 
-    position_m: float = Field(default=0.002, ge=0)
-    yaw_rad: float = Field(default=0.05, ge=0)
-    bottom_m: float = Field(default=0.001, ge=0)
-    size_m: float = Field(default=0.001, ge=0)
+    position_m: float = Field(default=0.001, ge=0)
+    yaw_rad: float = Field(default=0.02, ge=0)
+    bottom_m: float = Field(default=0.0005, ge=0)
+    size_m: float = Field(default=0.0005, ge=0)
 
 
 class SceneSettings(Model):
@@ -56,14 +57,13 @@ class SceneSettings(Model):
 
     Attributes:
         parts: fewest and most parts in a scene.
-        reach_m: centres of neighbours are drawn up to this far from each other.
-        gap_m: least distance between bodies.
+        nearest_gap_m, farthest_gap_m: gap between the bodies of a part and of the neighbour that it is put beside.
         tray_m: inner (x, y) extent of the tray; bodies lie inside.
     """
 
     parts: tuple[int, int] = (3, 6)
-    reach_m: float = Field(default=0.11, gt=0)
-    gap_m: float = Field(default=0.003, ge=0)
+    nearest_gap_m: float = Field(default=0.003, ge=0)
+    farthest_gap_m: float = Field(default=0.020, gt=0)
     tray_m: tuple[float, float] = (0.32, 0.40)
     gripper: GripperGeometry = GripperGeometry()
     noise: DetectionNoise = DetectionNoise()

@@ -57,9 +57,9 @@ class PairwiseSettings(TrainingSettings):
     scenes: int = Field(default=6000, gt=0)
     epochs: int = Field(default=30, gt=0)
     batch: int = Field(default=256, gt=0)
-    peak_rate: float = Field(default=0.01, gt=0)
+    peak_rate: float = Field(default=0.006, gt=0)
     hidden: int = Field(default=48, gt=0)
-    members: int = Field(default=3, gt=0)
+    members: int = Field(default=4, gt=0)
 
 
 class PaperSettings(TrainingSettings):

@@ -1,0 +1,100 @@
+"""The sequence of moves against exhaustive search, and the words for it."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from cell.interfaces.errors import ModelError
+from learned.grasp.geometry import Blocks
+from learned.grasp.language import END, HELP, MAX_WORDS, WORDS, decode, encode
+from learned.grasp.solution import Solution, letter, solve, solves
+
+
+def fewest_moves(blocks: Blocks, required: int) -> int | None:
+    """Length of the shortest sequence of possible moves, by trying them all."""
+    count = len(blocks)
+    others = [i for i in range(count) if i != required]
+    for length in range(count):
+        for moves in permutations(others, length):
+            standing = set(range(count))
+            for index in (*moves, required):
+                if blocks[index, list(standing - {index})].any():
+                    break
+                standing.remove(index)
+            else:
+                return length
+    return None
+
+
+def random_blocks(rng: np.random.Generator, count: int) -> Blocks:
+    blocks: Blocks = (rng.random((count, count)) < 0.25) & ~np.eye(count, dtype=bool)
+    return blocks
+
+
+def test_solutions_are_the_shortest_and_work() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        blocks = random_blocks(rng, int(rng.integers(1, 6)))
+        solution = solve(blocks, 0, range(len(blocks)))
+        fewest = fewest_moves(blocks, 0)
+        assert solution.needs_help == (fewest is None)
+        if fewest is not None:
+            assert len(solution.moves) == fewest
+            assert solves(solution.moves, blocks, 0)
+
+
+def test_needless_missing_and_early_moves_do_not_solve() -> None:
+    blocks = np.zeros((4, 4), dtype=bool)
+    blocks[0, 1] = blocks[1, 2] = True
+    assert solves((2, 1), blocks, 0)
+    for moves in ((), (1,), (2,), (1, 2), (2, 1, 3), (2, 2, 1)):
+        assert not solves(moves, blocks, 0)
+
+
+def test_the_order_decides_among_free_parts_only() -> None:
+    blocks = np.zeros((4, 4), dtype=bool)
+    blocks[0, 1:] = blocks[3, 2] = True
+    assert solve(blocks, 0, (0, 1, 2, 3)).moves == (1, 2, 3)
+    assert solve(blocks, 0, (0, 3, 2, 1)).moves == (2, 3, 1)
+
+
+def test_words() -> None:
+    assert Solution().text == "grasp"
+    assert Solution((1,)).text == "move b"
+    assert Solution((1, 2)).text == "move b and c"
+    assert Solution(needs_help=True).text == "help"
+    assert [letter(index) for index in (0, 25, 26, 27)] == ["a", "z", "aa", "ab"]
+
+
+def test_decode_after_encode_is_the_identity() -> None:
+    order = (3, 0, 4, 1, 2)
+    for solution in (Solution(), Solution((4,)), Solution((2, 0, 1)), Solution(needs_help=True)):
+        words = encode(solution, order)
+        assert len(words) == MAX_WORDS
+        assert decode(words, order) == solution
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        ["move"],
+        ["move", "b", "c"],
+        ["move", "b", "and"],
+        ["and"],
+        ["move", "a"],
+        ["move", "d"],
+        ["move", "b", "and", "b"],
+    ],
+)
+def test_words_that_are_no_solution_are_refused(sentence: list[str]) -> None:
+    words = [WORDS.index(word) for word in sentence]
+    with pytest.raises(ModelError, match="no solution for 3 parts"):
+        decode([*words, END], (0, 1, 2))
+
+
+def test_words_outside_the_vocabulary_are_refused() -> None:
+    with pytest.raises(ModelError, match="outside the vocabulary"):
+        decode([HELP, len(WORDS)], (0, 1))

@@ -105,7 +105,10 @@ def fingers_clear(
         finger = rectangle(centre + side * direction * (opening_m / 2 + half[0]), yaw, half)
         for other in others:
             top = other.world_from_part.position_m[2] + other.size_m[2]
-            if top > fingertip_m - settings.passing_gap_m and gap_m(finger, footprint(other)) <= 0:
+            if (
+                top > fingertip_m - settings.passing_gap_m
+                and gap_m(finger, footprint(other)) < settings.finger_margin_m
+            ):
                 return False
     return True
 

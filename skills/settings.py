@@ -23,6 +23,7 @@ class MotionSettings(Model):
         fingertip_clearance_m: ... but stay this far above its bottom, so that they clear the bracket.
         finger_clearance_m, least_finger_clearance_m: gap between each finger and the body before closing: the usual
             one, and the narrowest that is tried where a neighbour is in the way.
+        finger_margin_m: least gap between the fingers coming down and a neighbour.
         passing_gap_m: what ends this far below the fingertips is out of their way.
         approach_gap_m: fingertips pass this far above what stands below them before a descent.
         carry_gap_m: the peg of a carried part passes this far above placed parts.
@@ -43,12 +44,12 @@ class MotionSettings(Model):
     """
 
     speed_limits_rad_s: SixFloats = (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
-    acceleration_limits_rad_s2: SixFloats = (5.0, 5.0, 8.0, 10.0, 10.0, 10.0)
-    jerk_limits_rad_s3: SixFloats = (60.0, 60.0, 90.0, 120.0, 120.0, 120.0)
+    acceleration_limits_rad_s2: SixFloats = (3.5, 3.5, 6.0, 8.0, 8.0, 8.0)
+    jerk_limits_rad_s3: SixFloats = (30.0, 30.0, 50.0, 80.0, 80.0, 80.0)
     sample_s: float = Field(default=0.008, gt=0)
-    line_speed_m_s: float = Field(default=0.45, gt=0)
-    line_acceleration_m_s2: float = Field(default=2.5, gt=0)
-    line_jerk_m_s3: float = Field(default=40.0, gt=0)
+    line_speed_m_s: float = Field(default=0.40, gt=0)
+    line_acceleration_m_s2: float = Field(default=1.6, gt=0)
+    line_jerk_m_s3: float = Field(default=20.0, gt=0)
 
     tcp_from_tool0_m: float = Field(default=0.156, gt=0)
     fingertip_beyond_tcp_m: float = Field(default=0.008, ge=0)
@@ -56,6 +57,7 @@ class MotionSettings(Model):
     fingertip_clearance_m: float = Field(default=0.003, ge=0)
     finger_clearance_m: float = Field(default=0.006, gt=0)
     least_finger_clearance_m: float = Field(default=0.004, gt=0)
+    finger_margin_m: float = Field(default=0.002, ge=0)
     passing_gap_m: float = Field(default=0.004, ge=0)
     approach_gap_m: float = Field(default=0.015, gt=0)
     carry_gap_m: float = Field(default=0.020, gt=0)

@@ -16,17 +16,25 @@ _LARGEST_STEP_RAD = 0.35  # between neighbouring samples of a line; more means a
 
 
 def joint_move(start_rad: Array, goal_rad: Array, settings: MotionSettings) -> JointTrajectory:
-    """From rest to rest on a straight line in joint space, all joints in phase."""
-    if np.abs(goal_rad - start_rad).max() < _STANDING_RAD:
+    """From rest to rest on a straight line in joint space, all joints in phase.
+
+    One profile from 0 to 1 drives all joints: ruckig's own phase synchronisation gives up the straight line where
+    the slowest joint's profile would break another joint's limits.
+    """
+    way = goal_rad - start_rad
+    largest = np.abs(way).max()
+    if largest < _STANDING_RAD:
         return JointTrajectory(np.zeros(1), np.array(goal_rad, dtype=float)[None])
-    times, positions = _profile(
-        start_rad,
-        goal_rad,
-        settings.speed_limits_rad_s,
-        settings.acceleration_limits_rad_s2,
-        settings.jerk_limits_rad_s3,
+    share = np.abs(way).clip(min=largest * 1e-9)
+    times, shares = _profile(
+        1.0,
+        float(np.min(np.array(settings.speed_limits_rad_s) / share)),
+        float(np.min(np.array(settings.acceleration_limits_rad_s2) / share)),
+        float(np.min(np.array(settings.jerk_limits_rad_s3) / share)),
         settings.sample_s,
     )
+    positions = start_rad + shares[:, None] * way
+    positions[-1] = goal_rad
     return JointTrajectory(times, positions)
 
 
@@ -45,14 +53,13 @@ def line_move(
     scale = 1.0
     for _ in range(_SLOWDOWN_TRIES):
         times, way = _profile(
-            np.zeros(1),
-            np.array([length]),
-            (settings.line_speed_m_s * scale,),
-            (settings.line_acceleration_m_s2 * scale**2,),
-            (settings.line_jerk_m_s3 * scale**3,),
+            length,
+            settings.line_speed_m_s * scale,
+            settings.line_acceleration_m_s2 * scale**2,
+            settings.line_jerk_m_s3 * scale**3,
             settings.sample_s,
         )
-        positions = _follow_line(kinematics, start_rad, start, world_from_goal, way[:, 0] / length)
+        positions = _follow_line(kinematics, start_rad, start, world_from_goal, way / length)
         if positions is None:
             return None
         excess = speed_excess(times, positions, settings)
@@ -99,25 +106,16 @@ def _between(start: Pose, goal: Pose, share: float) -> Pose:
     return Pose((float(position[0]), float(position[1]), float(position[2])), (w, x, y, z))
 
 
-def _profile(
-    start: Array,
-    goal: Array,
-    speeds: tuple[float, ...],
-    accelerations: tuple[float, ...],
-    jerks: tuple[float, ...],
-    sample_s: float,
-) -> tuple[Array, Array]:
-    """Times (n,) and positions (n, axes) from rest to rest; the last sample is the goal."""
-    axes = len(goal)
-    request = ruckig.InputParameter(axes)
-    request.synchronization = ruckig.Synchronization.Phase
-    request.current_position, request.target_position = list(start), list(goal)
-    request.max_velocity, request.max_acceleration, request.max_jerk = list(speeds), list(accelerations), list(jerks)
-    found = ruckig.Trajectory(axes)
-    result = ruckig.Ruckig(axes).calculate(request, found)
+def _profile(length: float, speed: float, acceleration: float, jerk: float, sample_s: float) -> tuple[Array, Array]:
+    """Times (n,) and the way gone (n,) from 0 to `length`, at rest at both ends."""
+    request = ruckig.InputParameter(1)
+    request.current_position, request.target_position = [0.0], [length]
+    request.max_velocity, request.max_acceleration, request.max_jerk = [speed], [acceleration], [jerk]
+    found = ruckig.Trajectory(1)
+    result = ruckig.Ruckig(1).calculate(request, found)
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise ValueError(f"ruckig refused a move from {list(start)} to {list(goal)}: {result}")
+        raise ValueError(f"ruckig refused a way of {length} at {speed}, {acceleration}, {jerk}: {result}")
     times: Array = np.arange(int(np.ceil(found.duration / sample_s)) + 1, dtype=np.float64) * sample_s
-    positions: Array = np.array([found.at_time(min(time, found.duration))[0] for time in times])
-    positions[-1] = goal
-    return times, positions
+    way: Array = np.array([found.at_time(min(time, found.duration))[0][0] for time in times])
+    way[-1] = length
+    return times, way

@@ -1,0 +1,31 @@
+"""The shipped product and bench, and the motion planner for them."""
+
+from __future__ import annotations
+
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from cell.interfaces.bench import Bench
+from cell.interfaces.product import Product
+from skills.kinematics import Kinematics
+from skills.planner import MotionPlanner
+
+
+@pytest.fixture(scope="session")
+def product() -> Product:
+    return load_product(load_configuration())
+
+
+@pytest.fixture(scope="session")
+def bench() -> Bench:
+    return load_configuration().bench
+
+
+@pytest.fixture(scope="session")
+def planner(product: Product, bench: Bench) -> MotionPlanner:
+    return MotionPlanner(product, bench)
+
+
+@pytest.fixture(scope="session")
+def kinematics(planner: MotionPlanner) -> Kinematics:
+    return planner.kinematics

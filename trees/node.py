@@ -99,10 +99,8 @@ class TreeNode(behaviour.Behaviour):
                 self.rest()
             self.feedback_message = str(error)
             status = FAILURE
-        if status is not SKIPPED:
-            self.become(status)
-        elif self.status is RUNNING:
-            self.become(IDLE)
+        if status is not self.status:
+            self.become(status)  # SKIPPED and IDLE are the same to py_trees: a skipped node is idle
         if self.runtime.visited is not None:
             self.runtime.visited.append(self)
         return status

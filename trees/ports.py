@@ -71,10 +71,11 @@ class Connection:
         constant: the file spells the value out.
     """
 
-    __slots__ = ("constant", "entry", "port")
+    __slots__ = ("_kind", "constant", "entry", "port")
 
     def __init__(self, port: Port, entry: Entry | None, constant: bool) -> None:
         self.port = port
+        self._kind = port.kind
         self.entry = entry
         self.constant = constant
 
@@ -97,8 +98,8 @@ class Input(Connection, Generic[T]):
         """
         if self.entry is None:
             raise NodeError(f"port {self.port.name} is not connected")
-        value: T = self.entry.read(self.port.kind)
-        return value
+        value: T = self.entry.value
+        return value if type(value) is self._kind else cast(T, self.entry.read(self._kind))
 
     def get_or(self, other: D) -> T | D:
         """The value, or `other` where there is none."""

@@ -23,10 +23,8 @@ def show_file(path: Path, registry: Registry) -> str:
     Raises:
         InputError: everything that is wrong with the file.
     """
-    library = read_library(path)
-    if problems := library.problems + check_structure(library, registry):
-        raise InputError(*in_order(problems))
-    return "\n\n".join("\n".join(_tree_lines(library, identifier)) for identifier in _reading_order(library)) + "\n"
+    library = read_checked(path, registry)
+    return "\n\n".join("\n".join(_tree_lines(library, identifier)) for identifier in reading_order(library)) + "\n"
 
 
 def show_tree(tree: Tree) -> str:
@@ -40,6 +38,18 @@ def show_tree(tree: Tree) -> str:
         children = list(node.children)
         waiting += reversed([(child, *_branch(below, child is children[-1])) for child in children])  # type: ignore[misc]
     return "\n".join(lines) + "\n"
+
+
+def read_checked(path: Path, registry: Registry) -> Library:
+    """The trees of a file, free of mistakes in their structure.
+
+    Raises:
+        InputError: everything that is wrong.
+    """
+    library = read_library(path)
+    if problems := library.problems + check_structure(library, registry):
+        raise InputError(*in_order(problems))
+    return library
 
 
 def label(element: Element) -> str:
@@ -74,7 +84,7 @@ def _branch(below: str, last: bool) -> tuple[str, str]:
     return (below + "└─ ", below + "   ") if last else (below + "├─ ", below + "│  ")
 
 
-def _reading_order(library: Library) -> list[str]:
+def reading_order(library: Library) -> list[str]:
     """The main tree, then every tree where it is first used, then those that nothing uses."""
     order: list[str] = []
     waiting = [library.main] if library.main else []

@@ -14,6 +14,7 @@ from py_trees.common import Status
 from tests.trees.conftest import Load
 from trees.node import Node
 from trees.palette import groot_model, palette_list, palette_text
+from trees.picture import picture
 from trees.ports import InputPort, OutputPort
 from trees.registry import BUILT_IN, Registry
 from trees.show import show_file, show_tree
@@ -36,6 +37,7 @@ class Fetch(Node):
         return Status.SUCCESS
 
 
+SVG = "{http://www.w3.org/2000/svg}"
 XML = (
     '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Inner"><Fetch part="{p}"/></BehaviorTree>'
     '<BehaviorTree ID="Main"><Sequence name="job"><SubTree ID="Inner" p="o1"/><AlwaysFailure/></Sequence>'
@@ -59,6 +61,17 @@ def test_a_running_tree_is_shown_with_feedback(load: Load) -> None:
     tree = load('<Parallel><Fetch part="o1"/><Sleep msec="5"/></Parallel>', Fetch)
     tree.tick()
     assert show_tree(tree).splitlines() == ["[*] Parallel", "[+] ├─ Fetch  -- has o1", "[*] └─ Sleep"]
+
+
+def test_the_picture_holds_every_node_once_and_none_overlap(write: Callable[[str], Path]) -> None:
+    root = ElementTree.fromstring(picture(write(XML), Registry([Fetch])))
+    words = [text.text for text in root.iter(SVG + "text")]
+    assert words == ["Main", "Sequence: job", "Inner", "p=o1", "AlwaysFailure", "Inner", "Fetch", "part={p}"]
+    boxes = [[float(rect.get(key, "0")) for key in ("x", "y", "width", "height")] for rect in root.iter(SVG + "rect")]
+    for one in range(len(boxes)):
+        for other in range(one):
+            (x, y, width, height), (x2, y2, width2, height2) = boxes[one], boxes[other]
+            assert x >= x2 + width2 or x2 >= x + width or y >= y2 + height2 or y2 >= y + height
 
 
 def test_the_palette_tells_name_meaning_and_ports() -> None:

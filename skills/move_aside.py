@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from skills.grasp_pose import footprint, gap_m, rectangle
 from skills.handling import joints_of, put_phases, take_phases, tray_boxes
 from skills.phases import Phase, PhasedSkill
 from skills.planner import MotionPlanner
@@ -20,6 +19,7 @@ from skills.settings import MotionSettings
 
 GRID_M = 0.01
 ENOUGH_M = 0.060  # more room than this is no better
+SPOTS = 5
 
 
 class MoveAside(PhasedSkill):
@@ -72,29 +72,46 @@ def free_spots(
     Best has the widest gap to the nearest part, up to ENOUGH_M; among equals the nearest spot.
     """
     start = np.array(part.world_from_part.position_m[:2])
-    obstacles = [footprint(other) for other in others]
-    ranked = []
-    for number, (centre, yaw) in enumerate(_candidates(part, tray)):
-        body = rectangle(centre, yaw, np.array(kind.size_m[:2]) / 2)
-        if not _inside(body, tray, settings.rim_gap_m):
-            continue
-        gap = min([gap_m(body, other) for other in obstacles], default=ENOUGH_M)
-        if gap >= settings.part_gap_m:
-            ranked.append((-min(gap, ENOUGH_M), float(np.linalg.norm(centre - start)), number, centre, yaw))
-    ranked.sort(key=lambda entry: entry[:3])
-    bottom = tray.centre_m[2] + kind.peg_length_m
-    return [Pose.from_yaw((centre[0], centre[1], bottom), yaw) for *_, centre, yaw in ranked[:5]]
-
-
-def _candidates(part: PartDetection, tray: Tray) -> Iterator[tuple[Array, float]]:
-    """Spots on a grid over the tray, in three headings."""
-    middle, half = np.array(tray.centre_m[:2]), np.array(tray.size_m) / 2
-    steps = np.floor(half / GRID_M).astype(int)
+    half = np.array(kind.size_m[:2]) / 2
+    ranked: list[tuple[float, float, float, float, float]] = []
     for yaw in (part.world_from_part.yaw_rad, 0.0, math.pi / 2):
-        for i in range(-steps[0], steps[0] + 1):
-            for j in range(-steps[1], steps[1] + 1):
-                yield middle + GRID_M * np.array([i, j]), yaw
+        centres = _grid(yaw, half, tray, settings.rim_gap_m)
+        gaps = np.full(len(centres), ENOUGH_M)
+        for other in others:
+            gaps = np.minimum(gaps, _gaps_m(centres, yaw, half, other))
+        distances = np.linalg.norm(centres - start, axis=1)
+        roomy = gaps >= settings.part_gap_m
+        rows = zip(-gaps[roomy], distances[roomy], *centres[roomy].T, strict=True)
+        ranked += [(float(gap), float(distance), float(x), float(y), yaw) for gap, distance, x, y in rows]
+    ranked.sort()
+    bottom = tray.centre_m[2] + kind.peg_length_m
+    return [Pose.from_yaw((x, y, bottom), yaw) for _, _, x, y, yaw in ranked[:SPOTS]]
 
 
-def _inside(body: Array, tray: Tray, margin_m: float) -> bool:
-    return bool(np.all(np.abs(body - np.array(tray.centre_m[:2])) <= np.array(tray.size_m) / 2 - margin_m))
+def _grid(yaw_rad: float, half_m: Array, tray: Tray, margin_m: float) -> Array:
+    """Centres (n, 2) on a grid for which a body lies inside the tray, a margin away from its rim."""
+    c, s = abs(math.cos(yaw_rad)), abs(math.sin(yaw_rad))
+    reach = np.array([[c, s], [s, c]]) @ half_m
+    room = np.maximum(np.array(tray.size_m) / 2 - margin_m - reach, 0.0)
+    x, y = (GRID_M * np.arange(-int(extent / GRID_M), int(extent / GRID_M) + 1) for extent in room)
+    offsets = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    centres: Array = np.array(tray.centre_m[:2]) + offsets
+    return centres
+
+
+def _gaps_m(centres_m: Array, yaw_rad: float, half_m: Array, other: PartDetection) -> Array:
+    """Widest gap (n,) along any side direction between a body at each centre and another part."""
+    other_yaw = other.world_from_part.yaw_rad
+    other_half = np.array(other.size_m[:2]) / 2
+    own, foreign = _sides(yaw_rad), _sides(other_yaw)
+    axes = np.concatenate([own, foreign])
+    extent = np.abs(axes @ own.T) @ half_m + np.abs(axes @ foreign.T) @ other_half
+    offsets = centres_m - np.array(other.world_from_part.position_m[:2])
+    gaps: Array = (np.abs(offsets @ axes.T) - extent).max(axis=1)
+    return gaps
+
+
+def _sides(yaw_rad: float) -> Array:
+    """Directions (2, 2) of a body's length and width."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array([[c, s], [-s, c]])

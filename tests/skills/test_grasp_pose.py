@@ -1,0 +1,116 @@
+"""Laws of grasp and place poses: across the width, peg over the hole, room for the fingers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Pose
+from cell.interfaces.product import Product
+from skills.grasp_pose import (
+    STROKE_M,
+    fingers_clear,
+    footprint,
+    gap_m,
+    grasps,
+    held_boxes,
+    hole_pose,
+    place_poses,
+)
+from skills.settings import MotionSettings
+
+SETTINGS = MotionSettings()
+TYPES = ("o1", "o2", "o3")
+
+
+def seen(product: Product, part: str, x: float, y: float, yaw: float) -> PartDetection:
+    kind = product.parts[part]
+    pose = Pose.from_yaw((x, y, 0.004 + kind.peg_length_m), yaw)
+    return PartDetection(part, 1.0, pose, kind.size_m, (0, 0, 0, 0))
+
+
+@pytest.mark.parametrize("part", TYPES)
+@pytest.mark.parametrize("yaw", [-3.0, -1.0, 0.0, 0.7, 2.5])
+def test_fingers_close_across_the_width_from_above(product: Product, part: str, yaw: float) -> None:
+    detection = seen(product, part, 0.5, -0.4, yaw)
+    kind = product.parts[part]
+    for grasp in grasps(detection, kind, SETTINGS):
+        tool = grasp.world_from_tool.rotation
+        np.testing.assert_allclose(tool[:, 2], (0, 0, -1), atol=1e-9)
+        across = tool[:, 0] @ detection.world_from_part.rotation[:, 1]
+        assert abs(across) == pytest.approx(1.0)
+        assert kind.size_m[1] + 2 * SETTINGS.least_finger_clearance_m <= grasp.opening_m <= STROKE_M
+        fingertip_m = grasp.world_from_tool.position_m[2] - SETTINGS.fingertip_beyond_tcp_m
+        bottom_m = detection.world_from_part.position_m[2]
+        assert bottom_m < fingertip_m < bottom_m + kind.size_m[2]
+
+
+@pytest.mark.parametrize("part", TYPES)
+def test_the_two_grasps_are_half_a_turn_apart(product: Product, part: str) -> None:
+    first, second = grasps(seen(product, part, 0.5, -0.4, 0.3), product.parts[part], SETTINGS)
+    half_turn = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    np.testing.assert_allclose((first.world_from_tool @ half_turn).matrix, second.world_from_tool.matrix, atol=1e-9)
+
+
+@pytest.mark.parametrize("part", TYPES)
+@pytest.mark.parametrize("position", ["p1", "p4", "p6"])
+def test_a_held_part_comes_to_rest_over_its_hole(product: Product, bench: Bench, part: str, position: str) -> None:
+    kind = product.parts[part]
+    target = hole_pose(product, bench, position)
+    for tool in place_poses(target, kind, SETTINGS):
+        body, peg = held_boxes(part, kind, SETTINGS, with_peg=True)
+        world_body, world_peg = tool @ body.pose, tool @ peg.pose
+        np.testing.assert_allclose(world_peg.position_m[:2], target.position_m[:2], atol=1e-9)
+        bottom_m = world_body.position_m[2] - kind.size_m[2] / 2
+        assert bottom_m == pytest.approx(target.position_m[2] + SETTINGS.release_gap_m)
+        # Its length lies across the row of holes, which runs along y.
+        assert abs(world_body.rotation[0, 0]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("part", TYPES)
+def test_picking_then_placing_turns_a_part_as_the_tool_turns(product: Product, bench: Bench, part: str) -> None:
+    kind = product.parts[part]
+    detection = seen(product, part, 0.5, -0.4, 0.8)
+    grasp = grasps(detection, kind, SETTINGS)[0]
+    tool_from_part = grasp.world_from_tool.inverse() @ detection.world_from_part
+    placed = place_poses(hole_pose(product, bench, "p2"), kind, SETTINGS)[0] @ tool_from_part
+    lifted = Pose((0.0, 0.0, SETTINGS.release_gap_m)) @ hole_pose(product, bench, "p2")
+    np.testing.assert_allclose(placed.matrix, lifted.matrix, atol=1e-9)
+
+
+def test_neighbours_leave_room_or_do_not(product: Product) -> None:
+    part = seen(product, "o1", 0.5, -0.4, 0.0)
+    grasp = grasps(part, product.parts["o1"], SETTINGS)[0]
+
+    def clear(*others: PartDetection) -> bool:
+        return fingers_clear(grasp.world_from_tool, grasp.opening_m, others, SETTINGS)
+
+    assert clear()
+    assert not clear(seen(product, "o1", 0.5, -0.36, 0.0))
+    assert clear(seen(product, "o1", 0.5, -0.34, 0.0))
+    assert clear(seen(product, "o1", 0.55, -0.4, 0.0))
+    assert not clear(seen(product, "o1", 0.5, -0.34, 0.0), seen(product, "o2", 0.5, -0.44, 0.5))
+
+
+def test_fingers_pass_over_low_neighbours_of_a_tall_part(product: Product) -> None:
+    tall = seen(product, "o3", 0.5, -0.4, 0.0)
+    grasp = grasps(tall, product.parts["o3"], SETTINGS)[0]
+    low = seen(product, "o1", 0.5, -0.36, 0.0)
+    assert fingers_clear(grasp.world_from_tool, grasp.opening_m, [low], SETTINGS)
+    assert not fingers_clear(grasp.world_from_tool, grasp.opening_m, [seen(product, "o3", 0.5, -0.355, 0.0)], SETTINGS)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_gap_is_symmetric_and_moves_with_the_parts(product: Product, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    first = seen(product, "o1", rng.uniform(0.4, 0.6), rng.uniform(0.4, 0.6), rng.uniform(-math.pi, math.pi))
+    second = seen(product, "o3", rng.uniform(0.4, 0.6), rng.uniform(0.4, 0.6), rng.uniform(-math.pi, math.pi))
+    gap = gap_m(footprint(first), footprint(second))
+    assert gap_m(footprint(second), footprint(first)) == pytest.approx(gap)
+    shift = np.array([0.1, -0.2])
+    assert gap_m(footprint(first) + shift, footprint(second) + shift) == pytest.approx(gap)
+    assert gap_m(footprint(first), footprint(first)) < 0

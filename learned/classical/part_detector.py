@@ -16,7 +16,8 @@ from learned.classical.colour import BACKGROUND, ColourModel, Labels
 from learned.classical.part_fit import BoxFit, BoxFitter
 from learned.classical.settings import PerceptionSettings
 
-LEAST_SUPPORT = 0.6
+LEAST_SUPPORT = 0.75
+LEAST_AGREEMENT = 0.75  # parts that lie on their side stay below 0.7, those that stand above 0.9
 LEAST_VISIBLE = 0.25
 
 
@@ -44,7 +45,8 @@ class ClassicalPartDetector:
         return tuple(found)
 
     def _counts(self, fit: BoxFit) -> bool:
-        return fit.support >= LEAST_SUPPORT and fit.visible >= LEAST_VISIBLE and self._near_tray(fit)
+        stands = fit.support >= LEAST_SUPPORT and fit.agreement >= LEAST_AGREEMENT
+        return stands and fit.visible >= LEAST_VISIBLE and self._near_tray(fit)
 
     def _near_tray(self, fit: BoxFit) -> bool:
         tray = self._bench.tray
@@ -68,7 +70,7 @@ def _detection(name: str, part: PartType, fit: BoxFit, fitter: BoxFitter, bottom
     right, bottom = np.ceil(polygon.max(axis=0)).astype(int) + 1
     return PartDetection(
         part=name,
-        confidence=min(1.0, fit.support) * min(1.0, 0.5 + 0.5 * fit.visible),
+        confidence=fit.support * fit.agreement * (0.5 + 0.5 * fit.visible),
         world_from_part=Pose.from_yaw((fit.x_m, fit.y_m, bottom_m), yaw_rad),
         size_m=part.size_m,
         box_px=(int(left), int(top), int(right), int(bottom)),

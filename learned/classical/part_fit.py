@@ -23,6 +23,7 @@ MOST_OVERLAP = 0.2  # of two footprints; bodies cannot stand inside each other
 ROUNDS = 4
 REACH_PX = 8.0  # outline points farther from every box belong to none
 HUBER_PX = 1.0
+AGREE_PX = 1.5
 EDGE_PX = 0.5  # the true edge runs half a pixel outside the outermost pixel's centre
 
 
@@ -32,6 +33,8 @@ class BoxFit:
 
     Attributes:
         support: share of the box's visible pixels that show the right colour.
+        agreement: share of the outline pixels nearest to this box that lie on its outline; low where a part lies
+            on its side.
         visible: share of its pixels that nothing of another colour hides.
     """
 
@@ -39,6 +42,7 @@ class BoxFit:
     y_m: float
     yaw_rad: float
     support: float = 0.0
+    agreement: float = 0.0
     visible: float = 1.0
 
 
@@ -84,7 +88,7 @@ class BoxFitter:
             remaining &= 1 - fill(own.shape, polygon)
             if int(remaining.sum()) < 0.3 * expected or len(seeds) > 8:
                 break
-        return self._apart(self.refine(seeds, own, hidden))
+        return self._apart(self.refine(seeds, own, hidden)) if seeds else []
 
     def _apart(self, fits: list[BoxFit]) -> list[BoxFit]:
         """Without boxes that stand inside an earlier one."""
@@ -136,7 +140,14 @@ class BoxFitter:
                 mine = (nearest == index) & (np.abs(distances[index]) < REACH_PX)
                 if int(mine.sum()) >= 8:
                     fits[index] = self._step(fit, points[mine], certain[mine])
-        return [self._judge(fit, own, hidden) for fit in fits]
+        distances = np.abs([signed_distances(points, self.polygon(fit)) + EDGE_PX for fit in fits])
+        nearest = distances.argmin(axis=0)
+        return [
+            replace(
+                self._judge(fit, own, hidden), agreement=_share_below(distances[index, certain & (nearest == index)])
+            )
+            for index, fit in enumerate(fits)
+        ]
 
     def _step(self, fit: BoxFit, points: Array, certain: NDArray[np.bool_]) -> BoxFit:
         """Two damped Gauss-Newton steps on (x, y, yaw) with Huber weights."""
@@ -200,6 +211,11 @@ def _templates(polygon: Array, middle: Array) -> tuple[NDArray[np.float32], NDAr
     box = fill(shape, local + half)
     ring = cv2.dilate(box, np.ones((2 * RING_PX + 1, 2 * RING_PX + 1), np.uint8)) - box
     return np.asarray(box / max(box.sum(), 1), np.float32), np.asarray(ring * (0.5 / max(ring.sum(), 1)), np.float32)
+
+
+def _share_below(distances: Array) -> float:
+    """Share of outline pixels that agree with a box; 1 where none says anything."""
+    return float((distances < AGREE_PX).mean()) if len(distances) else 1.0
 
 
 def _outline_points(own: Mask, hidden: Mask) -> tuple[Array, NDArray[np.bool_]]:

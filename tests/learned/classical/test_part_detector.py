@@ -7,7 +7,7 @@ import pytest
 
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
-from learned.classical.box_model import View, outline, signed_distances
+from learned.classical.box_model import View, body_corners, outline, signed_distances
 from learned.classical.part_detector import ClassicalPartDetector
 from tests.learned.classical.scenes import BENCH, PRODUCT, Canvas, Standing
 
@@ -63,6 +63,27 @@ def test_a_part_behind_a_taller_one_is_found() -> None:
 
 def test_an_empty_tray_shows_nothing() -> None:
     assert detect([]) == ()
+
+
+def test_a_colour_that_is_no_standing_part_is_ignored() -> None:
+    x_m, y_m, z_m = BENCH.tray.centre_m
+    canvas = Canvas(View(BENCH.wrist.model, LOOK), grey=70)
+    for index, part in enumerate(PRODUCT.parts.values()):
+        smear = np.array([[0.0, 0.0, 0.0], [0.09, 0.012, 0.0], [0.0, 0.024, 0.0]])
+        canvas.polygon(smear + np.array([x_m - 0.1, y_m - 0.1 + 0.1 * index, z_m]), np.array(part.colour_rgb))
+    image = canvas.image(np.random.default_rng(0))
+    assert ClassicalPartDetector(BENCH, PRODUCT).detect(Frame("wrist", 0, 0.0, image, LOOK)) == ()
+
+
+@pytest.mark.parametrize("name", ["o2", "o3"])
+def test_a_part_on_its_side_is_not_taken_for_a_standing_one(name: str) -> None:
+    length, width, height = PRODUCT.parts[name].size_m
+    x_m, y_m, z_m = BENCH.tray.centre_m
+    lying = body_corners((length, height, width), x_m + 0.05, y_m - 0.05, 0.4, z_m)
+    canvas = Canvas(View(BENCH.wrist.model, LOOK), grey=70)
+    canvas.polygon(lying[4:], np.array(PRODUCT.parts[name].colour_rgb))
+    image = canvas.image(np.random.default_rng(0))
+    assert ClassicalPartDetector(BENCH, PRODUCT).detect(Frame("wrist", 0, 0.0, image, LOOK)) == ()
 
 
 def test_a_part_far_from_the_tray_does_not_count() -> None:

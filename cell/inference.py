@@ -6,7 +6,8 @@ import multiprocessing
 import queue
 import signal
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from multiprocessing.queues import Queue
 from typing import Generic, Protocol, TypeVar
 
@@ -20,6 +21,7 @@ Answer_co = TypeVar("Answer_co", covariant=True)
 
 BACKLOG = 8  # jobs that may wait for an answer; at 15 FPS half a second, later answers are of no use
 JOIN_S = 2.0
+PARENT_CHECK_S = 1.0
 
 
 class Executor(Protocol[Job_contra, Answer_co]):
@@ -82,13 +84,19 @@ class WorkerProcess(Generic[Job, Answer]):
         """
         self._name = name
         context = multiprocessing.get_context("spawn")
-        self._jobs: Queue[Job | None] = context.Queue()
+        self._jobs: Queue[Job] = context.Queue()
         self._answers: Queue[tuple[Answer | None, str]] = context.Queue()
         self._waiting = 0
         self._process = context.Process(
             target=_work, args=(build, arguments, self._jobs, self._answers), name=name, daemon=True
         )
         self._process.start()
+
+    @property
+    def process_id(self) -> int:
+        """Of the running process."""
+        assert self._process.pid is not None
+        return self._process.pid
 
     def submit(self, job: Job) -> bool:
         if self._waiting >= BACKLOG:
@@ -113,7 +121,7 @@ class WorkerProcess(Generic[Job, Answer]):
     def close(self) -> None:
         self._jobs.cancel_join_thread()
         if self._process.is_alive():
-            self._process.terminate()
+            self._process.kill()
             self._process.join(JOIN_S)
         self._jobs.close()
         self._answers.close()
@@ -122,13 +130,23 @@ class WorkerProcess(Generic[Job, Answer]):
 def _work(
     build: Callable[..., Callable[[Job], Answer]],
     arguments: tuple[object, ...],
-    jobs: Queue[Job | None],
+    jobs: Queue[Job],
     answers: Queue[tuple[Answer | None, str]],
 ) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the controller ends this process after its own safe stop
+    # Signals often go to all processes of a group: this one lives until the controller has stopped the arm.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     try:
         detector = build(*arguments)
-        while (job := jobs.get()) is not None:
+        for job in _jobs(jobs):
             answers.put((detector(job), ""))
     except Exception as error:  # outermost loop of the process: the controller turns it into a fault
         answers.put((None, f"{type(error).__name__}: {error}"))
+
+
+def _jobs(jobs: Queue[Job]) -> Iterator[Job]:
+    """Jobs as long as the controller lives, even if it was killed."""
+    parent = multiprocessing.parent_process()
+    while parent is None or parent.is_alive():
+        with suppress(queue.Empty):
+            yield jobs.get(timeout=PARENT_CHECK_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 
@@ -91,6 +92,18 @@ def test_jobs_beyond_the_backlog_are_refused() -> None:
     for executor in executors:
         assert [executor.submit(number) for number in range(BACKLOG + 1)] == [True] * BACKLOG + [False]
         executor.close()
+
+
+def test_a_worker_outlives_signals_that_are_meant_for_the_controller() -> None:
+    executor: WorkerProcess[int, int] = WorkerProcess("squares", build_square)
+    case = Case(executor, lambda: time.sleep(0.001))
+    executor.submit(2)
+    assert case.next_answer() == 4
+    for number in (signal.SIGINT, signal.SIGTERM):
+        os.kill(executor.process_id, number)
+    executor.submit(3)
+    assert case.next_answer() == 9
+    executor.close()
 
 
 @pytest.mark.parametrize(("build", "words"), [(build_dying, "exit code 7"), (build_failing, "ZeroDivisionError")])

@@ -18,15 +18,14 @@ Script = Iterator[None]
 
 CLEAR_M = 0.025  # between a carried part's peg and the tallest part in the bracket
 HOVER_M = 0.03  # of the fingertips over a part before they close around it
-OPEN_IN_BIN_M = 0.020  # how much wider than the part the fingers open
-OPEN_IN_BRACKET_M = 0.014  # less: neighbours are near
+OPEN_M = 0.014  # how much wider than the part the fingers open; neighbours are near
 RELAXED_GAP_M = 0.025
 SQUEEZE_M = 0.016  # commanded below the part's width: 20 N a finger
 LOST_GRIP_M = 0.006  # gap this far below the part's width: nothing is between the fingers
 LOST_PART_M = 0.07
 GRIP_HEIGHT_M = (0.010, 0.035)  # least and most above the body's bottom, else half its height
 GRIP_FROM_END = 0.16  # of the body's length, so that the part protrudes ahead of the fingertips
-MOST_YAW_RAD = 1.0
+MOST_YAW_RAD = 1.3
 BEFORE_HOLE_M = 0.012  # of the peg's tip over the plate before the insertion
 PRESS_M = 0.001
 NOT_IN_M = 0.004  # a body this far above its place has not gone in
@@ -113,10 +112,10 @@ class Handwork:
         """Reach over a standing part, close the fingers around its end and lift it."""
         part = self._product.parts[seen.part]
         yaw_rad = fold_yaw(seen.pose.yaw_rad)
-        grip_m = np.array(seen.pose.position_m) + turn(yaw_rad, self._grip_in_part(part))
-        over_m = np.array([grip_m[0], grip_m[1], seen.pose.position_m[2] + part.size_m[2] + HOVER_M])
+        grip_m, span_m, top_m = self._grip(seen, yaw_rad)
+        over_m = np.array([grip_m[0], grip_m[1], top_m + HOVER_M])
         width_m = part.size_m[1]
-        yield from self.reach(over_m, yaw_rad, width_m + OPEN_IN_BIN_M, arch_m=ARCH_M)
+        yield from self.reach(over_m, yaw_rad, span_m + OPEN_M, arch_m=ARCH_M)
         yield from self.reach(grip_m, haste=STEADY)
         yield from self._move_fingers(width_m - SQUEEZE_M, CLOSE_S)
         yield from self.wait(LOOK_S)
@@ -149,7 +148,7 @@ class Handwork:
 
     def let_go(self, part: str) -> Script:
         """Open the fingers."""
-        yield from self._move_fingers(self._product.parts[part].size_m[1] + OPEN_IN_BRACKET_M, OPEN_S)
+        yield from self._move_fingers(self._product.parts[part].size_m[1] + OPEN_M, OPEN_S)
 
     def back_off(self) -> Script:
         """Move the fingers up and away towards the person."""
@@ -174,6 +173,24 @@ class Handwork:
             self.position_m = centre_m + ease * motion.radius_m * circle
             self.yaw_rad = ease * motion.yaw_rad * math.sin(phase)
             yield
+
+    def _grip(self, seen: SeenPart, yaw_rad: float) -> tuple[Array, float, float]:
+        """Where to pinch a part that may lean; how wide it is across the fingers and how high it reaches, as it stands.
+
+        Returns:
+            The pinch (3,), the width and the height of the top, in [m].
+        """
+        part = self._product.parts[seen.part]
+        length_m, width_m, height_m = part.size_m
+        corners_m = seen.pose.transform(
+            np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0, 1)])
+            * (length_m, width_m, height_m)
+        )
+        across = turn(yaw_rad, np.array([0.0, 1.0, 0.0]))
+        offsets_m = (corners_m - np.array(seen.pose.position_m)) @ across
+        grip_m = np.array(seen.pose.position_m) + turn(yaw_rad, self._grip_in_part(part))
+        grip_m += across * (offsets_m.max() + offsets_m.min()) / 2
+        return grip_m, float(np.ptp(offsets_m)), float(corners_m[:, 2].max())
 
     def _grip_in_part(self, part: PartType) -> Array:
         length_m, _, height_m = part.size_m

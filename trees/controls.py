@@ -169,6 +169,8 @@ class Parallel(Control):
             if index not in self._finished:
                 self.current_child = child
                 status = child.execute()
+                if status is RUNNING and index > 0:
+                    continue  # nothing new to count; at the first child the ports may ask for less than before
                 if status is SKIPPED:
                     skipped += 1
                 elif status is not RUNNING:
@@ -412,4 +414,6 @@ SWITCHES = tuple(_switch(cases) for cases in range(2, 7))
 
 def _threshold(asked: int, count: int) -> int:
     """Negative thresholds count from the number of children: -1 is all of them."""
-    return asked if asked >= 0 else max(count + asked + 1, 0)
+    if asked >= 0:
+        return asked
+    return max(count + asked + 1, 0)

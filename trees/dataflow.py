@@ -8,7 +8,7 @@ from typing import Any
 from cell.interfaces.errors import Problem
 from trees.blackboard import UNSET
 from trees.builder import Use
-from trees.literals import has_literals, type_name
+from trees.literals import LiteralError, converted, has_literals, type_name
 
 
 def check_dataflow(uses: Iterable[Use], given: set[int]) -> list[Problem]:
@@ -29,7 +29,22 @@ def check_dataflow(uses: Iterable[Use], given: set[int]) -> list[Problem]:
         if typed is not None:
             group[0].entry.kind = typed.kind
             problems += [_disagree(use, typed) for use in group if not _agree(use, typed)]
+            problems += _constant_problems(writers, typed)
     return problems
+
+
+def _constant_problems(writers: list[Use], typed: Use) -> list[Problem]:
+    """A constant that a SubTree passes to a port of a type that it does not fit."""
+    value = typed.entry.value
+    if value is UNSET or not writers:
+        return []
+    try:
+        converted(value, typed.kind)
+    except LiteralError as error:
+        return [
+            Problem(writers[0].place, f"{writers[0].user}: {error}", f"{typed.user} at {typed.place}: {error.legal}")
+        ]
+    return []
 
 
 def _unwritten(use: Use) -> Problem:

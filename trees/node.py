@@ -213,6 +213,8 @@ class Node(TreeNode):
     def _end(self, status: Status) -> None:
         try:
             self.terminate(status)
+            if not isinstance(status, Status):
+                raise TypeError(f"{type(self).__name__}.update answered {status!r}, not a Status")
         except BaseException:
             self.become(IDLE)
             raise

@@ -1,4 +1,4 @@
-"""A tree file as an SVG picture: each BehaviorTree grows from left to right (`cell show FILE --svg`)."""
+"""A tree file as an SVG picture: each BehaviorTree grows from left to right."""
 
 from __future__ import annotations
 

@@ -202,6 +202,17 @@ def test_types_are_checked_across_subtrees(write: Write) -> None:
     assert "as Place" in problem.what
 
 
+def test_constants_are_checked_against_the_ports_of_a_subtree(write: Write) -> None:
+    path = write(
+        '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">\n<SubTree ID="Inner" n="many"/>'
+        '</BehaviorTree><BehaviorTree ID="Inner"><Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat></BehaviorTree>'
+        "</root>"
+    )
+    (problem,) = check([path], REGISTRY)
+    assert (problem.place.line, problem.place.column) == (2, 21)
+    assert "'many' is not an int" in problem.what
+
+
 def test_declared_inputs_of_the_main_tree_come_from_outside(write: Write) -> None:
     model = '<TreeNodesModel><SubTree ID="Main"><input_port name="place"/></SubTree></TreeNodesModel>'
     assert check([write(model + '<BehaviorTree ID="Main"><Go place="{place}"/></BehaviorTree>')], REGISTRY) == []

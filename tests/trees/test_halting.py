@@ -166,3 +166,17 @@ def test_on_halted_runs_once(load: Load) -> None:
     tree.tick()
     tree.halt()
     assert tree.blackboard.values() == {"n": 1}
+
+
+class Silent(Runs):
+    """Forgets to answer."""
+
+    def update(self) -> Status:
+        return None  # type: ignore[return-value]
+
+
+def test_a_leaf_that_answers_nothing_is_named(load: Load) -> None:
+    tree = load("<Sequence><Silent/></Sequence>", Silent)
+    with pytest.raises(TypeError, match=r"Silent\.update answered None, not a Status"):
+        tree.tick()
+    assert {node.status for node in tree.nodes} == {Status.INVALID}

@@ -62,7 +62,10 @@ check: .venv/tests
 	$(BIN)/lint-imports
 
 bench: .venv/tests .venv/system
-	$(BIN)/python -m tests.benchmarks
+	$(BIN)/python -m tests.benchmarks.perception_accuracy
+	$(BIN)/python -m tests.benchmarks.robot_alone pick_and_place
+	$(BIN)/python -m tests.benchmarks.robot_alone clutter
+	$(BIN)/python -m tests.benchmarks.assembly
 
 train-deps: .venv/tests
 

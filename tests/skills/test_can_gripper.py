@@ -1,0 +1,217 @@
+"""The CAN driver against a scripted node: the contract, the bus's faults, and what the recorder is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import can
+import cantools.database
+import pytest
+from can.interfaces.virtual import VirtualBus
+from cantools.database.can import Database
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cell.interfaces.command import GripperCommand
+from cell.interfaces.errors import DeviceFault
+from cell.interfaces.observation import ObjectStatus
+from skills.can_gripper import DATABASE_FILE, CanFrame, CanGripper, open_bus
+from skills.settings import CanSettings
+from tests.skills import gripper_contract
+from tests.skills.scripted_node import NodeClock, ScriptedNode
+
+STATUS_ID, HEARTBEAT_ID, EMERGENCY_ID, COMMAND_ID = 0x18A, 0x70A, 0x08A, 0x20A
+
+
+@dataclass
+class Rig:
+    """Driver and node on one bus."""
+
+    node: ScriptedNode
+    clock: NodeClock
+    gripper: CanGripper
+    frames: list[CanFrame] = field(default_factory=list)
+
+    @property
+    def bench(self) -> gripper_contract.Bench:
+        def put(width_m: float) -> None:
+            self.node.part_m = width_m
+
+        return gripper_contract.Bench(self.gripper, self.clock, put)
+
+
+@pytest.fixture
+def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    settings = CanSettings(channel=request.node.nodeid)
+    node = ScriptedNode(settings.channel)
+    clock = NodeClock(node)
+    frames: list[CanFrame] = []
+    gripper = CanGripper(open_bus(settings), clock, settings, frames.append)
+    yield Rig(node, clock, gripper, frames)
+    gripper.close()
+    node.bus.shutdown()
+
+
+@pytest.mark.parametrize("check", gripper_contract.CHECKS)
+def test_contract(rig: Rig, check: Callable[[gripper_contract.Bench], None]) -> None:
+    check(rig.bench)
+
+
+@pytest.mark.parametrize("check", gripper_contract.CHECKS)
+def test_contract_holds_with_every_frame_doubled(rig: Rig, check: Callable[[gripper_contract.Bench], None]) -> None:
+    rig.node.copies = 2
+    check(rig.bench)
+
+
+def test_before_the_first_frame_nothing_is_known(rig: Rig) -> None:
+    state = rig.gripper.state()
+    assert not state.activated
+    assert state.object_status is ObjectStatus.MOVING
+
+
+def test_a_silent_node_is_a_fault_after_start_up(rig: Rig) -> None:
+    rig.node.mute_heartbeat = rig.node.mute_status = True
+    rig.clock.sleep_until(0.96)
+    rig.gripper.state()
+    rig.clock.sleep_until(1.04)
+    with pytest.raises(DeviceFault, match="no heartbeat"):
+        rig.gripper.state()
+
+
+def test_a_lost_heartbeat_is_a_fault_after_one_and_a_half_periods(rig: Rig) -> None:
+    rig.bench.wait(0.4)
+    last_s = max(frame.time_s for frame in rig.frames if frame.identifier == HEARTBEAT_ID)
+    rig.node.mute_heartbeat = True
+    rig.clock.sleep_until(last_s + 0.14)
+    rig.gripper.state()
+    rig.clock.sleep_until(last_s + 0.16)
+    with pytest.raises(DeviceFault, match=r"no heartbeat for 0\.160 s, limit 0\.150 s"):
+        rig.gripper.state()
+
+
+def test_a_slow_tick_is_no_lost_heartbeat(rig: Rig) -> None:
+    rig.bench.wait(0.4)
+    rig.clock.sleep_until(3.0)
+    rig.gripper.state()
+
+
+@pytest.mark.parametrize("fault", [0x08, 0x09, 0x0C, 0x0E])
+def test_major_faults_stop_the_cell(rig: Rig, fault: int) -> None:
+    rig.bench.activated()
+    rig.node.fault = fault
+    with pytest.raises(DeviceFault, match=f"0x{fault:02X}"):
+        rig.bench.wait(0.1)
+
+
+@pytest.mark.parametrize("fault", [0x05, 0x07])
+def test_minor_faults_are_reported(rig: Rig, fault: int) -> None:
+    rig.bench.wait(0.2)
+    rig.node.fault = fault
+    assert rig.bench.wait(0.1).fault == fault
+
+
+def test_an_emergency_is_a_fault_until_it_clears(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.node.send("GripperEmergency", {"ErrorCode": 0xFF0E, "ErrorRegister": 1, "FaultStatus": 0x0E})
+    with pytest.raises(DeviceFault, match="overcurrent"):
+        rig.gripper.state()
+    rig.node.send("GripperEmergency", {"ErrorCode": 0, "ErrorRegister": 0, "FaultStatus": 0})
+    assert rig.gripper.state().fault == 0
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data"),
+    [
+        (STATUS_ID, b"\xf9"),
+        (STATUS_ID, b""),
+        (HEARTBEAT_ID, b"\x05\x05"),
+        (0x123, b"\x01\x02"),
+        (EMERGENCY_ID, b"\x0e"),
+    ],
+)
+def test_odd_frames_are_counted_and_change_nothing(rig: Rig, identifier: int, data: bytes) -> None:
+    before = rig.bench.activated()
+    rig.node.send_raw(identifier, data)
+    assert rig.gripper.state() == before
+    assert rig.gripper.ignored_frames == 1
+
+
+def test_a_lost_command_is_repeated(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.node.deaf = True
+    rig.gripper.command(GripperCommand(0.020, 0.15, 60.0))
+    assert rig.bench.wait(0.2).object_status is ObjectStatus.MOVING
+    rig.node.deaf = False
+    assert rig.bench.settle().opening_m == pytest.approx(0.020, abs=0.001)
+
+
+def test_commands_keep_coming_so_that_the_gripper_does_not_time_out(rig: Rig) -> None:
+    rig.bench.activated()
+    count = len(rig.node.commands)
+    rig.bench.wait(2.0)
+    assert len(rig.node.commands) >= count + 5
+    assert len(set(rig.node.commands[count:])) == 1
+
+
+def test_the_tap_sees_every_frame_with_the_injected_time(rig: Rig) -> None:
+    rig.bench.activated()
+    sent = [frame for frame in rig.frames if frame.sent]
+    assert [frame.data for frame in sent] == rig.node.commands
+    assert {frame.identifier for frame in sent} == {COMMAND_ID}
+    received = [frame for frame in rig.frames if not frame.sent]
+    assert {frame.identifier for frame in received} == {STATUS_ID, HEARTBEAT_ID}
+    times = [frame.time_s for frame in rig.frames]
+    assert times == sorted(times)
+    assert times[-1] <= rig.clock.now_s()
+
+
+def test_a_dead_bus_is_a_device_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise can.CanOperationError("bus off")
+
+    monkeypatch.setattr(VirtualBus, "send", refuse)
+    with pytest.raises(DeviceFault, match="bus off"):
+        rig.gripper.activate()
+
+
+def test_an_unknown_interface_is_a_device_fault() -> None:
+    with pytest.raises(DeviceFault, match="no CAN bus 'nonsense'"):
+        open_bus(CanSettings(interface="nonsense"))
+
+
+def test_the_database_has_the_manuals_bits() -> None:
+    database = _database()
+    data = database.encode_message(
+        "GripperCommand", {"rACT": 1, "rGTO": 1, "rATR": 0, "rARD": 0, "rPR": 0, "rSP": 150, "rFR": 235}
+    )
+    assert data.hex() == "090000ffffff0000"
+    status = database.decode_message("GripperStatus", bytes.fromhex("b9000000ff0a0000"))
+    assert isinstance(status, dict)
+    assert status["gSTA"] == "active"
+    assert status["gOBJ"] == "contact while closing"
+    assert status["gPO"] == pytest.approx(0.0, abs=1e-6)
+    assert status["gCU"] == pytest.approx(0.10)
+
+
+@given(
+    opening_mm=st.floats(0, 85),
+    speed_mm_s=st.floats(20, 150),
+    force_n=st.floats(20, 235),
+)
+def test_encoding_rounds_to_the_registers_step(opening_mm: float, speed_mm_s: float, force_n: float) -> None:
+    values = {"rACT": 1, "rGTO": 1, "rATR": 0, "rARD": 0, "rPR": opening_mm, "rSP": speed_mm_s, "rFR": force_n}
+    back = DATABASE.decode_message("GripperCommand", DATABASE.encode_message("GripperCommand", values))
+    assert isinstance(back, dict)
+    assert back["rPR"] == pytest.approx(opening_mm, abs=85 / 255 / 2 + 1e-6)
+    assert back["rSP"] == pytest.approx(speed_mm_s, abs=130 / 255 / 2 + 1e-6)
+    assert back["rFR"] == pytest.approx(force_n, abs=215 / 255 / 2 + 1e-6)
+
+
+def _database() -> Database:
+    database = cantools.database.load_file(DATABASE_FILE)
+    assert isinstance(database, Database)
+    return database
+
+
+DATABASE = _database()

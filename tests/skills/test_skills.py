@@ -1,0 +1,194 @@
+"""Skills on an ideal robot: what they send, how they fail, and that they can be halted at any tick."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.command import Command
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Pose
+from cell.interfaces.product import Product
+from cell.interfaces.skill import SkillStatus
+from skills.move_aside import MoveAside
+from skills.move_to import MoveTo
+from skills.phases import PhasedSkill
+from skills.pick import Pick
+from skills.place import Place
+from skills.planner import MotionPlanner
+from tests.skills.ideal_robot import IdealRobot
+
+DATASHEET_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
+
+
+def seen(product: Product, part: str, x: float, y: float, yaw: float = 0.3, z: float = 0.016) -> PartDetection:
+    kind = product.parts[part]
+    return PartDetection(part, 1.0, Pose.from_yaw((x, y, z), yaw), kind.size_m, (0, 0, 0, 0))
+
+
+@pytest.fixture
+def robot(bench: Bench) -> IdealRobot:
+    return IdealRobot(bench.arm_look_rad, part_m=0.034)
+
+
+def holding(planner: MotionPlanner, product: Product, robot: IdealRobot) -> IdealRobot:
+    """The robot after picking an o2."""
+    assert robot.run(Pick(planner, seen(product, "o2", 0.55, -0.4))).status is SkillStatus.SUCCESS
+    return robot
+
+
+def test_pick_ends_with_the_part_held_high(planner: MotionPlanner, product: Product, robot: IdealRobot) -> None:
+    progress = robot.run(Pick(planner, seen(product, "o2", 0.55, -0.4)))
+    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, "holding o2")
+    observation = robot.observe()
+    assert observation.gripper.holding
+    tool = planner.kinematics.forward(np.array(observation.arm.positions_rad))
+    assert tool.position_m[2] > 0.15
+    assert robot.time_s < 4.0
+
+
+def test_place_lets_go_over_the_hole(planner: MotionPlanner, product: Product, robot: IdealRobot) -> None:
+    holding(planner, product, robot)
+    before = len(robot.sent)
+    progress = robot.run(Place(planner, "p4", "o2"))
+    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, "o2 placed at p4")
+    releases = [i for i, command in enumerate(robot.sent) if i >= before and command.gripper is not None]
+    assert len(releases) == 1
+    assert not robot.observe().gripper.holding
+    lowest = min(
+        planner.kinematics.forward(joints).position_m
+        for trajectory in robot.trajectories[-3:]
+        for joints in trajectory.positions_rad[-1:]
+    )
+    assert lowest[0] == pytest.approx(0.72, abs=1e-3)
+
+
+def test_all_motions_keep_the_limits_and_start_where_the_arm_is(
+    planner: MotionPlanner, product: Product, robot: IdealRobot, bench: Bench
+) -> None:
+    holding(planner, product, robot)
+    robot.run(Place(planner, "p1", "o2"))
+    robot.run(MoveTo(planner, "park"))
+    end = np.array(bench.arm_look_rad)
+    assert len(robot.trajectories) >= 7
+    for trajectory in robot.trajectories:
+        np.testing.assert_allclose(trajectory.positions_rad[0], end, atol=1e-3)
+        speeds = np.diff(trajectory.positions_rad, axis=0) / np.diff(trajectory.times_s)[:, None]
+        assert (np.abs(speeds) <= DATASHEET_RAD_S).all()
+        end = trajectory.positions_rad[-1]
+    assert robot.at(np.array(bench.arm_park_rad))
+
+
+def test_move_to_where_the_arm_is_sends_nothing(planner: MotionPlanner, robot: IdealRobot) -> None:
+    assert robot.run(MoveTo(planner, "look")).status is SkillStatus.SUCCESS
+    assert robot.trajectories == []
+
+
+def test_nothing_between_the_fingers_is_a_failure(planner: MotionPlanner, product: Product, robot: IdealRobot) -> None:
+    robot.part_m = None
+    progress = robot.run(Pick(planner, seen(product, "o2", 0.55, -0.4)))
+    assert progress.status is SkillStatus.FAILURE
+    assert "nothing between the fingers" in progress.reason
+
+
+def test_a_dropped_part_is_a_failure_that_stops_the_arm(
+    planner: MotionPlanner, product: Product, robot: IdealRobot
+) -> None:
+    holding(planner, product, robot)
+    place = Place(planner, "p4", "o2")
+    for _ in range(8):
+        command = Command()
+        place.poll(robot.observe(), command)
+        robot.act(command)
+    robot.drop()
+    progress = robot.run(place)
+    assert progress.status is SkillStatus.FAILURE
+    assert "dropped" in progress.reason
+    assert robot.sent[-1].stop_arm
+
+
+@pytest.mark.parametrize(
+    ("skill", "reason"),
+    [
+        (lambda planner, product: Pick(planner, seen(product, "o2", 1.5, 0.0)), "out of the arm's reach"),
+        (lambda planner, product: Pick(planner, seen(product, "o2", 0.55, -0.4, z=-0.03)), "would touch the tray"),
+        (
+            lambda planner, product: Pick(
+                planner, seen(product, "o2", 0.55, -0.4, 0.0), [seen(product, "o2", 0.55, -0.36, 0.0)]
+            ),
+            "no room for the fingers",
+        ),
+    ],
+)
+def test_what_cannot_be_picked_fails_before_anything_moves(
+    planner: MotionPlanner, product: Product, robot: IdealRobot, skill: object, reason: str
+) -> None:
+    assert callable(skill)
+    progress = robot.run(skill(planner, product))
+    assert progress.status is SkillStatus.FAILURE
+    assert reason in progress.reason
+    assert robot.trajectories == []
+    assert all(command.gripper is None for command in robot.sent)
+
+
+def test_a_filled_hole_is_refused(planner: MotionPlanner, product: Product, robot: IdealRobot) -> None:
+    holding(planner, product, robot)
+    sent = len(robot.trajectories)
+    robot.holes = {"p4": "o1"}
+    progress = robot.run(Place(planner, "p4", "o2"))
+    assert progress.status is SkillStatus.FAILURE
+    assert "o1 is there" in progress.reason
+    assert len(robot.trajectories) == sent
+
+
+def test_an_arm_that_does_not_move_is_a_timeout(planner: MotionPlanner, robot: IdealRobot) -> None:
+    robot.blocked = True
+    progress = robot.run(MoveTo(planner, "park"))
+    assert progress.status is SkillStatus.FAILURE
+    assert "did not arrive in time" in progress.reason
+
+
+def test_move_aside_moves_a_part_and_lets_go(planner: MotionPlanner, product: Product, robot: IdealRobot) -> None:
+    part, other = seen(product, "o2", 0.55, -0.36, 1.5), seen(product, "o3", 0.55, -0.43, 0.0)
+    progress = robot.run(MoveAside(planner, part, [other]))
+    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, "o2 moved aside")
+    assert not robot.observe().gripper.holding
+
+
+@pytest.mark.parametrize("name", ["pick", "place", "move aside", "move to"])
+def test_every_skill_can_be_halted_at_any_tick(
+    planner: MotionPlanner, product: Product, bench: Bench, name: str
+) -> None:
+    def start() -> tuple[IdealRobot, PhasedSkill]:
+        robot = IdealRobot(bench.arm_look_rad, part_m=0.034)
+        if name == "place":
+            holding(planner, product, robot)
+        skills: dict[str, PhasedSkill] = {
+            "pick": Pick(planner, seen(product, "o2", 0.55, -0.4)),
+            "place": Place(planner, "p2", "o2"),
+            "move aside": MoveAside(planner, seen(product, "o2", 0.55, -0.4), []),
+            "move to": MoveTo(planner, "park"),
+        }
+        return robot, skills[name]
+
+    robot, skill = start()
+    first = robot.tick
+    robot.run(skill)
+    length = robot.tick - first
+    for ticks in range(0, length, max(1, length // 12)):
+        robot, skill = start()
+        for _ in range(ticks):
+            command = Command()
+            skill.poll(robot.observe(), command)
+            robot.act(command)
+        command = Command()
+        skill.halt(command)
+        assert command.stop_arm
+        assert command.follow is None
+        assert command.gripper is None
+        robot.act(command)
+        assert not robot.observe().arm.moving
+        after = Command()
+        assert skill.poll(robot.observe(), after).status is not SkillStatus.RUNNING
+        assert after == Command()

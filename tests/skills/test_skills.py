@@ -112,7 +112,7 @@ def test_a_dropped_part_is_a_failure_that_stops_the_arm(
     ("skill", "reason"),
     [
         (lambda planner, product: Pick(planner, seen(product, "o2", 1.5, 0.0)), "out of the arm's reach"),
-        (lambda planner, product: Pick(planner, seen(product, "o2", 0.55, -0.4, z=-0.03)), "would touch the tray"),
+        (lambda planner, product: Pick(planner, seen(product, "o2", 0.55, -0.4, z=-0.013)), "would touch the tray"),
         (
             lambda planner, product: Pick(
                 planner, seen(product, "o2", 0.55, -0.4, 0.0), [seen(product, "o2", 0.55, -0.36, 0.0)]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.camera_model import CameraModel
+from cell.interfaces.errors import DeviceFault
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array, Pose
 
@@ -26,8 +27,22 @@ class View:
 
     @classmethod
     def of(cls, model: CameraModel, frame: Frame) -> View:
-        """The view that a frame was taken from."""
+        """The view that a frame was taken from.
+
+        Raises:
+            DeviceFault: the image has not the size that the camera was set up with.
+        """
+        height, width = frame.image.shape[:2]
+        if (width, height) != (model.width_px, model.height_px):
+            raise DeviceFault(
+                f"{frame.camera} camera", f"image is {width} x {height}, must be {model.width_px} x {model.height_px}"
+            )
         return cls(model, frame.world_from_camera)
+
+    def depths(self, points_m: Array) -> Array:
+        """Distance (n,) of world points (n, 3) from the image plane; negative behind the camera."""
+        depths: Array = points_m @ self._projection[2, :3] + self._projection[2, 3]
+        return depths
 
     def pixels(self, points_m: Array) -> Array:
         """World points (n, 3) to pixels (n, 2) as (column, row)."""

@@ -41,11 +41,11 @@ class ClassicalHandTracker:
 
     def track_labels(self, frame: Frame, labels: Labels) -> HandSample | None:
         """As `track`, of a frame whose colours are labelled."""
+        view = View.of(self._bench.overhead.model, frame)
         skin, box = self._largest(labels)
         if skin is None:
             return None
         left, top, _, _ = box
-        view = View.of(self._bench.overhead.model, frame)
         contours, _ = cv2.findContours(skin, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         edge = np.concatenate([contour.reshape(-1, 2) for contour in contours]) + np.array([left, top])
         tips = _fingertips(view.on_plane(edge, self._settings.hand_height_m))

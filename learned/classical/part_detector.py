@@ -11,7 +11,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import PartType, Product
-from learned.classical.box_model import View
+from learned.classical.box_model import View, body_corners, fill, outline
 from learned.classical.colour import BACKGROUND, ColourModel, Labels
 from learned.classical.part_fit import BoxFit, BoxFitter
 from learned.classical.settings import PerceptionSettings
@@ -19,6 +19,7 @@ from learned.classical.settings import PerceptionSettings
 LEAST_SUPPORT = 0.75
 LEAST_AGREEMENT = 0.75  # parts that lie on their side stay below 0.7, those that stand above 0.9
 LEAST_VISIBLE = 0.25
+NEAREST_M = 0.05  # from the camera to the tray
 
 
 class ClassicalPartDetector:
@@ -33,7 +34,10 @@ class ClassicalPartDetector:
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
         """Parts in and near the tray, in the product's order of types."""
         view = View.of(self._bench.wrist.model, frame)
-        labels = np.asarray(cv2.medianBlur(self._colours.label(frame.image), 3), np.uint8)
+        region = self._tray_region(view)
+        if region is None:
+            return ()
+        labels = np.asarray(cv2.medianBlur(self._colours.label(frame.image), 3), np.uint8) * region
         found: list[PartDetection] = []
         for label, name in enumerate(self._product.parts, start=1):
             part = self._product.parts[name]
@@ -43,6 +47,18 @@ class ClassicalPartDetector:
             fits = [fit for fit in fitter.fit(own, _hidden(labels, label)) if self._counts(fit)]
             found += [_detection(name, part, fit, fitter, bottom_m) for fit in fits]
         return tuple(found)
+
+    def _tray_region(self, view: View) -> Labels | None:
+        """1 where parts in and near the tray can be seen; None where the camera does not look down at it."""
+        tray = self._bench.tray
+        longest_m = max(part.size_m[0] for part in self._product.parts.values())
+        length, width = np.array(tray.size_m) + 2 * self._settings.tray_margin_m + longest_m
+        tallest_m = max(part.size_m[2] + part.peg_length_m for part in self._product.parts.values())
+        x_m, y_m, z_m = tray.centre_m
+        corners = body_corners((length, width, tallest_m), x_m, y_m, 0.0, z_m)
+        if float(view.depths(corners).min()) < NEAREST_M:
+            return None
+        return fill((view.model.height_px, view.model.width_px), outline(view.pixels(corners)))
 
     def _counts(self, fit: BoxFit) -> bool:
         stands = fit.support >= LEAST_SUPPORT and fit.agreement >= LEAST_AGREEMENT

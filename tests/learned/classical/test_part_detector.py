@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from cell.interfaces.errors import DeviceFault
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
 from learned.classical.box_model import View, body_corners, outline, signed_distances
@@ -94,3 +95,17 @@ def test_signed_distance_is_negative_inside_and_metric_outside() -> None:
     square = outline(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [2.0, 2.0]]))
     distances = signed_distances(np.array([[2.0, 2.0], [4.0, 2.0], [7.0, 2.0], [2.0, -1.0]]), square)
     assert np.allclose(distances, [-2.0, 0.0, 3.0, 1.0])
+
+
+def test_a_camera_that_looks_away_sees_no_parts() -> None:
+    image = np.zeros((BENCH.wrist.height_px, BENCH.wrist.width_px, 3), np.uint8)
+    sideways = Pose((0.2, -0.38, 0.3), (0.5, -0.5, 0.5, -0.5))
+    upwards = Pose((*BENCH.tray.centre_m[:2], 0.5))
+    for pose in (sideways, upwards):
+        assert ClassicalPartDetector(BENCH, PRODUCT).detect(Frame("wrist", 0, 0.0, image, pose)) == ()
+
+
+def test_an_image_of_the_wrong_size_is_a_fault_of_the_camera() -> None:
+    image = np.zeros((120, 160, 3), np.uint8)
+    with pytest.raises(DeviceFault, match="160 x 120"):
+        ClassicalPartDetector(BENCH, PRODUCT).detect(Frame("wrist", 0, 0.0, image, LOOK))

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from enum import Enum
 from typing import Any
 
-from trees import controls, decorators, leaves
+from trees import choices, controls, decorators, leaves, loops, parallel
 from trees.literals import STATUS_WORDS
 from trees.node import Control, Decorator, TreeNode
 from trees.ports import Port, ports_of
@@ -22,26 +22,26 @@ BUILT_IN: tuple[type[TreeNode], ...] = (
     controls.Fallback,
     controls.AsyncFallback,
     controls.ReactiveFallback,
-    controls.Parallel,
-    controls.ParallelAll,
-    controls.IfThenElse,
-    controls.WhileDoElse,
-    controls.TryCatch,
-    *controls.SWITCHES,
+    parallel.Parallel,
+    parallel.ParallelAll,
+    choices.IfThenElse,
+    choices.WhileDoElse,
+    choices.TryCatch,
+    *choices.SWITCHES,
     decorators.Inverter,
     decorators.ForceSuccess,
     decorators.ForceFailure,
     decorators.KeepRunningUntilFailure,
-    decorators.Repeat,
-    decorators.RetryUntilSuccessful,
+    loops.Repeat,
+    loops.RetryUntilSuccessful,
     decorators.Timeout,
     decorators.Delay,
     decorators.RunOnce,
     decorators.Precondition,
-    decorators.LoopInt,
-    decorators.LoopBool,
-    decorators.LoopDouble,
-    decorators.LoopString,
+    loops.LoopInt,
+    loops.LoopBool,
+    loops.LoopDouble,
+    loops.LoopString,
     decorators.SkipUnlessUpdated,
     decorators.WaitValueUpdate,
     leaves.AlwaysSuccess,

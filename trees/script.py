@@ -9,21 +9,16 @@ Grammar, loosest binding first (all statements are separated by `;`, the value i
 
 from __future__ import annotations
 
-import math
-import operator
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import Enum
 from typing import Any
 
 from trees.blackboard import UNSET, Entry, Scope
 from trees.errors import NodeError
-from trees.literals import type_name
+from trees.operators import combine, compares, truth, unary
 
 DEPTH_LIMIT = 30
-# Numbers this close are equal: the library compares with the precision of a float.
-EPSILON = 2.0**-23
 
 Evaluate = Callable[[], Any]
 
@@ -75,7 +70,7 @@ class Script:
 
     def true(self) -> bool:
         """Whether the value is true: a number other than 0, or a string that is not empty."""
-        return _truth(self.run())
+        return truth(self.run())
 
 
 def parse_script(source: str, scope: Scope, enums: Mapping[str, Any]) -> Script:
@@ -151,7 +146,7 @@ class _Parser:
         chosen = self._statement()
         self._expect(":")
         other = self._statement()
-        return lambda: chosen() if _truth(condition()) else other()
+        return lambda: chosen() if truth(condition()) else other()
 
     def _level(self, level: int) -> Evaluate:
         if level == len(_LEVELS):
@@ -177,7 +172,7 @@ class _Parser:
             left = first()
             for sign, evaluate in links:
                 right = evaluate()
-                if not _compares(sign, left, right):
+                if not compares(sign, left, right):
                     return False
                 left = right
             return True
@@ -193,7 +188,7 @@ class _Parser:
             self._take()
             operand = self._unary()
             self._depth -= 1
-            return lambda: _sign(token.text, operand())
+            return lambda: unary(token.text, operand())
         return self._operand()
 
     def _operand(self) -> Evaluate:
@@ -257,14 +252,6 @@ _LEVELS: tuple[tuple[str, ...], ...] = (
     ("+", "-", ".."),
     ("*", "/"),
 )
-_ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {"+": operator.add, "-": operator.sub, "*": operator.mul}
-_BITS: dict[str, Callable[[int, int], int]] = {"|": operator.or_, "^": operator.xor, "&": operator.and_}
-_ORDER: dict[str, Callable[[Any, Any], bool]] = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-}
 
 
 def _tokens(source: str) -> list[_Token]:
@@ -311,65 +298,7 @@ def _assign(entry: Entry, value: Evaluate, must_exist: bool) -> Evaluate:
 
 def _binary(sign: str, left: Evaluate, right: Evaluate) -> Evaluate:
     if sign == "&&":
-        return lambda: _truth(left()) and _truth(right())
+        return lambda: truth(left()) and truth(right())
     if sign == "||":
-        return lambda: _truth(left()) or _truth(right())
-    return lambda: _combine(sign, left(), right())
-
-
-def _combine(sign: str, left: Any, right: Any) -> Any:
-    if sign == ".." or (sign == "+" and isinstance(left, str) and isinstance(right, str)):
-        if isinstance(left, str | int | float) and isinstance(right, str | int | float):
-            return f"{_shown(left)}{_shown(right)}"
-    elif isinstance(left, int | float) and isinstance(right, int | float):
-        if sign in _ARITHMETIC:
-            return _ARITHMETIC[sign](left, right)
-        if sign == "/":
-            return _divide(left, right)
-        if float(left).is_integer() and float(right).is_integer():
-            return _BITS[sign](int(left), int(right))
-    raise NodeError(f"'{sign}' does not take {_described(left)} and {_described(right)}")
-
-
-def _divide(left: float, right: float) -> float:
-    if right == 0:
-        raise NodeError(f"{left} / {right} divides by zero")
-    return left / right
-
-
-def _compares(sign: str, left: Any, right: Any) -> bool:
-    numbers = isinstance(left, int | float) and isinstance(right, int | float)
-    if sign in ("==", "!="):
-        if not (numbers or isinstance(left, type(right)) or isinstance(right, type(left))):
-            raise NodeError(f"'{sign}' does not take {_described(left)} and {_described(right)}")
-        same = abs(left - right) <= EPSILON if numbers and math.isfinite(left - right) else bool(left == right)
-        return same is (sign == "==")
-    if numbers or (isinstance(left, str) and isinstance(right, str)):
-        return _ORDER[sign](left, right)
-    raise NodeError(f"'{sign}' does not take {_described(left)} and {_described(right)}")
-
-
-def _sign(sign: str, value: Any) -> Any:
-    if sign == "!" and isinstance(value, int | float):
-        return not value
-    if sign == "-" and isinstance(value, int | float):
-        return -value
-    if sign == "~" and isinstance(value, int | float) and float(value).is_integer():
-        return ~int(value)
-    raise NodeError(f"'{sign}' does not take {_described(value)}")
-
-
-def _truth(value: Any) -> bool:
-    if isinstance(value, int | float | str):
-        return bool(value)
-    if isinstance(value, Enum):
-        return True
-    raise NodeError(f"{_described(value)} is neither true nor false")
-
-
-def _shown(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _described(value: object) -> str:
-    return f"the {type_name(type(value))} {value!r}"
+        return lambda: truth(left()) or truth(right())
+    return lambda: combine(sign, left(), right())

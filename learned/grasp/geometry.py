@@ -121,6 +121,22 @@ def rectangles_overlap(
     return overlap
 
 
+def sliding_distance_m(first: Boxes, second: Boxes, direction: Array, gap_m: float) -> float:
+    """How far apart in a direction (2,) two boxes' centres must be for their bodies to have exactly this gap."""
+    half_first, half_second = first.size_m[0, :2] / 2 + gap_m, second.size_m[0, :2] / 2
+    turn = float(second.yaw_rad[0] - first.yaw_rad[0])
+    cos, sin = abs(np.cos(turn)), abs(np.sin(turn))
+    turned = np.array([[cos, sin], [sin, cos]])
+    distances = []
+    for yaw, reach in (
+        (first.yaw_rad[0], half_first + turned @ half_second),
+        (second.yaw_rad[0], half_second + turned @ half_first),
+    ):
+        axes = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+        distances.extend(reach / np.maximum(np.abs(axes @ direction), 1e-9))
+    return float(min(distances))
+
+
 def _under_fingers(boxes: Boxes, gripper: GripperGeometry) -> Blocks:
     """(n, n): body j reaches into the strip that the fingers sweep beside box i as they close."""
     strip = gripper.clearance_m + gripper.finger_thickness_m

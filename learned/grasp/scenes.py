@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.grasp.geometry import Blocks, Boxes, blocking, bodies_overlap
+from learned.grasp.geometry import Blocks, Boxes, blocking, bodies_overlap, sliding_distance_m
 from learned.grasp.settings import DetectionNoise, SceneSettings
 from learned.grasp.solution import Solution, nearest_first, solve
 
@@ -21,7 +21,6 @@ Split = Literal["train", "validation", "test"]
 _SPLIT_CODES: dict[Split, int] = {"train": 0, "validation": 1, "test": 2}
 _PIXELS_PER_M = 1000.0
 _PLACING_TRIES = 40
-_BISECTIONS = 12
 
 
 @dataclass(frozen=True)
@@ -143,12 +142,8 @@ def _box_beside(
     angle = rng.uniform(-math.pi, math.pi)
     direction = np.array([math.cos(angle), math.sin(angle)])
     gap = rng.uniform(settings.nearest_gap_m, settings.farthest_gap_m)
-    near, far = 0.0, float(np.hypot(*neighbour.size_m[0, :2]) + np.hypot(*product.parts[name].size_m[:2])) / 2 + 2 * gap
-    for _ in range(_BISECTIONS):
-        middle = (near + far) / 2
-        box = _box(name, product, neighbour.centre_m[0] + middle * direction, yaw_rad)
-        near, far = (middle, far) if bodies_overlap(neighbour, box, gap).any() else (near, middle)
-    return _box(name, product, neighbour.centre_m[0] + far * direction, yaw_rad)
+    box = _box(name, product, neighbour.centre_m[0], yaw_rad)
+    return replace(box, centre_m=box.centre_m + sliding_distance_m(neighbour, box, direction, gap) * direction)
 
 
 def _box(name: str, product: Product, centre_m: Array, yaw_rad: float) -> Boxes:

@@ -36,12 +36,14 @@ class TrainingSettings(Model):
 
     Attributes:
         scenes: drawn from the train split.
+        parts: fewest and most parts in a training scene; few, because moving parts away leaves few.
         test_scenes: drawn from the test split, for the scores on the model card.
         batch: parts, each as the required one, in a step.
         peak_rate: of the one-cycle schedule.
     """
 
     scenes: int = Field(gt=0)
+    parts: tuple[int, int] = (1, 6)
     test_scenes: int = Field(default=1000, gt=0)
     epochs: int = Field(gt=0)
     batch: int = Field(gt=0)
@@ -187,7 +189,7 @@ def _export(
 
 
 def _scenes(product: Product, seed: int, settings: TrainingSettings, console: Console) -> list[Scene]:
-    drawn = draw_scenes(product, seed, settings.scenes, "train", settings.data)
+    drawn = draw_scenes(product, seed, settings.scenes, "train", settings.data, settings.parts)
     return list(track(drawn, "drawing scenes", settings.scenes, console=console, transient=True))
 
 

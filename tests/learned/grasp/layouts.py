@@ -35,9 +35,9 @@ def walled(name: str, wall: str) -> tuple[PartDetection, ...]:
 
 
 def chain() -> tuple[PartDetection, ...]:
-    """Part 2 blocks part 1, which blocks part 0; each stands end-on beside the one that it blocks."""
+    """Part 2 blocks part 1, which blocks part 0 with its end; the last one is tall enough to be free itself."""
     return (
         standing("o1", 0.0, 0.0),
         standing("o1", 0.0, 0.042, math.pi / 2),
-        standing("o2", 0.038, 0.042, math.pi / 2),
+        standing("o3", 0.047, 0.042, math.pi / 2),
     )

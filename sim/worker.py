@@ -6,6 +6,7 @@ the bench as it is; parts are carried by friction alone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Literal
@@ -17,6 +18,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.command import Display
 from cell.interfaces.model import Model
 from cell.interfaces.perception import ActionKind
+from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from sim.hand import Hand, hand_rest_m
 from sim.hand_motion import MotionSettings
@@ -176,14 +178,25 @@ class Worker:
         """Take a held part to a hole, or back where it came from if the robot has filled the hole meanwhile."""
         target_m = self._sight.holes_m[position]
         self._begin("assembly", seen.part, position)
-        yield from self._wait_until_arm_is_away()
-        taken = self._sight.in_hole(position)
-        if taken is not None and taken.body != seen.body:
+        yield from self._carry_to_bracket(seen.body, target_m)
+        there = self._sight.in_hole(position)
+        if there is not None and there.body != seen.body:
             self._begin("transit")
             target_m = np.array(seen.pose.position_m)
-        yield from self._work.carry(seen.body, target_m)
+            yield from self._work.carry(seen.body, target_m)
         if self._work.holds(seen.body):
             yield from self._work.insert(seen.body, target_m)
+
+    def _carry_to_bracket(self, body: str, target_m: Array) -> Script:
+        """Carry a part over its hole; while the arm is over the bracket, wait behind it."""
+        while True:
+            if self._sight.arm_over_bracket:
+                _, y, z = self._work.position_m
+                yield from self._work.reach(np.array([self._behind_m, y, max(float(z), self._work.clear_height_m)]))
+                yield from self._wait_while(lambda: self._sight.arm_over_bracket)
+            yield from self._work.carry(body, target_m)
+            if not self._sight.arm_over_bracket:
+                return
 
     def _wants_to_screw(self) -> bool:
         self._unscrewed += 1
@@ -234,16 +247,7 @@ class Worker:
             still_s = 0.0 if busy else still_s + self._work.dt_s
             yield
 
-    def _wait_until_arm_is_away(self) -> Script:
-        """Hold the part behind the bracket while the arm is over it."""
-        if not self._sight.arm_over_bracket:
-            return
-        _, y, z = self._work.position_m
-        yield from self._work.reach(np.array([self._behind_m, y, max(float(z), self._work.clear_height_m)]))
-        while self._sight.arm_over_bracket:
-            yield
-
-    def _wait_while(self, condition: Callable[[], bool], longest_s: float) -> Script:
+    def _wait_while(self, condition: Callable[[], bool], longest_s: float = math.inf) -> Script:
         waited_s = 0.0
         while condition() and waited_s < longest_s:
             waited_s += self._work.dt_s

@@ -14,6 +14,7 @@ from sim.world import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_with_hand
 
 GOALS = tuple(product().goals)
+ARM_OVER_BRACKET_RAD = (-0.1, -1.6, 1.7, -1.67, -1.57, 0.0)
 BRISK = WorkerSettings(screw_probability=0.0, unscrewed_limit=9)
 
 
@@ -142,3 +143,35 @@ def test_person_goes_on_when_the_arm_just_stands_there() -> None:
     shift.world.set_arm(bench().arm_look_rad)
     assert not shift.until(lambda: shift.doing("transit"), 7.0)
     assert shift.until(lambda: shift.doing("transit"), 3.0)
+
+
+def test_person_stops_screwing_when_the_arm_comes() -> None:
+    shift = Shift(seed=0)
+    assert shift.until(lambda: shift.doing("screw"))
+    shift.world.set_arm(ARM_OVER_BRACKET_RAD)
+    assert shift.until(lambda: shift.doing("idle"), 2.0)
+    assert not shift.until(lambda: not shift.doing("idle"), 12.0)
+
+
+def test_person_with_a_part_waits_for_the_arm_to_leave_the_bracket() -> None:
+    shift = Shift(seed=2)
+    assert shift.until(lambda: shift.doing("assembly"))
+    shift.world.set_arm(ARM_OVER_BRACKET_RAD)
+    shift.until(lambda: False, 3.0)
+    assert shift.worker.hand.position_m[0] > bench().bracket.position_m[0] + 0.2
+    assert shift.placed() == {}
+    shift.world.set_arm(bench().arm_park_rad)
+    assert shift.until(lambda: len(shift.placed()) == 1, 6.0)
+
+
+def test_hole_filled_meanwhile_sends_the_part_back_to_its_bin() -> None:
+    shift = with_robot_part("o3", Pose((0.56, -0.38, 0.016)))
+    shift.worker.show(Display(help_request="o3"))
+    assert shift.until(lambda: shift.doing("assembly"))
+    robots = next(part for part in shift.world.bodies if part.owner == "robot")
+    shift.world.place(robots, Pose(hole("p6")))
+    own = next(part for part in shift.world.bodies if part.name == "o3_person_0")
+    home = (*bench().bins_m["o3"][:2], 0.016)
+    assert not shift.until(lambda: shift.worker.done, 8.0)
+    assert np.allclose(shift.world.part_pose(own).position_m, home, atol=0.01)
+    assert shift.placed()["p6"] == "o3"

@@ -17,10 +17,13 @@ from sim.clutter import ScenePart
 from skills.planner import MotionPlanner
 from trees.loader import load_tree
 
+ASSEMBLE = ROOT / "trees" / "assemble.xml"
 COMMISSION = ROOT / "trees" / "commission.xml"
 CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)
 BENCH = CONFIGURATION.bench
+SIMULATION = CONFIGURATION.devices.simulation
+CAN = (CONFIGURATION.gripper_can.interface, CONFIGURATION.gripper_can.channel)
 
 
 @dataclass
@@ -60,17 +63,19 @@ class Diary:
 @contextmanager
 def robot_alone(clutter: Sequence[ScenePart], seed: int) -> Iterator[SimCell]:
     """A cell without a person, with these parts in the tray."""
-    cell = SimCell(
-        PRODUCT,
-        BENCH,
-        CONFIGURATION.devices.simulation,
-        CONFIGURATION.gripper_can.interface,
-        CONFIGURATION.gripper_can.channel,
-        seed,
-        "g0",
-        worker=False,
-        clutter=clutter,
-    )
+    with _opened(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, seed, "g0", worker=False, clutter=clutter)) as cell:
+        yield cell
+
+
+@contextmanager
+def with_person(goal: str, seed: int) -> Iterator[SimCell]:
+    """A cell with a person who assembles this goal."""
+    with _opened(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, seed, goal)) as cell:
+        yield cell
+
+
+@contextmanager
+def _opened(cell: SimCell) -> Iterator[SimCell]:
     try:
         yield cell
     finally:

@@ -132,7 +132,7 @@ class Controller:
                 detail = traceback.format_exc()
             self._stopping = True
             problems = self._stop(tree, services)
-        if problems:
+        if problems := [problem for problem in problems if reason not in problem]:
             end, reason = "fault", "; ".join([reason, *problems])
         outcome = Outcome(
             end=end,

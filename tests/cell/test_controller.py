@@ -130,6 +130,13 @@ def test_a_device_that_fails_to_stop_does_not_keep_the_others_from_stopping() ->
     assert stopped_safely(rig, tree.halts)
 
 
+def test_a_fault_that_lasts_is_told_once() -> None:
+    rig = Rig()
+    rig.arm.stop_error = DeviceFault("arm", "protective stop")
+    outcome, _ = rig.run(raising(DeviceFault("arm", "protective stop")))
+    assert outcome.reason == "arm: protective stop"
+
+
 def test_the_run_waits_until_the_arm_stands() -> None:
     rig = Rig()
     rig.arm.coast_polls = 10

@@ -69,6 +69,14 @@ def choose_grasp(
     return f"cannot take {part.part}: {reason}"
 
 
+def why_not_graspable(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array
+) -> str | None:
+    """Why the arm cannot grasp a part as it stands, or None where it can."""
+    chosen = choose_grasp(planner, part, others, near_rad)
+    return chosen if isinstance(chosen, str) else None
+
+
 def take_phases(
     planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array, carry_m: float
 ) -> list[Phase] | str:

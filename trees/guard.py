@@ -48,9 +48,7 @@ class Guard:
     def refusal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
         """Why this plan cannot be used at all, or None: NaN, words outside the vocabulary, impossible positions."""
         return (
-            self._bad_belief(plan.goal_belief)
-            or self._bad_placements(plan)
-            or self._bad_guidance(plan.guidance, state)
+            self._bad_belief(plan.goal_belief) or self._bad_placements(plan) or self._bad_guidance(plan.guidance, state)
         )
 
     def judge(

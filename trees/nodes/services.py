@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from cell.interfaces.bench import Bench
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Command, Display
@@ -14,10 +16,13 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
+from skills.handling import why_not_graspable
 from skills.place import can_place
 from skills.planner import MotionPlanner
 from trees.guard import Guard
 from trees.node import Node
+
+GRASPABLE = 0.5  # probability from which a plan says that a part can be grasped
 
 
 @dataclass
@@ -47,6 +52,8 @@ class Services:
     held_part: str | None = None
     tray_parts: tuple[PartDetection, ...] = ()
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
+    _solved: dict[int, GraspPlan] = field(default_factory=dict)
+    _solved_view: PartsView | None = None
 
     def show(self, **changes: Any) -> None:
         """Change what the person is shown; fields as in Display."""
@@ -68,12 +75,32 @@ class Services:
         return self.rule_semantic.plan(state)
 
     def solve(self, parts: PartsView, required: int) -> GraspPlan:
-        """How to get at one detected part; the rule-based planner answers where the chosen one cannot."""
-        try:
-            return self.grasp.plan(parts.detections, required)
-        except ModelError as error:
-            self.journal.note("verdict", subject="grasp plan", decision="refused", reason=str(error))
-            return self.rule_grasp.plan(parts.detections, required)
+        """How to get at one detected part: the chosen planner's answer if the arm could do it, else the rule's.
+
+        Where neither fits what the arm finds, the part counts as one that needs help.
+        """
+        if self._solved_view is not parts:
+            self._solved_view, self._solved = parts, {}
+        if required not in self._solved:
+            self._solved[required] = self._solution(parts, required)
+        return self._solved[required]
+
+    def _solution(self, parts: PartsView, required: int) -> GraspPlan:
+        for planner in (self.grasp, self.rule_grasp):
+            try:
+                plan = planner.plan(parts.detections, required)
+                refusal = self._why_not_graspable(parts, required) if plan.graspable >= GRASPABLE else None
+            except ModelError as error:
+                refusal = str(error)
+            if refusal is None:
+                return plan
+            self.journal.note("verdict", subject="grasp plan", decision="refused", reason=refusal)
+        return GraspPlan(0.0, (), True, "help")
+
+    def _why_not_graspable(self, parts: PartsView, required: int) -> str | None:
+        seen = parts.detections
+        others = seen[:required] + seen[required + 1 :]
+        return why_not_graspable(self.motion, seen[required], others, np.array(self.observation.arm.positions_rad))
 
     def reachable(self, part: str, position: str) -> bool:
         """Whether the arm can put a part into a position of the empty bracket; worked out once for each."""

@@ -141,3 +141,12 @@ def test_a_blocked_part_is_decoded_to_its_blocker_and_help_fails() -> None:
 def test_a_number_that_no_part_has_is_a_node_error() -> None:
     with pytest.raises(NodeError, match="part number 4 is not among the 2 seen parts"):
         part_and_others(seen_parts("o1", "o2"), 4)
+
+
+def test_a_grasp_that_the_arm_cannot_do_is_refused_and_the_rule_answers() -> None:
+    for rule, expected in ((BLOCKED, "move c"), (FREE, "help")):
+        at = services(grasp=ScriptedGrasps({0: FREE}), rule_grasp=ScriptedGrasps({0: rule}))
+        at._why_not_graspable = lambda parts, required: "no room for the fingers"  # type: ignore[method-assign]  # noqa: ARG005
+        assert at.solve(seen_parts("o1", "o2", "o3"), 0).text == expected
+        assert isinstance(at.journal, ListJournal)
+        assert ("verdict", "no room for the fingers") in [(t, f.get("reason")) for t, f in at.journal.notes]

@@ -11,6 +11,7 @@ from cell.interfaces.product import Product
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
 from learned.semantic.planner import FactoredPlanner, PaperPlanner
 from learned.semantic.scenarios import (
+    TRAIN_RATIO,
     Scenarios,
     bound,
     consistent,
@@ -130,9 +131,11 @@ def area_under_roc(positive: Floats, negative: Floats) -> float:
 
 
 def _split_of(planner: SemanticPlanner, seed: int) -> tuple[float, int]:
-    if isinstance(planner, (PaperPlanner, FactoredPlanner)):
-        return float(str(planner.card.config["ratio"])), planner.card.seed
-    return 0.77, seed
+    if isinstance(planner, PaperPlanner | FactoredPlanner):
+        ratio = planner.card.config["ratio"]
+        assert isinstance(ratio, float), f"model card with ratio {ratio!r}"
+        return ratio, planner.card.seed
+    return TRAIN_RATIO, seed
 
 
 def _right_goals(plan: AssemblyPlan, layout: Layout, seen: Ints) -> list[bool]:

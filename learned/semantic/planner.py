@@ -112,13 +112,18 @@ class PaperPlanner:
 
 
 def wanted_by_words(layout: Layout, words: Ints) -> Floats:
-    """(z, n, m) from decoded words (z, n, T): one where a plan names a position before its end."""
+    """(z, n, m) from decoded words (z, n, T): one where a plan names a position before its end.
+
+    Plans are decoded object by object; a position that several of a goal's plans name is shared among them.
+    """
     goals, parts, _ = words.shape
     saying = (words != len(layout.words) - 1).cumprod(axis=2).astype(bool)
     wanted = np.zeros((goals, parts, len(layout.words)), np.float32)
     goal, part, step = np.nonzero(saying)
     wanted[goal, part, words[goal, part, step]] = 1.0
-    return wanted[:, :, parts:-1]
+    wanted = wanted[:, :, parts:-1]
+    shared: Floats = wanted / np.maximum(wanted.sum(axis=1, keepdims=True), 1.0)
+    return shared
 
 
 def _templated(layout: Layout, edges: Floats, answer: Answer) -> dict[str, tuple[str, ...]]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+import onnx
 import torch
 from rich.console import Console
 from rich.progress import track
@@ -19,9 +20,16 @@ from learned.semantic.factored import FactoredNetwork, FactoredSettings
 from learned.semantic.graph import EMPTY, Ints, Layout, one_hot
 from learned.semantic.paper import PaperNetwork, PaperSettings
 from learned.semantic.planner import load_semantic_planner
-from learned.semantic.scenarios import Scenarios, misdetect, scenarios, split, sub_demonstrations, unknown_goals
+from learned.semantic.scenarios import (
+    TRAIN_RATIO,
+    Scenarios,
+    misdetect,
+    scenarios,
+    split,
+    sub_demonstrations,
+    unknown_goals,
+)
 
-TRAIN_RATIO = 0.77  # 143 of 186 scenarios with the default product, as in the paper
 TOLERANCE = 1e-5  # ONNX and torch agree within
 IGNORED = -100  # label of what no loss looks at, as cross_entropy has it
 
@@ -57,8 +65,6 @@ def train_semantic(
     """
     if kind not in ("paper", "factored"):
         raise InputError(f"cannot train a semantic planner {kind!r}; there are paper, factored")
-    torch.manual_seed(seed)
-    torch.set_num_threads(1)
     layout = Layout.of(product)
     whole = scenarios(layout, seed)
     train, _ = split(whole, ratio, seed)
@@ -76,12 +82,14 @@ def train_semantic(
     )
     export(network, train, out, card)
     scores = evaluate_semantic(load_semantic_planner(kind, out, product), product, seed)
-    _rewrite_card(out, card.model_copy(update={"scores": scores}))
+    save_onnx(onnx.load(out), out, card.model_copy(update={"scores": scores}))
     return scores
 
 
 def fit(layout: Layout, train: Scenarios, settings: Settings, seed: int, *, quiet: bool = True) -> nn.Module:
-    """Full batches, fresh noise in every step, Adam with a one-cycle schedule."""
+    """Train a new network: full batches, fresh noise in every step, Adam with a one-cycle schedule."""
+    torch.set_num_threads(1)  # these networks are small: a second thread only waits
+    torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     if isinstance(settings, PaperSettings):
         paper = PaperNetwork(layout, settings)
@@ -89,7 +97,7 @@ def fit(layout: Layout, train: Scenarios, settings: Settings, seed: int, *, quie
         decay = settings.weight_decay
 
         def loss() -> Tensor:
-            return _paper_loss(paper, layout, misdetect(layout, train, rng, settings.noise))
+            return _paper_loss(paper, layout, misdetect(layout, train, rng, settings.noise, contradicting=True))
     else:
         factored = FactoredNetwork(layout)
         network, decay = factored, 0.0
@@ -183,7 +191,7 @@ def _factored_loss(
 ) -> Tensor:
     """Cross-entropies of goal (with states of unknown goals), of the slots that plans name, and of the next slot."""
     parts, goals = len(layout.parts), len(layout.goals)
-    known = misdetect(layout, train, rng, settings.noise)
+    known = misdetect(layout, train, rng, settings.noise, contradicting=True)
     others = unknown_goals(layout, rng.permutation(train.seen) != EMPTY, rng)
     seen = np.concatenate([known.seen, misdetect(layout, others, rng, settings.noise).seen])
     labels = torch.tensor(np.concatenate([known.goals, others.goals]))
@@ -203,9 +211,3 @@ def _factored_loss(
 
 def _steps(count: int, quiet: bool) -> Iterator[int]:
     yield from track(range(count), "Training", console=Console(stderr=True), disable=quiet, transient=True)
-
-
-def _rewrite_card(path: Path, card: ModelCard) -> None:
-    import onnx
-
-    save_onnx(onnx.load(path), path, card)

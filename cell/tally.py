@@ -16,7 +16,6 @@ class Tally:
     def __init__(self) -> None:
         self.goal_belief: dict[str, float] = {}
         self.help_requests = 0
-        self.last_message = ""
 
     def frame(self, frame: Frame) -> None:
         """Images are not counted."""
@@ -26,7 +25,6 @@ class Tally:
         display = record.command.display
         if display is not None:
             self.goal_belief = dict(display.goal_belief) or self.goal_belief
-            self.last_message = display.message
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         """Messages are not counted."""

@@ -138,11 +138,11 @@ def sliding_distance_m(first: Boxes, second: Boxes, direction: Array, gap_m: flo
 
 
 def _under_fingers(boxes: Boxes, gripper: GripperGeometry) -> Blocks:
-    """(n, n): body j reaches into the strip that the fingers sweep beside box i as they close."""
-    strip = gripper.clearance_m + gripper.finger_thickness_m
+    """(n, n): body j reaches into the strip, margin included, that the fingers sweep beside box i as they close."""
+    strip = gripper.clearance_m + gripper.finger_thickness_m + gripper.margin_m
     across = np.stack([-np.sin(boxes.yaw_rad), np.cos(boxes.yaw_rad)], axis=1)
     offset = across * (boxes.size_m[:, 1] + strip)[:, None] / 2
-    half = np.array([gripper.finger_width_m, strip]) / 2
+    half = np.array([gripper.finger_width_m + 2 * gripper.margin_m, strip]) / 2
     under: Blocks = np.zeros((len(boxes), len(boxes)), dtype=bool)
     for side in (-1, 1):
         under |= rectangles_overlap(

@@ -1,8 +1,7 @@
 """Geometry of the gripper at a grasp, and how random tray scenes are drawn: all numbers of this package's labels.
 
 The gripper comes straight down over the middle of a part, opened to the part's width plus a clearance on each
-side, its fingers across the body's width, and closes. These are the clearances with which the skills first try; that
-they then try a narrower one leaves room for what the detector did not see exactly.
+side, its fingers across the body's width, and closes. The numbers are the narrowest with which the skills go down.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ class GripperGeometry(Model):
         finger_width_m: along the tool's y, the body's longer side.
         finger_thickness_m: along the tool's x, across the body's width.
         clearance_m: gap between each finger and the body during descent.
+        margin_m: least gap between a finger and a neighbour.
         grasp_depth_m: fingertips reach this far below the body's top ...
         bottom_gap_m: ... but stay this far above its bottom.
         below_gap_m: a neighbour must end this far below the fingertips, or the hand, to be passed over.
@@ -28,10 +28,11 @@ class GripperGeometry(Model):
 
     finger_width_m: float = Field(default=0.025, gt=0)
     finger_thickness_m: float = Field(default=0.012, gt=0)
-    clearance_m: float = Field(default=0.006, gt=0)
+    clearance_m: float = Field(default=0.004, gt=0)
+    margin_m: float = Field(default=0.002, ge=0)
     grasp_depth_m: float = Field(default=0.030, gt=0)
     bottom_gap_m: float = Field(default=0.003, ge=0)
-    below_gap_m: float = Field(default=0.005, ge=0)
+    below_gap_m: float = Field(default=0.004, ge=0)
     finger_length_m: float = Field(default=0.079, gt=0)
     hand_size_m: tuple[float, float] = (0.104, 0.076)
 

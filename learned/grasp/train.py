@@ -67,7 +67,7 @@ class PairwiseSettings(TrainingSettings):
 class PaperSettings(TrainingSettings):
     """The paper's planner: graph convolutions, and which reading of Eq. 4 weights the edges."""
 
-    scenes: int = Field(default=3000, gt=0)
+    scenes: int = Field(default=6000, gt=0)
     epochs: int = Field(default=20, gt=0)
     batch: int = Field(default=128, gt=0)
     peak_rate: float = Field(default=0.004, gt=0)

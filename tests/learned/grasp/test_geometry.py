@@ -28,8 +28,8 @@ def grid(low: tuple[float, ...], high: tuple[float, ...]) -> Array:
 def touches(boxes: Boxes, required: int, neighbour: int, grow_m: float) -> bool:
     """Whether a sampled point of the gripper, on its way down or closing, is inside the neighbour's grown body."""
     width = boxes.size_m[required, 1]
-    near, far = width / 2, width / 2 + GRIPPER.clearance_m + GRIPPER.finger_thickness_m
-    half = GRIPPER.finger_width_m / 2
+    near, far = width / 2, width / 2 + GRIPPER.clearance_m + GRIPPER.finger_thickness_m + GRIPPER.margin_m
+    half = GRIPPER.finger_width_m / 2 + GRIPPER.margin_m
     hand_across, hand_along = GRIPPER.hand_size_m
     top = boxes.bottom_m[neighbour] + boxes.size_m[neighbour, 2] + GRIPPER.below_gap_m
     tip = fingertip_height_m(boxes, GRIPPER)[required]
@@ -80,8 +80,8 @@ def test_a_low_neighbour_does_not_block_a_tall_part() -> None:
     assert blocking(low, GRIPPER)[1:, 0].all()
 
 
-def test_a_gap_as_wide_as_the_finger_is_enough() -> None:
-    gap = GRIPPER.clearance_m + GRIPPER.finger_thickness_m
+def test_a_gap_as_wide_as_finger_and_margin_is_enough() -> None:
+    gap = GRIPPER.clearance_m + GRIPPER.finger_thickness_m + GRIPPER.margin_m
     for extra, blocked in ((0.001, False), (-0.001, True)):
         parts = (standing("o2", 0.0, 0.0), standing("o2", 0.0, 0.034 + gap + extra))
         assert blocking(boxes_of(parts, PRODUCT), GRIPPER)[0, 1] == blocked

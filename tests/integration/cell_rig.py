@@ -93,10 +93,14 @@ def motion_planner() -> MotionPlanner:
 
 
 def run_tree(
-    cell: SimCell, tree: Path, main: str | None = None, provided: Mapping[str, object] | None = None
+    cell: SimCell,
+    tree: Path,
+    main: str | None = None,
+    provided: Mapping[str, object] | None = None,
+    diary: Diary | None = None,
 ) -> tuple[Outcome, Diary]:
     """Run a tree to its end on a cell."""
-    diary = Diary()
+    diary = diary or Diary()
     files = Files(CONFIGURATION, PRODUCT, load_tree(tree, node_registry(), main, provided))
     return drive(files, cell.devices, motion_planner(), (diary,)), diary
 

@@ -50,7 +50,7 @@ class WaitForHandClear(CellNode):
         nearest = min(math.dist((x, y), point) for point in (view.hand.fingertips_m, view.hand.palm_m))
         if nearest >= self.distance_m.get():
             return Status.SUCCESS
-        self.feedback_message = f"the hand is {nearest:.2f} m from {self.position.get()}"
+        self.feedback_message = f"the hand is near {self.position.get()}"
         self.services.show(message=f"waiting: {self.feedback_message}")
         return Status.RUNNING
 

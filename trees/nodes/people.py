@@ -7,6 +7,7 @@ import math
 import numpy as np
 from py_trees.common import Status
 
+from cell.interfaces.pose import Array
 from trees.nodes.services import CellNode
 from trees.nodes.watching import SeenAction
 from trees.ports import InputPort
@@ -31,10 +32,10 @@ class WaitForAction(CellNode):
 
 
 class WaitForHandClear(CellNode):
-    """Wait while the hand is near a position, or while nothing is known of the hand."""
+    """Wait while the hand is near the way to a position, or while nothing is known of the hand."""
 
     position = InputPort(str, "position that the arm goes to")
-    distance_m = InputPort(float, "how near is too near", default=0.18)
+    distance_m = InputPort(float, "how near is too near", default=0.20)
     stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5)
 
     def update(self) -> Status:
@@ -44,15 +45,20 @@ class WaitForHandClear(CellNode):
             return Status.RUNNING
         if view.hand is None:
             return Status.SUCCESS
-        bench, product = self.services.bench, self.services.product
-        hole_m = np.array([*product.bracket.holes_m[self.position.get()], 0.0])
-        x, y, _ = bench.bracket.pose.transform(hole_m)
-        nearest = min(math.dist((x, y), point) for point in (view.hand.fingertips_m, view.hand.palm_m))
-        if nearest >= self.distance_m.get():
+        way = (np.array(self.services.tool_on_bench_m()), self._hole_m())
+        if (
+            min(_distance_m(point, *way) for point in (view.hand.fingertips_m, view.hand.palm_m))
+            >= self.distance_m.get()
+        ):
             return Status.SUCCESS
-        self.feedback_message = f"the hand is near {self.position.get()}"
+        self.feedback_message = f"the hand is near the way to {self.position.get()}"
         self.services.show(message=f"waiting: {self.feedback_message}")
         return Status.RUNNING
+
+    def _hole_m(self) -> Array:
+        """The position's hole on the bench, (2,)."""
+        hole = np.array([*self.services.product.bracket.holes_m[self.position.get()], 0.0])
+        return self.services.bench.bracket.pose.transform(hole)[:2]
 
 
 class AskForHelp(CellNode):
@@ -68,3 +74,11 @@ class AskForHelp(CellNode):
         self.services.journal.note("help", text=text)
         self.feedback_message = text
         return Status.SUCCESS
+
+
+def _distance_m(point: tuple[float, float], start: Array, end: Array) -> float:
+    """From a point to the straight way between two points, all (2,) on the bench."""
+    way = end - start
+    length_squared = float(way @ way)
+    share = float(np.clip((np.array(point) - start) @ way / length_squared, 0.0, 1.0)) if length_squared > 0 else 0.0
+    return float(np.linalg.norm(np.array(point) - (start + share * way)))

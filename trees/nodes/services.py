@@ -102,6 +102,11 @@ class Services:
         others = seen[:required] + seen[required + 1 :]
         return why_not_graspable(self.motion, seen[required], others, np.array(self.observation.arm.positions_rad))
 
+    def tool_on_bench_m(self) -> tuple[float, float]:
+        """Where the tool is above the bench, (x, y)."""
+        x, y, _ = self.motion.kinematics.forward(np.array(self.observation.arm.positions_rad)).position_m
+        return x, y
+
     def reachable(self, part: str, position: str) -> bool:
         """Whether the arm can put a part into a position of the empty bracket; worked out once for each."""
         if (part, position) not in self._reachable:

@@ -92,7 +92,9 @@ def test_the_arm_waits_for_a_near_hand_and_for_a_fresh_view() -> None:
     assert node.update() is Status.RUNNING
     see(at, 1.0, hand=hand_at(x + 0.05, y))
     assert node.update() is Status.RUNNING
-    see(at, 1.1, hand=hand_at(x + 0.35, y))
+    see(at, 1.1, hand=hand_at(0.6, -0.2))
+    assert node.update() is Status.RUNNING, "the arm would pass over this hand"
+    see(at, 1.2, hand=hand_at(x + 0.35, y))
     assert node.update() is Status.SUCCESS
     at.observation = replace(at.observation, time_s=3.0)
     assert node.update() is Status.RUNNING

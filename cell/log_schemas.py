@@ -25,7 +25,7 @@ _FIELDS: dict[str, dict[str, dict[str, str]]] = {
     "/bench": {"sequence": INTEGER, "time_s": NUMBER, "hand": OBJECT, "holes": OBJECT, "action": OBJECT},
     "/parts": {"sequence": INTEGER, "time_s": NUMBER, "detections": LIST},
     "/command": {"tick": INTEGER, "stop_arm": FLAG, "look": FLAG, "follow": OBJECT, "gripper": OBJECT},
-    "/display": {"guidance": OBJECT, "goal_belief": OBJECT, "message": TEXT, "help_request": TEXT},
+    "/display": {"tick": INTEGER, "guidance": OBJECT, "goal_belief": OBJECT, "message": TEXT, "help_request": TEXT},
     "/note/belief": {"tick": INTEGER},
     "/note/plan": {"tick": INTEGER},
     "/note/verdict": {"tick": INTEGER, "subject": TEXT, "decision": TEXT, "reason": TEXT},

@@ -142,7 +142,7 @@ class McapRecorder:
     def _command(self, stamp_ns: int, record: TickRecord) -> None:
         command = record.command
         if command.display is not None:
-            self._write("/display", stamp_ns, plain(command.display))
+            self._write("/display", stamp_ns, {"tick": record.observation.tick, **plain(command.display)})
         asked = (command.follow, command.gripper)
         if asked == (None, None) and not (command.stop_arm or command.look or command.activate_gripper):
             return

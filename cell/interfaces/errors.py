@@ -59,3 +59,15 @@ class DeviceFault(CellError):
 
 class ModelError(CellError):
     """A learned model file is missing, damaged, or does not fit the product (exit status 2)."""
+
+
+class LogError(CellError):
+    """A log cannot be read, is damaged, or is not what was asked for (exit status 2).
+
+    Examples: no MCAP file, a chunk that does not match its checksum, a message that is missing in mid-log.
+    """
+
+    def __init__(self, log: Path, reason: str) -> None:
+        self.log = log
+        self.reason = reason
+        super().__init__(f"{log}: {reason}")

@@ -1,0 +1,1 @@
+"""Reading, replaying, comparing and questioning logs."""

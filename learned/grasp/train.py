@@ -8,72 +8,25 @@ from pathlib import Path
 
 import onnx
 import torch
-from pydantic import Field
 from rich.console import Console
 from rich.progress import track
 from torch import Tensor, nn
 
 from cell.interfaces.errors import InputError
-from cell.interfaces.model import Model
 from cell.interfaces.product import Product
 from learned.grasp.evaluate import evaluate_grasp
-from learned.grasp.graph import MAX_PARTS, EdgeKind, feature_count
+from learned.grasp.graph import MAX_PARTS, feature_count
 from learned.grasp.language import WORDS
 from learned.grasp.pairs import PAIR_FEATURES
 from learned.grasp.pairwise import PairNet, pair_data
 from learned.grasp.paper import PaperNet, graph_data
 from learned.grasp.planner import load_grasp_planner
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
-from learned.grasp.settings import SceneSettings
+from learned.grasp.training_settings import PairwiseSettings, PaperSettings, TrainingSettings
 from learned.onnx_model import ModelCard, save_onnx
 
 TRAINED_KINDS = ("pairwise", "paper")
 _OPSET = 20
-
-
-class TrainingSettings(Model):
-    """Data and optimiser.
-
-    Attributes:
-        scenes: drawn from the train split.
-        parts: fewest and most parts in a training scene; few, because moving parts away leaves few.
-        test_scenes: drawn from the test split, for the scores on the model card.
-        batch: parts, each as the required one, in a step.
-        peak_rate: of the one-cycle schedule.
-    """
-
-    scenes: int = Field(gt=0)
-    parts: tuple[int, int] = (1, 6)
-    test_scenes: int = Field(default=1000, gt=0)
-    epochs: int = Field(gt=0)
-    batch: int = Field(gt=0)
-    peak_rate: float = Field(gt=0)
-    weight_decay: float = Field(default=0.01, ge=0)
-    hidden: int = Field(gt=0)
-    data: SceneSettings = SceneSettings()
-
-
-class PairwiseSettings(TrainingSettings):
-    """The pairwise planner: how many perceptrons its committee has."""
-
-    scenes: int = Field(default=6000, gt=0)
-    epochs: int = Field(default=30, gt=0)
-    batch: int = Field(default=256, gt=0)
-    peak_rate: float = Field(default=0.006, gt=0)
-    hidden: int = Field(default=48, gt=0)
-    members: int = Field(default=4, gt=0)
-
-
-class PaperSettings(TrainingSettings):
-    """The paper's planner: graph convolutions, and which reading of Eq. 4 weights the edges."""
-
-    scenes: int = Field(default=6000, gt=0)
-    epochs: int = Field(default=20, gt=0)
-    batch: int = Field(default=128, gt=0)
-    peak_rate: float = Field(default=0.004, gt=0)
-    hidden: int = Field(default=64, gt=0)
-    layers: int = Field(default=3, gt=0)
-    edges: EdgeKind = "normalised"
 
 
 def train_grasp(

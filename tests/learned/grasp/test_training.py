@@ -7,27 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from rich.console import Console
 
 from cell.interfaces.errors import InputError
 from learned.grasp.graph import scene_graph
 from learned.grasp.language import FIRST_LETTER, MAX_WORDS, encode
 from learned.grasp.pairs import PAIR_FEATURES
-from learned.grasp.paper import PaperNet, graph_data
 from learned.grasp.planner import load_grasp_planner
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
-from learned.grasp.train import (
-    PairwiseSettings,
-    PaperSettings,
-    TrainingSettings,
-    train_grasp,
-    train_pairwise,
-    train_paper,
-)
+from learned.grasp.training_settings import PairwiseSettings, PaperSettings, TrainingSettings
 from learned.onnx_model import OnnxModel
 from tests.learned.grasp.layouts import PRODUCT, walled
 
+pytestmark = pytest.mark.torch  # torch is imported in the tests alone: other processes collect this file, too
 TOLERANCE = 1e-5
 QUIET = Console(quiet=True)
 SHORT_PAIRWISE = PairwiseSettings(scenes=80, test_scenes=40, epochs=60, batch=64, hidden=24, members=2)
@@ -49,6 +41,8 @@ class Trained:
 
 @pytest.fixture(scope="module")
 def pairwise(tmp_path_factory: pytest.TempPathFactory) -> Trained:
+    from learned.grasp.train import train_grasp
+
     path = tmp_path_factory.mktemp("pairwise") / "grasp.onnx"
     scores = train_grasp(PRODUCT, path, SEED, "pairwise", settings=SHORT_PAIRWISE, quiet=True)
     return Trained(path, scores, OnnxModel.load(path, "grasp.pairwise"))
@@ -56,6 +50,8 @@ def pairwise(tmp_path_factory: pytest.TempPathFactory) -> Trained:
 
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory: pytest.TempPathFactory) -> Trained:
+    from learned.grasp.train import train_grasp
+
     path = tmp_path_factory.mktemp("paper") / "grasp.onnx"
     scores = train_grasp(PRODUCT, path, SEED, "paper", settings=SHORT_PAPER, quiet=True)
     return Trained(path, scores, OnnxModel.load(path, "grasp.paper"))
@@ -66,6 +62,10 @@ def drawn_for(settings: TrainingSettings) -> list[Scene]:
 
 
 def test_training_again_gives_the_same_network_and_onnx_equals_torch(pairwise: Trained) -> None:
+    import torch
+
+    from learned.grasp.train import train_pairwise
+
     net = train_pairwise(drawn_for(SHORT_PAIRWISE), PRODUCT, SEED, SHORT_PAIRWISE, QUIET)
     for count in (1, 7):
         pairs = np.random.default_rng(count).normal(size=(count, PAIR_FEATURES)).astype(np.float32)
@@ -75,6 +75,10 @@ def test_training_again_gives_the_same_network_and_onnx_equals_torch(pairwise: T
 
 
 def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Scene]) -> None:
+    import torch
+
+    from learned.grasp.train import train_paper
+
     net = train_paper(drawn_for(SHORT_PAPER), PRODUCT, SEED, SHORT_PAPER, QUIET)
     for scene in scenes:
         graph = scene_graph(scene.parts, 0, PRODUCT, SHORT_PAPER.edges)
@@ -87,6 +91,10 @@ def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Sce
 
 
 def test_padding_does_not_change_the_answer(scenes: list[Scene]) -> None:
+    import torch
+
+    from learned.grasp.paper import PaperNet, graph_data
+
     torch.manual_seed(0)
     data = graph_data(scenes, PRODUCT, "normalised")
     net = PaperNet(data.nodes.shape[-1], 16, 2).eval()
@@ -99,6 +107,10 @@ def test_padding_does_not_change_the_answer(scenes: list[Scene]) -> None:
 
 
 def test_untrained_decoder_speaks_in_sentences(scenes: list[Scene]) -> None:
+    import torch
+
+    from learned.grasp.paper import PaperNet, graph_data
+
     torch.manual_seed(1)
     data = graph_data(scenes, PRODUCT, "printed")
     net = PaperNet(data.nodes.shape[-1], 16, 2).eval()
@@ -111,6 +123,8 @@ def test_untrained_decoder_speaks_in_sentences(scenes: list[Scene]) -> None:
 
 
 def test_words_of_the_data_are_the_solutions(scenes: list[Scene]) -> None:
+    from learned.grasp.paper import graph_data
+
     data = graph_data(scenes[:1], PRODUCT, "normalised")
     graph = scene_graph(scenes[0].parts, 0, PRODUCT, "normalised")
     assert data.words.shape == (len(scenes[0].parts), MAX_WORDS)
@@ -133,5 +147,7 @@ def test_the_card_says_what_the_weights_are(pairwise: Trained, paper: Trained) -
 
 
 def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
+    from learned.grasp.train import train_grasp
+
     with pytest.raises(InputError, match="pairwise, paper"):
         train_grasp(PRODUCT, tmp_path / "rule.onnx", 0, "rule")

@@ -48,7 +48,7 @@ doctor: .venv/runtime
 
 # Software OpenGL and torch crash in one process, so tests marked `torch` have a process of their own.
 test: .venv/tests .venv/system
-	$(BIN)/python -m pytest -m "not slow and not torch"
+	$(BIN)/python -m pytest -n auto -m "not slow and not torch"
 	$(BIN)/python -m pytest -m "torch and not slow" || [ $$? = $(NO_TESTS) ]
 
 test-all: .venv/tests .venv/system
@@ -62,6 +62,7 @@ check: .venv/tests
 	$(BIN)/lint-imports
 
 bench: .venv/tests .venv/system
+	$(BIN)/python -m tests.benchmarks.tree_ticks
 	$(BIN)/python -m tests.benchmarks.perception_accuracy
 	$(BIN)/python -m tests.benchmarks.robot_alone pick_and_place
 	$(BIN)/python -m tests.benchmarks.robot_alone clutter

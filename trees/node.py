@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
@@ -20,9 +20,12 @@ FAILURE = Status.FAILURE
 SKIPPED = Status.INVALID
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class StatusChange:
-    """One change of one node in a tick; `old` equals `new` where only the feedback changed."""
+    """One change of one node in a tick; `old` equals `new` where only the feedback changed.
+
+    Not frozen: a tick makes a dozen, and frozen ones take three times as long.
+    """
 
     path: str
     uid: int
@@ -37,14 +40,13 @@ class Runtime:
 
     Attributes:
         enums: values by the enum names that scripts and cases know.
-        changes: status changes since the tick began.
-        visited: nodes ticked by a py_trees generator, None while nobody listens.
+        changes: (node, old status, new status, feedback) since the tick began; bare, as every tick fills it and
+            only a log or a monitor reads it.
     """
 
     clock: Clock = field(default_factory=ManualClock)
     enums: Mapping[str, Any] = field(default_factory=dict)
-    changes: list[StatusChange] = field(default_factory=list)
-    visited: list[behaviour.Behaviour] | None = None
+    changes: list[tuple[TreeNode, Status, Status, str]] = field(default_factory=list)
 
 
 class Conditions(Protocol):
@@ -91,9 +93,8 @@ class TreeNode(behaviour.Behaviour):
 
     def execute(self) -> Status:
         """Tick once; SKIPPED leaves the node as it was."""
-        conditions = self.conditions
         try:
-            status = self.run() if conditions is None else self._run_with(conditions)
+            status = self.run() if self.conditions is None else self._run_with(self.conditions)
         except NodeError as error:
             if self.status is RUNNING:
                 self.rest()
@@ -101,8 +102,6 @@ class TreeNode(behaviour.Behaviour):
             status = FAILURE
         if status is not self.status:
             self.become(status)  # SKIPPED and IDLE are the same to py_trees: a skipped node is idle
-        if self.runtime.visited is not None:
-            self.runtime.visited.append(self)
         return status
 
     def run(self) -> Status:
@@ -133,16 +132,19 @@ class TreeNode(behaviour.Behaviour):
         old = self.status
         if status is not old:
             self.status = status
-            self.runtime.changes.append(StatusChange(self.full_path, self.uid, old, status, self.feedback_message))
+            self.runtime.changes.append((self, old, status, self.feedback_message))
 
     def tick(self) -> Iterator[behaviour.Behaviour]:
         """py_trees' way to tick: yields the nodes that were ticked, children first."""
         visited: list[behaviour.Behaviour] = []
-        self.runtime.visited = visited
+        nodes = [node for node in self.iterate() if isinstance(node, TreeNode)]
+        for node in nodes:
+            vars(node)["execute"] = _noting(node, visited)
         try:
             self.execute()
         finally:
-            self.runtime.visited = None
+            for node in nodes:
+                del vars(node)["execute"]
         yield from visited
 
     def stop(self, new_status: Status = IDLE) -> None:
@@ -167,6 +169,18 @@ class TreeNode(behaviour.Behaviour):
             self.feedback_message = str(error)
 
 
+def _noting(node: TreeNode, visited: list[behaviour.Behaviour]) -> Callable[[], Status]:
+    """A node's `execute` that notes the node; only py_trees' own tools need it, so that no other tick pays for it."""
+    execute = node.execute
+
+    def noted() -> Status:
+        status = execute()
+        visited.append(node)
+        return status
+
+    return noted
+
+
 class Node(TreeNode):
     """Base of all leaves that the project writes; override `prepare`, `initialise`, `update` and `terminate`.
 
@@ -188,6 +202,14 @@ class Node(TreeNode):
     def prepare(self) -> None:
         """Check once, before the first tick, that all that is needed is there."""
 
+    def execute(self) -> Status:
+        if self.conditions is not None:
+            return super().execute()
+        status = self.run()  # catches every NodeError by itself
+        if status is not self.status:
+            self.become(status)
+        return status
+
     def run(self) -> Status:
         told = self.feedback_message
         try:
@@ -202,22 +224,26 @@ class Node(TreeNode):
             self._fall()
             raise
         if status is not RUNNING:
-            self._end(status)
-        elif self.status is RUNNING and told != self.feedback_message:
-            self.runtime.changes.append(StatusChange(self.full_path, self.uid, RUNNING, RUNNING, self.feedback_message))
+            return self._end(status)
+        if self.feedback_message is not told and self.status is RUNNING and self.feedback_message != told:
+            self.runtime.changes.append((self, RUNNING, RUNNING, self.feedback_message))
         return status
 
     def rest(self) -> None:
         self.terminate(IDLE)
 
-    def _end(self, status: Status) -> None:
+    def _end(self, status: Status) -> Status:
         try:
             self.terminate(status)
             if not isinstance(status, Status):
                 raise TypeError(f"{type(self).__name__}.update answered {status!r}, not a Status")
+        except NodeError as error:
+            self.feedback_message = str(error)
+            return FAILURE
         except BaseException:
             self.become(IDLE)
             raise
+        return status
 
     def _fall(self) -> None:
         """An exception left `initialise` or `update`: cancel what was begun, once."""

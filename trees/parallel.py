@@ -22,14 +22,13 @@ class Parallel(Control):
         self._finished: set[int] = set()
         self._succeeded = 0
         self._failed = 0
+        self._fixed: tuple[int, int, int] | None = None
 
     def run(self) -> Status:
         count = len(self.children)
-        asked = self.success_count.get()
-        needed = _threshold(asked, count)
-        fatal = _threshold(self.failure_count.get(), count)
-        self._check(needed, fatal)
-        self.become(RUNNING)
+        asked, needed, fatal = self._fixed or self._thresholds()
+        if self.status is not RUNNING:
+            self.become(RUNNING)
         skipped = 0
         for index, child in enumerate(self.children):
             if index not in self._finished:
@@ -53,10 +52,16 @@ class Parallel(Control):
         self._clear()
         self.reset_children()
 
-    def _check(self, needed: int, fatal: int) -> None:
+    def _thresholds(self) -> tuple[int, int, int]:
+        """`success_count` as asked for, and both thresholds; worked out once where the file spells both out."""
         count = len(self.children)
+        asked = self.success_count.get()
+        needed, fatal = _threshold(asked, count), _threshold(self.failure_count.get(), count)
         if needed > count or fatal > count:
             raise NodeError(f"{count} children can neither succeed {needed} times nor fail {fatal} times")
+        if self.success_count.constant and self.failure_count.constant:
+            self._fixed = asked, needed, fatal
+        return asked, needed, fatal
 
     def _done(self, status: Status) -> Status:
         self._clear()

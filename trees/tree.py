@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from py_trees.common import Status
 from cell.interfaces.clock import Clock
 from trees.blackboard import Scope
 from trees.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
+from trees.xml_file import Element
 
 
 class Tree:
@@ -22,6 +23,8 @@ class Tree:
         nodes: all nodes, by uid - 1.
         blackboard: entries of the main tree.
         texts: text of every file that the tree was loaded from, for the log.
+        origins: the element that each node was made of, by uid - 1.
+        scopes: the main tree's blackboard and those of all SubTrees, outer ones first.
     """
 
     def __init__(
@@ -32,12 +35,16 @@ class Tree:
         blackboard: Scope,
         texts: Mapping[Path, str],
         runtime: Runtime,
+        origins: Sequence[Element] = (),
+        scopes: Sequence[Scope] = (),
     ) -> None:
         self.name = name
         self.root = root
         self.nodes = nodes
         self.blackboard = blackboard
         self.texts = texts
+        self.origins = tuple(origins)
+        self.scopes = tuple(scopes) or (blackboard,)
         self._runtime = runtime
 
     def setup(self, services: Any, clock: Clock) -> None:
@@ -75,7 +82,10 @@ class Tree:
     @property
     def status_changes(self) -> list[StatusChange]:
         """What changed in the last tick or halt, in order."""
-        return self._runtime.changes
+        return [
+            StatusChange(node.full_path, node.uid, old, new, feedback)
+            for node, old, new, feedback in self._runtime.changes
+        ]
 
     @property
     def status(self) -> Status:

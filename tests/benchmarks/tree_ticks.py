@@ -1,0 +1,209 @@
+"""CPU time of a tick: this engine, stock py_trees and BehaviorTree.CPP on the same trees, in one process.
+
+All leaves are written in Python and RUNNING, so that every node of the tree is ticked. Each round times every engine
+once, in turn; the medians over rounds are printed as JSON, with their ratios and the limits that they have to keep.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import behaviortreepy
+import py_trees
+from py_trees.common import ParallelPolicy, Status
+
+from cell.interfaces.clock import ManualClock
+from cell.log_schemas import plain
+from trees.loader import load_tree
+from trees.node import Node
+from trees.registry import Registry
+from trees.tree import Tree
+
+ROUNDS = 25
+ROUND_S = 0.02
+BRANCHES = 4
+# A run of the assembly tree changes 12 statuses in a tick; each of these pairs changes two.
+CHANGING = 6
+PAIR = "<KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure>"
+LIMITS = (
+    ("ours, 50", "BehaviorTree.CPP, 50", 1.5),
+    ("ours, 50", "py_trees, 50", 0.2),
+    ("ours, 1000", "ours, 100", 12.0),
+    ("ours, chain of 900", "ours, 900", 3.0),
+    ("log on", "log off", 1.2),
+    ("log on, as JSON", "log off", 1.2),
+)
+
+Shape = list["Shape"]
+Tick = Callable[[], object]
+
+
+class Busy(Node):
+    """Runs for ever."""
+
+    def update(self) -> Status:
+        return Status.RUNNING
+
+
+class StockBusy(py_trees.behaviour.Behaviour):
+    """Runs for ever."""
+
+    def update(self) -> Status:
+        return Status.RUNNING
+
+
+def balanced(nodes: int) -> Shape:
+    """A tree of so many nodes, filled level by level, `BRANCHES` children below each."""
+    root: Shape = []
+    level, count = [root], 1
+    while True:
+        below: list[Shape] = []
+        for parent in level:
+            for _ in range(BRANCHES):
+                if count == nodes:
+                    return root
+                parent.append([])
+                below.append(parent[-1])
+                count += 1
+        level = below
+
+
+def chain(nodes: int) -> Shape:
+    """One node below the other."""
+    root: Shape = []
+    for _ in range(nodes - 1):
+        root = [root]
+    return root
+
+
+def xml(shape: Shape) -> str:
+    """The shape as a tree file of Parallels, of Sequences where there is one child."""
+    opened: list[str] = []
+    waiting: list[Shape | str] = [shape]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, str):
+            opened.append(part)
+        elif not part:
+            opened.append("<Busy/>")
+        else:
+            tag = "Parallel" if len(part) > 1 else "Sequence"
+            opened.append(f"<{tag}>")
+            waiting += [f"</{tag}>", *reversed(part)]
+    return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{"".join(opened)}</BehaviorTree></root>'
+
+
+def ours(text: str) -> Tree:
+    """This engine."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "tree.xml"
+        path.write_text(text)
+        tree = load_tree(path, Registry([Busy]))
+    tree.setup(None, ManualClock())
+    return tree
+
+
+def original(shape: Shape) -> Tick:
+    """BehaviorTree.CPP; the closure keeps its factory alive."""
+    running = behaviortreepy.NodeStatus.RUNNING
+    factory = behaviortreepy.BehaviorTreeFactory()
+    factory.register_simple_stateful_action("Busy", lambda _: running, lambda _: running, lambda _: None)
+    factory.register_behavior_tree_from_text(xml(shape))
+    tree = factory.create_tree("Main")
+    return lambda _factory=factory: tree.tick_exactly_once()  # type: ignore[misc]
+
+
+def stock(shape: Shape) -> Tick:
+    """py_trees as it comes."""
+
+    def node(part: Shape) -> py_trees.behaviour.Behaviour:
+        if not part:
+            return StockBusy("Busy")
+        children = [node(child) for child in part]
+        if len(children) == 1:
+            return py_trees.composites.Sequence("Sequence", memory=True, children=children)
+        policy = ParallelPolicy.SuccessOnAll(synchronise=False)
+        return py_trees.composites.Parallel("Parallel", policy=policy, children=children)
+
+    tree = py_trees.trees.BehaviourTree(node(shape))
+    return lambda: tree.tick()
+
+
+def restless(nodes: int) -> str:
+    """A balanced tree of which 12 nodes do not stand still."""
+    text = xml(balanced(nodes - 2 * CHANGING))
+    return text.replace("<Parallel>", "<Parallel>" + CHANGING * PAIR, 1)
+
+
+def listened(tree: Tree) -> Tick:
+    """A tick with the status log on: somebody takes the changes."""
+
+    def tick() -> None:
+        tree.tick()
+        tuple(tree.status_changes)
+
+    return tick
+
+
+def recorded(tree: Tree) -> Tick:
+    """The same, with the changes encoded as the recorder writes them."""
+
+    def tick() -> None:
+        tree.tick()
+        json.dumps(plain(tree.status_changes)).encode()
+
+    return tick
+
+
+def medians(ticks: Sequence[Tick]) -> list[float]:
+    """CPU time a tick [us] of each, as medians over rounds in which all take turns."""
+    counts = []
+    for tick in ticks:
+        tick()
+        begun_s, count = time.process_time(), 0
+        while time.process_time() - begun_s < ROUND_S:
+            tick()
+            count += 1
+        counts.append(count)
+    rounds: list[list[float]] = [[] for _ in ticks]
+    for _ in range(ROUNDS):
+        for times, tick, count in zip(rounds, ticks, counts, strict=True):
+            begun_s = time.process_time()
+            for _ in range(count):
+                tick()
+            times.append((time.process_time() - begun_s) / count * 1e6)
+    return [statistics.median(times) for times in rounds]
+
+
+def main() -> None:
+    """Time everything and print one JSON document."""
+    fifty = balanced(50)
+    times_us = {}
+    groups: list[dict[str, Tick]] = [
+        {"ours, 50": ours(xml(fifty)).tick, "BehaviorTree.CPP, 50": original(fifty), "py_trees, 50": stock(fifty)},
+        {"ours, 100": ours(xml(balanced(100))).tick, "ours, 1000": ours(xml(balanced(1_000))).tick},
+        {"ours, chain of 900": ours(xml(chain(900))).tick, "ours, 900": ours(xml(balanced(900))).tick},
+        {
+            "log off": ours(restless(50)).tick,
+            "log on": listened(ours(restless(50))),
+            "log on, as JSON": recorded(ours(restless(50))),
+        },
+    ]
+    for group in groups:
+        times_us |= dict(zip(group, medians(list(group.values())), strict=True))
+    ratios = [
+        {"of": one, "to": other, "ratio": round(times_us[one] / times_us[other], 2), "limit": limit}
+        for one, other, limit in LIMITS
+    ]
+    print(
+        json.dumps({"tick_us": {name: round(value, 1) for name, value in times_us.items()}, "ratios": ratios}, indent=2)
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from cell.interfaces.command import Command
+
 NUMBER = {"type": "number"}
 INTEGER = {"type": "integer"}
 TEXT = {"type": "string"}
@@ -66,6 +68,20 @@ def plain(value: object) -> Any:
     if isinstance(value, Path):
         return str(value)
     raise TypeError(f"a log cannot hold a {type(value).__name__}: {value!r}")
+
+
+def asked_of_devices(command: Command) -> dict[str, Any] | None:
+    """What a tick asked of arm, gripper and wrist camera, as plain data; None for nothing."""
+    moves = command.follow is not None or command.gripper is not None
+    if not (moves or command.stop_arm or command.look or command.activate_gripper):
+        return None
+    return {
+        "stop_arm": command.stop_arm,
+        "look": command.look,
+        "activate_gripper": command.activate_gripper,
+        "follow": plain(command.follow),
+        "gripper": plain(command.gripper),
+    }
 
 
 def _key(key: object) -> str:

@@ -17,7 +17,7 @@ from cell.configuration import LogSettings
 from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
-from cell.log_schemas import TOPICS, plain, schema
+from cell.log_schemas import TOPICS, asked_of_devices, plain, schema
 from cell.witness import Level, Outcome, TickRecord
 from skills.can_gripper import CanFrame
 
@@ -143,16 +143,12 @@ class McapRecorder:
         command = record.command
         if command.display is not None:
             self._write("/display", stamp_ns, {"tick": record.observation.tick, **plain(command.display)})
-        asked = (command.follow, command.gripper)
-        if asked == (None, None) and not (command.stop_arm or command.look or command.activate_gripper):
+        asked = asked_of_devices(command)
+        if asked is None:
             return
         values = {
             "tick": record.observation.tick,
-            "stop_arm": command.stop_arm,
-            "look": command.look,
-            "activate_gripper": command.activate_gripper,
-            "follow": plain(command.follow),
-            "gripper": plain(command.gripper),
+            **asked,
             "sent_follow": "as asked" if record.sent.trajectory is command.follow else plain(record.sent.trajectory),
             "sent_gripper": plain(record.sent.gripper),
         }

@@ -28,16 +28,13 @@ from cell.interfaces.yaml_file import place_of
 from cell.node_library import node_registry
 from cell.progress import LiveProgress
 from cell.recorder import Heading, McapRecorder
+from cell.services import TickClock, make_services
 from cell.tally import Tally
 from cell.witness import Outcome, Witness
-from learned.grasp.planner import load_grasp_planner
-from learned.semantic.planner import load_semantic_planner
 from skills.can_gripper import CanGripper, Tap, open_bus
 from skills.kinematics import Kinematics
 from skills.planner import MotionPlanner
-from trees.guard import Guard
 from trees.loader import load_tree
-from trees.nodes.services import Services
 from trees.tree import Tree
 
 Pace = Literal["fast", "real"]
@@ -120,29 +117,11 @@ def drive(
         for executor in executors:
             stack.callback(executor.close)
         controller = Controller(devices, gripper, *executors, configuration.controller, witnesses)
-        services = _services(files, devices, controller, motion)
-        files.tree.setup(services, devices.clock)
+        services = make_services(
+            configuration, files.product, motion, devices.clock, controller.journal, controller.observe()
+        )
+        files.tree.setup(services, TickClock(services))
         return controller.run(files.tree, services)
-
-
-def _services(files: Files, devices: Devices, controller: Controller, motion: MotionPlanner) -> Services:
-    configuration, product = files.configuration, files.product
-    semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
-    assert semantic.weights is not None
-    assert grasp.weights is not None
-    return Services(
-        product=product,
-        bench=configuration.bench,
-        clock=devices.clock,
-        motion=motion,
-        semantic=load_semantic_planner(semantic.kind, semantic.weights, product),
-        rule_semantic=load_semantic_planner("bayes", None, product),
-        grasp=load_grasp_planner(grasp.kind, grasp.weights, product),
-        rule_grasp=load_grasp_planner("rule", grasp.weights, product),
-        guard=Guard(product, configuration.guard),
-        journal=controller.journal,
-        observation=controller.observe(),
-    )
 
 
 def _open_devices(options: RunOptions, files: Files) -> Devices:
@@ -183,8 +162,9 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
         "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
     }
+    folder = options.tree.resolve().parent
     for path, text in files.tree.texts.items():
-        attachments[f"tree/{path.name}"] = ("application/xml", text.encode())
+        attachments[f"tree/{path.resolve().relative_to(folder)}"] = ("application/xml", text.encode())
     values = {
         "seed": str(options.seed),
         "goal": options.goal,
@@ -195,6 +175,7 @@ def _heading(options: RunOptions, files: Files) -> Heading:
     for name, planner in files.configuration.planners:
         values[f"planner.{name}"] = planner.kind
         if planner.weights is not None and planner.weights.exists():
+            values[f"weights.{name}.file"] = str(planner.weights)
             values[f"weights.{name}.sha256"] = hashlib.sha256(planner.weights.read_bytes()).hexdigest()
     for package in RECORDED_VERSIONS:
         values[f"version.{package}"] = _version(package)
@@ -226,6 +207,7 @@ def _summary(
         **devices.report(),
         "inferred_goal": tally.inferred_goal,
         "help_requests": tally.help_requests,
+        "plans_refused": tally.plans_refused,
         "ticks": outcome.ticks,
         "overruns": outcome.overruns,
         "sim_time_s": round(outcome.sim_time_s, 3),

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cell.interfaces.errors import CellError, DeviceFault, InputError, ModelError
+from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
+from cell.log.commands import log_app, replay
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,6 +34,8 @@ train_app = typer.Typer(no_args_is_help=True, help="Train a planner on generated
 eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
 app.add_typer(train_app, name="train")
 app.add_typer(eval_app, name="eval")
+app.add_typer(log_app, name="log")
+app.command()(replay)
 
 
 class Pace(StrEnum):
@@ -59,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
     try:
         status = app(args=arguments, prog_name="cell", standalone_mode=False)
-    except (InputError, ModelError) as error:
+    except (InputError, LogError, ModelError) as error:
         return _complain(str(error), BAD_INPUT)
     except DeviceFault as error:
         return _complain(str(error), SAFE_STOP)

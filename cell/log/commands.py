@@ -1,0 +1,217 @@
+"""`cell replay` and `cell log ...`: each command imports what it needs by itself."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from cell.log.compare import Comparison, Difference
+    from cell.log.reader import Log
+    from cell.log.replay import Step
+
+DIFFERS = 1
+SHOWN_NODES = 15
+LONGEST_VALUE = 200
+
+log_app = typer.Typer(no_args_is_help=True, help="Question and compare logs.")
+
+LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="Log of a run (MCAP).")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]
+FromOption = Annotated[float, typer.Option("--from", help="From this time on [s].")]
+UntilOption = Annotated[float, typer.Option("--until", help="Up to this time [s].")]
+
+
+def replay(
+    log: LogArgument,
+    tree: Annotated[Path | None, typer.Option(help="Tree file to tick instead of the recorded tree.")] = None,
+    config: Annotated[Path | None, typer.Option(help="Configuration instead of the recorded one.")] = None,
+    weights: Annotated[
+        list[str] | None, typer.Option(help="PLANNER=FILE: weights instead of the recorded ones; may be repeated.")
+    ] = None,
+    from_s: FromOption = 0.0,
+    until_s: UntilOption = float("inf"),
+    step: Annotated[bool, typer.Option("--step", help="Show every tick that changed something, one by one.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Tick a log again and compare every decision; 0 where all are the same, 1 where they differ."""
+    from cell.log.replay import Changes, Replay
+
+    read = _read(log)
+    again = Replay(read, Changes(tree, config, _weights(weights or [])))
+    comparison = again.run(from_s, until_s, _shower(sys.stdin.isatty()) if step else lambda _: None)
+    return _report(comparison, read.unfinished, as_json)
+
+
+@log_app.command()
+def info(log: LogArgument, as_json: JsonOption = False) -> None:
+    """Say what is in a log."""
+    from cell.log import question
+
+    answer = question.info(_read(log))
+    if as_json:
+        _line(answer)
+        return
+    for name, value in answer.items():
+        if isinstance(value, Mapping):
+            _say(f"{name}:", *(f"  {key}: {_short(item)}" for key, item in value.items()))
+        else:
+            _say(f"{name}: {value}")
+
+
+@log_app.command()
+def ticks(
+    log: LogArgument,
+    from_s: FromOption = 0.0,
+    until_s: UntilOption = float("inf"),
+    everything: Annotated[bool, typer.Option("--all", help="Also ticks in which nothing was decided.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """List ticks with what was noted, commanded and shown; with --json one object a line."""
+    from cell.log import question
+
+    _lines(question.ticks(_read(log), from_s, until_s, everything), as_json, _tick_text)
+
+
+@log_app.command()
+def query(
+    log: LogArgument,
+    node: Annotated[str | None, typer.Option(help="Part of a node's path.")] = None,
+    status: Annotated[str | None, typer.Option(help="RUNNING, SUCCESS, FAILURE or INVALID.")] = None,
+    key: Annotated[str | None, typer.Option(help="Key that the entry has at any depth.")] = None,
+    topic: Annotated[str | None, typer.Option(help="Part of the topic, as belief or command.")] = None,
+    from_s: FromOption = 0.0,
+    until_s: UntilOption = float("inf"),
+    as_json: JsonOption = False,
+) -> None:
+    """Find status changes of nodes, or messages by topic and key; with --json one object a line."""
+    from cell.log import question
+
+    legal = ("RUNNING", "SUCCESS", "FAILURE", "INVALID")
+    if status is not None and status not in legal:
+        raise InputError(f"--status {status} is no status; legal: {', '.join(legal)}")
+    asked = question.Query(node, status, key, topic, from_s, until_s)
+    _lines(question.query(_read(log), asked), as_json, lambda entry: _short(entry, LONGEST_VALUE))
+
+
+@log_app.command()
+def diff(
+    one: Annotated[Path, typer.Argument(metavar="A", help="Log.")],
+    other: Annotated[Path, typer.Argument(metavar="B", help="Log to compare with.")],
+    as_json: JsonOption = False,
+) -> int:
+    """Compare what two logs saw and decided, tick by tick; 0 where all is the same, 1 where it differs."""
+    from cell.log import question
+
+    logs = _read(one), _read(other)
+    return _report(question.diff(*logs), "; ".join(log.unfinished for log in logs if log.unfinished), as_json)
+
+
+def _read(path: Path) -> Log:
+    from cell.log.reader import read_log
+
+    log = read_log(path)
+    if log.unfinished:
+        sys.stderr.write(f"cell: {path}: {log.unfinished}\n")
+    return log
+
+
+def _weights(options: Iterable[str]) -> dict[str, Path]:
+    found = {}
+    for option in options:
+        name, separator, file = option.partition("=")
+        if not (name and separator and file):
+            raise InputError(f"--weights {option} is not like semantic=FILE or grasp=FILE")
+        found[name] = Path(file)
+    return found
+
+
+def _report(comparison: Comparison, unfinished: str, as_json: bool) -> int:
+    if as_json:
+        _line({**comparison.as_json(), "unfinished": unfinished})
+    elif comparison.identical:
+        _say(f"identical: {comparison.ticks} ticks")
+    else:
+        assert comparison.first is not None
+        _say(f"{comparison.differing_ticks} of {comparison.ticks} ticks differ", "first:")
+        _say(*_difference_text(comparison.first), "by decision (ticks, first):")
+        for aspect, first in comparison.first_by_aspect.items():
+            _say(f"  {aspect}: {comparison.ticks_by_aspect[aspect]}", *_difference_text(first))
+        if comparison.ticks_by_node:
+            _say("by node (ticks):")
+            _say(*(f"  {count:6d} {node}" for node, count in comparison.ticks_by_node.most_common(SHOWN_NODES)))
+    return 0 if comparison.identical else DIFFERS
+
+
+def _difference_text(difference: Difference) -> list[str]:
+    place = f"    tick {difference.tick} at {difference.time_s:.2f} s: {difference.node or difference.aspect}"
+    return [place, f"      was: {_short(difference.was)}", f"      now: {_short(difference.now)}"]
+
+
+def _shower(interactive: bool) -> Callable[[Step], bool]:
+    """Shows a step and, at a terminal, waits for Enter; q ends."""
+
+    def show(step: Step) -> bool:
+        if not (step.now.changes or step.now.notes or step.now.command or step.differences):
+            return True
+        _say(*_step_text(step))
+        if not interactive:
+            return True
+        sys.stderr.write("Enter: next tick, q: end ")
+        sys.stderr.flush()
+        return not sys.stdin.readline().strip().startswith("q")
+
+    return show
+
+
+def _step_text(step: Step) -> list[str]:
+    tick, now = step.logged, step.now
+    seen = tick.observation.bench
+    lines = [f"--- tick {tick.number} at {tick.time_s:.2f} s: {now.status}"]
+    if seen is not None:
+        holes = " ".join(f"{position}={hole.part or '-'}" for position, hole in seen.holes.items())
+        hand = "no hand" if seen.hand is None else f"hand at {seen.hand.fingertips_m}, holds {seen.hand.held_part}"
+        lines.append(f"  overhead frame {seen.sequence} of {seen.time_s:.2f} s: {seen.action}; {hand}; {holes}")
+    if (parts := tick.observation.parts) is not None:
+        lines.append(
+            f"  wrist frame {parts.sequence} of {parts.time_s:.2f} s: {' '.join(p.part for p in parts.detections)}"
+        )
+    lines += [f"  {one.path}: {one.old.name} -> {one.new.name} {one.feedback}".rstrip() for one in now.changes]
+    lines += [f"  {topic}: {_short(fields)}" for topic, fields in now.notes]
+    lines += [f"  command: {_short(now.command)}"] if now.command else []
+    lines += [f"  {{{key}}} = {_short(str(value))}" for key, value in step.blackboard.items()]
+    for difference in step.differences:
+        lines += ["  DIFFERS", *_difference_text(difference)]
+    return lines
+
+
+def _tick_text(tick: Mapping[str, Any]) -> str:
+    told = [f"{note['topic']} {_short({k: v for k, v in note.items() if k != 'topic'})}" for note in tick["notes"]]
+    told += [f"command {_short(tick['command'])}"] if tick["command"] else []
+    told += [f"shows {tick['display']['message']!r}"] if tick["display"] else []
+    return f"{tick['tick']:6d} {tick['time_s']:8.2f} s {tick['status']} " + "; ".join(told)
+
+
+def _short(value: object, longest: int = LONGEST_VALUE) -> str:
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= longest else f"{text[: longest - 3]}..."
+
+
+def _lines(entries: Iterable[Mapping[str, Any]], as_json: bool, text: Callable[[Mapping[str, Any]], str]) -> None:
+    for entry in entries:
+        sys.stdout.write((json.dumps(entry) if as_json else text(entry)) + "\n")
+
+
+def _line(answer: Mapping[str, object]) -> None:
+    sys.stdout.write(json.dumps(answer) + "\n")
+
+
+def _say(*lines: str) -> None:
+    sys.stdout.writelines(f"{line}\n" for line in lines)

@@ -7,21 +7,24 @@ from cell.witness import Level, Outcome, TickRecord
 
 
 class Tally:
-    """A witness that keeps the last belief and counts calls for help.
+    """A witness that keeps the last belief and counts calls for help and refused plans.
 
     Attributes:
         goal_belief: as last shown to the person.
+        plans_refused: answers of learned planners that could not be used, so that the rule-based one answered.
     """
 
     def __init__(self) -> None:
         self.goal_belief: dict[str, float] = {}
         self.help_requests = 0
+        self.plans_refused = 0
 
     def frame(self, frame: Frame) -> None:
         """Images are not counted."""
 
     def tick(self, record: TickRecord) -> None:
         self.help_requests += sum(topic == "help" for topic, _ in record.notes)
+        self.plans_refused += sum(fields.get("decision") == "refused" for _, fields in record.notes)
         display = record.command.display
         if display is not None:
             self.goal_belief = dict(display.goal_belief) or self.goal_belief

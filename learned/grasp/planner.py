@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.interfaces.errors import ModelError
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
-from cell.interfaces.pose import Array
+from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.geometry import Boxes, boxes_of
-from learned.grasp.graph import EdgeKind, scene_graph
+from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
 from learned.grasp.language import WORDS, decode
 from learned.grasp.pairs import near_pairs, pair_features
 from learned.grasp.rule import RulePlanner
@@ -28,15 +29,22 @@ def load_grasp_planner(kind: str, path: Path, product: Product) -> GraspPlanner:
     """The planner of a kind; `rule` reads no weights.
 
     Raises:
-        ModelError: the weights are missing or damaged, or were trained for other part types.
+        ModelError: the weights are missing or damaged, were trained for other part types, or cannot answer at all.
     """
+    if kind not in KINDS:
+        raise ModelError(f"unknown grasp planner {kind!r}; known: {', '.join(KINDS)}")
     if kind == "rule":
         return RulePlanner(product)
     if kind == "pairwise":
         return PairwisePlanner(OnnxModel.load(path, "grasp.pairwise"), product)
-    if kind == "paper":
-        return PaperPlanner(OnnxModel.load(path, "grasp.paper"), product)
-    raise ModelError(f"unknown grasp planner {kind!r}; known: {', '.join(KINDS)}")
+    return PaperPlanner(OnnxModel.load(path, "grasp.paper"), product)
+
+
+def _side_by_side(product: Product) -> tuple[PartDetection, ...]:
+    """Two parts close together: weights that do not fit the features fail on them, before anything moves."""
+    name, kind = next(iter(product.parts.items()))
+    poses = (Pose((0.0, 0.0, 0.0)), Pose((0.0, kind.size_m[1] + 0.01, 0.0)))
+    return tuple(PartDetection(name, 1.0, pose, kind.size_m, (0, 0, 1, 1)) for pose in poses)
 
 
 class PairwisePlanner:
@@ -46,6 +54,7 @@ class PairwisePlanner:
         model.require_vocabulary("parts", tuple(product.parts))
         self._model = model
         self._product = product
+        self._blocking_chance(boxes_of(_side_by_side(product), product))
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
         """A plan for `parts[required]`; graspable is the noisy-or of all its possible blockers."""
@@ -77,6 +86,7 @@ class PaperPlanner:
         self._model = model
         self._product = product
         self._edges = cast(EdgeKind, model.card.config["edges"])
+        self._answer(scene_graph(_side_by_side(product), 0, product, self._edges))
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
         """A plan for `parts[required]`.
@@ -85,10 +95,14 @@ class PaperPlanner:
             ModelError: the network answered NaN or words that are no solution.
         """
         graph = scene_graph(parts, required, self._product, self._edges)
-        answer = self._model.run(
-            {"nodes": graph.nodes[None], "weights": graph.weights[None], "present": graph.present[None]}
-        )
+        answer = self._answer(graph)
         graspable = 1.0 / (1.0 + math.exp(-float(answer["verdict"][0])))
         if graspable >= 0.5:
             return Solution().plan(graspable)
         return decode([int(word) for word in answer["words"][0]], graph.order).plan(graspable)
+
+    def _answer(self, graph: SceneGraph) -> dict[str, NDArray[Any]]:
+        """Verdict and words of the network."""
+        return self._model.run(
+            {"nodes": graph.nodes[None], "weights": graph.weights[None], "present": graph.present[None]}
+        )

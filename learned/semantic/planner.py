@@ -43,7 +43,7 @@ def load_semantic_planner(kind: str, path: Path | None, product: Product) -> Sem
 
     Raises:
         InputError: no such kind.
-        ModelError: the weights are missing, damaged, of another kind, or trained for another product.
+        ModelError: the weights are missing, damaged, of another kind, trained for another product, or cannot answer.
     """
     if kind == "bayes":
         return BayesPlanner(product)
@@ -54,7 +54,9 @@ def load_semantic_planner(kind: str, path: Path | None, product: Product) -> Sem
     model = OnnxModel.load(path, f"semantic.{kind}")
     for use, words in Layout.of(product).vocabulary.items():
         model.require_vocabulary(use, words)
-    return PaperPlanner(product, model) if kind == "paper" else FactoredPlanner(product, model)
+    planner: SemanticPlanner = PaperPlanner(product, model) if kind == "paper" else FactoredPlanner(product, model)
+    planner.plan(AssemblyState({}))  # weights that cannot answer at all fail here, before anything moves
+    return planner
 
 
 class BayesPlanner:

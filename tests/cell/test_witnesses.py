@@ -85,7 +85,8 @@ def test_the_tally_keeps_the_last_belief_and_counts_calls_for_help() -> None:
     tally.tick(record(0, Command(display=DISPLAY)))
     tally.tick(record(1, Command(display=Display(message="nothing known"))))
     tally.tick(replace(record(2), notes=(("help", {"text": "o1"}), ("plan", {}), ("help", {"text": "o2"}))))
-    assert (tally.inferred_goal, tally.help_requests) == ("g1", 2)
+    tally.tick(replace(record(3), notes=(("verdict", {"decision": "refused"}), ("verdict", {"decision": "act"}))))
+    assert (tally.inferred_goal, tally.help_requests, tally.plans_refused) == ("g1", 2, 1)
 
 
 def test_without_a_belief_no_goal_is_inferred() -> None:

@@ -1,0 +1,44 @@
+"""Logs that are recorded once: the robot alone through the commissioning tree, and the begin of an assembly."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, ROOT
+from cell.log.reader import Log, read_log
+from cell.run import RunOptions, run
+
+COMMISSION = ROOT / "trees" / "commission.xml"
+
+
+def changed_configuration(folder: Path, old: str, new: str) -> Path:
+    """A copy of the shipped configuration with one value changed."""
+    shutil.copytree(DEFAULT_CONFIGURATION.parent, folder, dirs_exist_ok=True)
+    path = folder / DEFAULT_CONFIGURATION.name
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return path
+
+
+def recorded(folder: Path, tree: Path, duration_s: float) -> Log:
+    """The log of a run in simulation that ends after a while."""
+    configuration = changed_configuration(folder / "config", "max_duration_s: 300.0", f"max_duration_s: {duration_s}")
+    log = folder / "log.mcap"
+    run(RunOptions(tree, configuration, "g0", 1, "fast", log), Console(quiet=True))
+    return read_log(log)
+
+
+@pytest.fixture(scope="session")
+def commission_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    return recorded(tmp_path_factory.mktemp("commission"), COMMISSION, 60.0)
+
+
+@pytest.fixture(scope="session")
+def assembly_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """Until the person has screwed for the first time and the guard has spoken."""
+    return recorded(tmp_path_factory.mktemp("assembly"), DEFAULT_TREE, 6.0)

@@ -1,0 +1,101 @@
+"""A log comes back whole, or with a typed error, or with what is missing at its end."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.configuration import LogSettings
+from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
+from cell.interfaces.errors import LogError
+from cell.log.mcap_file import read_mcap
+from cell.log.reader import read_log
+from cell.recorder import Heading, McapRecorder
+from cell.witness import Sent
+from tests.cell.fakes import frame
+from tests.cell.test_recorder import OUTCOME, record
+
+TICKS = 20
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A log of 20 ticks with an image each."""
+    path = tmp_path / "log.mcap"
+    recorder = McapRecorder(
+        path, LogSettings(), Heading({"seed": "5"}, {"tree/a.xml": ("application/xml", b"<root/>")})
+    )
+    trajectory = JointTrajectory(np.array([0.0, 0.1]), np.full((2, 6), 1 / 3))
+    busy = Command(follow=trajectory, gripper=GripperCommand(0.0401), display=Display(message="moving"))
+    for number in range(TICKS):
+        recorder.frame(frame(number, number * 0.04))
+        recorder.tick(record(number, busy if number == 3 else None, Sent(trajectory) if number == 3 else None))
+    recorder.close(OUTCOME)
+    return path
+
+
+def test_ticks_come_back_bit_for_bit(path: Path) -> None:
+    log = read_log(path)
+    view = record(0).observation.bench  # its sequence number never changes, so the log holds it once
+    expected = [dataclasses.replace(record(number).observation, bench=view) for number in range(TICKS)]
+    assert [tick.observation for tick in log.ticks] == expected
+    assert log.ticks[7].changes == record(7).changes
+    assert log.ticks[7].notes == record(7).notes
+    assert log.ticks[3].command is not None
+    assert log.ticks[3].command["follow"]["positions_rad"] == [[1 / 3] * 6] * 2
+    assert log.ticks[3].display is not None
+    assert log.ticks[4].command is None
+    assert (log.metadata, log.attachments["tree/a.xml"]) == ({"seed": "5"}, b"<root/>")
+    assert (log.outcome["end"], log.unfinished) == ("finished", "")
+
+
+def test_a_log_cut_anywhere_tells_so_and_keeps_its_whole_ticks(path: Path) -> None:
+    whole = path.read_bytes()
+    most = 0
+    for length in range(8, len(whole), 97):
+        path.write_bytes(whole[:length])
+        log = read_log(path)
+        assert log.unfinished
+        assert [tick.number for tick in log.ticks] == list(range(len(log.ticks)))
+        assert len(log.ticks) >= most, "a longer file holds fewer ticks"
+        most = len(log.ticks)
+    assert most == TICKS
+
+
+def test_no_flipped_bit_loses_a_message_silently(path: Path) -> None:
+    whole = path.read_bytes()
+    messages = read_mcap(path).messages
+    chance = random.Random(7)
+    for _ in range(400):
+        mutant = bytearray(whole)
+        mutant[chance.randrange(len(mutant))] ^= 1 << chance.randrange(8)
+        path.write_bytes(mutant)
+        try:
+            content = read_mcap(path)
+        except LogError:
+            continue
+        assert content.unfinished or content.messages == messages
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "is no MCAP file"),
+        (b"<root/>", "is no MCAP file"),
+        (b"\x89MCAP0\r\n\x06" + (9).to_bytes(8, "little") + bytes(9), "the first record, and no other, is a header"),
+    ],
+)
+def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, reason: str) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(content)
+    with pytest.raises(LogError, match=reason):
+        read_log(path)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"none\.mcap: cannot be read: No such file"):
+        read_log(tmp_path / "none.mcap")

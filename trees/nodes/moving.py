@@ -46,9 +46,10 @@ class ActivateGripper(CellNode):
 
 
 class GripperIsEmpty(CellNode):
-    """Nothing is between the fingers."""
+    """Nothing is between the fingers, so that no part can be put into a wrong hole any more."""
 
-    kind = "Condition"
+    node_type = "Condition"
+    guards = True
 
     def update(self) -> Status:
         return Status.FAILURE if self.services.observation.gripper.holding else Status.SUCCESS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import Enum
 
 import numpy as np
 from py_trees.common import Status
@@ -13,18 +14,27 @@ from trees.nodes.watching import SeenAction
 from trees.ports import InputPort
 
 
+class PersonAction(Enum):
+    """Actions that can be waited for."""
+
+    screw = "screw"
+    assembly = "assembly"
+    transit = "transit"
+    idle = "idle"
+
+
 class WaitForAction(CellNode):
     """Wait until the person begins an action of one kind; each one counts once (Alg. 1 line 9)."""
 
-    kind = InputPort(str, "screw, assembly, transit or idle")
+    awaited = InputPort(PersonAction, "screw, assembly, transit or idle", name="kind")
     action = InputPort(SeenAction, "what the person does")
 
     _served_s = -math.inf
 
     def update(self) -> Status:
-        seen = self.action.get_or(None)
-        if seen is None or seen.action.kind != self.kind.get() or seen.started_s <= self._served_s:
-            self.feedback_message = f"waits for: {self.kind.get()}"
+        seen, awaited = self.action.get_or(None), self.awaited.get().value
+        if seen is None or seen.action.kind != awaited or seen.started_s <= self._served_s:
+            self.feedback_message = f"waits for: {awaited}"
             return Status.RUNNING
         self._served_s = seen.started_s
         self.feedback_message = ""

@@ -15,6 +15,8 @@ from trees.ports import InOutPort, InputPort
 class PlacePart(SkillNode):
     """Put the part in the gripper into its hole (Alg. 1 line 12)."""
 
+    needs_guard = True
+
     part = InputPort(str, "type of the part in the gripper")
     position = InputPort(str, "hole to put it into")
 

@@ -25,7 +25,7 @@ from tests.trees.nodes.rig import (
 )
 from trees.errors import NodeError
 from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
-from trees.nodes.people import WaitForAction, WaitForHandClear
+from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear
 from trees.nodes.planning import ChoosePosition, InferGoal
 from trees.nodes.watching import SeenAction
 
@@ -73,7 +73,7 @@ def test_the_first_position_that_the_guard_lets_pass_is_chosen() -> None:
 def test_a_screw_is_served_once() -> None:
     node = WaitForAction("wait")
     node.setup(services=services())
-    node.kind.entry.value = "screw"  # type: ignore[union-attr]
+    node.awaited.entry.value = PersonAction.screw  # type: ignore[union-attr]
     assert node.update() is Status.RUNNING
     answers = []
     for kind, started_s in (("idle", 0.0), ("screw", 1.0), ("screw", 1.0), ("idle", 2.0), ("screw", 3.0)):

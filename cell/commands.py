@@ -17,12 +17,14 @@ from cell.log.commands import log_app, replay
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from cell.interfaces.errors import Problem
     from cell.interfaces.product import Product
 
 ROOT = Path(__file__).resolve().parent.parent
 TREE = ROOT / "trees" / "assemble.xml"
 CONFIGURATION = ROOT / "config" / "cell.yaml"
 BAD_INPUT, SAFE_STOP = 2, 3
+MONITOR_PORT = 1667
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -55,6 +57,7 @@ class NodeFormat(StrEnum):
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
+PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="End standard output with one line of JSON.")]
 
 
@@ -85,13 +88,20 @@ def run(
     seed: SeedOption = 0,
     pace: Annotated[Pace, typer.Option(help="fast: as fast as it goes; real: tied to the wall clock.")] = Pace.fast,
     log: Annotated[Path | None, typer.Option(help="Log file (MCAP); a new one in runs/ by default.")] = None,
+    monitor: Annotated[bool, typer.Option("--monitor", help="Let Groot2 watch, on this machine only.")] = False,
+    monitor_port: PortOption = MONITOR_PORT,
+    monitor_hooks: Annotated[
+        bool, typer.Option("--monitor-hooks", help="Let it put breakpoints and overrides on nodes, too.")
+    ] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Take over edits of the tree file while it runs.")] = False,
     as_json: JsonOption = False,
 ) -> int:
     """Assemble one product."""
     from cell import run as running
 
     console = _console()
-    options = running.RunOptions(tree, config, goal, seed, pace.value, log)
+    port = monitor_port if monitor or monitor_hooks else None
+    options = running.RunOptions(tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch)
     result = running.run(options, console)
     console.print(_table("run", result.summary))
     if as_json:
@@ -100,12 +110,26 @@ def run(
 
 
 @app.command()
-def check(files: Annotated[list[Path], typer.Argument(help="Tree files.")]) -> int:
+def monitor(port: PortOption = MONITOR_PORT) -> None:
+    """Watch the tree of a `cell run --monitor` that runs on this machine."""
+    from cell.live_view import live_view
+
+    live_view(port, _console())
+
+
+@app.command()
+def check(
+    files: Annotated[list[Path], typer.Argument(help="Tree files.")],
+    as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
+) -> int:
     """Say everything that is wrong with tree files."""
     from cell.node_library import node_registry
     from trees.check import check as problems_of
 
     problems = problems_of(files, node_registry())
+    if as_json:
+        _print_json({"problems": [_problem_data(problem) for problem in problems]})
+        return BAD_INPUT if problems else 0
     if problems:
         raise InputError(*problems)
     _console().print(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong", highlight=False)
@@ -113,12 +137,25 @@ def check(files: Annotated[list[Path], typer.Argument(help="Tree files.")]) -> i
 
 
 @app.command()
-def show(file: Annotated[Path, typer.Argument(help="Tree file.")]) -> None:
-    """Print the trees of a file."""
+def show(
+    file: Annotated[Path, typer.Argument(help="Tree file.")],
+    svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
+) -> None:
+    """Print the trees of a file, or draw them."""
     from cell.node_library import node_registry
     from trees.show import show_file
 
-    sys.stdout.write(show_file(file, node_registry()))
+    if svg is None and png is None:
+        sys.stdout.write(show_file(file, node_registry()))
+        return
+    from trees.picture import picture, to_png
+
+    drawing = picture(file, node_registry())
+    if svg is not None:
+        _write(svg, drawing.encode())
+    if png is not None:
+        _write(png, to_png(drawing))
 
 
 @app.command()
@@ -221,6 +258,19 @@ def eval_grasp(
     product = _product(config)
     planner = load_grasp_planner(kind, weights or _weights("grasp", kind), product)
     _report("grasp", evaluate_grasp(planner, product, seed, scenes), as_json)
+
+
+def _problem_data(problem: Problem) -> dict[str, object]:
+    place = problem.place
+    where = {"file": str(place.file), "line": place.line, "column": place.column}
+    return {**where, "what": problem.what, "legal": problem.legal}
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _product(config: Path) -> Product:

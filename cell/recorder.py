@@ -121,6 +121,11 @@ class McapRecorder:
         values = {"id": frame.identifier, "sent": frame.sent, "data_hex": frame.data.hex()}
         self._write("/can", _nanoseconds(frame.time_s), values)
 
+    def attach(self, name: str, media_type: str, content: bytes, time_s: float) -> None:
+        """Add a file that came into use during the run."""
+        stamp_ns = _nanoseconds(time_s)
+        self._writer.attach(log_time=stamp_ns, create_time=stamp_ns, name=name, media_type=media_type, data=content)
+
     def message(self, time_s: float, level: Level, text: str) -> None:
         stamp_ns = _nanoseconds(time_s)
         line = messages.Log(timestamp=_timestamp(stamp_ns), level=LEVELS[level], message=text, name="controller")

@@ -25,9 +25,11 @@ from cell.interfaces.errors import InputError, Problem
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import place_of
+from cell.monitor import Monitor
 from cell.node_library import node_registry
 from cell.progress import LiveProgress
 from cell.recorder import Heading, McapRecorder
+from cell.reload import WatchedTree
 from cell.services import TickClock, make_services
 from cell.tally import Tally
 from cell.witness import Outcome, Witness
@@ -47,6 +49,9 @@ class RunOptions:
 
     Attributes:
         log: file to write; None for a new one in the configured folder.
+        monitor_port: where Groot2 and other monitors may ask; None for no monitor.
+        monitor_hooks: let them put breakpoints and overrides on nodes.
+        watch: take over edits of the tree file while it runs.
     """
 
     tree: Path = DEFAULT_TREE
@@ -55,6 +60,9 @@ class RunOptions:
     seed: int = 0
     pace: Pace = "fast"
     log: Path | None = None
+    monitor_port: int | None = None
+    monitor_hooks: bool = False
+    watch: bool = False
 
 
 @dataclass(frozen=True)
@@ -94,7 +102,12 @@ def run(options: RunOptions, console: Console) -> RunResult:
         tally, sheet = Tally(), ContactSheet(log.with_suffix(".png"))
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
         witnesses: tuple[Witness, ...] = (recorder, progress, sheet, tally)
-        outcome = drive(files, devices, motion, witnesses, recorder.can_frame, options.pace)
+        monitor = _open_monitor(options, files.tree)
+        if monitor is not None:
+            stack.callback(monitor.abandon)
+            witnesses = (*witnesses, monitor)
+        ticked = _watched(options, files.tree, witnesses, recorder, monitor) if options.watch else files.tree
+        outcome = drive(files, devices, motion, witnesses, recorder.can_frame, options.pace, ticked)
         return RunResult(outcome, _summary(options, files, outcome, tally, devices, recorder.path, sheet.path))
 
 
@@ -105,9 +118,10 @@ def drive(
     witnesses: Sequence[Witness] = (),
     can_tap: Tap | None = None,
     pace: Pace = "fast",
+    tree: Tree | WatchedTree | None = None,
 ) -> Outcome:
     """Run the tree on devices that are open, to its end and a safe stop."""
-    configuration = files.configuration
+    configuration, tree = files.configuration, tree or files.tree
     with ExitStack() as stack:
         can_settings = configuration.gripper_can
         gripper = CanGripper(open_bus(can_settings), devices.clock, can_settings, can_tap)
@@ -120,8 +134,28 @@ def drive(
         services = make_services(
             configuration, files.product, motion, devices.clock, controller.journal, controller.observe()
         )
-        files.tree.setup(services, TickClock(services))
-        return controller.run(files.tree, services)
+        tree.setup(services, TickClock(services))
+        return controller.run(tree, services)
+
+
+def _open_monitor(options: RunOptions, tree: Tree) -> Monitor | None:
+    if options.monitor_port is None:
+        return None
+    return Monitor(tree, node_registry(), options.monitor_port, options.monitor_hooks)
+
+
+def _watched(
+    options: RunOptions, tree: Tree, witnesses: Sequence[Witness], recorder: McapRecorder, monitor: Monitor | None
+) -> WatchedTree:
+    """A tree whose edits take over; the log keeps the text of each, a monitor shows it."""
+
+    def swapped(tree: Tree, time_s: float) -> None:
+        for path, text in tree.texts.items():
+            recorder.attach(f"tree/{path.name}", "application/xml", text.encode(), time_s)
+        if monitor is not None:
+            monitor.watch(tree)
+
+    return WatchedTree(tree, lambda: load_tree(options.tree, node_registry()), options.tree, witnesses, swapped)
 
 
 def _open_devices(options: RunOptions, files: Files) -> Devices:

@@ -41,6 +41,8 @@ class Builder:
 
     Attributes:
         nodes: by uid, the first one has uid 1.
+        origins: their elements.
+        scopes: blackboards of the SubTrees, outer ones first.
         uses: who reads and writes which entry.
     """
 
@@ -49,6 +51,8 @@ class Builder:
         self._registry = registry
         self._runtime = runtime
         self.nodes: list[TreeNode] = []
+        self.origins: list[Element] = []
+        self.scopes: list[Scope] = []
         self.uses: list[Use] = []
 
     def tree(self, identifier: str, scope: Scope) -> TreeNode:
@@ -58,6 +62,7 @@ class Builder:
     def _node(self, element: Element, scope: Scope) -> TreeNode:
         uid = len(self.nodes) + 1
         self.nodes.append(None)  # type: ignore[arg-type]  # the uid is taken before those of the children
+        self.origins.append(element)
         tag = node_tag(element)
         label = tag if tag != "SubTree" else element.get("ID") or ""
         name = element.get("name") or label
@@ -81,6 +86,7 @@ class Builder:
     def _subtree(self, element: Element, name: str, scope: Scope, path: str) -> TreeNode:
         identifier = element.get("ID") or ""
         inner = Scope(path, scope, autoremap=element.get("_autoremap") in ("true", "1"))
+        self.scopes.append(inner)
         for key, attribute in element.attributes.items():
             if key not in ("ID", "name") and not key.startswith("_"):
                 self._pass(key, attribute.value, attribute.place, scope, inner)

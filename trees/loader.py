@@ -67,7 +67,8 @@ def build(library: Library, registry: Registry, main: str, provided: Mapping[str
     root = builder.tree(main, scope)
     given = {id(scope.entry(key)) for key, port in library.models.get(main, {}).items() if port.direction != "output"}
     problems = check_dataflow(builder.uses, given)
-    tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime)
+    scopes = (scope, *builder.scopes)
+    tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes)
     return tree, problems
 
 

@@ -52,7 +52,7 @@ def groot_model(registry: Registry) -> str:
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<root BTCPP_format="4">', "  <TreeNodesModel>"]
     for tag, node in registry.classes.items():
         if node not in BUILT_IN:
-            lines += _model_lines(tag, node, registry)
+            lines += model_lines(tag, node, registry)
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
 
@@ -79,7 +79,8 @@ def _port_data(port: Port) -> dict[str, object]:
     }
 
 
-def _model_lines(tag: str, node: type[TreeNode], registry: Registry) -> Iterator[str]:
+def model_lines(tag: str, node: type[TreeNode], registry: Registry) -> Iterator[str]:
+    """A node of a TreeNodesModel."""
     yield f"    <{node.node_type} ID={quoteattr(tag)}>"
     yield f"      <MetadataFields><Metadata description={quoteattr(meaning_of(node))}/></MetadataFields>"
     for port in registry.ports(tag).values():

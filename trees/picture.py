@@ -17,9 +17,10 @@ ROW_PX = 46
 BOX_PX = 34
 GAP_PX = 34
 MARGIN_PX = 16
+PNG_ZOOM = 1
 TITLE_PX = 34
 LETTER_PX = 6.7
-LETTERS_MAX = 44
+LETTERS_MAX = 56
 FILLS = {
     "Action": "#d9ecff",
     "Condition": "#fff1c9",
@@ -39,7 +40,7 @@ class _Box:
 
 
 def picture(path: Path, registry: Registry) -> str:
-    """SVG of every tree of a file and of what it includes, the main tree first.
+    """SVG of the main tree and of every tree that it reaches; of all trees where a file names no main tree.
 
     Raises:
         InputError: everything that is wrong with the file.
@@ -47,7 +48,7 @@ def picture(path: Path, registry: Registry) -> str:
     library = read_checked(path, registry)
     parts: list[str] = []
     top, width = float(MARGIN_PX), 0.0
-    for identifier in reading_order(library):
+    for identifier in reading_order(library, unused=not library.main):
         lines, right, bottom = _tree(library.trees[identifier], identifier, registry, top)
         parts += lines
         top, width = bottom + MARGIN_PX, max(width, right)
@@ -55,6 +56,13 @@ def picture(path: Path, registry: Registry) -> str:
     style = 'font-family="sans-serif" font-size="12" style="background: white"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {size} {style}>'
     return "\n".join([head, *parts, "</svg>", ""])
+
+
+def to_png(svg: str) -> bytes:
+    """A picture in pixels."""
+    from resvg_py import svg_to_bytes  # only who wants pixels pays for the import
+
+    return bytes(svg_to_bytes(svg_string=svg, background="white", zoom=PNG_ZOOM, sans_serif_family="DejaVu Sans"))
 
 
 def _tree(tree: Element, title: str, registry: Registry, top: float) -> tuple[list[str], float, float]:
@@ -130,7 +138,7 @@ def _texts(element: Element) -> tuple[str, str]:
 
 def _width(element: Element) -> float:
     name, ports = _texts(element)
-    return 16 + max(LETTER_PX * 1.12 * len(name), LETTER_PX * 0.85 * len(ports))
+    return 16 + max(LETTER_PX * 1.2 * len(name), LETTER_PX * 0.84 * len(ports))
 
 
 def _cut(text: str) -> str:

@@ -84,7 +84,7 @@ def _branch(below: str, last: bool) -> tuple[str, str]:
     return (below + "└─ ", below + "   ") if last else (below + "├─ ", below + "│  ")
 
 
-def reading_order(library: Library) -> list[str]:
+def reading_order(library: Library, unused: bool = True) -> list[str]:
     """The main tree, then every tree where it is first used, then those that nothing uses."""
     order: list[str] = []
     waiting = [library.main] if library.main else []
@@ -93,7 +93,7 @@ def reading_order(library: Library) -> list[str]:
         if identifier not in order:
             order.append(identifier)
             waiting += _subtree_names(library.trees[identifier])
-    return order + [identifier for identifier in library.trees if identifier not in order]
+    return order + [identifier for identifier in library.trees if unused and identifier not in order]
 
 
 def _subtree_names(tree: Element) -> Iterator[str]:

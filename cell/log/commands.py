@@ -47,6 +47,8 @@ def replay(
     read = _read(log)
     again = Replay(read, Changes(tree, config, _weights(weights or [])))
     comparison = again.run(from_s, until_s, _shower(sys.stdin.isatty()) if step else lambda _: None)
+    if read.edited_s is not None:
+        sys.stderr.write(f"cell: {log}: an edited tree took over at {read.edited_s:.2f} s; the replay ends before it\n")
     return _report(comparison, read.unfinished, as_json)
 
 

@@ -53,6 +53,7 @@ class Log:
 
     Attributes:
         attachments: content by name: configuration.yaml, product.yaml, tree/*.xml.
+        edited_s: when an edited tree first took over during the run, None where none did.
         metadata: seed, versions, hashes of weights and the like.
         outcome: how the run ended; empty where the log was cut off.
         ticks: in order, from 0, without gaps.
@@ -67,6 +68,7 @@ class Log:
     ticks: tuple[LoggedTick, ...]
     messages: tuple[Message, ...]
     unfinished: str = ""
+    edited_s: float | None = None
 
 
 def read_log(path: Path) -> Log:
@@ -88,6 +90,7 @@ def read_log(path: Path) -> Log:
         ticks=tuple(ticks.done),
         messages=tuple(content.messages),
         unfinished=_unfinished(path, content, ticks),
+        edited_s=min((time_ns / 1e9 for time_ns, _, _ in content.later_attachments), default=None),
     )
 
 

@@ -26,6 +26,7 @@ from trees.tree import Tree
 
 PLANNERS = ("semantic", "grasp")
 ENDS = ("SUCCESS", "FAILURE", "ERROR")
+LEAST_STEP_S = 1e-3  # log times are rounded to nanoseconds, and ticks are at least 2 ms apart
 MID_TICK = "interrupted in mid-tick"
 
 
@@ -109,7 +110,9 @@ class Replay:
         return comparison
 
     def _cut_short(self, tick: LoggedTick) -> bool:
-        """The last tick of a run that a second signal interrupted stops anywhere; it cannot be compared."""
+        """Not to be compared: ticks of an edited tree, and a last tick that a second signal stopped anywhere."""
+        if self.log.edited_s is not None and tick.time_s >= self.log.edited_s - LEAST_STEP_S:
+            return True
         return tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK
 
     def _tick(self, tick: LoggedTick) -> Decisions:

@@ -1,4 +1,7 @@
-"""Leaves that move arm and gripper; the skills do the work (Alg. 1 line 12, Alg. 2 lines 5 and 9)."""
+"""Leaves that move arm and gripper; the skills do the work (Alg. 1 line 12, Alg. 2 lines 5 and 9).
+
+A skill is imported by the node that makes it, so that `cell check` does not wait for kinematics.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,6 @@ from py_trees.common import Status
 
 from cell.interfaces.perception import PartsView
 from cell.interfaces.skill import Skill
-from skills.move_aside import MoveAside as MoveAsideSkill
-from skills.move_to import MoveTo as MoveToSkill
-from skills.pick import Pick
-from skills.put_back import PutBack
 from trees.errors import NodeError
 from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
@@ -61,6 +60,8 @@ class MoveTo(SkillNode):
     pose = InputPort(NamedPose, "park: out of the overhead view; look: the wrist camera sees the tray")
 
     def make_skill(self) -> Skill:
+        from skills.move_to import MoveTo as MoveToSkill
+
         return MoveToSkill(self.services.motion, self.pose.get().value, self.services.tray_parts)
 
 
@@ -71,6 +72,8 @@ class PickPart(SkillNode):
     index = InputPort(int, "number of the part among the seen ones")
 
     def make_skill(self) -> Skill:
+        from skills.pick import Pick
+
         part, others = part_and_others(self.parts.get(), self.index.get())
         self.services.held_part, self.services.tray_parts = part.part, others
         return Pick(self.services.motion, part, others)
@@ -83,6 +86,8 @@ class MoveAside(SkillNode):
     index = InputPort(int, "number of the part among the seen ones")
 
     def make_skill(self) -> Skill:
+        from skills.move_aside import MoveAside as MoveAsideSkill
+
         part, others = part_and_others(self.parts.get(), self.index.get())
         self.services.held_part, self.services.tray_parts = part.part, others
         return MoveAsideSkill(self.services.motion, part, others)
@@ -92,6 +97,8 @@ class ReturnToTray(SkillNode):
     """Put the part in the gripper back into the tray."""
 
     def make_skill(self) -> Skill:
+        from skills.put_back import PutBack
+
         if self.services.held_part is None:
             raise NodeError("nothing was picked yet, so the part in the gripper has no known type")
         return PutBack(self.services.motion, self.services.held_part, self.services.tray_parts)

@@ -6,7 +6,6 @@ from py_trees.common import Status
 
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Skill
-from skills.place import Place
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
 from trees.ports import InOutPort, InputPort
@@ -21,6 +20,8 @@ class PlacePart(SkillNode):
     position = InputPort(str, "hole to put it into")
 
     def make_skill(self) -> Skill:
+        from skills.place import Place
+
         services = self.services
         return Place(services.motion, self.position.get(), self.part.get(), services.tray_parts)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,11 +16,12 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
-from skills.handling import why_not_graspable
-from skills.place import can_place
-from skills.planner import MotionPlanner
 from trees.guard import Guard
 from trees.node import Node
+
+# Skills load kinematics and collision checking; who only checks or shows a tree file does not wait for them.
+if TYPE_CHECKING:
+    from skills.planner import MotionPlanner
 
 GRASPABLE = 0.5  # probability from which a plan says that a part can be grasped
 
@@ -98,6 +99,8 @@ class Services:
         return GraspPlan(0.0, (), True, "help")
 
     def _why_not_graspable(self, parts: PartsView, required: int) -> str | None:
+        from skills.handling import why_not_graspable
+
         seen = parts.detections
         others = seen[:required] + seen[required + 1 :]
         return why_not_graspable(self.motion, seen[required], others, np.array(self.observation.arm.positions_rad))
@@ -109,6 +112,8 @@ class Services:
 
     def reachable(self, part: str, position: str) -> bool:
         """Whether the arm can put a part into a position of the empty bracket; worked out once for each."""
+        from skills.place import can_place
+
         if (part, position) not in self._reachable:
             self._reachable[part, position] = can_place(self.motion, part, position)
         return self._reachable[part, position]

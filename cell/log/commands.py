@@ -39,6 +39,9 @@ def replay(
     from_s: FromOption = 0.0,
     until_s: UntilOption = float("inf"),
     step: Annotated[bool, typer.Option("--step", help="Show every tick that changed something, one by one.")] = False,
+    frames: Annotated[
+        Path | None, typer.Option(help="With --step: folder for what the cameras saw in each shown tick (JPEG).")
+    ] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Tick a log again and compare every decision; 0 where all are the same, 1 where they differ."""
@@ -46,7 +49,7 @@ def replay(
 
     read = _read(log)
     again = Replay(read, Changes(tree, config, _weights(weights or [])))
-    comparison = again.run(from_s, until_s, _shower(sys.stdin.isatty()) if step else lambda _: None)
+    comparison = again.run(from_s, until_s, _shower(read, frames) if step else lambda _: None)
     if read.edited_s is not None:
         sys.stderr.write(f"cell: {log}: an edited tree took over at {read.edited_s:.2f} s; the replay ends before it\n")
     return _report(comparison, read.unfinished, as_json)
@@ -157,13 +160,19 @@ def _difference_text(difference: Difference) -> list[str]:
     return [place, f"      was: {_short(difference.was)}", f"      now: {_short(difference.now)}"]
 
 
-def _shower(interactive: bool) -> Callable[[Step], bool]:
+def _shower(log: Log, folder: Path | None) -> Callable[[Step], bool]:
     """Shows a step and, at a terminal, waits for Enter; q ends."""
+    from cell.log.frames import Frames
+
+    frames, interactive = Frames(log), sys.stdin.isatty()
 
     def show(step: Step) -> bool:
         if not (step.now.changes or step.now.notes or step.now.command or step.differences):
             return True
         _say(*_step_text(step))
+        if folder is not None:
+            tick = step.logged
+            _say(*(f"  {path}" for path in frames.save(tick.time_s, folder, f"tick{tick.number:06d}")))
         if not interactive:
             return True
         sys.stderr.write("Enter: next tick, q: end ")

@@ -6,12 +6,14 @@ import dataclasses
 import random
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.errors import LogError
+from cell.log.frames import Frames
 from cell.log.mcap_file import read_mcap
 from cell.log.reader import read_log
 from cell.recorder import Heading, McapRecorder
@@ -94,6 +96,26 @@ def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, reason: str) 
     path.write_bytes(content)
     with pytest.raises(LogError, match=reason):
         read_log(path)
+
+
+def test_images_come_back_by_time(path: Path, tmp_path: Path) -> None:
+    frames = Frames(read_log(path))
+    assert [(frame.camera, frame.time_s) for frame in frames.newest(0.1)] == [("overhead", 0.08)]
+    [saved] = frames.save(0.1, tmp_path / "images", "tick000002")
+    image = cv2.imread(str(saved))
+    assert image is not None
+    assert image.shape == (6, 8, 3)
+    assert frames.newest(-1.0) == []
+
+
+def test_an_edited_tree_is_told_from_the_first(path: Path) -> None:
+    recorder = McapRecorder(path, LogSettings(), Heading({}, {"tree/a.xml": ("application/xml", b"<first/>")}))
+    recorder.tick(record(0))
+    recorder.attach("tree/a.xml", "application/xml", b"<second/>", 0.04)
+    recorder.tick(record(1))
+    recorder.close(OUTCOME)
+    log = read_log(path)
+    assert (log.attachments["tree/a.xml"], log.edited_s) == (b"<first/>", 0.04)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from cell.interfaces.errors import Problem
 from trees.library import read_library
 from trees.loader import build, in_order
+from trees.reach import check_reach
 from trees.registry import Registry
 from trees.structure import check_structure
 
@@ -18,7 +19,9 @@ def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
     for path in paths:
         library = read_library(path)
         found = library.problems + check_structure(library, registry)
-        if not found and library.main:
-            _, found = build(library, registry, library.main, {})
+        if not found:
+            found = check_reach(library)
+            if library.main:
+                found += build(library, registry, library.main, {})[1]
         problems += in_order(found)
     return list(dict.fromkeys(problems))

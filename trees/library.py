@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -47,6 +48,25 @@ def read_library(path: Path) -> Library:
     if root is not None:
         _choose_main(library, root)
     return library
+
+
+def bottom_up(library: Library) -> Iterator[Element]:
+    """All nodes of all checked trees, each once: children, and what a SubTree calls, before their parents."""
+    seen: set[int] = set()
+    waiting = [(child, False) for tree in library.trees.values() for child in tree.children]
+    while waiting:
+        element, below_done = waiting.pop()
+        if below_done:
+            yield element
+        elif id(element) not in seen:
+            seen.add(id(element))
+            waiting.append((element, True))
+            waiting += [(child, False) for child in reversed(called(library, element))]
+
+
+def called(library: Library, element: Element) -> list[Element]:
+    """The children of a node, for a SubTree the node of the BehaviorTree that it calls."""
+    return library.trees[element.get("ID") or ""].children if element.tag == "SubTree" else element.children
 
 
 def _read(library: Library, path: Path, included_at: Place | None) -> Element | None:

@@ -72,6 +72,8 @@ class TreeNode(behaviour.Behaviour):
         node_type: how Groot2 files it: Action, Condition, Control, Decorator or SubTree.
         children_min, children_max: legal numbers of children; None for any number.
         tag: element name in XML, the class name unless given.
+        needs_guard: a tree file must let a guard be asked in every tick while this node runs.
+        guards: SUCCESS means that what needs a guard may go on.
         uid: number in the tree, counted from 1 in the order of the file.
         full_path: names from the main tree to this node.
     """
@@ -80,6 +82,8 @@ class TreeNode(behaviour.Behaviour):
     children_min: ClassVar[int] = 0
     children_max: ClassVar[int | None] = 0
     tag: ClassVar[str] = ""
+    needs_guard: ClassVar[bool] = False
+    guards: ClassVar[bool] = False
 
     uid = 0
     full_path = ""

@@ -8,6 +8,7 @@ from typing import Any
 
 from cell.interfaces.errors import Place, Problem
 from trees.blackboard import Scope
+from trees.guarding import check_guards
 from trees.library import PROBLEM_LIMIT, Library
 from trees.literals import LiteralError, from_text, has_literals, type_name
 from trees.node import TreeNode
@@ -15,11 +16,11 @@ from trees.ports import Port
 from trees.registry import Registry
 from trees.script import Script, ScriptError, parse_script
 from trees.words import hint
-from trees.xml_file import Attribute, Element
+from trees.xml_file import EXPLICIT, Attribute, Element
+from trees.xml_file import node_tag as node_tag
 
 NODE_LIMIT = 10_000
 LEVEL_LIMIT = 1_000
-EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 CONDITIONS = ("_failureIf", "_successIf", "_skipIf", "_while")
 SCRIPTS_AFTER = ("_onSuccess", "_onFailure", "_onHalted", "_post")
 # Attributes that Groot2 writes for itself.
@@ -41,13 +42,6 @@ def entry_name(value: object, port: str, bare: bool = False) -> str | None:
     return port if found[1] == "=" else found[1]
 
 
-def node_tag(element: Element) -> str:
-    """Which node an element stands for, in the compact form `<Foo/>` or the explicit one `<Action ID="Foo"/>`."""
-    if element.tag in EXPLICIT:
-        return element.get("ID") or ""
-    return element.tag
-
-
 def check_structure(library: Library, registry: Registry) -> list[Problem]:
     """All problems of all trees, those that nothing runs included."""
     problems: list[Problem] = []
@@ -56,6 +50,8 @@ def check_structure(library: Library, registry: Registry) -> list[Problem]:
             _Checker(library, registry, problems).check(child)
     if not problems and not library.problems:
         problems += _check_expansion(library)
+        if not problems:
+            problems += check_guards(library, registry)
     return problems
 
 

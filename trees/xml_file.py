@@ -14,6 +14,7 @@ SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 1_000
 ATTRIBUTE_LIMIT = 100
 ELEMENT_LIMIT = 20_000
+EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 
 _TAG = re.compile(rb"<[^\s/>]+")
 _ATTRIBUTE = re.compile(rb"\s+([^\s=]+)\s*=\s*([\"'])")
@@ -59,6 +60,13 @@ class Element:
         """Where an attribute stands, or the element where it has none of that name."""
         attribute = self.attributes.get(name)
         return attribute.place if attribute else self.place
+
+
+def node_tag(element: Element) -> str:
+    """Which node an element stands for, in the compact form `<Foo/>` or the explicit one `<Action ID="Foo"/>`."""
+    if element.tag in EXPLICIT:
+        return element.get("ID") or ""
+    return element.tag
 
 
 def read_xml(path: Path) -> tuple[str, Element]:

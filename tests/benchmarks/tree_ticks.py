@@ -183,7 +183,7 @@ def medians(ticks: Sequence[Tick]) -> list[float]:
 def main() -> None:
     """Time everything and print one JSON document."""
     fifty = balanced(50)
-    times_us = {}
+    times_us: dict[str, float] = {}
     groups: list[dict[str, Tick]] = [
         {"ours, 50": ours(xml(fifty)).tick, "BehaviorTree.CPP, 50": original(fifty), "py_trees, 50": stock(fifty)},
         {"ours, 100": ours(xml(balanced(100))).tick, "ours, 1000": ours(xml(balanced(1_000))).tick},

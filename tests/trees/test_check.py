@@ -44,7 +44,25 @@ class Go(Node):
         return Status.SUCCESS
 
 
-REGISTRY = Registry([See, Go])
+class Put(Node):
+    """Must not run without a guard."""
+
+    needs_guard = True
+
+    def update(self) -> Status:
+        return Status.SUCCESS
+
+
+class Allow(Node):
+    """A guard."""
+
+    guards = True
+
+    def update(self) -> Status:
+        return Status.SUCCESS
+
+
+REGISTRY = Registry([See, Go, Put, Allow])
 
 # The mark ^ stands where the mistake must be reported.
 BAD_NODES = [
@@ -108,6 +126,46 @@ BAD_NODES = [
         "</ReactiveSequence>",
         "ReactiveSequence has a second asynchronous child",
     ),
+    (
+        "<Fallback><AlwaysSuccess/>^<Allow/></Fallback>",
+        "Allow is never ticked: AlwaysSuccess at line 2 before it always",
+    ),
+    (
+        "<Sequence><ForceFailure><Allow/></ForceFailure>^<Allow/></Sequence>",
+        "ForceFailure at line 2 before it always f",
+    ),
+    (
+        "<Sequence><KeepRunningUntilFailure><ForceSuccess><Allow/></ForceSuccess></KeepRunningUntilFailure>^<Allow/>"
+        "</Sequence>",
+        "Allow is never ticked: KeepRunningUntilFailure at line 2 before it never ends",
+    ),
+    (
+        '<ReactiveSequence><Repeat num_cycles="-1"><Allow/></Repeat>^<Allow/></ReactiveSequence>',
+        "Repeat at line 2 before it always fails",
+    ),
+    (
+        '<Fallback><RetryUntilSuccessful num_attempts="-1"><Allow/></RetryUntilSuccessful>^<Allow/></Fallback>',
+        "RetryUntilSuccessful at line 2 before it always succeeds",
+    ),
+    (
+        '<Fallback><SubTree ID="Other"/>^<Allow/></Fallback>',
+        "Allow is never ticked: SubTree at line 2 before it always",
+    ),
+    ("<IfThenElse><AlwaysFailure/>^<Allow/><Allow/></IfThenElse>", "AlwaysFailure at line 2 before it always fails"),
+    ("<WhileDoElse><AlwaysSuccess/><Allow/>^<Allow/></WhileDoElse>", "AlwaysSuccess at line 2 before it always succ"),
+    (
+        "^<Put/>",
+        "Put runs without a guard that is asked in every tick; put it into a ReactiveSequence behind one of: Allow",
+    ),
+    ("<Sequence><Allow/>^<Put/></Sequence>", "Put runs without a guard that is asked in every tick"),
+    ("<ReactiveSequence>^<Put/><Allow/></ReactiveSequence>", "Put runs without a guard"),
+    ("<ReactiveSequence><ForceSuccess><Allow/></ForceSuccess>^<Put/></ReactiveSequence>", "Put runs without a guard"),
+    ('<ReactiveSequence><Allow _skipIf="1 &gt; 2"/>^<Put/></ReactiveSequence>', "Put runs without a guard"),
+    (
+        '<ReactiveSequence><Fallback><Script code="a := 1"/><Allow/></Fallback>^<Put/></ReactiveSequence>',
+        "Put runs without a guard",
+    ),
+    ("<WhileDoElse><Allow/><AlwaysSuccess/>^<Put/></WhileDoElse>", "Put runs without a guard"),
 ]
 MAIN = '<BehaviorTree ID="Main">{}</BehaviorTree><BehaviorTree ID="Other"><AlwaysSuccess/></BehaviorTree>'
 GOOD = '<BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree>'
@@ -211,6 +269,52 @@ def test_constants_are_checked_against_the_ports_of_a_subtree(write: Write) -> N
     (problem,) = check([path], REGISTRY)
     assert (problem.place.line, problem.place.column) == (2, 21)
     assert "'many' is not an int" in problem.what
+
+
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        "<ReactiveSequence><Allow/><Put/></ReactiveSequence>",
+        "<ReactiveSequence><Inverter><AlwaysFailure/></Inverter><Sequence><Allow/></Sequence><Put/></ReactiveSequence>",
+        "<ReactiveSequence><ReactiveFallback><Allow/><Sequence><AlwaysSuccess/><Allow/></Sequence></ReactiveFallback>"
+        "<Sequence><Delay delay_msec='5'><Put/></Delay></Sequence></ReactiveSequence>",
+        "<WhileDoElse><Allow/><Put/></WhileDoElse>",
+        '<ReactiveSequence><SubTree ID="Ask"/><SubTree ID="Act"/></ReactiveSequence>',
+    ],
+)
+def test_a_guard_asked_in_every_tick_is_enough(write: Write, nodes: str) -> None:
+    more = '<BehaviorTree ID="Ask"><Allow/></BehaviorTree><BehaviorTree ID="Act"><Put/></BehaviorTree>'
+    more = more if "SubTree" in nodes else ""
+    path = write(
+        f'<root BTCPP_format="4" main_tree_to_execute="M"><BehaviorTree ID="M">{nodes}</BehaviorTree>{more}</root>'
+    )
+    assert check([path], REGISTRY) == []
+
+
+def test_a_subtree_needs_the_guard_wherever_it_is_called(write: Write) -> None:
+    path = write(
+        '<root BTCPP_format="4" main_tree_to_execute="M"><BehaviorTree ID="M"><Sequence><ReactiveSequence><Allow/>'
+        '<SubTree ID="Act"/></ReactiveSequence><SubTree ID="Act"/></Sequence></BehaviorTree>\n'
+        '<BehaviorTree ID="Act"><Put/></BehaviorTree></root>'
+    )
+    (problem,) = check([path], REGISTRY)
+    assert (problem.place.line, problem.place.column) == (2, 24)
+    with pytest.raises(InputError, match="without a guard"):
+        load_tree(path, REGISTRY)
+
+
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        "<Fallback><Inverter><Allow/></Inverter><Allow/></Fallback>",
+        '<Sequence><AlwaysFailure _skipIf="1 &lt; 2"/><Allow/></Sequence>',
+        '<Fallback><Timeout msec="5"><AlwaysSuccess/></Timeout><Allow/></Fallback>',
+        '<Sequence><Precondition if="1 &lt; 2" else="SKIPPED"><AlwaysFailure/></Precondition><Allow/></Sequence>',
+        "<Parallel><KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure><Allow/></Parallel>",
+    ],
+)
+def test_what_may_be_reached_is_no_mistake(write: Write, nodes: str) -> None:
+    assert check([write(MAIN.format(nodes))], REGISTRY) == []
 
 
 def test_declared_inputs_of_the_main_tree_come_from_outside(write: Write) -> None:

@@ -142,7 +142,9 @@ class WithoutGuard(CellNode):
     def update(self) -> Status:
         self.feedback_message = f"no guard: {self.reason.get()}"
         if not self._noted:
-            self.services.journal.note("unguarded", reason=self.reason.get())
+            self.services.journal.note(
+                "verdict", subject="every placement", decision="unguarded", reason=self.reason.get()
+            )
             self._noted = True
         return Status.SUCCESS
 

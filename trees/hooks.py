@@ -74,6 +74,7 @@ class Hooks:
         """
         node = self._node(hook.uid)
         self._hooks[hook.uid, hook.position] = hook
+        self._waiting.pop((hook.uid, Position.PRE), None)  # whoever waits there is told of anew
         if "execute" not in vars(node):
             vars(node)["execute"] = _Hooked(node, self)
 

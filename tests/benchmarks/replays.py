@@ -25,7 +25,8 @@ from cell.log.reader import read_log
 
 LONGEST_S = 600.0
 FAULT_AFTER_S = 20.0
-# What happens in every sixth run; the others go undisturbed.
+ROUND = 6
+# What happens in which run of a round; the others go undisturbed.
 DISTURBANCES = {2: "gripper silent", 4: "SIGTERM", 5: "SIGKILL"}
 # The gripper node falls silent in mid-run; everything else is `cell run`.
 SILENT = f"""
@@ -53,7 +54,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(options.first_seed, options.first_seed + options.runs):
             log = Path(folder) / f"{seed}.mcap"
-            goal, disturbance = goals[seed % len(goals)], DISTURBANCES.get(seed % 6, "none")
+            round_, place = divmod(seed, ROUND)  # every goal meets every disturbance
+            goal, disturbance = goals[(round_ + place) % len(goals)], DISTURBANCES.get(place, "none")
             record(log, goal, seed, disturbance)
             row = replayed(log)
             identical += row["replay"] == "identical"

@@ -163,12 +163,16 @@ def nodes(
     style: Annotated[
         NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
     ] = NodeFormat.text,
+    groot: Annotated[Path | None, typer.Option(help="Write the palette for Groot2 into this file.")] = None,
 ) -> None:
     """List the nodes that tree files may name, with their ports."""
     from cell.node_library import node_registry
     from trees import palette
 
     registry = node_registry()
+    if groot is not None:
+        _write(groot, palette.groot_model(registry).encode())
+        return
     writers: Mapping[NodeFormat, Callable[[], str]] = {
         NodeFormat.text: lambda: palette.palette_text(registry),
         NodeFormat.json: lambda: json.dumps(palette.palette_list(registry)) + "\n",

@@ -6,7 +6,9 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
+import cv2
 import pytest
 
 from cell.commands import CONFIGURATION, TREE, main
@@ -122,6 +124,47 @@ def test_nodes_are_listed_for_people_programs_and_groot(capsys: pytest.CaptureFi
 def test_show_prints_the_tree(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", str(TREE)]) == 0
     assert "DetectAction" in capsys.readouterr().out
+
+
+def test_trees_are_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    svg, png = tmp_path / "tree.svg", tmp_path / "tree.png"
+    assert main(["show", str(TREE), "--svg", str(svg), "--png", str(png)]) == 0
+    assert capsys.readouterr().out == ""
+    assert ">InferGoal<" in svg.read_text()
+    image = cv2.imread(str(png))
+    assert image is not None
+    assert min(image.shape[:2]) > 500
+    assert (image < 128).any()
+    assert "cannot be written" in complaint(capsys, "show", TREE, "--png", tmp_path)
+
+
+def test_check_tells_editors_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "tree.xml"
+    path.write_text('<root BTCPP_format="4">\n <BehaviorTree ID="A">\n  <Sequense/>\n </BehaviorTree>\n</root>')
+    assert main(["check", "--json", str(path)]) == 2
+    (problem,) = json.loads(capsys.readouterr().out)["problems"]
+    assert (problem["file"], problem["line"], problem["column"]) == (str(path), 3, 3)
+    assert "Sequense" in problem["what"]
+    assert "Sequence" in problem["legal"]
+    assert main(["check", "--json", str(TREE)]) == 0
+    assert json.loads(capsys.readouterr().out) == {"problems": []}
+
+
+def test_the_palette_for_groot_names_ports(tmp_path: Path) -> None:
+    path = tmp_path / "palette.xml"
+    assert main(["nodes", "--groot", str(path)]) == 0
+    model = ElementTree.parse(path).getroot().find("TreeNodesModel/Action[@ID='PickPart']")
+    assert model is not None
+    assert [port.get("name") for port in model.iter("input_port")] == ["parts", "index"]
+
+
+def test_check_does_not_load_kinematics() -> None:
+    script = (
+        f"import sys; from cell.commands import main; main(['check', {str(TREE)!r}]); "
+        "sys.exit(' '.join(name for name in ('placo', 'coal', 'mujoco', 'onnxruntime', 'cv2') if name in sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.stderr.strip() == "1 file: nothing wrong"
 
 
 def test_the_last_line_of_the_doctor_is_json(capsys: pytest.CaptureFixture[str]) -> None:

@@ -55,6 +55,22 @@ def replay(
     return _report(comparison, read.unfinished, as_json)
 
 
+def report(
+    log: LogArgument,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file; beside the log by default.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one HTML page about a run; it needs no network."""
+    from cell.log.report import write_report
+
+    page = out or log.with_suffix(".html")
+    size = write_report(_read(log), page)
+    if as_json:
+        _line({"report": str(page), "bytes": size})
+    else:
+        _say(f"{page}: {size / 1e6:.2f} MB")
+
+
 @log_app.command()
 def info(log: LogArgument, as_json: JsonOption = False) -> None:
     """Say what is in a log."""
@@ -162,7 +178,7 @@ def _difference_text(difference: Difference) -> list[str]:
 
 def _shower(log: Log, folder: Path | None) -> Callable[[Step], bool]:
     """Shows a step and, at a terminal, waits for Enter; q ends."""
-    from cell.log.frames import Frames
+    from cell.log.step_images import Frames
 
     frames, interactive = Frames(log), sys.stdin.isatty()
 

@@ -1,0 +1,92 @@
+"""Camera images of a log, as JPEG files; nothing is decoded before it is asked for."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+from cell.interfaces.errors import LogError
+from cell.log.mcap_file import Message
+from cell.log.reader import Log
+
+CAMERA = "/camera/"
+DATA_FIELD = 2  # of foxglove.CompressedImage
+VARINT, FIXED_64, LENGTH, FIXED_32 = 0, 1, 2, 5
+
+
+@dataclass(frozen=True)
+class LoggedFrame:
+    """One image as it was logged."""
+
+    camera: str
+    time_s: float
+    jpeg: bytes
+
+
+class Frames:
+    """Images of a log by camera and time."""
+
+    def __init__(self, log: Log) -> None:
+        self._path = log.path
+        self._messages: dict[str, list[Message]] = defaultdict(list)
+        for message in log.messages:
+            if message.topic.startswith(CAMERA):
+                self._messages[message.topic.removeprefix(CAMERA)].append(message)
+
+    def newest(self, time_s: float) -> list[LoggedFrame]:
+        """The newest image of every camera at a time."""
+        found = []
+        for camera, messages in self._messages.items():
+            count = bisect_right(messages, round(time_s * 1e9), key=lambda message: message.time_ns)
+            if count:
+                message = messages[count - 1]
+                found.append(LoggedFrame(camera, message.time_ns / 1e9, self._jpeg(message)))
+        return found
+
+    def save(self, time_s: float, folder: Path, stem: str) -> list[Path]:
+        """Write the newest image of every camera as `stem`-camera.jpg."""
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = []
+        for frame in self.newest(time_s):
+            paths.append(folder / f"{stem}-{frame.camera}.jpg")
+            paths[-1].write_bytes(frame.jpeg)
+        return paths
+
+    def _jpeg(self, message: Message) -> bytes:
+        content = protobuf_bytes(message.data, DATA_FIELD)
+        if content is None:
+            raise LogError(self._path, f"image of {message.topic} at {message.time_ns / 1e9:.3f} s holds no data")
+        return content
+
+
+def protobuf_bytes(data: bytes, field: int) -> bytes | None:
+    """A field of bytes of a protobuf message; None where the message does not have it, or is none."""
+    at = 0
+    while at < len(data):
+        key, at = _varint(data, at)
+        kind = key & 7
+        if kind == LENGTH:
+            length, at = _varint(data, at)
+            if key >> 3 == field and at + length <= len(data):
+                return data[at : at + length]
+            at += length
+        elif kind == VARINT:
+            _, at = _varint(data, at)
+        elif kind in (FIXED_64, FIXED_32):
+            at += 8 if kind == FIXED_64 else 4
+        else:
+            return None
+    return None
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while at < len(data):
+        byte = data[at]
+        value |= (byte & 0x7F) << shift
+        at, shift = at + 1, shift + 7
+        if byte < 0x80:
+            break
+    return value, at

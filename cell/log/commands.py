@@ -178,7 +178,7 @@ def _difference_text(difference: Difference) -> list[str]:
 
 def _shower(log: Log, folder: Path | None) -> Callable[[Step], bool]:
     """Shows a step and, at a terminal, waits for Enter; q ends."""
-    from cell.log.step_images import Frames
+    from cell.log.frames import Frames
 
     frames, interactive = Frames(log), sys.stdin.isatty()
 

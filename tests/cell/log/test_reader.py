@@ -13,9 +13,9 @@ import pytest
 from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.errors import LogError
+from cell.log.frames import Frames
 from cell.log.mcap_file import read_mcap
 from cell.log.reader import read_log
-from cell.log.step_images import Frames
 from cell.recorder import Heading, McapRecorder
 from cell.witness import Sent
 from tests.cell.fakes import frame

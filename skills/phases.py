@@ -16,6 +16,7 @@ from skills.settings import MotionSettings
 STANDING_RAD_S = 0.05
 DROPPED_TICKS = 3  # the fingers may settle for a moment without having lost the part
 ACTIVATION_TIMEOUT_S = 10.0
+STOP_TIMEOUT_S = 5.0
 
 
 class Phase(Protocol):
@@ -41,6 +42,7 @@ class Move:
         self.trajectory: JointTrajectory | None = None
         self.started_s = 0.0
         self._deadline_s: float | None = None
+        self._asked: Command | None = None
         self._empty_ticks = 0
 
     def poll(self, observation: Observation, command: Command) -> Progress:
@@ -49,6 +51,9 @@ class Move:
             return failed(f"{self._holding} was dropped while {self._doing}")
         if self._deadline_s is None:
             self._deadline_s = observation.time_s + self._settings.arm_timeout_s
+        if self._asked is not None and self._asked.follow is not self.trajectory:
+            self.trajectory = None  # a skill that was halted later in that tick stopped the arm: begin again
+        self._asked = None
         if self.trajectory is None:
             return self._start(observation, command)
         if not observation.arm.moving and _stands(observation) and self._arrived(observation):
@@ -56,7 +61,7 @@ class Move:
         return self._running(observation)
 
     def _start(self, observation: Observation, command: Command) -> Progress:
-        if observation.arm.moving or not _stands(observation):
+        if _stopping(observation, command):
             return self._running(observation)
         plan = self._plan(np.array(observation.arm.positions_rad))
         if isinstance(plan, str):
@@ -64,7 +69,7 @@ class Move:
         self.trajectory, self.started_s = plan, observation.time_s
         if plan.duration_s == 0:
             return done(self._doing)
-        command.follow = plan
+        command.follow, self._asked = plan, command
         self._deadline_s = observation.time_s + plan.duration_s + self._settings.arm_timeout_s
         return Progress(SkillStatus.RUNNING, self._doing)
 
@@ -150,10 +155,14 @@ class Activate:
 
 
 class PhasedSkill:
-    """A skill that runs phases one after the other; subclasses say which."""
+    """A skill that runs phases one after the other; subclasses say which.
+
+    A halt takes several ticks: it orders the stop, and whichever skill comes next begins when the arm stands.
+    """
 
     def __init__(self) -> None:
         self._phases: list[Phase] | None = None
+        self._waits_since_s: float | None = None
         self._end: Progress | None = None
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
@@ -165,6 +174,8 @@ class PhasedSkill:
         if self._end is not None:
             return self._end
         if self._phases is None:
+            if _stopping(observation, command):
+                return self._wait(observation)
             phases = self.prepare(observation)
             if isinstance(phases, str):
                 return self._finish(failed(phases))
@@ -190,9 +201,21 @@ class PhasedSkill:
         if self._end is None:
             self._end = failed("halted")
 
+    def _wait(self, observation: Observation) -> Progress:
+        if self._waits_since_s is None:
+            self._waits_since_s = observation.time_s
+        if observation.time_s - self._waits_since_s > STOP_TIMEOUT_S:
+            return self._finish(failed(f"the arm did not come to rest in {STOP_TIMEOUT_S} s"))
+        return Progress(SkillStatus.RUNNING, "waiting until the arm has stopped")
+
     def _finish(self, progress: Progress) -> Progress:
         self._end = progress
         return progress
+
+
+def _stopping(observation: Observation, command: Command) -> bool:
+    """Whether the arm still comes to rest, or is told in this very tick to do so."""
+    return command.stop_arm or observation.arm.moving or not _stands(observation)
 
 
 def _stands(observation: Observation) -> bool:

@@ -192,3 +192,19 @@ def test_every_skill_can_be_halted_at_any_tick(
         after = Command()
         assert skill.poll(robot.observe(), after).status is not SkillStatus.RUNNING
         assert after == Command()
+
+
+def test_a_start_that_a_halt_withdrew_in_the_same_tick_is_made_again(planner: MotionPlanner, robot: IdealRobot) -> None:
+    skill, command = MoveTo(planner, "park"), Command()
+    skill.poll(robot.observe(), command)
+    assert command.follow is not None
+    MoveTo(planner, "look").halt(command)
+    robot.act(command)
+    assert robot.run(skill, limit_s=10.0).status is SkillStatus.SUCCESS
+    assert len(robot.trajectories) == 1
+
+
+def test_no_skill_begins_in_the_tick_of_a_stop(planner: MotionPlanner, robot: IdealRobot) -> None:
+    skill, command = MoveTo(planner, "park"), Command(stop_arm=True)
+    assert skill.poll(robot.observe(), command).reason == "waiting until the arm has stopped"
+    assert command.follow is None

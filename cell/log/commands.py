@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cell.log.replay import Step
 
 DIFFERS = 1
+LOSSY = 3
 SHOWN_NODES = 15
 LONGEST_VALUE = 200
 
@@ -133,6 +134,24 @@ def diff(
 
     logs = _read(one), _read(other)
     return _report(question.diff(*logs), "; ".join(log.unfinished for log in logs if log.unfinished), as_json)
+
+
+@log_app.command()
+def recover(
+    log: LogArgument,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="New file; LOG.recovered.mcap by default.")] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Salvage a truncated or damaged log into a complete file; 0 where nothing is lost, 3 where something is."""
+    from cell.log import recover as recovery
+
+    target = out or log.with_suffix(".recovered.mcap")
+    loss = recovery.recover(log, target)
+    if as_json:
+        _line({"recovered": str(target), "lossy": loss.lossy, **vars(loss)})
+    else:
+        _say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}", *(f"  {line}" for line in loss.lines()))
+    return LOSSY if loss.lossy else 0
 
 
 def _read(path: Path) -> Log:

@@ -67,11 +67,11 @@ def read_mcap(path: Path) -> McapContent:
     return _Reader(path, data).content()
 
 
-class _Damage(Exception):
+class Damage(Exception):
     """Why a record cannot be taken; becomes a LogError with the place."""
 
 
-class _Fields:
+class Fields:
     """Takes the fields of a record one after the other; runs over its end never."""
 
     def __init__(self, data: memoryview) -> None:
@@ -81,7 +81,7 @@ class _Fields:
     def take(self, count: int) -> memoryview:
         piece = self._data[self._at : self._at + count]
         if len(piece) != count:
-            raise _Damage("a field is longer than its record")
+            raise Damage("a field is longer than its record")
         self._at += count
         return piece
 
@@ -94,10 +94,10 @@ class _Fields:
         try:
             return str(self.take(self.number("I")), "utf-8")
         except UnicodeDecodeError:
-            raise _Damage("a text is not UTF-8") from None
+            raise Damage("a text is not UTF-8") from None
 
     def mapping(self) -> dict[str, str]:
-        inner = _Fields(self.take(self.number("I")))
+        inner = Fields(self.take(self.number("I")))
         found = {}
         while inner.left:
             name = inner.text()
@@ -110,7 +110,7 @@ class _Fields:
 
     def end(self) -> None:
         if self.left:
-            raise _Damage(f"{self.left} bytes of a record belong to nothing")
+            raise Damage(f"{self.left} bytes of a record belong to nothing")
 
 
 class _Reader:
@@ -121,7 +121,7 @@ class _Reader:
         self._schemas: set[int] = {0}  # schema 0 stands for none
         self._channels: dict[int, tuple[str, str]] = {}
         self._sequences: dict[int, int] = {}
-        self._take: Mapping[int, Callable[[_Fields], None]] = {
+        self._take: Mapping[int, Callable[[Fields], None]] = {
             Opcode.SCHEMA: self._schema,
             Opcode.CHANNEL: self._channel,
             Opcode.CHUNK: self._chunk,
@@ -140,7 +140,7 @@ class _Reader:
                     return self._content
                 self._record(opcode, body, first=at == len(MAGIC))
                 at += HEAD.size + len(body)
-        except _Damage as damage:
+        except Damage as damage:
             raise LogError(self._path, f"is damaged at byte {at}: {damage}") from None
         rest = len(self._data) - at
         if bytes(self._data[-len(MAGIC) :]) == MAGIC and rest:
@@ -160,8 +160,8 @@ class _Reader:
 
     def _record(self, opcode: int, body: memoryview, first: bool) -> None:
         if first != (opcode == Opcode.HEADER):
-            raise _Damage("the first record, and no other, is a header")
-        fields = _Fields(body)
+            raise Damage("the first record, and no other, is a header")
+        fields = Fields(body)
         if opcode == Opcode.HEADER:
             fields.text()
             fields.text()
@@ -171,83 +171,83 @@ class _Reader:
         elif opcode in self._take:
             self._take[opcode](fields)
         else:
-            raise _Damage(f"a record of type {opcode:#04x} stands where none may")
+            raise Damage(f"a record of type {opcode:#04x} stands where none may")
         fields.end()
 
-    def _schema(self, fields: _Fields) -> None:
+    def _schema(self, fields: Fields) -> None:
         self._schemas.add(fields.number("H"))
         fields.text()
         fields.text()
         fields.take(fields.number("I"))
 
-    def _channel(self, fields: _Fields) -> None:
+    def _channel(self, fields: Fields) -> None:
         channel, schema = fields.number("H"), fields.number("H")
         topic, encoding = fields.text(), fields.text()
         fields.mapping()
         if schema not in self._schemas:
-            raise _Damage(f"channel {topic} has no schema")
+            raise Damage(f"channel {topic} has no schema")
         if self._channels.setdefault(channel, (topic, encoding)) != (topic, encoding):
-            raise _Damage(f"channel {channel} is both {self._channels[channel][0]} and {topic}")
+            raise Damage(f"channel {channel} is both {self._channels[channel][0]} and {topic}")
 
     def _message(self, body: memoryview) -> None:
         if len(body) < MESSAGE.size:
-            raise _Damage("a message is too short")
+            raise Damage("a message is too short")
         channel, sequence, time_ns, _ = MESSAGE.unpack_from(body)
         if channel not in self._channels:
-            raise _Damage(f"a message of an unknown channel {channel}")
+            raise Damage(f"a message of an unknown channel {channel}")
         topic, encoding = self._channels[channel]
         expected = self._sequences.get(channel, 0) + 1
         if sequence != expected:
-            raise _Damage(f"message {sequence} of {topic} stands where message {expected} should")
+            raise Damage(f"message {sequence} of {topic} stands where message {expected} should")
         self._sequences[channel] = sequence
         self._content.messages.append(Message(topic, encoding, time_ns, bytes(body[MESSAGE.size :])))
 
-    def _chunk(self, fields: _Fields) -> None:
+    def _chunk(self, fields: Fields) -> None:
         fields.take(16)  # first and last time
         size, checksum = fields.number("Q"), fields.number("I")
         compression = fields.text()
-        data = _inflate(compression, bytes(fields.take(fields.number("Q"))), size)
+        data = inflate(compression, bytes(fields.take(fields.number("Q"))), size)
         if len(data) != size or (checksum and zlib.crc32(data) != checksum):
-            raise _Damage("a chunk does not match its checksum")
+            raise Damage("a chunk does not match its checksum")
         end = 0
         for at, opcode, body in self._records(memoryview(data), 0):
             if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-                raise _Damage(f"a chunk holds a record of type {opcode:#04x}")
+                raise Damage(f"a chunk holds a record of type {opcode:#04x}")
             self._record(opcode, body, first=False)
             end = at + HEAD.size + len(body)
         if end != len(data):
-            raise _Damage("a chunk ends in mid-record")
+            raise Damage("a chunk ends in mid-record")
 
-    def _message_index(self, fields: _Fields) -> None:
+    def _message_index(self, fields: Fields) -> None:
         if fields.number("H") not in self._channels:
-            raise _Damage("an index of an unknown channel")
+            raise Damage("an index of an unknown channel")
         fields.take(fields.number("I"))
 
-    def _attachment(self, fields: _Fields) -> None:
+    def _attachment(self, fields: Fields) -> None:
         whole = fields.take(fields.left)
-        inner = _Fields(whole)
+        inner = Fields(whole)
         time_ns, _ = inner.number("Q"), inner.number("Q")  # of log and creation
         name, _ = inner.text(), inner.text()
         content = bytes(inner.take(inner.number("Q")))
         checksum = inner.number("I")
         inner.end()
         if checksum and zlib.crc32(whole[:-4]) != checksum:
-            raise _Damage(f"attachment {name} does not match its checksum")
+            raise Damage(f"attachment {name} does not match its checksum")
         if name in self._content.attachments:
             self._content.later_attachments.append((time_ns, name, content))
         else:
             self._content.attachments[name] = content
 
-    def _metadata(self, fields: _Fields) -> None:
+    def _metadata(self, fields: Fields) -> None:
         name = fields.text()
         self._content.metadata[name] = fields.mapping()
 
     def _data_end(self, at: int, body: memoryview) -> None:
-        fields = _Fields(body)
+        fields = Fields(body)
         checksum = fields.number("I")
         fields.end()
         if checksum and zlib.crc32(self._data[:at]) != checksum:
-            raise _Damage("what was written does not match the file's checksum")
+            raise Damage("what was written does not match the file's checksum")
         self._summary(at + HEAD.size + len(body))
 
     def _summary(self, begin: int) -> None:
@@ -258,23 +258,23 @@ class _Reader:
         closed = False
         for at, opcode, body in self._records(self._data[: -len(MAGIC)], begin):
             closed = opcode == Opcode.FOOTER
-            if opcode == Opcode.STATISTICS and (count := _Fields(body).number("Q")) != len(self._content.messages):
-                raise _Damage(f"{len(self._content.messages)} of {count} messages are there")
+            if opcode == Opcode.STATISTICS and (count := Fields(body).number("Q")) != len(self._content.messages):
+                raise Damage(f"{len(self._content.messages)} of {count} messages are there")
             if closed:
-                checksum = _Fields(body[16:]).number("I")
+                checksum = Fields(body[16:]).number("I")
                 if checksum and zlib.crc32(self._data[begin : at + HEAD.size + 16]) != checksum:
-                    raise _Damage("the index does not match its checksum")
+                    raise Damage("the index does not match its checksum")
                 if at + HEAD.size + len(body) + len(MAGIC) != len(self._data):
-                    raise _Damage("something stands between footer and end")
+                    raise Damage("something stands between footer and end")
                 break
         if not closed:
-            raise _Damage("the footer is missing")
+            raise Damage("the footer is missing")
 
 
-def _inflate(compression: str, packed: bytes, size: int) -> Any:
+def inflate(compression: str, packed: bytes, size: int) -> Any:
     """Uncompressed chunk of at most the size that it promises, so that a bomb stays small."""
     if size > LARGEST_CHUNK_BYTES:
-        raise _Damage(f"a chunk of {size} bytes; legal: up to {LARGEST_CHUNK_BYTES}")
+        raise Damage(f"a chunk of {size} bytes; legal: up to {LARGEST_CHUNK_BYTES}")
     try:
         if compression == "":
             return packed
@@ -282,5 +282,5 @@ def _inflate(compression: str, packed: bytes, size: int) -> Any:
             with zstandard.ZstdDecompressor().stream_reader(packed) as stream:
                 return stream.read(size + 1)
     except zstandard.ZstdError as error:
-        raise _Damage(f"a chunk cannot be decompressed: {error}") from None
-    raise _Damage(f"unknown compression {compression!r}; legal: none, zstd")
+        raise Damage(f"a chunk cannot be decompressed: {error}") from None
+    raise Damage(f"unknown compression {compression!r}; legal: none, zstd")

@@ -1,0 +1,394 @@
+"""Salvage of truncated and damaged logs: every record whose checksum or whole layout is right, and what was lost."""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType, Writer
+
+from cell.interfaces.errors import LogError
+from cell.log.mcap_file import HEAD, MAGIC, MESSAGE, Damage, Fields, inflate
+
+CHUNK_BYTES = 64 * 1024
+# An opcode and a length below 4 GiB: what the beginning of a record looks like.
+RECORD_BEGIN = re.compile(rb"[\x01-\x0f][\s\S]{4}\x00\x00\x00\x00")
+# Searching damaged stretches may unpack and checksum this often the file's own size, and no more.
+SEARCH_EFFORT = 8
+LEAST_EFFORT_BYTES = 128 * 1024 * 1024
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What of a log could not be brought back.
+
+    Attributes:
+        bytes_skipped: of the damaged file.
+        ticks_missing: numbers that are not there between the first and the last tick.
+        messages_missing: by topic, from the numbers that messages have in their channel.
+        unclosed: the end is missing; what came after the last record is unknown.
+        unchecked: the file's own checksum tells of a change in a place that no other checksum covers.
+        remarks: one line for each damaged place.
+    """
+
+    bytes_skipped: int
+    ticks_missing: tuple[int, ...]
+    messages_missing: Mapping[str, int]
+    unclosed: bool
+    unchecked: bool
+    remarks: tuple[str, ...]
+
+    @property
+    def lossy(self) -> bool:
+        return bool(self.bytes_skipped or self.ticks_missing or self.messages_missing or self.remarks) or (
+            self.unclosed or self.unchecked
+        )
+
+    def lines(self) -> list[str]:
+        """What was lost, for people."""
+        told = list(self.remarks)
+        if self.unclosed:
+            told.append("the log was not closed: what came after its last record is unknown")
+        if self.unchecked:
+            told.append("the checksum of the whole does not match")
+        if ticks := self.ticks_missing:
+            told.append(f"{len(ticks)} ticks missing, from {ticks[0]} to {ticks[-1]}")
+        told += [f"{count} messages of {topic} missing" for topic, count in self.messages_missing.items()]
+        return told
+
+
+class Salvaged(NamedTuple):
+    """A message with its channel's number and its own number in that channel."""
+
+    channel: int
+    sequence: int
+    time_ns: int
+    published_ns: int
+    data: bytes
+
+
+class Schema(NamedTuple):
+    """A schema record."""
+
+    name: str
+    encoding: str
+    data: bytes
+
+
+class Channel(NamedTuple):
+    """A channel record."""
+
+    schema: int
+    topic: str
+    encoding: str
+    metadata: Mapping[str, str]
+
+
+class Attachment(NamedTuple):
+    """An attachment record."""
+
+    time_ns: int
+    created_ns: int
+    name: str
+    media_type: str
+    data: bytes
+
+
+@dataclass
+class Salvage:
+    """What was found in a file, in the order of writing."""
+
+    path: Path
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    messages: list[Salvaged] = field(default_factory=list)
+    attachments: list[Attachment] = field(default_factory=list)
+    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    loss: Loss = field(default_factory=lambda: Loss(0, (), {}, False, False, ()))
+
+
+def recover(path: Path, out: Path) -> Loss:
+    """Write what can be salvaged of a log as a complete file.
+
+    Raises:
+        LogError: the log cannot be read, holds nothing of an MCAP file, or the new file cannot be written.
+    """
+    found = salvage(path)
+    try:
+        with out.open("xb") as stream:
+            _write(found, stream)
+    except FileExistsError:
+        raise LogError(out, "exists already; choose another file by --out") from None
+    except OSError as error:
+        raise LogError(out, f"cannot be written: {error.strerror or error}") from None
+    return found.loss
+
+
+def salvage(path: Path) -> Salvage:
+    """Find every whole record of a file, whatever stands between them.
+
+    Raises:
+        LogError: the file cannot be read or holds no record.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise LogError(path, f"cannot be read: {error.strerror or error}") from None
+    found = _Salvager(path, data).run()
+    if not (found.messages or found.attachments or found.metadata):
+        raise LogError(path, "holds nothing that can be salvaged")
+    return found
+
+
+class _Salvager:
+    def __init__(self, path: Path, data: bytes) -> None:
+        self._data = data
+        self._view = memoryview(data)
+        self._effort_bytes = max(LEAST_EFFORT_BYTES, SEARCH_EFFORT * len(data))
+        self._found = Salvage(path)
+        self._remarks: list[str] = []
+        self._skipped = 0
+        self._closed = self._unchecked = False
+        self._counted: int | None = None
+
+    def run(self) -> Salvage:
+        at = len(MAGIC) if self._data.startswith(MAGIC) else 0
+        if not at:
+            self._remarks.append("the file does not begin as an MCAP file")
+        while at < len(self._data) and not self._closed:
+            try:
+                at = self._record(at)
+            except Damage as damage:
+                at = self._resume(at, damage)
+        self._found.loss = self._loss()
+        known = [one for one in self._found.messages if one.channel in self._found.channels]
+        self._found.messages = known
+        return self._found
+
+    def _resume(self, at: int, damage: Damage) -> int:
+        """Place of the next record that can be taken, past damage."""
+        begin = at + 1
+        while (match := RECORD_BEGIN.search(self._data, begin)) is not None:
+            if self._effort_bytes <= 0:
+                self._remarks.append(f"search given up at byte {begin}: too many things look like records")
+                break
+            if self._plausible(match.start()):
+                self._skip(at, match.start(), damage)
+                return match.start()
+            begin = match.start() + 1
+        self._skip(at, len(self._data), damage)
+        return len(self._data)
+
+    def _skip(self, begin: int, end: int, damage: Damage) -> None:
+        self._skipped += end - begin
+        self._remarks.append(f"{end - begin} bytes skipped at byte {begin}: {damage}")
+
+    def _plausible(self, at: int) -> bool:
+        """Whether a record that can be told from noise begins here: by checksum, or by text that fits exactly."""
+        try:
+            opcode, body = self._cut(at)
+            self._effort_bytes -= 64
+            if opcode == Opcode.CHUNK:
+                self._chunk(body)
+            elif opcode == Opcode.ATTACHMENT:
+                self._effort_bytes -= len(body)
+                if not _attachment(body)[1]:
+                    return False
+            elif opcode == Opcode.METADATA:
+                _metadata(body)
+            elif opcode == Opcode.DATA_END:
+                return self._ends_here(at, body)
+            else:
+                return False
+        except Damage:
+            return False
+        return True
+
+    def _ends_here(self, at: int, body: memoryview) -> bool:
+        follows = at + HEAD.size + len(body)
+        return len(body) == 4 and self._data[follows : follows + 1] in (b"\x02", b"\x03", b"\x04", b"\x08", b"\x0b")
+
+    def _cut(self, at: int) -> tuple[int, memoryview]:
+        if at + HEAD.size > len(self._data):
+            raise Damage("the file ends in mid-record")
+        opcode, length = HEAD.unpack_from(self._data, at)
+        begin = at + HEAD.size
+        if begin + length > len(self._data):
+            raise Damage("a record runs over the end of the file")
+        return opcode, self._view[begin : begin + length]
+
+    def _record(self, at: int) -> int:
+        opcode, body = self._cut(at)
+        if opcode == Opcode.CHUNK:
+            self._take(self._chunk(body))
+        elif opcode == Opcode.ATTACHMENT:
+            attachment, right = _attachment(body)
+            if not right:
+                raise Damage(f"attachment {attachment.name} does not match its checksum")
+            self._found.attachments.append(attachment)
+        elif opcode == Opcode.METADATA:
+            self._found.metadata.append(_metadata(body))
+        elif opcode == Opcode.DATA_END:
+            self._end(at, body)
+        elif opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
+            self._take([(opcode, body)])
+        elif opcode not in (Opcode.HEADER, Opcode.MESSAGE_INDEX):
+            raise Damage(f"a record of type {opcode:#04x} stands where none may")
+        return at + HEAD.size + len(body)
+
+    def _chunk(self, body: memoryview) -> list[tuple[int, memoryview]]:
+        fields = Fields(body)
+        fields.take(16)  # first and last time
+        size, checksum = fields.number("Q"), fields.number("I")
+        compression, packed = fields.text(), fields.take(fields.number("Q"))
+        fields.end()
+        data = inflate(compression, bytes(packed), size)
+        self._effort_bytes -= len(data) + len(packed)
+        if len(data) != size or (checksum and zlib.crc32(data) != checksum):
+            raise Damage("a chunk does not match its checksum")
+        return list(_inner(memoryview(data)))
+
+    def _take(self, records: list[tuple[int, memoryview]]) -> None:
+        for opcode, body in records:
+            fields = Fields(body)
+            if opcode == Opcode.SCHEMA:
+                number = fields.number("H")
+                name, encoding = fields.text(), fields.text()
+                self._found.schemas[number] = Schema(name, encoding, bytes(fields.take(fields.number("I"))))
+            elif opcode == Opcode.CHANNEL:
+                number, schema = fields.number("H"), fields.number("H")
+                topic, encoding = fields.text(), fields.text()
+                self._found.channels[number] = Channel(schema, topic, encoding, fields.mapping())
+            elif opcode == Opcode.MESSAGE:
+                channel, sequence = fields.number("H"), fields.number("I")
+                times_ns = fields.number("Q"), fields.number("Q")
+                data = bytes(fields.take(fields.left))
+                self._found.messages.append(Salvaged(channel, sequence, *times_ns, data))
+
+    def _end(self, at: int, body: memoryview) -> None:
+        """The data's checksum, and channels from the index for chunks that lost theirs."""
+        fields = Fields(body)
+        checksum = fields.number("I")
+        fields.end()
+        self._closed = self._data.endswith(MAGIC)
+        self._unchecked = bool(checksum) and zlib.crc32(self._view[:at]) != checksum
+        begin = at + HEAD.size + len(body)
+        try:
+            while begin < len(self._data) - len(MAGIC):
+                opcode, record = self._cut(begin)
+                if opcode == Opcode.STATISTICS:
+                    self._counted = Fields(record).number("Q")
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._take([(opcode, record)])
+                begin += HEAD.size + len(record)
+        except Damage as damage:
+            self._remarks.append(f"the index is damaged: {damage}")
+        self._closed = True
+
+    def _loss(self) -> Loss:
+        found = self._found
+        remarks = list(self._remarks)
+        homeless = sum(one.channel not in found.channels for one in found.messages)
+        if homeless:
+            remarks.append(f"{homeless} messages whose channel is lost")
+        kept = len(found.messages) - homeless
+        if self._counted is not None and self._counted != kept:
+            remarks.append(f"{kept} of {self._counted} messages are there")
+        return Loss(
+            bytes_skipped=self._skipped,
+            ticks_missing=tuple(_missing_ticks(found)),
+            messages_missing=_missing_messages(found),
+            unclosed=not self._closed or not self._data.endswith(MAGIC),
+            unchecked=self._unchecked,
+            remarks=tuple(remarks),
+        )
+
+
+def _inner(data: memoryview) -> Iterator[tuple[int, memoryview]]:
+    at = 0
+    while at < len(data):
+        if at + HEAD.size > len(data):
+            raise Damage("a chunk ends in mid-record")
+        opcode, length = HEAD.unpack_from(data, at)
+        body = data[at + HEAD.size : at + HEAD.size + length]
+        if len(body) != length or (opcode == Opcode.MESSAGE and length < MESSAGE.size):
+            raise Damage("a chunk ends in mid-record")
+        yield opcode, body
+        at += HEAD.size + length
+
+
+def _attachment(body: memoryview) -> tuple[Attachment, bool]:
+    """An attachment, and whether it matches its checksum."""
+    fields = Fields(body)
+    times_ns = fields.number("Q"), fields.number("Q")
+    name, media_type = fields.text(), fields.text()
+    content = bytes(fields.take(fields.number("Q")))
+    checksum = fields.number("I")
+    fields.end()
+    return Attachment(*times_ns, name, media_type, content), zlib.crc32(body[:-4]) == checksum
+
+
+def _metadata(body: memoryview) -> tuple[str, dict[str, str]]:
+    fields = Fields(body)
+    name = fields.text()
+    values = fields.mapping()
+    fields.end()
+    if not name:
+        raise Damage("metadata without a name")
+    return name, values
+
+
+def _missing_ticks(found: Salvage) -> Iterator[int]:
+    """Gaps between 0 and the last number on /tick; a number beyond the count of messages is damage, not a gap."""
+    of_tick = {number for number, channel in found.channels.items() if channel.topic == "/tick"}
+    seen = set()
+    for one in found.messages:
+        if one.channel in of_tick:
+            try:
+                number = json.loads(one.data)["tick"]
+            except (ValueError, KeyError, TypeError):
+                continue
+            if isinstance(number, int) and 0 <= number < 10**7:
+                seen.add(number)
+    return (number for number in range(max(seen, default=-1)) if number not in seen)
+
+
+def _missing_messages(found: Salvage) -> dict[str, int]:
+    last: dict[int, int] = {}
+    missing: dict[str, int] = {}
+    for one in found.messages:
+        gap = one.sequence - last.get(one.channel, 0) - 1
+        last[one.channel] = one.sequence
+        if gap and one.channel in found.channels:
+            topic = found.channels[one.channel].topic
+            missing[topic] = missing.get(topic, 0) + abs(gap)
+    return missing
+
+
+def _write(found: Salvage, stream: Any) -> None:
+    """A complete file; messages are numbered anew, the loss stands in the metadata `recovered`."""
+    writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
+    writer.start(profile="cell", library="cell log recover")
+    for one in found.attachments:
+        writer.add_attachment(one.created_ns, one.time_ns, one.name, one.media_type, one.data)
+    for name, values in found.metadata:
+        writer.add_metadata(name, values)
+    if found.loss.lossy:
+        writer.add_metadata("recovered", {name: json.dumps(value) for name, value in vars(found.loss).items()})
+    schemas = {key: writer.register_schema(one.name, one.encoding, one.data) for key, one in found.schemas.items()}
+    channels = {
+        number: writer.register_channel(one.topic, one.encoding, schemas.get(one.schema, 0), dict(one.metadata))
+        for number, one in found.channels.items()
+    }
+    sequences: dict[int, int] = {}
+    for message in found.messages:
+        channel = channels[message.channel]
+        sequences[channel] = sequences.get(channel, 0) + 1
+        writer.add_message(channel, message.time_ns, message.data, message.published_ns, sequences[channel])
+    writer.finish()  # type: ignore[no-untyped-call]

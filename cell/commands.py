@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
-from cell.log.commands import log_app, replay
+from cell.log.commands import log_app, replay, report
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,6 +38,7 @@ app.add_typer(train_app, name="train")
 app.add_typer(eval_app, name="eval")
 app.add_typer(log_app, name="log")
 app.command()(replay)
+app.command()(report)
 
 
 class Pace(StrEnum):

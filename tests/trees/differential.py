@@ -26,18 +26,29 @@ THEIRS = {
 WORDS = {status.name: letter for letter, status in THEIRS.items()} | {"IDLE": "K"}
 REFUSED = ["refused"]
 VARIABLES = ("x", "y")
-CONDITIONS = ("x > 1", "y == 0", "x != y", "x + y < 4", "x - y > 0", "true", "x == 0 || y > 2")
+CONDITIONS = (
+    *("x > 1", "y == 0", "x != y", "x + y < 4", "x - y > 0", "true", "x == 0 || y > 2", "x * 2 >= y + 1", "!(x == y)"),
+    *("-1 < x < 3", "x > 0 && y > 0 || x <= y", "'a' < 'b'", "'s' .. 't' == 'st'"),
+    *("(2 | 1) == 3 && (6 ^ 3) == 5", "x > 1 ? y > 1 : y == 0", "-x + 0x2 > 0", "(~1) == -2", "6 & 3 == 2"),
+)
 CONTROLS = (
     *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "SequenceWithMemory", "AsyncSequence"),
-    *("AsyncFallback", "Parallel", "ParallelAll", "IfThenElse", "WhileDoElse"),
+    *("AsyncFallback", "Parallel", "ParallelAll", "IfThenElse", "WhileDoElse", "Switch"),
 )
 ATTRIBUTES_BEFORE = ("_failureIf", "_successIf")
 ATTRIBUTES_AFTER = ("_onSuccess", "_onFailure", "_post")
 DECORATORS = (
     *("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure", "Repeat", "RunOnce", "SubTree"),
-    *("RetryUntilSuccessful", "Precondition"),
+    *("RetryUntilSuccessful", "Precondition", "Loop"),
 )
-ASSIGNMENTS = ("x := x + 1", "y := x - y", "x = 0", "y += 1; x := y > 2 ? 0 : x", "y -= 1")
+ASSIGNMENTS = (
+    "x := x + 1",
+    "y := x - y",
+    "x = 0",
+    "y += 1; x := y > 2 ? 0 : x",
+    "y -= 1",
+    "x *= 2; x := x > 9 ? 1 : x",
+)
 
 
 @dataclass(frozen=True)
@@ -82,7 +93,7 @@ class Generator:
         if self._scripts and draw < 0.1:
             return f'<Script code="{self._random.choice(ASSIGNMENTS)}"{self._leaf_conditions()}/>'
         if self._scripts and draw < 0.2:
-            code = self._random.choice(CONDITIONS).replace("<", "&lt;").replace("&&", "&amp;&amp;")
+            code = _escaped(self._random.choice(CONDITIONS))
             return f'<ScriptCondition code="{code}"/>'
         if draw < 0.25:
             return self._random.choice(("<AlwaysSuccess/>", "<AlwaysFailure/>"))
@@ -102,6 +113,8 @@ class Generator:
         if tag in ("IfThenElse", "WhileDoElse"):
             branches = [self._node(depth + 1) for _ in range(self._random.randint(1, 2))]
             return self._element(tag, "", [self._check(), *branches])
+        if tag == "Switch":
+            return self._switch(depth)
         children = [self._node(depth + 1) for _ in range(self._random.randint(1, 4))]
         ports = ""
         if tag == "Parallel":
@@ -109,6 +122,17 @@ class Generator:
         if tag == "ParallelAll":
             ports = f' max_failures="{self._count(children)}"'
         return self._element(tag, ports, children)
+
+    def _switch(self, depth: int) -> str:
+        """Switch2 to Switch6 on a number that scripts change, an enum name or a text."""
+        cases = self._random.randint(2, 6)
+        variable, values = self._random.choice(
+            (("{x}", ("0", "1", "2", "-1", "3", "5")), ("red", ("red", "blue", "RED", "", "1", "x")))
+        )
+        ports = f' variable="{variable}"'
+        for number in range(1, cases + 1):
+            ports += f' case_{number}="{self._random.choice(values)}"'
+        return self._element(f"Switch{cases}", ports, [self._node(depth + 1) for _ in range(cases + 1)])
 
     def _count(self, children: list[str]) -> int:
         return self._random.choice((-1, self._random.randint(1, len(children))))
@@ -121,7 +145,10 @@ class Generator:
             self._subtrees.append("")
             number = len(self._subtrees) - 1
             self._subtrees[number] = self._node(depth + 1)
-            return f'<SubTree ID="T{number}" x="{{x}}" y="{{y}}"{self._leaf_conditions()}/>'
+            remap = self._random.choice(('x="{x}" y="{y}"', '_autoremap="true"', 'x="{=}" y="{=}"', 'x="{y}" y="{x}"'))
+            return f'<SubTree ID="T{number}" {remap}{self._leaf_conditions()}/>'
+        if tag == "Loop":
+            return self._loop(depth)
         if tag in ("Repeat", "RetryUntilSuccessful"):
             return self._rounds(tag, depth)
         ports = ""
@@ -136,6 +163,17 @@ class Generator:
         element = self._element(tag, f' {port}="{self._random.randint(1, 4)}"', [self._node(depth + 1)])
         self._skips = before
         return element
+
+    def _loop(self, depth: int) -> str:
+        """A queue that the file spells out."""
+        kind, items = self._random.choice(
+            (("Int", "1;2;3"), ("Double", "0.5;2"), ("Bool", "true;false"), ("String", "a;b"))
+        )
+        number = sum(text.count("<Loop") for text in self._subtrees) + len(self.answers)
+        ports = (
+            f' queue="{items}" value="{{item{kind}{number}}}" if_empty="{self._random.choice(("SUCCESS", "FAILURE"))}"'
+        )
+        return self._element(f"Loop{kind}", ports, [self._node(depth + 1)])
 
     def _precondition(self) -> str:
         """Only with a child that finishes at once: the library does not ask again after a halt, this engine does."""
@@ -160,7 +198,11 @@ class Generator:
             return ""
         name = self._random.choice(attributes)
         code = self._random.choice(ASSIGNMENTS if name in ATTRIBUTES_AFTER else CONDITIONS)
-        return f' {name}="{code.replace("<", "&lt;")}"'
+        return f' {name}="{_escaped(code)}"'
+
+
+def _escaped(code: str) -> str:
+    return code.replace("&", "&amp;").replace("<", "&lt;")
 
 
 def run_theirs(case: Case) -> list[str]:

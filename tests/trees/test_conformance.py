@@ -6,16 +6,20 @@ from pathlib import Path
 
 import pytest
 
-from tests.trees.differential import Generator, run_ours, run_theirs
+from tests.trees.differential import REFUSED, Generator, run_ours, run_theirs
 
 MODES = {"plain": (False, False), "scripts": (False, True), "skips": (True, False), "all": (True, True)}
 
 
 def assert_same(seeds: range, size: int, mode: str, path: Path) -> None:
     skips, scripts = MODES[mode]
+    refused = 0
     for seed in seeds:
         case = Generator(seed, size, skips, scripts).case()
-        assert run_ours(case, path) == run_theirs(case), f"seed {seed}: {case}"
+        log = run_ours(case, path)
+        assert log == run_theirs(case), f"seed {seed}: {case}"
+        refused += log == REFUSED
+    assert refused <= len(seeds) / 100, "trees that both sides refuse prove nothing"
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -88,11 +88,13 @@ class LogSettings(Model):
         folder: where logs go without `--log`, relative to the checkout.
         camera_frames: write camera frames as JPEG.
         jpeg_quality: 1 to 100.
+        buffer_mb: what may wait for a slow or full disk; images are dropped from half of it on, ticks beyond it.
     """
 
     folder: Path = Path("runs")
     camera_frames: bool = True
     jpeg_quality: int = Field(default=80, ge=1, le=100)
+    buffer_mb: float = Field(default=16.0, gt=0, le=1024)
 
 
 class Configuration(Model):

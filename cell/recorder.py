@@ -18,10 +18,12 @@ from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.log_schemas import TOPICS, asked_of_devices, plain, schema
+from cell.log_sink import LogSink
 from cell.witness import Level, Outcome, TickRecord
 from skills.can_gripper import CanFrame
 
 CHUNK_BYTES = 64 * 1024  # and a chunk ends with every tick, so that a killed process loses none
+PATIENCE_S = 0.005  # how long a tick waits for the disk to take it
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
 
 
@@ -38,6 +40,15 @@ class Heading:
     attachments: Mapping[str, tuple[str, bytes]] = field(default_factory=dict)
 
 
+@dataclass
+class Dropped:
+    """What was left out because the disk did not keep up."""
+
+    frames: int = 0
+    ticks: int = 0
+    can_frames: int = 0
+
+
 class McapRecorder:
     """A witness that writes everything to a file; `log_time` is clock time."""
 
@@ -47,11 +58,13 @@ class McapRecorder:
         settings: LogSettings,
         heading: Heading,
         world_from_tool: Callable[[tuple[float, ...]], Pose] | None = None,
+        alarm: Callable[[float, Level, str], None] = lambda *_: None,
     ) -> None:
         """Open the file.
 
         Args:
             world_from_tool: forward kinematics of the arm.
+            alarm: told (clock time, level, text) when the disk refuses and when it takes bytes again.
 
         Raises:
             InputError: the file cannot be written.
@@ -60,7 +73,13 @@ class McapRecorder:
         self._settings = settings
         self._world_from_tool = world_from_tool
         self._context = foxglove.Context()
-        self._writer = _open(path, self._context)
+        self._alarm = alarm
+        self._alarmed = ""
+        self._sink = _open(path)
+        options = MCAPWriteOptions(chunk_size=CHUNK_BYTES, compression_threads=0, profile="cell")
+        self._writer = foxglove.open_mcap(self._sink, context=self._context, writer_options=options)
+        self._limit_bytes = round(settings.buffer_mb * 1e6)
+        self.dropped = Dropped()
         self._json = {
             topic: foxglove.Channel(topic, schema=schema(topic), message_encoding="json", context=self._context)
             for topic in TOPICS
@@ -73,10 +92,18 @@ class McapRecorder:
         for name, (media_type, content) in heading.attachments.items():
             self._writer.attach(log_time=0, create_time=0, name=name, media_type=media_type, data=content)
         self._writer.write_metadata("run", dict(heading.metadata))
-        self._writer.flush()
+        self._flush()
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything is in the file; asked after the end."""
+        return self._closed and not self._sink.error and self.dropped == Dropped()
 
     def frame(self, frame: Frame) -> None:
         stamp_ns = _nanoseconds(frame.time_s)
+        if self._sink.waiting_bytes > self._limit_bytes / 2:  # images go first: ticks are small and say more
+            self.dropped.frames += self._settings.camera_frames
+            return
         self._pose(stamp_ns, f"camera_{frame.camera}", frame.world_from_camera)
         if not self._settings.camera_frames:
             return
@@ -92,6 +119,10 @@ class McapRecorder:
     def tick(self, record: TickRecord) -> None:
         observation = record.observation
         tick, stamp_ns = observation.tick, _nanoseconds(observation.time_s)
+        self._watch_disk(observation.time_s)
+        if self._full:
+            self.dropped.ticks += 1
+            return
         if observation.bench is not None and observation.bench.sequence != self._bench:
             self._bench = observation.bench.sequence
             self._write("/bench", stamp_ns, plain(observation.bench))
@@ -114,10 +145,13 @@ class McapRecorder:
         self._write("/timing", stamp_ns, {"tick": tick, "wall_s": record.wall_s, "overrun": record.overrun})
         if self._world_from_tool is not None:
             self._pose(stamp_ns, "tool", self._world_from_tool(observation.arm.positions_rad))
-        self._writer.flush()
+        self._flush()
 
     def can_frame(self, frame: CanFrame) -> None:
         """A CAN frame went over the gripper's bus."""
+        if self._full:
+            self.dropped.can_frames += 1
+            return
         values = {"id": frame.identifier, "sent": frame.sent, "data_hex": frame.data.hex()}
         self._write("/can", _nanoseconds(frame.time_s), values)
 
@@ -134,15 +168,47 @@ class McapRecorder:
     def close(self, outcome: Outcome) -> None:
         fields = ("end", "reason", "ticks", "overruns", "sim_time_s", "wall_time_s")
         self._writer.write_metadata("outcome", {name: str(getattr(outcome, name)) for name in fields})
+        if self.dropped != Dropped():
+            self._writer.write_metadata("dropped", {name: str(count) for name, count in vars(self.dropped).items()})
         self._writer.close()
+        self._sink.close()
         self._closed = True
+        if not self.complete:
+            self._alarm(outcome.sim_time_s, "error", f"the log is not complete: {self.shortfall}")
 
     def abandon(self) -> None:
         """Leave no file behind of a run that did not begin; harmless once the log is closed."""
         if not self._closed:
             self._writer.close()
+            self._sink.close()
             self._closed = True
             self.path.unlink(missing_ok=True)
+
+    @property
+    def shortfall(self) -> str:
+        """What the log lacks, for people; empty where it is complete."""
+        lacks = [f"{count} {name.replace('_', ' ')} dropped" for name, count in vars(self.dropped).items() if count]
+        return "; ".join([*([self._sink.error] if self._sink.error else []), *lacks])
+
+    @property
+    def _full(self) -> bool:
+        return self._sink.waiting_bytes > self._limit_bytes
+
+    def _flush(self) -> None:
+        self._writer.flush()
+        self._sink.hand_over(PATIENCE_S)
+
+    def _watch_disk(self, time_s: float) -> None:
+        """Tell once that the disk refuses, and once that it takes bytes again."""
+        error = self._sink.error
+        if bool(error) == bool(self._alarmed):
+            return
+        self._alarmed = error
+        level: Level = "error" if error else "info"
+        text = f"the log cannot be written: {error}; the cell goes on" if error else "the log is written again"
+        self._alarm(time_s, level, text)
+        if not self._full:
+            self.message(time_s, level, text)
 
     def _command(self, stamp_ns: int, record: TickRecord) -> None:
         command = record.command
@@ -175,12 +241,10 @@ class McapRecorder:
         self._json[topic].log(json.dumps(values, allow_nan=False).encode(), log_time=stamp_ns)
 
 
-def _open(path: Path, context: foxglove.Context) -> foxglove.MCAPWriter:
-    options = MCAPWriteOptions(chunk_size=CHUNK_BYTES, compression_threads=0, profile="cell")
+def _open(path: Path) -> LogSink:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("wb").close()
-        return foxglove.open_mcap(path, allow_overwrite=True, context=context, writer_options=options)
+        return LogSink(path)
     except OSError as error:
         problem = Problem(
             Place(path), f"the log cannot be written: {error.strerror or error}", "choose a path by --log"

@@ -32,7 +32,7 @@ from cell.recorder import Heading, McapRecorder
 from cell.reload import WatchedTree
 from cell.services import TickClock, make_services
 from cell.tally import Tally
-from cell.witness import Outcome, Witness
+from cell.witness import Level, Outcome, Witness
 from skills.can_gripper import CanGripper, Tap, open_bus
 from skills.kinematics import Kinematics
 from skills.planner import MotionPlanner
@@ -95,7 +95,11 @@ def run(options: RunOptions, console: Console) -> RunResult:
     log = options.log or _new_log(configuration.log.folder, options.seed)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     with ExitStack() as stack:
-        recorder = McapRecorder(log, configuration.log, _heading(options, files), _forward(motion.kinematics))
+
+        def alarm(time_s: float, level: Level, text: str) -> None:
+            progress.message(time_s, level, text)
+
+        recorder = McapRecorder(log, configuration.log, _heading(options, files), _forward(motion.kinematics), alarm)
         stack.callback(recorder.abandon)
         devices = _open_devices(options, files)
         stack.callback(devices.close)
@@ -108,7 +112,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
             witnesses = (*witnesses, monitor)
         ticked = _watched(options, files.tree, witnesses, recorder, monitor) if options.watch else files.tree
         outcome = drive(files, devices, motion, witnesses, recorder.can_frame, options.pace, ticked)
-        return RunResult(outcome, _summary(options, files, outcome, tally, devices, recorder.path, sheet.path))
+        return RunResult(outcome, _summary(options, files, outcome, tally, devices, recorder, sheet.path))
 
 
 def drive(
@@ -231,7 +235,13 @@ def _new_log(folder: Path, seed: int) -> Path:
 
 
 def _summary(
-    options: RunOptions, files: Files, outcome: Outcome, tally: Tally, devices: Devices, log: Path, sheet: Path
+    options: RunOptions,
+    files: Files,
+    outcome: Outcome,
+    tally: Tally,
+    devices: Devices,
+    recorder: McapRecorder,
+    sheet: Path,
 ) -> dict[str, object]:
     speed = outcome.sim_time_s / outcome.wall_time_s if outcome.wall_time_s > 0 else 0.0
     return {
@@ -249,6 +259,7 @@ def _summary(
         "real_time_factor": round(speed, 2),
         "perception": files.configuration.perception.kind,
         "seed": options.seed,
-        "log": str(log),
+        "log": str(recorder.path),
+        "log_complete": recorder.complete,
         "contact_sheet": str(sheet),
     }

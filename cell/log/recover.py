@@ -155,7 +155,7 @@ class _Salvager:
         self._remarks: list[str] = []
         self._skipped = 0
         self._closed = self._unchecked = False
-        self._counted: int | None = None
+        self._counted: dict[str, int] = {}  # by the writer
 
     def run(self) -> Salvage:
         at = len(MAGIC) if self._data.startswith(MAGIC) else 0
@@ -238,7 +238,12 @@ class _Salvager:
             self._end(at, body)
         elif opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
             self._take([(opcode, body)])
-        elif opcode not in (Opcode.HEADER, Opcode.MESSAGE_INDEX):
+        elif opcode == Opcode.MESSAGE_INDEX:
+            fields = Fields(body)
+            fields.take(2)  # channel
+            fields.take(fields.number("I"))
+            fields.end()
+        elif opcode != Opcode.HEADER or at != len(MAGIC):
             raise Damage(f"a record of type {opcode:#04x} stands where none may")
         return at + HEAD.size + len(body)
 
@@ -260,11 +265,12 @@ class _Salvager:
             if opcode == Opcode.SCHEMA:
                 number = fields.number("H")
                 name, encoding = fields.text(), fields.text()
-                self._found.schemas[number] = Schema(name, encoding, bytes(fields.take(fields.number("I"))))
+                text = bytes(fields.take(fields.number("I")))
+                self._found.schemas.setdefault(number, Schema(name, encoding, text))  # the index comes last
             elif opcode == Opcode.CHANNEL:
                 number, schema = fields.number("H"), fields.number("H")
                 topic, encoding = fields.text(), fields.text()
-                self._found.channels[number] = Channel(schema, topic, encoding, fields.mapping())
+                self._found.channels.setdefault(number, Channel(schema, topic, encoding, fields.mapping()))
             elif opcode == Opcode.MESSAGE:
                 channel, sequence = fields.number("H"), fields.number("I")
                 times_ns = fields.number("Q"), fields.number("Q")
@@ -283,7 +289,7 @@ class _Salvager:
             while begin < len(self._data) - len(MAGIC):
                 opcode, record = self._cut(begin)
                 if opcode == Opcode.STATISTICS:
-                    self._counted = Fields(record).number("Q")
+                    self._counted = _statistics(record)
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._take([(opcode, record)])
                 begin += HEAD.size + len(record)
@@ -297,9 +303,14 @@ class _Salvager:
         homeless = sum(one.channel not in found.channels for one in found.messages)
         if homeless:
             remarks.append(f"{homeless} messages whose channel is lost")
-        kept = len(found.messages) - homeless
-        if self._counted is not None and self._counted != kept:
-            remarks.append(f"{kept} of {self._counted} messages are there")
+        kept = {
+            "messages": len(found.messages) - homeless,
+            "attachments": len(found.attachments),
+            "metadata": len(found.metadata),
+        }
+        for what, count in self._counted.items():
+            if kept[what] != count:
+                remarks.append(f"{kept[what]} of {count} {what} are there")
         return Loss(
             bytes_skipped=self._skipped,
             ticks_missing=tuple(_missing_ticks(found)),
@@ -342,6 +353,13 @@ def _metadata(body: memoryview) -> tuple[str, dict[str, str]]:
     if not name:
         raise Damage("metadata without a name")
     return name, values
+
+
+def _statistics(body: memoryview) -> dict[str, int]:
+    fields = Fields(body)
+    messages = fields.number("Q")
+    fields.take(6)  # schemas and channels
+    return {"messages": messages, "attachments": fields.number("I"), "metadata": fields.number("I")}
 
 
 def _missing_ticks(found: Salvage) -> Iterator[int]:

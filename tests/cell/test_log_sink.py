@@ -1,0 +1,106 @@
+"""No disk stops the cell: what a log does when the disk refuses, and when it takes bytes again."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell import log_sink
+from cell.configuration import LogSettings
+from cell.log.reader import read_log
+from cell.log_sink import LogSink
+from cell.recorder import Heading, McapRecorder
+from cell.witness import Level
+from tests.cell.fakes import frame
+from tests.cell.test_recorder import OUTCOME, record
+
+
+class Disk:
+    """A pwrite that refuses while `error` is set, after taking half of what it was given."""
+
+    def __init__(self) -> None:
+        self.error: int | None = None
+        self._pwrite = os.pwrite
+
+    def pwrite(self, descriptor: int, data: Any, offset: int) -> int:
+        if self.error is None:
+            return self._pwrite(descriptor, data, offset)
+        self._pwrite(descriptor, data[: len(data) // 2], offset)
+        raise OSError(self.error, os.strerror(self.error))
+
+
+@pytest.fixture
+def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
+    disk = Disk()
+    monkeypatch.setattr(os, "pwrite", disk.pwrite)
+    monkeypatch.setattr(log_sink, "RETRY_S", 0.001)
+    return disk
+
+
+def recorded(path: Path, disk: Disk, error: int, back: bool, buffer_mb: float) -> tuple[McapRecorder, list[str]]:
+    """A log of 40 ticks; the disk refuses from tick 10 on, and takes bytes again at tick 30 if it is `back`."""
+    alarms: list[str] = []
+
+    def alarm(_: float, level: Level, text: str) -> None:
+        alarms.append(f"{level}: {text}")
+
+    recorder = McapRecorder(path, LogSettings(buffer_mb=buffer_mb), Heading(), alarm=alarm)
+    for number in range(40):
+        if number in (10, 30):
+            disk.error = None if number == 30 and back else error
+        recorder.frame(frame(number, number * 0.04))
+        recorder.tick(record(number))
+    recorder.close(OUTCOME)
+    return recorder, alarms
+
+
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO, errno.EROFS])
+def test_a_disk_that_refuses_raises_one_alarm_and_the_rest_stays_readable(
+    error: int, disk: Disk, tmp_path: Path
+) -> None:
+    recorder, alarms = recorded(tmp_path / "log.mcap", disk, error, back=False, buffer_mb=16)
+    assert not recorder.complete
+    assert [text for text in alarms if "the cell goes on" in text] == [
+        f"error: the log cannot be written: {os.strerror(error)}; the cell goes on"
+    ]
+    assert "the log is not complete" in alarms[-1]
+    log = read_log(tmp_path / "log.mcap")
+    assert len(log.ticks) == 10
+    assert log.unfinished
+
+
+def test_a_disk_that_takes_bytes_again_completes_the_log(disk: Disk, tmp_path: Path) -> None:
+    recorder, alarms = recorded(tmp_path / "log.mcap", disk, errno.ENOSPC, back=True, buffer_mb=16)
+    assert recorder.complete
+    assert alarms[0].startswith("error")
+    log = read_log(tmp_path / "log.mcap")
+    assert (len(log.ticks), log.unfinished) == (40, "")
+
+
+def test_images_are_dropped_before_ticks_and_counted(disk: Disk, tmp_path: Path) -> None:
+    recorder, _ = recorded(tmp_path / "log.mcap", disk, errno.ENOSPC, back=True, buffer_mb=0.03)
+    assert recorder.dropped.frames > recorder.dropped.ticks == 0
+    assert not recorder.complete
+    assert len(read_log(tmp_path / "log.mcap").ticks) == 40
+
+
+def test_memory_stays_bounded(disk: Disk, tmp_path: Path) -> None:
+    recorder, _ = recorded(tmp_path / "log.mcap", disk, errno.ENOSPC, back=False, buffer_mb=0.01)
+    assert recorder.dropped.ticks > 0
+    assert f"{recorder.dropped.ticks} ticks dropped" in recorder.shortfall
+
+
+def test_the_writer_may_go_back_before_the_hand_over(tmp_path: Path) -> None:
+    sink = LogSink(tmp_path / "file")
+    sink.write(b"abc")
+    sink.hand_over(1.0)
+    sink.write(b"____ef")
+    assert sink.seek(3) == 3
+    sink.write(b"1234")
+    assert sink.seek(0, 2) == 9
+    sink.close()
+    assert (tmp_path / "file").read_bytes() == b"abc1234ef"

@@ -154,6 +154,28 @@ def recover(
     return LOSSY if loss.lossy else 0
 
 
+@log_app.command("to-test")
+def to_test(
+    log: LogArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the case.")] = Path("tests/cases"),
+    name: Annotated[str | None, typer.Option(help="Name of the case; the log's by default.")] = None,
+    until_s: UntilOption = float("inf"),
+    as_json: JsonOption = False,
+) -> int:
+    """Turn a log into a regression case under 1 MB; `make test` replays those in tests/cases. 1 if it differs now."""
+    from cell.log.case import check_case, write_case
+
+    case = out / f"{name or log.stem}.mcap"
+    size = write_case(_read(log), case, until_s)
+    differing = check_case(case)
+    if as_json:
+        first = vars(differing[0]) if differing else None
+        _line({"case": str(case), "bytes": size, "differences": len(differing), "first": first})
+    else:
+        _say(f"{case}: {size} bytes", *(line for one in differing[:1] for line in ("differs:", *_difference_text(one))))
+    return DIFFERS if differing else 0
+
+
 def _read(path: Path) -> Log:
     from cell.log.reader import read_log
 

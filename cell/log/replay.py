@@ -161,12 +161,12 @@ def _with_weights(log: Log, configuration: Configuration, changes: Changes) -> C
     for name, planner in configuration.planners:
         weights = changes.weights.get(name)
         if weights is None and changes.configuration is None:
-            weights = _recorded_weights(log, name, planner.weights)
+            weights = recorded_weights(log, name, planner.weights)
         updates[name] = planner if weights is None else planner.model_copy(update={"weights": weights})
     return configuration.model_copy(update={"planners": configuration.planners.model_copy(update=updates)})
 
 
-def _recorded_weights(log: Log, name: str, found: Path | None) -> Path | None:
+def recorded_weights(log: Log, name: str, found: Path | None) -> Path | None:
     """A file with the weights that the log was recorded with; None where that planner had none."""
     expected = log.metadata.get(f"weights.{name}.sha256")
     if expected is None:

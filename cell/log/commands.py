@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,16 @@ DIFFERS = 1
 LOSSY = 3
 SHOWN_NODES = 15
 LONGEST_VALUE = 200
+
+
+class ExportFormat(StrEnum):
+    """What a log can be written as."""
+
+    csv = "csv"
+    parquet = "parquet"
+    btlog = "btlog"
+    video = "video"
+
 
 log_app = typer.Typer(no_args_is_help=True, help="Question and compare logs.")
 
@@ -152,6 +163,25 @@ def recover(
     else:
         _say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}", *(f"  {line}" for line in loss.lines()))
     return LOSSY if loss.lossy else 0
+
+
+@log_app.command("export")
+def export_log(
+    log: LogArgument,
+    to: Annotated[ExportFormat, typer.Option(help="Format.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; beside the log by default.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a log for other tools: a table of ticks, transitions for Groot2, or a video of the overhead camera."""
+    from cell.log.export import export
+
+    target = out or log.with_suffix(".mp4" if to is ExportFormat.video else f".{to.value}")
+    count = export(_read(log), to.value, target)
+    what = {ExportFormat.btlog: "transitions", ExportFormat.video: "frames"}.get(to, "rows")
+    if as_json:
+        _line({"file": str(target), what: count})
+    else:
+        _say(f"{target}: {count} {what}")
 
 
 @log_app.command("to-test")

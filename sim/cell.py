@@ -90,20 +90,10 @@ class SimCell:
 
 
 def open_cell(
-    product: Product,
-    bench: Bench,
-    settings: SimSettings,
-    can_interface: str,
-    can_channel: str,
-    seed: int,
-    goal: str,
-    *,
-    worker: bool = True,
-    clutter: Sequence[ScenePart] | None = None,
+    product: Product, bench: Bench, settings: SimSettings, can_interface: str, can_channel: str, seed: int, goal: str
 ) -> Devices:
-    """The devices of a simulated cell, with its gripper on the CAN bus; see SimCell."""
-    cell = SimCell(product, bench, settings, can_interface, can_channel, seed, goal, worker=worker, clutter=clutter)
-    return cell.devices
+    """What the configuration names as the factory of devices: a simulated cell with a person; see SimCell."""
+    return SimCell(product, bench, settings, can_interface, can_channel, seed, goal).devices
 
 
 def _chosen_goal(product: Product, goal: str, rng: np.random.Generator) -> str:

@@ -74,8 +74,8 @@ class BayesPlanner:
         return _assemble(self._layout, edges, answer, _templated(self._layout, edges, answer))
 
 
-class FactoredPlanner:
-    """A goal head over (object, position) edges and a learned slot table; guidance is a template over the table."""
+class LearnedPlanner:
+    """Base of the planners whose answers come from a network."""
 
     def __init__(self, product: Product, model: OnnxModel) -> None:
         self._layout = Layout.of(product)
@@ -85,6 +85,10 @@ class FactoredPlanner:
     def card(self) -> ModelCard:
         """Where the weights come from."""
         return self._model.card
+
+
+class FactoredPlanner(LearnedPlanner):
+    """A goal head over (object, position) edges and a learned slot table; guidance is a template over the table."""
 
     def plan(self, state: AssemblyState) -> AssemblyPlan:
         edges = self._layout.encode(state)
@@ -93,17 +97,8 @@ class FactoredPlanner:
         return _assemble(self._layout, edges, answer, _templated(self._layout, edges, answer))
 
 
-class PaperPlanner:
+class PaperPlanner(LearnedPlanner):
     """The paper's graph network and LSTM decoder; plans are decoded once for every goal and mixed by belief."""
-
-    def __init__(self, product: Product, model: OnnxModel) -> None:
-        self._layout = Layout.of(product)
-        self._model = model
-
-    @property
-    def card(self) -> ModelCard:
-        """Where the weights come from."""
-        return self._model.card
 
     def plan(self, state: AssemblyState) -> AssemblyPlan:
         edges = self._layout.encode(state)

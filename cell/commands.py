@@ -7,22 +7,19 @@ import sys
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
 from cell.log.commands import log_app, replay, report
+from cell.model_commands import eval_app, train_app
+from cell.terminal import CONFIGURATION, ROOT, ConfigOption, JsonOption, SeedOption, console, print_json, table
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from cell.interfaces.errors import Problem
-    from cell.interfaces.product import Product
 
-ROOT = Path(__file__).resolve().parent.parent
 TREE = ROOT / "trees" / "assemble.xml"
-CONFIGURATION = ROOT / "config" / "cell.yaml"
 BAD_INPUT, SAFE_STOP = 2, 3
 MONITOR_PORT = 1667
 
@@ -32,8 +29,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Behaviour-tree controller for a human-robot assembly cell.",
 )
-train_app = typer.Typer(no_args_is_help=True, help="Train a planner on generated scenarios and write its ONNX file.")
-eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
 app.add_typer(train_app, name="train")
 app.add_typer(eval_app, name="eval")
 app.add_typer(log_app, name="log")
@@ -56,10 +51,7 @@ class NodeFormat(StrEnum):
     groot = "groot"
 
 
-ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]
-SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
 PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="End standard output with one line of JSON.")]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -100,13 +92,13 @@ def run(
     """Assemble one product."""
     from cell import run as running
 
-    console = _console()
+    screen = console()
     port = monitor_port if monitor or monitor_hooks else None
     options = running.RunOptions(tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch)
-    result = running.run(options, console)
-    console.print(_table("run", result.summary))
+    result = running.run(options, screen)
+    screen.print(table("run", result.summary))
     if as_json:
-        _print_json(result.summary)
+        print_json(result.summary)
     return result.outcome.exit_status
 
 
@@ -115,7 +107,7 @@ def monitor(port: PortOption = MONITOR_PORT) -> None:
     """Watch the tree of a `cell run --monitor` that runs on this machine."""
     from cell.live_view import live_view
 
-    live_view(port, _console())
+    live_view(port, console())
 
 
 @app.command()
@@ -129,11 +121,11 @@ def check(
 
     problems = problems_of(files, node_registry())
     if as_json:
-        _print_json({"problems": [_problem_data(problem) for problem in problems]})
+        print_json({"problems": [_problem_data(problem) for problem in problems]})
         return BAD_INPUT if problems else 0
     if problems:
         raise InputError(*problems)
-    _console().print(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong", highlight=False)
+    console().print(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong", highlight=False)
     return 0
 
 
@@ -187,82 +179,16 @@ def doctor(as_json: JsonOption = False) -> int:
     """Say what is missing on this machine and how to get it."""
     from cell.doctor import examine
 
-    console = _console()
+    screen = console()
     findings = examine()
     for finding in findings:
-        console.print(f"{'ok     ' if finding.ok else 'MISSING'} {finding.what}", highlight=False, markup=False)
+        screen.print(f"{'ok     ' if finding.ok else 'MISSING'} {finding.what}", highlight=False, markup=False)
         if not finding.ok and finding.remedy:
-            console.print(f"        {finding.remedy}", highlight=False, markup=False)
+            screen.print(f"        {finding.remedy}", highlight=False, markup=False)
     healthy = all(finding.ok for finding in findings)
     if as_json:
-        _print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
+        print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
     return 0 if healthy else 1
-
-
-@train_app.command("semantic")
-def train_semantic(
-    kind: Annotated[str, typer.Option(help="paper or factored.")] = "factored",
-    out: Annotated[Path | None, typer.Option(help="File to write; the shipped one by default.")] = None,
-    config: ConfigOption = CONFIGURATION,
-    seed: SeedOption = 0,
-    as_json: JsonOption = False,
-) -> None:
-    """Train the planner that infers the goal and what remains to be done."""
-    _need_torch()
-    from learned.semantic.train import train_semantic as train
-
-    _report("semantic", train(_product(config), out or _weights("semantic", kind), seed, kind), as_json)
-
-
-@train_app.command("grasp")
-def train_grasp(
-    kind: Annotated[str, typer.Option(help="paper or pairwise.")] = "pairwise",
-    out: Annotated[Path | None, typer.Option(help="File to write; the shipped one by default.")] = None,
-    config: ConfigOption = CONFIGURATION,
-    seed: SeedOption = 0,
-    as_json: JsonOption = False,
-) -> None:
-    """Train the planner that judges graspability in clutter."""
-    _need_torch()
-    from learned.grasp.train import train_grasp as train
-
-    command = f"cell train grasp --kind {kind} --seed {seed}"
-    _report("grasp", train(_product(config), out or _weights("grasp", kind), seed, kind, command=command), as_json)
-
-
-@eval_app.command("semantic")
-def eval_semantic(
-    kind: Annotated[str, typer.Option(help="paper, factored or bayes.")] = "factored",
-    weights: Annotated[Path | None, typer.Option(help="ONNX file; the shipped one by default.")] = None,
-    config: ConfigOption = CONFIGURATION,
-    seed: SeedOption = 0,
-    as_json: JsonOption = False,
-) -> None:
-    """Score the semantic planner."""
-    from learned.semantic.evaluate import evaluate_semantic
-    from learned.semantic.planner import load_semantic_planner
-
-    product = _product(config)
-    planner = load_semantic_planner(kind, weights or _weights("semantic", kind), product)
-    _report("semantic", evaluate_semantic(planner, product, seed), as_json)
-
-
-@eval_app.command("grasp")
-def eval_grasp(
-    kind: Annotated[str, typer.Option(help="paper, pairwise or rule.")] = "pairwise",
-    weights: Annotated[Path | None, typer.Option(help="ONNX file; the shipped one by default.")] = None,
-    config: ConfigOption = CONFIGURATION,
-    seed: SeedOption = 0,
-    scenes: Annotated[int, typer.Option(min=4, help="Number of test scenes.")] = 1000,
-    as_json: JsonOption = False,
-) -> None:
-    """Score the grasp planner."""
-    from learned.grasp.evaluate import evaluate_grasp
-    from learned.grasp.planner import load_grasp_planner
-
-    product = _product(config)
-    planner = load_grasp_planner(kind, weights or _weights("grasp", kind), product)
-    _report("grasp", evaluate_grasp(planner, product, seed, scenes), as_json)
 
 
 def _problem_data(problem: Problem) -> dict[str, object]:
@@ -276,50 +202,6 @@ def _write(path: Path, content: bytes) -> None:
         path.write_bytes(content)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
-def _product(config: Path) -> Product:
-    from cell.configuration import load_configuration, load_product
-
-    return load_product(load_configuration(config), config)
-
-
-def _weights(planner: str, kind: str) -> Path:
-    return ROOT / "learned" / "weights" / f"{planner}_{kind}.onnx"
-
-
-def _need_torch() -> None:
-    from importlib.util import find_spec
-
-    missing = [name for name in ("torch", "torch_geometric", "onnx", "onnxscript") if find_spec(name) is None]
-    if missing:
-        raise InputError(f"training needs {', '.join(missing)}; install with: make train-deps")
-
-
-def _report(title: str, scores: Mapping[str, float], as_json: bool) -> None:
-    _console().print(_table(title, {name: f"{value:.4g}" for name, value in scores.items()}))
-    if as_json:
-        _print_json(scores)
-
-
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(stderr=True, soft_wrap=True)
-
-
-def _table(title: str, values: Mapping[str, object]) -> Any:
-    from rich.table import Table
-
-    table = Table(title=title, show_header=False, title_justify="left")
-    for name, value in values.items():
-        table.add_row(name, str(value))
-    return table
-
-
-def _print_json(values: Mapping[str, object]) -> None:
-    sys.stdout.write(json.dumps(values) + "\n")
-    sys.stdout.flush()
 
 
 def _complain(text: str, status: int) -> int:

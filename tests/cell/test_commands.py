@@ -11,7 +11,8 @@ from xml.etree import ElementTree
 import cv2
 import pytest
 
-from cell.commands import CONFIGURATION, TREE, main
+from cell.commands import TREE, main
+from cell.terminal import CONFIGURATION
 
 ROOT = Path(__file__).parents[2]
 

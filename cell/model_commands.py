@@ -1,0 +1,14 @@
+"""`cell train` and `cell eval`: one module of commands for each planner."""
+
+from __future__ import annotations
+
+import typer
+
+from cell import grasp_commands, semantic_commands
+
+train_app = typer.Typer(no_args_is_help=True, help="Train a planner on generated scenarios and write its ONNX file.")
+eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
+
+for name, commands in (("semantic", semantic_commands), ("grasp", grasp_commands)):
+    train_app.command(name)(commands.train)
+    eval_app.command(name)(commands.evaluate)

@@ -1,0 +1,64 @@
+"""What all commands share: common options, the console, tables and JSON on the terminal."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from cell.interfaces.product import Product
+
+ROOT = Path(__file__).resolve().parent.parent
+CONFIGURATION = ROOT / "config" / "cell.yaml"
+
+ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="End standard output with one line of JSON.")]
+
+
+def console() -> Console:
+    """Standard error: progress and messages; standard output is for what programs read."""
+    from rich.console import Console
+
+    return Console(stderr=True, soft_wrap=True)
+
+
+def table(title: str, values: Mapping[str, object]) -> Any:
+    """Names and values, a row each."""
+    from rich.table import Table
+
+    drawn = Table(title=title, show_header=False, title_justify="left")
+    for name, value in values.items():
+        drawn.add_row(name, str(value))
+    return drawn
+
+
+def print_json(values: Mapping[str, object]) -> None:
+    """One line of JSON on standard output."""
+    sys.stdout.write(json.dumps(values) + "\n")
+    sys.stdout.flush()
+
+
+def report_scores(title: str, scores: Mapping[str, float], as_json: bool) -> None:
+    """Scores as a table, and as JSON where that is asked for."""
+    console().print(table(title, {name: f"{value:.4g}" for name, value in scores.items()}))
+    if as_json:
+        print_json(scores)
+
+
+def product_of(config: Path) -> Product:
+    """The product that a configuration names.
+
+    Raises:
+        InputError: a file is missing or wrong, with its line.
+    """
+    from cell.configuration import load_configuration, load_product
+
+    return load_product(load_configuration(config), config)

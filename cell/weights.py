@@ -1,0 +1,25 @@
+"""Where weights are shipped, and what training them needs."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+from cell.interfaces.errors import InputError
+from cell.terminal import ROOT
+
+
+def shipped_weights(planner: str, kind: str) -> Path:
+    """File of the weights that come with the program."""
+    return ROOT / "learned" / "weights" / f"{planner}_{kind}.onnx"
+
+
+def need_torch() -> None:
+    """Check that training can run here.
+
+    Raises:
+        InputError: packages are missing; the message says how to get them.
+    """
+    missing = [name for name in ("torch", "torch_geometric", "onnx", "onnxscript") if find_spec(name) is None]
+    if missing:
+        raise InputError(f"training needs {', '.join(missing)}; install with: make train-deps")

@@ -8,27 +8,20 @@ SHELL := /bin/bash
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
-SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri libosmesa6
+SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri libopengl0 libosmesa6
 # pytest's exit status where no test is marked so
 NO_TESTS := 5
 RUN_ARGS ?= --goal random --seed 1
 
 # uv installs in seconds what pip installs in minutes; it gets the settings that this machine gives to pip.
-pip_setting = $(shell $(PYTHON) -m pip config get $(1) 2>/dev/null)
-index := $(or $(PIP_INDEX_URL),$(call pip_setting,global.index-url))
-certificates := $(or $(PIP_CERT),$(call pip_setting,global.cert))
-ifneq ($(index),)
-  export UV_DEFAULT_INDEX ?= $(index)
-endif
-ifneq ($(certificates),)
-  export SSL_CERT_FILE ?= $(certificates)
-endif
-ifneq ($(PIP_FIND_LINKS),)
-  export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
-endif
-export UV_HTTP_TIMEOUT := 180
-export UV_LINK_MODE := copy
-UV := $(BIN)/uv pip install --quiet --python $(BIN)/python
+pip_setting = $(shell $(BIN)/python -m pip config get $(1) 2>/dev/null)
+index = $(or $(UV_DEFAULT_INDEX),$(PIP_INDEX_URL),$(call pip_setting,global.index-url))
+certificates = $(or $(PIP_CERT),$(call pip_setting,global.cert))
+uv_setting = $(if $(2),$(1)="$(2)")
+uv_settings = $(call uv_setting,UV_DEFAULT_INDEX,$(index)) $(call uv_setting,SSL_CERT_FILE,$(certificates)) \
+  $(call uv_setting,UV_FIND_LINKS,$(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS))) UV_HTTP_TIMEOUT=180 UV_LINK_MODE=copy
+UV = $(uv_settings) $(BIN)/uv pip install --quiet --python $(BIN)/python
+APT := export DEBIAN_FRONTEND=noninteractive; apt-get update -qq && apt-get install -y -qq --no-install-recommends
 export OMP_NUM_THREADS := 1
 
 help:
@@ -78,24 +71,24 @@ clean:
 	@if ! $(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))'; then \
 	  echo "Python 3.11 or 3.12 is needed: make run PYTHON=/path/to/python3.11"; exit 2; fi
 	@if ! $(PYTHON) -c 'import ensurepip' 2>/dev/null; then \
-	  if [ "$$(id -u)" = 0 ]; then apt-get update -qq && apt-get install -y -qq python3-venv python3-pip; \
-	  else echo "python3-venv is missing: sudo apt-get install -y python3-venv python3-pip"; exit 2; fi; fi
+	  if [ "$$(id -u)" = 0 ]; then $(APT) python3-venv >/dev/null; \
+	  else echo "python3-venv is missing: sudo apt-get install -y python3-venv"; exit 2; fi; fi
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
 	@touch $@
 
 .venv/runtime: .venv/uv pyproject.toml
-	$(UV) --editable .
+	@echo 'installing what the cell needs into .venv'; $(UV) --editable .
 	@touch $@
 
 .venv/tests: .venv/runtime
-	$(UV) --editable '.[train,dev]'
+	@echo 'installing what tests and training need into .venv'; $(UV) --editable '.[train,dev]'
 	@touch $@
 
 # Rendering is tried, not guessed: whatever OpenGL is here may do.
 .venv/system: .venv/runtime
 	@if ! $(BIN)/python -m cell.rendering; then \
-	  if [ "$$(id -u)" = 0 ]; then apt-get update -qq && apt-get install -y -qq $(SYSTEM_PACKAGES); \
-	    $(BIN)/python -m cell.rendering; \
+	  if [ "$$(id -u)" = 0 ]; then $(APT) $(SYSTEM_PACKAGES) >/dev/null; \
+	    $(BIN)/python -m cell.rendering || { echo "nothing renders here, see: make doctor"; exit 2; }; \
 	  else echo "software OpenGL is missing: sudo apt-get install -y $(SYSTEM_PACKAGES)"; exit 2; fi; fi
 	@touch $@

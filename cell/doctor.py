@@ -17,7 +17,7 @@ from cell.interfaces.errors import CellError
 from cell.interfaces.product import Product
 from cell.rendering import chosen_backend, renders
 
-GL_PACKAGES = "libegl1 libgl1-mesa-dri libosmesa6"
+GL_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0 libosmesa6"
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
 from skills.collision import FINGER_SIZE_M, Box, body_box
+from skills.grip import STROKE_M, Grip
 from skills.settings import MotionSettings
 
-STROKE_M = 0.085
 _DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 
 
@@ -24,11 +24,13 @@ class Grasp:
     """One way to hold a part.
 
     Attributes:
+        grip: the sides that the fingers close on.
         world_from_tool: the tool (TCP) when the fingers close.
         opening_m: opening with which the fingers come down.
         height_m: of the TCP above the body's bottom.
     """
 
+    grip: Grip
     world_from_tool: Pose
     opening_m: float
     height_m: float
@@ -46,29 +48,28 @@ def grasp_height_m(body_height_m: float, settings: MotionSettings) -> float:
 
 
 def grasps(
-    part: PartDetection, kind: PartType, settings: MotionSettings, clearance_m: float | None = None
+    part: PartDetection, kind: PartType, settings: MotionSettings, grip: Grip, clearance_m: float | None = None
 ) -> tuple[Grasp, Grasp]:
-    """Both ways to grasp a part across its width, half a turn apart.
+    """Both ways to take a part with one grip, half a turn apart.
 
     Args:
         clearance_m: gap between each finger and the body; the settings' usual one by default.
     """
-    clearance = settings.finger_clearance_m if clearance_m is None else clearance_m
-    opening = min(STROKE_M, kind.size_m[1] + 2 * clearance)
-    height = grasp_height_m(kind.size_m[2], settings)
-    x, y, bottom = part.world_from_part.position_m
-    yaw = part.world_from_part.yaw_rad
-    first, second = (
-        Grasp(tool_down((x, y, bottom + height), yaw + turn), opening, height) for turn in (math.pi / 2, -math.pi / 2)
-    )
+    opening, height = opening_for(kind, grip, settings, clearance_m), grasp_height_m(kind.size_m[2], settings)
+    first, second = (Grasp(grip, tool, opening, height) for tool in _tool_poses(part.world_from_part, grip, height))
     return first, second
 
 
-def held_boxes(part: str, kind: PartType, settings: MotionSettings, *, with_peg: bool) -> tuple[Box, ...]:
+def opening_for(kind: PartType, grip: Grip, settings: MotionSettings, clearance_m: float | None = None) -> float:
+    """Opening of the fingers before they close and after they let go, as far as the stroke allows."""
+    clearance = settings.finger_clearance_m if clearance_m is None else clearance_m
+    return min(STROKE_M, grip.span_m(kind) + 2 * clearance)
+
+
+def held_boxes(part: str, kind: PartType, settings: MotionSettings, grip: Grip, *, with_peg: bool) -> tuple[Box, ...]:
     """A grasped part in the tool frame: its body, and its peg where that must not touch either."""
     height = grasp_height_m(kind.size_m[2], settings)
-    # The tool looks down, so the part hangs upside down in its frame; half a turn about the tool's y + x axis.
-    tool_from_part = Pose((0.0, 0.0, height), (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0))
+    tool_from_part = (Pose.from_yaw((0.0, 0.0, height), grip.heading_rad) @ _DOWN).inverse()
     body = body_box(part, tool_from_part, kind.size_m)
     if not with_peg:
         return (body,)
@@ -82,15 +83,9 @@ def hole_pose(product: Product, bench: Bench, position: str) -> Pose:
     return bench.bracket.pose @ Pose((x, y, 0.0))
 
 
-def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings) -> tuple[Pose, Pose]:
+def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings, grip: Grip) -> tuple[Pose, Pose]:
     """Both tool poses, half a turn apart, that let a held part go just above where it will rest."""
-    height = grasp_height_m(kind.size_m[2], settings) + settings.release_gap_m
-    x, y, bottom = world_from_part.position_m
-    yaw = world_from_part.yaw_rad
-    return (
-        tool_down((x, y, bottom + height), yaw + math.pi / 2),
-        tool_down((x, y, bottom + height), yaw - math.pi / 2),
-    )
+    return _tool_poses(world_from_part, grip, grasp_height_m(kind.size_m[2], settings) + settings.release_gap_m)
 
 
 def fingers_clear(
@@ -134,3 +129,10 @@ def gap_m(first: Array, second: Array) -> float:
     axes = sides / np.linalg.norm(sides, axis=1, keepdims=True)
     a, b = first @ axes.T, second @ axes.T
     return float(np.max(np.maximum(a.min(axis=0) - b.max(axis=0), b.min(axis=0) - a.max(axis=0))))
+
+
+def _tool_poses(world_from_part: Pose, grip: Grip, height_m: float) -> tuple[Pose, Pose]:
+    """Both headings of a tool that looks down on a part, the TCP this far above the body's bottom."""
+    x, y, bottom = world_from_part.position_m
+    yaw = world_from_part.yaw_rad + grip.heading_rad
+    return tool_down((x, y, bottom + height_m), yaw), tool_down((x, y, bottom + height_m), yaw - math.pi)

@@ -12,7 +12,8 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
 from skills.collision import Box, body_box, part_box
-from skills.grasp_pose import STROKE_M, Grasp, fingers_clear, grasps, held_boxes, hole_pose, place_poses
+from skills.grasp_pose import Grasp, fingers_clear, grasps, held_boxes, hole_pose, opening_for, place_poses
+from skills.grip import Grip, grip_of, possible_grips
 from skills.insertion import Insert
 from skills.phases import Activate, FingersRest, Move, Phase, SetGripper
 from skills.planner import Load, MotionPlanner, at_height
@@ -52,21 +53,18 @@ def joints_of(observation: Observation) -> Array:
 def choose_grasp(
     planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array
 ) -> tuple[Grasp, Array] | str:
-    """How to take a part and the joints for it; or why it cannot be taken."""
-    settings, kind = planner.settings, planner.product.parts[part.part]
-    reason = ""
-    for clearance in (settings.finger_clearance_m, settings.least_finger_clearance_m):
-        options = grasps(part, kind, settings, clearance)
-        if not fingers_clear(options[0].world_from_tool, options[0].opening_m, others, settings):
-            reason = "no room for the fingers beside it"
-            continue
-        load = Load(options[0].opening_m, tray_boxes(planner, others), close=True)
-        found = planner.reach([option.world_from_tool for option in options], near_rad, load)
-        if not isinstance(found, str):
-            pose, joints = found
-            return next(option for option in options if option.world_from_tool == pose), joints
-        reason = found
-    return f"cannot take {part.part}: {reason}"
+    """How to take a part and the joints for it; or why it cannot be taken.
+
+    Across the width where the fingers have room there, else across the length, where the stroke allows that.
+    """
+    kind = planner.product.parts[part.part]
+    reasons = []
+    for grip in possible_grips(kind, planner.settings.least_finger_clearance_m):
+        chosen = _choose_with_grip(planner, part, others, near_rad, grip)
+        if not isinstance(chosen, str):
+            return chosen
+        reasons.append(f"{chosen} {grip.value}")
+    return f"cannot take {part.part}: {', '.join(reasons) or 'too wide for the fingers'}"
 
 
 def why_not_graspable(
@@ -78,12 +76,13 @@ def why_not_graspable(
 
 
 def take_phases(
-    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array, carry_m: float
+    planner: MotionPlanner,
+    part: PartDetection,
+    others: Sequence[PartDetection],
+    chosen: tuple[Grasp, Array],
+    carry_m: float,
 ) -> list[Phase] | str:
     """Phases that end with the part held, its body's bottom at the height `carry_m`; or why it cannot be taken."""
-    chosen = choose_grasp(planner, part, others, near_rad)
-    if isinstance(chosen, str):
-        return chosen
     grasp, joints = chosen
     settings, name = planner.settings, part.part
     others_boxes = tray_boxes(planner, others)
@@ -114,6 +113,7 @@ def take_phases(
 def put_phases(
     planner: MotionPlanner,
     name: str,
+    grip: Grip,
     target: Pose,
     obstacles: tuple[Box, ...],
     near_rad: Array,
@@ -124,14 +124,15 @@ def put_phases(
     """Phases that put the held part at `target` (its part frame) and end with the empty fingers above it.
 
     Args:
+        grip: how the fingers hold it.
         carry_m: height of the body's bottom on the way there.
         into_hole: the peg goes into a hole, and feels for it.
     """
     settings, kind = planner.settings, planner.product.parts[name]
-    opening_m = min(STROKE_M, kind.size_m[1] + 2 * settings.finger_clearance_m)
-    carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, with_peg=True))
-    lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, with_peg=False), close=True)
-    found = planner.reach(place_poses(target, kind, settings), near_rad, lowering)
+    opening_m = opening_for(kind, grip, settings)
+    carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, grip, with_peg=True))
+    lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, grip, with_peg=False), close=True)
+    found = planner.reach(place_poses(target, kind, settings, grip), near_rad, lowering)
     if isinstance(found, str):
         return f"cannot put {name} there: {found}"
     pose, joints = found
@@ -156,6 +157,30 @@ def carry_over_bracket_m(planner: MotionPlanner, kind: PartType) -> float:
     """Height of a carried body's bottom that clears every part on the bracket."""
     tallest = max(part.size_m[2] for part in planner.product.parts.values())
     return planner.bench.bracket.position_m[2] + tallest + kind.peg_length_m + planner.settings.carry_gap_m
+
+
+def held_grip(planner: MotionPlanner, name: str, observation: Observation) -> Grip:
+    """How the fingers hold a part of this type: their opening tells."""
+    return grip_of(planner.product.parts[name], observation.gripper.opening_m)
+
+
+def _choose_with_grip(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array, grip: Grip
+) -> tuple[Grasp, Array] | str:
+    settings, kind = planner.settings, planner.product.parts[part.part]
+    reason = ""
+    for clearance in (settings.finger_clearance_m, settings.least_finger_clearance_m):
+        options = grasps(part, kind, settings, grip, clearance)
+        if not fingers_clear(options[0].world_from_tool, options[0].opening_m, others, settings):
+            reason = "no room for the fingers"
+            continue
+        load = Load(options[0].opening_m, tray_boxes(planner, others), close=True)
+        found = planner.reach([option.world_from_tool for option in options], near_rad, load)
+        if not isinstance(found, str):
+            pose, joints = found
+            return next(option for option in options if option.world_from_tool == pose), joints
+        reason = found
+    return reason
 
 
 def _approach_height_m(

@@ -17,7 +17,7 @@ RESTS_M = 0.005  # contact this near to the goal is the body on the plate, not t
 class Insert:
     """A phase: slow descents, each ended by the goal or by contact, until one goes all the way.
 
-    The error of a grasp lies along the body's length, which is the tool's y: across it the fingers have centred it.
+    The error of a grasp lies along the tool's y: along its x the fingers have centred the part between them.
     """
 
     def __init__(self, name: str, planner: MotionPlanner, goal: Pose, depth_m: float, load: Load) -> None:

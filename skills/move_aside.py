@@ -12,7 +12,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from skills.handling import joints_of, put_phases, take_phases, tray_boxes
+from skills.handling import choose_grasp, joints_of, put_phases, take_phases, tray_boxes
 from skills.phases import Phase, PhasedSkill
 from skills.planner import MotionPlanner
 from skills.settings import MotionSettings
@@ -39,13 +39,16 @@ class MoveAside(PhasedSkill):
         kind = planner.product.parts[part.part]
         near = joints_of(observation)
         carry_m = self._carry_m(kind)
-        take = take_phases(planner, part, self._others, near, carry_m)
+        chosen = choose_grasp(planner, part, self._others, near)
+        if isinstance(chosen, str):
+            return chosen
+        take = take_phases(planner, part, self._others, chosen, carry_m)
         if isinstance(take, str):
             return take
         obstacles = tray_boxes(planner, self._others)
         reason = f"no free spot in the tray for {part.part}"
         for target in free_spots(part, kind, self._others, planner.bench.tray, planner.settings):
-            put = put_phases(planner, part.part, target, obstacles, near, carry_m, into_hole=False)
+            put = put_phases(planner, part.part, chosen[0].grip, target, obstacles, near, carry_m)
             if not isinstance(put, str):
                 return [*take, *put]
             reason = put

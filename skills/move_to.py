@@ -9,7 +9,7 @@ import numpy as np
 
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
-from skills.grasp_pose import STROKE_M
+from skills.grip import STROKE_M
 from skills.handling import bracket_boxes, seen_in_holes, tray_boxes
 from skills.phases import Move, Phase, PhasedSkill
 from skills.planner import Load, MotionPlanner

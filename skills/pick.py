@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
-from skills.handling import carry_over_bracket_m, joints_of, take_phases
+from skills.handling import carry_over_bracket_m, choose_grasp, joints_of, take_phases
 from skills.phases import Phase, PhasedSkill
 from skills.planner import MotionPlanner
 
 
 class Pick(PhasedSkill):
-    """Grasp a part across its width, from straight above, and lift it; done when it is held high."""
+    """Grasp a part from straight above and lift it; done when it is held high."""
 
     def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection] = ()) -> None:
         """Args:
@@ -24,8 +24,12 @@ class Pick(PhasedSkill):
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Choose a grasp."""
-        carry_m = carry_over_bracket_m(self._planner, self._planner.product.parts[self._part.part])
-        return take_phases(self._planner, self._part, self._others, joints_of(observation), carry_m)
+        planner = self._planner
+        chosen = choose_grasp(planner, self._part, self._others, joints_of(observation))
+        if isinstance(chosen, str):
+            return chosen
+        carry_m = carry_over_bracket_m(planner, planner.product.parts[self._part.part])
+        return take_phases(planner, self._part, self._others, chosen, carry_m)
 
     @property
     def done(self) -> str:

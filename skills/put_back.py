@@ -7,7 +7,15 @@ from collections.abc import Sequence
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
-from skills.handling import bracket_boxes, carry_over_bracket_m, joints_of, put_phases, seen_in_holes, tray_boxes
+from skills.handling import (
+    bracket_boxes,
+    carry_over_bracket_m,
+    held_grip,
+    joints_of,
+    put_phases,
+    seen_in_holes,
+    tray_boxes,
+)
 from skills.move_aside import free_spots
 from skills.phases import Phase, PhasedSkill
 from skills.planner import MotionPlanner
@@ -34,16 +42,17 @@ class PutBack(PhasedSkill):
             *tray_boxes(planner, self._tray_parts),
         )
         held = PartDetection(self._part, 1.0, Pose(tray.centre_m), kind.size_m, (0, 0, 0, 0))
+        grip = held_grip(planner, self._part, observation)
         reason = f"no free spot in the tray for {self._part}"
         for target in free_spots(held, kind, self._tray_parts, tray, planner.settings):
             phases = put_phases(
                 planner,
                 self._part,
+                grip,
                 target,
                 obstacles,
                 joints_of(observation),
                 carry_over_bracket_m(planner, kind),
-                into_hole=False,
             )
             if not isinstance(phases, str):
                 return phases

@@ -30,8 +30,8 @@ class MotionSettings(Model):
         insertion_speed_m_s: of a peg that is being lowered into its hole.
         insertion_start_m: above the hole, where slow lowering begins.
         contact_lag_m: a tool that stays this far above its trajectory has met something.
-        search_shifts_m: where a peg that met the rim is tried again, along the body's length; across it the fingers
-            have centred the part.
+        search_shifts_m: where a peg that met the rim is tried again, along the sides that the fingers hold; from one
+            finger to the other they have centred the part.
         release_gap_m: a part is let go this far above what it will stand on.
         transit_lift_m: how much higher a second try passes, where the direct way is blocked.
         part_gap_m, rim_gap_m: least room that is left around a part that is moved aside.

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import SkillStatus
 from sim.world import WorldPart
@@ -46,6 +47,41 @@ def pick_and_place(robot: RobotAlone, part: WorldPart, position: str, rng: np.ra
     return robot.seated(part, position)
 
 
+def stand_with_its_sides_blocked(robot: RobotAlone, part: WorldPart, rng: np.random.Generator) -> list[PartDetection]:
+    """The part among the others so that only its ends are free; what is seen: the part first."""
+    x, y, yaw = tray_poses(robot.bench, 1, rng, margin_m=0.13)[0]
+    others = [other for other in robot.parts if other is not part]
+    width = robot.product.parts[part.part].size_m[1]
+    robot.stand(part, (x, y), yaw)
+    for side, other in zip((1.0, -1.0), others, strict=True):
+        away = side * (width / 2 + 0.006 + robot.product.parts[other.part].size_m[1] / 2)
+        robot.stand(other, (x - math.sin(yaw) * away, y + math.cos(yaw) * away), yaw)
+    robot.wait(0.4)
+    return [robot.detection(seen, rng, 0.001, math.radians(1.0)) for seen in (part, *others)]
+
+
+def pick_across_the_length_and_place(robot: RobotAlone, part: WorldPart, position: str, seed: int) -> str | None:
+    """None where a part between two others then stands in its hole and the others stand where they were."""
+    rng = np.random.default_rng(seed)
+    seen, *others = stand_with_its_sides_blocked(robot, part, rng)
+    before = [robot.world.part_pose(other).position_m for other in robot.parts if other is not part]
+    progress = robot.run(Pick(robot.planner, seen, others))
+    if progress.status is not SkillStatus.SUCCESS:
+        return progress.reason
+    after = [robot.world.part_pose(other).position_m for other in robot.parts if other is not part]
+    moved_m = max(math.dist(a, b) for a, b in zip(before, after, strict=True))
+    if moved_m > 0.0005:
+        return f"a neighbour was moved by {moved_m * 1000:.1f} mm"
+    opening_m, length_m = robot.observe().gripper.opening_m, robot.product.parts[part.part].size_m[0]
+    if abs(opening_m - length_m) > 0.002:
+        return f"the fingers hold {opening_m * 1000:.1f} mm, the length is {length_m * 1000:.1f} mm"
+    for skill in (Place(robot.planner, position, part.part, others), MoveTo(robot.planner, "look")):
+        progress = robot.run(skill)
+        if progress.status is not SkillStatus.SUCCESS:
+            return progress.reason
+    return robot.seated(part, position)
+
+
 def recover(robot: RobotAlone) -> None:
     """Let go and go back to where a cycle begins."""
     robot.act(Command(gripper=GripperCommand(0.085)))
@@ -58,6 +94,27 @@ def test_each_type_is_picked_and_placed(robot: RobotAlone, number: int) -> None:
     rng = np.random.default_rng(number)
     assert pick_and_place(robot, robot.parts[number], "p2", rng) is None
     assert robot.clock.now_s() < 12.0
+
+
+@pytest.mark.parametrize(("number", "position"), [(0, "p5"), (1, "p1")])
+def test_a_part_between_others_is_taken_across_its_length_and_placed(
+    robot: RobotAlone, number: int, position: str
+) -> None:
+    assert pick_across_the_length_and_place(robot, robot.parts[number], position, number) is None
+
+
+@pytest.mark.slow
+def test_60_parts_between_others_are_picked_and_placed(robot: RobotAlone) -> None:
+    failures = []
+    for seed in range(60):
+        part = robot.parts[seed % 2]
+        wrong = pick_across_the_length_and_place(robot, part, robot.product.positions[seed % 6], seed)
+        print(f"{seed} {part.part}: {wrong or 'ok'}")
+        if wrong is not None:
+            failures.append(f"{seed} {part.part}: {wrong}")
+            recover(robot)
+        robot.put_away(part)
+    assert len(failures) <= 0.03 * 60, failures
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Laws of grasp and place poses: across the width, peg over the hole, room for the fingers."""
+"""Laws of grasp and place poses: across width or length, peg over the hole, room for the fingers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from skills.grasp_pose import (
-    STROKE_M,
     fingers_clear,
     footprint,
     gap_m,
@@ -21,10 +20,12 @@ from skills.grasp_pose import (
     hole_pose,
     place_poses,
 )
+from skills.grip import STROKE_M, Grip, grip_of, possible_grips
 from skills.settings import MotionSettings
 
 SETTINGS = MotionSettings()
 TYPES = ("o1", "o2", "o3")
+GRIPS = [("o1", Grip.WIDTH), ("o2", Grip.WIDTH), ("o3", Grip.WIDTH), ("o1", Grip.LENGTH), ("o2", Grip.LENGTH)]
 
 
 def seen(product: Product, part: str, x: float, y: float, yaw: float) -> PartDetection:
@@ -33,36 +34,50 @@ def seen(product: Product, part: str, x: float, y: float, yaw: float) -> PartDet
     return PartDetection(part, 1.0, pose, kind.size_m, (0, 0, 0, 0))
 
 
-@pytest.mark.parametrize("part", TYPES)
+def test_the_stroke_decides_across_which_sides_a_part_fits(product: Product) -> None:
+    for part in TYPES:
+        grips = possible_grips(product.parts[part], SETTINGS.least_finger_clearance_m)
+        assert [(part, grip) for grip in grips] == [entry for entry in GRIPS if entry[0] == part]
+
+
+@pytest.mark.parametrize(("part", "grip"), GRIPS)
+def test_the_opening_tells_how_a_part_is_held(product: Product, part: str, grip: Grip) -> None:
+    kind = product.parts[part]
+    assert all(grip_of(kind, grip.span_m(kind) + error) is grip for error in (-0.002, 0.0, 0.002))
+
+
+@pytest.mark.parametrize(("part", "grip"), GRIPS)
 @pytest.mark.parametrize("yaw", [-3.0, -1.0, 0.0, 0.7, 2.5])
-def test_fingers_close_across_the_width_from_above(product: Product, part: str, yaw: float) -> None:
+def test_fingers_close_across_the_chosen_sides_from_above(product: Product, part: str, grip: Grip, yaw: float) -> None:
     detection = seen(product, part, 0.5, -0.4, yaw)
     kind = product.parts[part]
-    for grasp in grasps(detection, kind, SETTINGS):
+    for grasp in grasps(detection, kind, SETTINGS, grip):
         tool = grasp.world_from_tool.rotation
         np.testing.assert_allclose(tool[:, 2], (0, 0, -1), atol=1e-9)
-        across = tool[:, 0] @ detection.world_from_part.rotation[:, 1]
+        across = tool[:, 0] @ detection.world_from_part.rotation[:, 1 if grip is Grip.WIDTH else 0]
         assert abs(across) == pytest.approx(1.0)
-        assert kind.size_m[1] + 2 * SETTINGS.least_finger_clearance_m <= grasp.opening_m <= STROKE_M
+        assert grip.span_m(kind) + 2 * SETTINGS.least_finger_clearance_m <= grasp.opening_m <= STROKE_M
         fingertip_m = grasp.world_from_tool.position_m[2] - SETTINGS.fingertip_beyond_tcp_m
         bottom_m = detection.world_from_part.position_m[2]
         assert bottom_m < fingertip_m < bottom_m + kind.size_m[2]
 
 
-@pytest.mark.parametrize("part", TYPES)
-def test_the_two_grasps_are_half_a_turn_apart(product: Product, part: str) -> None:
-    first, second = grasps(seen(product, part, 0.5, -0.4, 0.3), product.parts[part], SETTINGS)
+@pytest.mark.parametrize(("part", "grip"), GRIPS)
+def test_the_two_grasps_are_half_a_turn_apart(product: Product, part: str, grip: Grip) -> None:
+    first, second = grasps(seen(product, part, 0.5, -0.4, 0.3), product.parts[part], SETTINGS, grip)
     half_turn = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     np.testing.assert_allclose((first.world_from_tool @ half_turn).matrix, second.world_from_tool.matrix, atol=1e-9)
 
 
-@pytest.mark.parametrize("part", TYPES)
+@pytest.mark.parametrize(("part", "grip"), GRIPS)
 @pytest.mark.parametrize("position", ["p1", "p4", "p6"])
-def test_a_held_part_comes_to_rest_over_its_hole(product: Product, bench: Bench, part: str, position: str) -> None:
+def test_a_held_part_comes_to_rest_over_its_hole(
+    product: Product, bench: Bench, part: str, grip: Grip, position: str
+) -> None:
     kind = product.parts[part]
     target = hole_pose(product, bench, position)
-    for tool in place_poses(target, kind, SETTINGS):
-        body, peg = held_boxes(part, kind, SETTINGS, with_peg=True)
+    for tool in place_poses(target, kind, SETTINGS, grip):
+        body, peg = held_boxes(part, kind, SETTINGS, grip, with_peg=True)
         world_body, world_peg = tool @ body.pose, tool @ peg.pose
         np.testing.assert_allclose(world_peg.position_m[:2], target.position_m[:2], atol=1e-9)
         bottom_m = world_body.position_m[2] - kind.size_m[2] / 2
@@ -71,20 +86,25 @@ def test_a_held_part_comes_to_rest_over_its_hole(product: Product, bench: Bench,
         assert abs(world_body.rotation[0, 0]) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("part", TYPES)
-def test_picking_then_placing_turns_a_part_as_the_tool_turns(product: Product, bench: Bench, part: str) -> None:
+@pytest.mark.parametrize(("part", "grip"), GRIPS)
+def test_picking_then_placing_turns_a_part_as_the_tool_turns(
+    product: Product, bench: Bench, part: str, grip: Grip
+) -> None:
     kind = product.parts[part]
     detection = seen(product, part, 0.5, -0.4, 0.8)
-    grasp = grasps(detection, kind, SETTINGS)[0]
+    grasp = grasps(detection, kind, SETTINGS, grip)[0]
     tool_from_part = grasp.world_from_tool.inverse() @ detection.world_from_part
-    placed = place_poses(hole_pose(product, bench, "p2"), kind, SETTINGS)[0] @ tool_from_part
+    placed = place_poses(hole_pose(product, bench, "p2"), kind, SETTINGS, grip)[0] @ tool_from_part
     lifted = Pose((0.0, 0.0, SETTINGS.release_gap_m)) @ hole_pose(product, bench, "p2")
     np.testing.assert_allclose(placed.matrix, lifted.matrix, atol=1e-9)
+    held = held_boxes(part, kind, SETTINGS, grip, with_peg=False)[0]
+    middle = tool_from_part @ Pose((0.0, 0.0, kind.size_m[2] / 2))
+    np.testing.assert_allclose(held.pose.matrix, middle.matrix, atol=1e-9)
 
 
 def test_neighbours_leave_room_or_do_not(product: Product) -> None:
     part = seen(product, "o1", 0.5, -0.4, 0.0)
-    grasp = grasps(part, product.parts["o1"], SETTINGS)[0]
+    grasp = grasps(part, product.parts["o1"], SETTINGS, Grip.WIDTH)[0]
 
     def clear(*others: PartDetection) -> bool:
         return fingers_clear(grasp.world_from_tool, grasp.opening_m, others, SETTINGS)
@@ -98,10 +118,20 @@ def test_neighbours_leave_room_or_do_not(product: Product) -> None:
 
 def test_fingers_pass_over_low_neighbours_of_a_tall_part(product: Product) -> None:
     tall = seen(product, "o3", 0.5, -0.4, 0.0)
-    grasp = grasps(tall, product.parts["o3"], SETTINGS)[0]
+    grasp = grasps(tall, product.parts["o3"], SETTINGS, Grip.WIDTH)[0]
     low = seen(product, "o1", 0.5, -0.36, 0.0)
     assert fingers_clear(grasp.world_from_tool, grasp.opening_m, [low], SETTINGS)
     assert not fingers_clear(grasp.world_from_tool, grasp.opening_m, [seen(product, "o3", 0.5, -0.355, 0.0)], SETTINGS)
+
+
+def test_of_two_parts_side_by_side_each_has_room_across_its_length_alone(product: Product) -> None:
+    first, second = seen(product, "o1", 0.5, -0.4, 0.0), seen(product, "o2", 0.5, -0.364, 0.0)
+    for part, other in ((first, second), (second, first)):
+        room = {}
+        for grip in Grip:
+            grasp = grasps(part, product.parts[part.part], SETTINGS, grip)[0]
+            room[grip] = fingers_clear(grasp.world_from_tool, grasp.opening_m, [other], SETTINGS)
+        assert room == {Grip.WIDTH: False, Grip.LENGTH: True}
 
 
 @pytest.mark.parametrize("seed", range(10))

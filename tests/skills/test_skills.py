@@ -64,6 +64,21 @@ def test_place_lets_go_over_the_hole(planner: MotionPlanner, product: Product, r
     assert lowest[0] == pytest.approx(0.72, abs=1e-3)
 
 
+def test_a_part_held_across_its_length_is_placed_with_the_tool_turned(
+    planner: MotionPlanner, product: Product, bench: Bench
+) -> None:
+    headings = []
+    for beside, part_m in (([], 0.034), ([seen(product, "o1", 0.55, -0.365, 0.0)], 0.065)):
+        robot = IdealRobot(bench.arm_look_rad, part_m=part_m)
+        assert robot.run(Pick(planner, seen(product, "o2", 0.55, -0.4, 0.0), beside)).status is SkillStatus.SUCCESS
+        grasped = planner.kinematics.forward(np.array(robot.observe().arm.positions_rad)).yaw_rad
+        assert robot.run(Place(planner, "p4", "o2", beside)).status is SkillStatus.SUCCESS
+        placed = planner.kinematics.forward(np.array(robot.observe().arm.positions_rad)).yaw_rad
+        assert np.sin(placed - grasped) == pytest.approx(0.0, abs=1e-3)
+        headings.append(placed)
+    assert np.cos(headings[0] - headings[1]) == pytest.approx(0.0, abs=1e-3)
+
+
 def test_all_motions_keep_the_limits_and_start_where_the_arm_is(
     planner: MotionPlanner, product: Product, robot: IdealRobot, bench: Bench
 ) -> None:
@@ -115,7 +130,7 @@ def test_a_dropped_part_is_a_failure_that_stops_the_arm(
         (lambda planner, product: Pick(planner, seen(product, "o2", 0.55, -0.4, z=-0.013)), "would touch the tray"),
         (
             lambda planner, product: Pick(
-                planner, seen(product, "o2", 0.55, -0.4, 0.0), [seen(product, "o2", 0.55, -0.36, 0.0)]
+                planner, seen(product, "o3", 0.55, -0.4, 0.0), [seen(product, "o3", 0.55, -0.35, 0.0)]
             ),
             "no room for the fingers",
         ),

@@ -76,9 +76,9 @@ class Services:
         return self.rule_semantic.plan(state)
 
     def solve(self, parts: PartsView, required: int) -> GraspPlan:
-        """How to get at one detected part: the chosen planner's answer if the arm could do it, else the rule's.
+        """How to get at one detected part: the chosen planner's answer if the arm agrees, else the rule's.
 
-        Where neither fits what the arm finds, the part counts as one that needs help.
+        Where the arm agrees with neither, it decides by itself between taking the part and help.
         """
         if self._solved_view is not parts:
             self._solved_view, self._solved = parts, {}
@@ -90,13 +90,23 @@ class Services:
         for planner in (self.grasp, self.rule_grasp):
             try:
                 plan = planner.plan(parts.detections, required)
-                refusal = self._why_not_graspable(parts, required) if plan.graspable >= GRASPABLE else None
+                refusal = self._refusal(plan, parts, required)
             except ModelError as error:
                 refusal = str(error)
             if refusal is None:
                 return plan
             self.journal.note("verdict", subject="grasp plan", decision="refused", reason=refusal)
+        if self._why_not_graspable(parts, required) is None:
+            return GraspPlan(1.0, (), False, "grasp")
         return GraspPlan(0.0, (), True, "help")
+
+    def _refusal(self, plan: GraspPlan, parts: PartsView, required: int) -> str | None:
+        """Where a plan and the arm disagree about the part as it stands, if they do."""
+        if plan.graspable >= GRASPABLE:
+            return self._why_not_graspable(parts, required)
+        if plan.needs_help and self._why_not_graspable(parts, required) is None:
+            return "it asks for help, and the arm can take the part as it stands"
+        return None
 
     def _why_not_graspable(self, parts: PartsView, required: int) -> str | None:
         from skills.handling import why_not_graspable

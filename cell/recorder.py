@@ -10,15 +10,16 @@ from pathlib import Path
 import cv2
 import foxglove
 from foxglove import messages
-from foxglove.channels import CompressedImageChannel, FrameTransformChannel, LogChannel
+from foxglove.channels import CompressedImageChannel, LogChannel
 from foxglove.mcap import MCAPWriteOptions
 
 from cell.configuration import LogSettings
 from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.perception import Frame
-from cell.interfaces.pose import Pose
 from cell.log_schemas import TOPICS, asked_of_devices, plain, schema
 from cell.log_sink import LogSink
+from cell.scene_frames import timestamp
+from cell.scene_log import CellModel, SceneLog
 from cell.witness import Level, Outcome, TickRecord
 from skills.can_gripper import CanFrame
 
@@ -50,20 +51,25 @@ class Dropped:
 
 
 class McapRecorder:
-    """A witness that writes everything to a file; `log_time` is clock time."""
+    """A witness that writes everything to a file; `log_time` is clock time.
+
+    Attributes:
+        context: of all channels; a live server serves them from there, too.
+        scene: what viewers show beside them, None where the cell's model was not given.
+    """
 
     def __init__(
         self,
         path: Path,
         settings: LogSettings,
         heading: Heading,
-        world_from_tool: Callable[[tuple[float, ...]], Pose] | None = None,
+        cell: CellModel | None = None,
         alarm: Callable[[float, Level, str], None] = lambda *_: None,
     ) -> None:
         """Open the file.
 
         Args:
-            world_from_tool: forward kinematics of the arm.
+            cell: what viewers need to show robot and bench; None for a log without frames, bodies and overlays.
             alarm: told (clock time, level, text) when the disk refuses and when it takes bytes again.
 
         Raises:
@@ -71,21 +77,20 @@ class McapRecorder:
         """
         self.path = path
         self._settings = settings
-        self._world_from_tool = world_from_tool
-        self._context = foxglove.Context()
+        self.context = foxglove.Context()
         self._alarm = alarm
         self._alarmed = ""
         self._sink = _open(path)
         options = MCAPWriteOptions(chunk_size=CHUNK_BYTES, compression_threads=0, profile="cell")
-        self._writer = foxglove.open_mcap(self._sink, context=self._context, writer_options=options)
+        self._writer = foxglove.open_mcap(self._sink, context=self.context, writer_options=options)
         self._limit_bytes = round(settings.buffer_mb * 1e6)
         self.dropped = Dropped()
         self._json = {
-            topic: foxglove.Channel(topic, schema=schema(topic), message_encoding="json", context=self._context)
+            topic: foxglove.Channel(topic, schema=schema(topic), message_encoding="json", context=self.context)
             for topic in TOPICS
         }
-        self._log = LogChannel("/log", context=self._context)
-        self._transforms = FrameTransformChannel("/tf", context=self._context)
+        self._log = LogChannel("/log", context=self.context)
+        self.scene = None if cell is None else SceneLog(self.context, cell)
         self._images: dict[str, CompressedImageChannel] = {}
         self._bench = self._parts = -1
         self._closed = False
@@ -104,15 +109,16 @@ class McapRecorder:
         if self._sink.waiting_bytes > self._limit_bytes / 2:  # images go first: ticks are small and say more
             self.dropped.frames += self._settings.camera_frames
             return
-        self._pose(stamp_ns, f"camera_{frame.camera}", frame.world_from_camera)
+        if self.scene is not None:
+            self.scene.frame(frame, stamp_ns)
         if not self._settings.camera_frames:
             return
         options = [cv2.IMWRITE_JPEG_QUALITY, self._settings.jpeg_quality]
         _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR), options)
         if frame.camera not in self._images:
-            self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self._context)
+            self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self.context)
         image = messages.CompressedImage(
-            timestamp=_timestamp(stamp_ns), frame_id=f"camera_{frame.camera}", data=jpeg.tobytes(), format="jpeg"
+            timestamp=timestamp(stamp_ns), frame_id=f"camera_{frame.camera}", data=jpeg.tobytes(), format="jpeg"
         )
         self._images[frame.camera].log(image, log_time=stamp_ns)
 
@@ -143,8 +149,8 @@ class McapRecorder:
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
         self._command(stamp_ns, record)
         self._write("/timing", stamp_ns, {"tick": tick, "wall_s": record.wall_s, "overrun": record.overrun})
-        if self._world_from_tool is not None:
-            self._pose(stamp_ns, "tool", self._world_from_tool(observation.arm.positions_rad))
+        if self.scene is not None:
+            self.scene.tick(record, stamp_ns)
         self._flush()
 
     def can_frame(self, frame: CanFrame) -> None:
@@ -162,7 +168,7 @@ class McapRecorder:
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         stamp_ns = _nanoseconds(time_s)
-        line = messages.Log(timestamp=_timestamp(stamp_ns), level=LEVELS[level], message=text, name="controller")
+        line = messages.Log(timestamp=timestamp(stamp_ns), level=LEVELS[level], message=text, name="controller")
         self._log.log(line, log_time=stamp_ns)
 
     def close(self, outcome: Outcome) -> None:
@@ -225,18 +231,6 @@ class McapRecorder:
         }
         self._write("/command", stamp_ns, values)
 
-    def _pose(self, stamp_ns: int, child: str, pose: Pose) -> None:
-        x, y, z = pose.position_m
-        qw, qx, qy, qz = pose.quaternion_wxyz
-        transform = messages.FrameTransform(
-            timestamp=_timestamp(stamp_ns),
-            parent_frame_id="world",
-            child_frame_id=child,
-            translation=messages.Vector3(x=x, y=y, z=z),
-            rotation=messages.Quaternion(x=qx, y=qy, z=qz, w=qw),
-        )
-        self._transforms.log(transform, log_time=stamp_ns)
-
     def _write(self, topic: str, stamp_ns: int, values: dict[str, object]) -> None:
         self._json[topic].log(json.dumps(values, allow_nan=False).encode(), log_time=stamp_ns)
 
@@ -254,7 +248,3 @@ def _open(path: Path) -> LogSink:
 
 def _nanoseconds(time_s: float) -> int:
     return round(time_s * 1e9)
-
-
-def _timestamp(stamp_ns: int) -> messages.Timestamp:
-    return messages.Timestamp(sec=stamp_ns // 1_000_000_000, nsec=stamp_ns % 1_000_000_000)

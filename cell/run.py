@@ -12,7 +12,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 from rich.console import Console
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration, load_configuration, load_product
@@ -22,7 +21,6 @@ from cell.detectors import lock_step, worker_processes
 from cell.interfaces.clock import PacedClock
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError, Problem
-from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import place_of
 from cell.monitor import Monitor
@@ -30,11 +28,11 @@ from cell.node_library import node_registry
 from cell.progress import LiveProgress
 from cell.recorder import Heading, McapRecorder
 from cell.reload import WatchedTree
+from cell.scene_log import CellModel
 from cell.services import TickClock, make_services
 from cell.tally import Tally
 from cell.witness import Level, Outcome, Witness
 from skills.can_gripper import CanGripper, Tap, open_bus
-from skills.kinematics import Kinematics
 from skills.planner import MotionPlanner
 from trees.loader import load_tree
 from trees.tree import Tree
@@ -99,7 +97,8 @@ def run(options: RunOptions, console: Console) -> RunResult:
         def alarm(time_s: float, level: Level, text: str) -> None:
             progress.message(time_s, level, text)
 
-        recorder = McapRecorder(log, configuration.log, _heading(options, files), _forward(motion.kinematics), alarm)
+        model = CellModel(product, configuration.bench, motion)
+        recorder = McapRecorder(log, configuration.log, _heading(options, files), model, alarm)
         stack.callback(recorder.abandon)
         devices = _open_devices(options, files)
         stack.callback(devices.close)
@@ -188,10 +187,6 @@ def _factory(path: Path, dotted: str) -> Callable[..., Devices]:
     except (ImportError, AttributeError) as error:
         raise InputError(Problem(place_of(path, ("devices", "factory")), f"no such factory: {error}")) from None
     return factory
-
-
-def _forward(kinematics: Kinematics) -> Callable[[tuple[float, ...]], Pose]:
-    return lambda joints_rad: kinematics.forward(np.asarray(joints_rad))
 
 
 def _heading(options: RunOptions, files: Files) -> Heading:

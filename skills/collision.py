@@ -16,6 +16,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from skills.kinematics import FLANGE, Kinematics, description_share, urdf_text
+from skills.outline import Shape, shapes
 from skills.settings import MotionSettings
 
 # Outline of the 2F-85 in the flange's frame, as boxes: (centre, size) in [m]. Fingers slide along x.
@@ -58,7 +59,11 @@ class Box:
 
 
 class CollisionChecker:
-    """Checks whole joint paths; what stands still on the bench is always an obstacle."""
+    """Checks whole joint paths; what stands still on the bench is always an obstacle.
+
+    Attributes:
+        shapes: arm and gripper as they are checked, for drawing them.
+    """
 
     def __init__(
         self, kinematics: Kinematics, product: Product, bench: Bench, settings: MotionSettings | None = None
@@ -72,6 +77,7 @@ class CollisionChecker:
         self._geometry = self._arm_geometry()
         self._add_tool(bench.wrist.mount.pose)
         self._arm = tuple(item.name for item in self._geometry.geometryObjects)
+        self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
         self._add_pairs(_SELF_PAIRS)
         for box in standing_boxes(product, bench):
             self._add_obstacle(self._geometry, box)

@@ -13,6 +13,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from skills.collision import Box, CollisionChecker
 from skills.kinematics import Kinematics
+from skills.outline import Shape
 from skills.settings import MotionSettings
 from skills.trajectory import joint_move, line_move
 
@@ -51,6 +52,11 @@ class MotionPlanner:
         self.settings = settings or MotionSettings()
         self.kinematics = Kinematics(self.settings)
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
+
+    @property
+    def robot_shapes(self) -> tuple[Shape, ...]:
+        """Arm and gripper with closed fingers, as collisions are checked."""
+        return self._checker.shapes
 
     def reach(self, poses: Sequence[Pose], near_rad: Array, load: Load) -> tuple[Pose, Array] | str:
         """The tool pose with the shortest way there and its joints; or why none of them can be reached."""

@@ -120,16 +120,13 @@ def test_camera_frames_are_jpeg_images(tmp_path: Path) -> None:
     assert np.abs(image.astype(int) - 128).max() < 4
 
 
-def test_can_frames_and_tool_pose_are_in_the_log(tmp_path: Path) -> None:
-    recorder = McapRecorder(
-        tmp_path / "log.mcap", LogSettings(), Heading(), lambda joints_rad: Pose((joints_rad[0], 0.0, 0.0))
-    )
+def test_can_frames_are_in_the_log(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path / "log.mcap", LogSettings(), Heading())
     recorder.can_frame(CanFrame(0.02, 0x18A, bytes(range(8)), sent=False))
     recorder.tick(record(0))
     recorder.close(OUTCOME)
     found = read(tmp_path / "log.mcap")
     assert found["/can"] == [(20_000_000, {"id": 0x18A, "sent": False, "data_hex": "0001020304050607"})]
-    assert len(found["/tf"]) == 1
 
 
 def test_heading_and_outcome_are_attachments_and_metadata(tmp_path: Path) -> None:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import orjson
 
 from cell.interfaces.command import Command
+
+Convert = Callable[[Any], Any]
 
 NUMBER = {"type": "number"}
 INTEGER = {"type": "integer"}
@@ -48,26 +52,23 @@ def plain(value: object) -> Any:
     """Data that JSON can hold, from dataclasses, mappings, sequences, arrays and enumerations.
 
     Numbers that are not finite become text: JSON has no word for them.
+
+    Raises:
+        TypeError: a log cannot hold it.
     """
-    if value is None or isinstance(value, str | bool):
-        return value
-    if isinstance(value, Enum):
-        return value.name
-    if isinstance(value, int | np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else str(value)
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {_key(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(f"a log cannot hold a {type(value).__name__}: {value!r}")
+    kind = type(value)
+    convert = _CONVERTERS.get(kind)
+    if convert is None:
+        convert = _CONVERTERS[kind] = _converter(kind)
+    return convert(value)
+
+
+def json_bytes(value: object) -> bytes:
+    """Plain data as JSON; what the fast encoder cannot hold (huge integers, half characters) the slow one can."""
+    try:
+        return orjson.dumps(value)
+    except orjson.JSONEncodeError:
+        return json.dumps(value, allow_nan=False).encode()
 
 
 def asked_of_devices(command: Command) -> dict[str, Any] | None:
@@ -82,6 +83,45 @@ def asked_of_devices(command: Command) -> dict[str, Any] | None:
         "follow": plain(command.follow),
         "gripper": plain(command.gripper),
     }
+
+
+def _converter(kind: type) -> Convert:
+    """How values of a type become plain data; worked out once for each type, as a tick converts hundreds."""
+    if issubclass(kind, Enum):
+        return lambda value: value.name
+    if issubclass(kind, int | np.integer):
+        return int
+    if issubclass(kind, float | np.floating):
+        return lambda value: float(value) if math.isfinite(value) else str(value)
+    if dataclasses.is_dataclass(kind):
+        return _record_converter(tuple(field.name for field in dataclasses.fields(kind)))
+    if issubclass(kind, Mapping):
+        return lambda value: {_key(key): plain(item) for key, item in value.items()}
+    if issubclass(kind, np.ndarray):
+        return lambda value: plain(value.tolist())
+    if issubclass(kind, list | tuple):
+        return _listed
+    if issubclass(kind, str | Path):
+        return str
+    raise TypeError(f"a log cannot hold a {kind.__name__}")
+
+
+def _record_converter(names: tuple[str, ...]) -> Convert:
+    return lambda value: {name: plain(getattr(value, name)) for name in names}
+
+
+def _listed(values: Sequence[Any]) -> list[Any]:
+    """Rows of finite numbers, which most lists are, pass as they are."""
+    if all(type(value) is float for value in values) and math.isfinite(sum(values)):
+        return list(values)
+    return [plain(value) for value in values]
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
+_CONVERTERS: dict[type, Convert] = dict.fromkeys((type(None), str, bool, int), _as_it_is)
 
 
 def _key(key: object) -> str:

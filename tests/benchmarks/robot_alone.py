@@ -7,7 +7,6 @@ python -m tests.benchmarks.robot_alone clutter --scenes 60
 from __future__ import annotations
 
 import argparse
-import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -17,6 +16,7 @@ from rich.progress import track
 from rich.table import Table
 
 from sim.clutter import ScenePart, sample_clutter
+from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Diary, lifted, robot_alone, run_tree
 
 FIRST_SEED = 1000
@@ -109,16 +109,6 @@ def report(title: str, rows: Sequence[tuple[str, int, int]], failures: Sequence[
     console.print(table)
     for failure in failures:
         console.print(failure, highlight=False, soft_wrap=True)
-
-
-def wilson(done: int, total: int) -> tuple[float, float]:
-    """95 % interval of a share."""
-    if total == 0:
-        return 0.0, 1.0
-    z, share = 1.96, done / total
-    middle = (share + z * z / (2 * total)) / (1 + z * z / total)
-    half = z / (1 + z * z / total) * math.sqrt(share * (1 - share) / total + z * z / (4 * total * total))
-    return middle - half, middle + half
 
 
 if __name__ == "__main__":

@@ -19,11 +19,11 @@ from cell.interfaces.product import Product
 from cell.interfaces.skill import Progress, Skill, SkillStatus
 from cell.interfaces.yaml_file import load_yaml
 from sim.arm import SimArm
-from sim.clock import SimClock
+from sim.clock import Observer, SimClock
 from sim.clutter import standing
 from sim.gripper_node import GripperNode
 from sim.settings import PhysicsSettings
-from sim.world import WorldPart, build_world
+from sim.world import World, WorldPart, build_world
 from skills.can_gripper import CanGripper, open_bus
 from skills.planner import MotionPlanner
 from skills.settings import CanSettings
@@ -35,10 +35,11 @@ TICK_S = 0.040
 class RobotAlone:
     """A world with the given parts in its tray, its arm and gripper, and a motion planner."""
 
-    def __init__(self, types: Sequence[str], channel: str) -> None:
+    def __init__(self, types: Sequence[str], channel: str, watch: Callable[[World], Observer] | None = None) -> None:
         """Args:
         types: one part of each stands aside on the table until a test puts it somewhere.
         channel: name of the virtual CAN bus, one for each robot.
+        watch: makes something that looks at the world after every control period.
         """
         self.product, self.bench = load_cell()
         scene = [
@@ -47,7 +48,7 @@ class RobotAlone:
         self.world = build_world(self.product, self.bench, scene, PhysicsSettings())
         self.arm = SimArm(self.world)
         self.node = GripperNode(self.world, "virtual", channel)
-        self.clock = SimClock(self.world, [self.arm, self.node], [])
+        self.clock = SimClock(self.world, [self.arm, self.node], [] if watch is None else [watch(self.world)])
         settings = CanSettings(channel=channel)
         self.gripper = CanGripper(open_bus(settings), self.clock, settings)
         self.planner = MotionPlanner(self.product, self.bench)

@@ -1,0 +1,137 @@
+"""One grasp in the simulator, margins and checks against neighbours switched off: what physics says about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.interfaces.command import GripperCommand
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.skill import SkillStatus
+from sim.world import World
+from skills.grasp_pose import Grasp, grasps
+from skills.grip import Grip
+from skills.handling import joints_of
+from skills.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
+from skills.planner import Load, MotionPlanner, at_height
+from tests.integration.robot_alone import RobotAlone
+
+ABOVE_M = 0.16  # TCP height that passes over everything in the tray
+LIFT_M = 0.10
+MOVED_M = 0.0005
+SETTLING_S = 0.4
+
+Standing = tuple[str, tuple[float, float], float]  # type, (x, y) in the world, yaw
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What happened.
+
+    Attributes:
+        touched: the gripper had contact with a part that it was not to take.
+        moved_m: farthest that such a part was moved.
+        lifted: the wanted part hung in the gripper at the end.
+        reason: the skill's last words.
+    """
+
+    touched: bool
+    moved_m: float
+    lifted: bool
+    reason: str
+
+    @property
+    def good(self) -> bool:
+        """The part was taken and nothing else was disturbed."""
+        return self.lifted and not self.touched and self.moved_m <= MOVED_M
+
+
+class GripperContacts:
+    """Notes which parts the gripper has touched; looks after every control period."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        names = [world.model.body(index).name for index in range(world.model.nbody)]
+        self._gripper = np.array([name == "gripper" or name.startswith("finger_") for name in names])
+        self.touched: set[int] = set()
+
+    def observe(self, _time_s: float, /) -> None:
+        """Collect the bodies in contact with the gripper."""
+        pairs = self._world.model.geom_bodyid[self._world.data.contact.geom]
+        for own, other in ((pairs[:, 0], pairs[:, 1]), (pairs[:, 1], pairs[:, 0])):
+            self.touched.update(int(body) for body in other[self._gripper[own]])
+
+
+class BlindGrasp(PhasedSkill):
+    """Straight down on a part, close, and lift, whatever stands beside it."""
+
+    def __init__(self, planner: MotionPlanner, part: PartDetection, grip: Grip, clearance_m: float) -> None:
+        super().__init__()
+        self._planner, self._part, self._grip, self._clearance_m = planner, part, grip, clearance_m
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """Choose the half turn with the shorter way."""
+        planner, part, settings = self._planner, self._part, self._planner.settings
+        kind = planner.product.parts[part.part]
+        options = grasps(part, kind, settings, self._grip, self._clearance_m)
+        load = Load(options[0].opening_m, close=True)
+        found = planner.reach([option.world_from_tool for option in options], joints_of(observation), load)
+        if isinstance(found, str):
+            return found
+        grasp = next(option for option in options if option.world_from_tool == found[0])
+        above = planner.kinematics.inverse(at_height(grasp.world_from_tool, ABOVE_M), found[1])
+        return "out of reach above the part" if above is None else self._phases_for(grasp, above, load)
+
+    def _phases_for(self, grasp: Grasp, above_rad: np.ndarray, load: Load) -> list[Phase]:
+        planner, settings = self._planner, self._planner.settings
+        speed, force, target = settings.gripper_speed_m_s, settings.grip_force_n, grasp.world_from_tool
+        lifted_m = target.position_m[2] + LIFT_M
+        return [
+            Activate(),
+            SetGripper("opening", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
+            Move("moving above", lambda start: planner.free_move(start, above_rad, load), settings),
+            FingersRest("opening", settings),
+            Move("going down", lambda start: planner.straight_move(start, target, load), settings),
+            SetGripper("grasping", GripperCommand(0.0, speed, force), settings, must_hold=True),
+            Move("lifting", lambda start: planner.rise(start, lifted_m, grasp.opening_m), settings, holding="it"),
+        ]
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return "lifted"
+
+
+def try_grasp(parts: Sequence[Standing], target: int, grip: Grip, clearance_m: float, channel: str) -> Verdict:
+    """Stand the parts up, grasp one of them, and judge by contacts and by where the others are afterwards.
+
+    Args:
+        clearance_m: gap between each finger and the body on the way down.
+        channel: name of a virtual CAN bus.
+    """
+    watches: list[GripperContacts] = []
+
+    def watch(world: World) -> GripperContacts:
+        watches.append(GripperContacts(world))
+        return watches[0]
+
+    with RobotAlone([name for name, _, _ in parts], channel, watch) as robot:
+        for body, (_, xy_m, yaw_rad) in zip(robot.parts, parts, strict=True):
+            robot.stand(body, xy_m, yaw_rad)
+        robot.wait(SETTLING_S)
+        wanted = robot.parts[target]
+        others = [body for body in robot.parts if body is not wanted]
+        before = [robot.world.part_pose(body).position_m for body in others]
+        height_m = robot.world.part_pose(wanted).position_m[2]
+        seen = robot.detection(wanted, np.random.default_rng(0), 0.0, 0.0)
+        progress = robot.run(BlindGrasp(robot.planner, seen, grip, clearance_m))
+        after = [robot.world.part_pose(body).position_m for body in others]
+        moved_m = max((math.dist(a, b) for a, b in zip(before, after, strict=True)), default=0.0)
+        held = progress.status is SkillStatus.SUCCESS
+        risen_m = robot.world.part_pose(wanted).position_m[2] - height_m
+        touched = any(body.body in watches[0].touched for body in others)
+    return Verdict(touched, moved_m, held and risen_m > LIFT_M / 2, progress.reason)

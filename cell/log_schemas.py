@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 import orjson
 
 from cell.interfaces.command import Command
+from trees.node import StatusChange
 
 Convert = Callable[[Any], Any]
 
@@ -69,6 +70,12 @@ def json_bytes(value: object) -> bytes:
         return orjson.dumps(value)
     except orjson.JSONEncodeError:
         return json.dumps(value, allow_nan=False).encode()
+
+
+def tick_json(tick: int, status: str, changes: Iterable[StatusChange]) -> bytes:
+    """The message of `/tick`; a change that was told before is not encoded again."""
+    told = ",".join([change.json for change in changes])
+    return f'{{"tick":{tick},"status":"{status}","changes":[{told}]}}'.encode()
 
 
 def asked_of_devices(command: Command) -> dict[str, Any] | None:

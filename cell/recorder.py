@@ -16,7 +16,7 @@ from foxglove.mcap import MCAPWriteOptions
 from cell.configuration import LogSettings
 from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.perception import Frame
-from cell.log_schemas import TOPICS, asked_of_devices, plain, schema
+from cell.log_schemas import TOPICS, asked_of_devices, plain, schema, tick_json
 from cell.log_sink import LogSink
 from cell.scene_frames import timestamp
 from cell.scene_log import CellModel, SceneLog
@@ -144,7 +144,7 @@ class McapRecorder:
             "parts": observation.parts and self._parts,
         }
         self._write("/observation", stamp_ns, seen)
-        self._write("/tick", stamp_ns, {"tick": tick, "status": record.status, "changes": plain(record.changes)})
+        self._json["/tick"].log(tick_json(tick, record.status, record.changes), log_time=stamp_ns)
         for topic, fields in record.notes:
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
         self._command(stamp_ns, record)

@@ -13,6 +13,8 @@ from trees.blackboard import Scope
 from trees.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
 from trees.xml_file import Element
 
+TOLD_LIMIT = 10_000  # changes kept for the next time they are told
+
 
 class Tree:
     """The nodes of one tree and their blackboard.
@@ -46,6 +48,7 @@ class Tree:
         self.origins = tuple(origins)
         self.scopes = tuple(scopes) or (blackboard,)
         self._runtime = runtime
+        self._told: dict[tuple[int, str, str, str], StatusChange] = {}
 
     def setup(self, services: Any, clock: Clock) -> None:
         """Give the leaves their services and all nodes the clock; before the first tick."""
@@ -82,10 +85,22 @@ class Tree:
     @property
     def status_changes(self) -> list[StatusChange]:
         """What changed in the last tick or halt, in order."""
-        return [
-            StatusChange(node.full_path, node.uid, old, new, feedback)
-            for node, old, new, feedback in self._runtime.changes
-        ]
+        told = self._told
+        try:  # `_value_` because `value` and the hash of an enum member run Python code
+            return [told[node.uid, old._value_, new._value_, text] for node, old, new, text in self._runtime.changes]
+        except KeyError:  # rare: a tree does the same over and over
+            self._learn()
+            return self.status_changes
+
+    def _learn(self) -> None:
+        """Make the changes that were never told before; forget the others where feedback is new in every tick."""
+        changes = self._runtime.changes
+        if len(self._told) > TOLD_LIMIT:
+            self._told.clear()
+        for node, old, new, feedback in changes:
+            key = node.uid, old._value_, new._value_, feedback
+            if key not in self._told:
+                self._told[key] = StatusChange(node.full_path, node.uid, old, new, feedback)
 
     @property
     def status(self) -> Status:

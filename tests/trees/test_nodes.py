@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import py_trees
@@ -9,6 +10,7 @@ import pytest
 from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
+from cell.log_schemas import plain
 from tests.trees.conftest import Load
 from trees.node import Node
 from trees.ports import InputPort, OutputPort
@@ -216,6 +218,35 @@ def test_a_new_feedback_of_a_running_leaf_is_a_change(load: Load) -> None:
         tree.tick()
         told.append([(change.old.name, change.feedback) for change in tree.status_changes])
     assert told == [[("INVALID", "step 0")], [("RUNNING", "step 1")], [], [("RUNNING", "step 2")]]
+
+
+def test_the_same_change_is_the_same_object_and_is_encoded_once(load: Load) -> None:
+    tree = load('<KeepRunningUntilFailure><AlwaysSuccess name="&lt;&quot;ä"/></KeepRunningUntilFailure>')
+    told = []
+    for _ in range(3):
+        tree.tick()
+        told.append(tree.status_changes)
+        assert [json.loads(change.json) for change in told[-1]] == plain(told[-1])
+    assert len(told[1]) == 2
+    assert [id(change) for change in told[1]] == [id(change) for change in told[2]]
+
+
+def test_feedback_that_is_new_in_every_tick_fills_no_memory(load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Counts(Node):
+        """Says something else in every tick."""
+
+        def update(self) -> Status:
+            self.feedback_message = str(int(self.feedback_message or 0) + 1)
+            return Status.RUNNING
+
+    monkeypatch.setattr("trees.tree.TOLD_LIMIT", 5)
+    tree = load("<Counts/>", Counts)
+    kept = []
+    for number in range(1, 20):
+        tree.tick()
+        assert [change.feedback for change in tree.status_changes] == [str(number)]
+        kept.append(len(tree._told))
+    assert max(kept) <= 6
 
 
 def test_py_trees_tools_work_on_a_loaded_tree(load: Load) -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 TREE = ROOT / "trees" / "assemble.xml"
 BAD_INPUT, SAFE_STOP = 2, 3
 MONITOR_PORT = 1667
+LIVE_PORT = 8765
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -87,6 +88,10 @@ def run(
         bool, typer.Option("--monitor-hooks", help="Let it put breakpoints and overrides on nodes, too.")
     ] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Take over edits of the tree file while it runs.")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Serve the log's channels to Foxglove, on this machine.")
+    ] = False,
+    live_port: Annotated[int, typer.Option(min=0, max=65535, help="Port for --live; 0: any free one.")] = LIVE_PORT,
     as_json: JsonOption = False,
 ) -> int:
     """Assemble one product."""
@@ -94,7 +99,9 @@ def run(
 
     screen = console()
     port = monitor_port if monitor or monitor_hooks else None
-    options = running.RunOptions(tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch)
+    options = running.RunOptions(
+        tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch, live_port if live else None
+    )
     result = running.run(options, screen)
     screen.print(table("run", result.summary))
     if as_json:

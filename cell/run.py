@@ -23,6 +23,7 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError, Problem
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import place_of
+from cell.live_server import LiveServer
 from cell.monitor import Monitor
 from cell.node_library import node_registry
 from cell.progress import LiveProgress
@@ -50,6 +51,7 @@ class RunOptions:
         monitor_port: where Groot2 and other monitors may ask; None for no monitor.
         monitor_hooks: let them put breakpoints and overrides on nodes.
         watch: take over edits of the tree file while it runs.
+        live_port: where Foxglove and other viewers may connect; None for no server.
     """
 
     tree: Path = DEFAULT_TREE
@@ -61,6 +63,7 @@ class RunOptions:
     monitor_port: int | None = None
     monitor_hooks: bool = False
     watch: bool = False
+    live_port: int | None = None
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,10 @@ def run(options: RunOptions, console: Console) -> RunResult:
         model = CellModel(product, configuration.bench, motion)
         recorder = McapRecorder(log, configuration.log, _heading(options, files), model, alarm)
         stack.callback(recorder.abandon)
+        live = None if options.live_port is None else LiveServer(recorder.context, recorder.scene, options.live_port)
+        if live is not None:
+            stack.callback(live.abandon)
+            console.print(f"live: ws://127.0.0.1:{live.port} (layout: config/foxglove_layout.json)", highlight=False)
         devices = _open_devices(options, files)
         stack.callback(devices.close)
         tally, sheet = Tally(), ContactSheet(log.with_suffix(".png"))
@@ -109,6 +116,8 @@ def run(options: RunOptions, console: Console) -> RunResult:
         if monitor is not None:
             stack.callback(monitor.abandon)
             witnesses = (*witnesses, monitor)
+        if live is not None:
+            witnesses = (*witnesses, live)
         ticked = _watched(options, files.tree, witnesses, recorder, monitor) if options.watch else files.tree
         outcome = drive(files, devices, motion, witnesses, recorder.can_frame, options.pace, ticked)
         return RunResult(outcome, _summary(options, files, outcome, tally, devices, recorder, sheet.path))

@@ -25,11 +25,11 @@ def changed_configuration(folder: Path, old: str, new: str) -> Path:
     return path
 
 
-def recorded(folder: Path, tree: Path, duration_s: float) -> Log:
+def recorded(folder: Path, tree: Path, duration_s: float, seed: int = 1) -> Log:
     """The log of a run in simulation that ends after a while."""
     configuration = changed_configuration(folder / "config", "max_duration_s: 300.0", f"max_duration_s: {duration_s}")
     log = folder / "log.mcap"
-    run(RunOptions(tree, configuration, "g0", 1, "fast", log), Console(quiet=True))
+    run(RunOptions(tree, configuration, "g0", seed, "fast", log), Console(quiet=True))
     return read_log(log)
 
 
@@ -42,3 +42,9 @@ def commission_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
 def assembly_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     """Until the person has screwed for the first time and the guard has spoken."""
     return recorded(tmp_path_factory.mktemp("assembly"), DEFAULT_TREE, 6.0)
+
+
+@pytest.fixture(scope="session")
+def tray_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """Until the robot has looked into the tray for the first time."""
+    return recorded(tmp_path_factory.mktemp("tray"), DEFAULT_TREE, 9.0, seed=3)

@@ -11,7 +11,9 @@ import numpy as np
 from cell.interfaces.errors import ModelError
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.product import Product
-from learned.grasp.geometry import Blocks, Boxes, blocking
+from learned.grasp.boxes import Blocks, Boxes
+from learned.grasp.options import graspable
+from learned.grasp.physics import touching
 from learned.grasp.scenes import Scene, draw_scenes, observe
 from learned.grasp.settings import SceneSettings
 from learned.grasp.solution import solve, solves
@@ -67,7 +69,7 @@ def solve_iteratively(
         target = _next_grasp(planner, boxes, standing.index(required), rng, settings)
         if target is None:
             return _run(wanted.needs_help, moves, len(wanted.moves), "asked for help")
-        if blocking(boxes, settings.gripper)[target].any():
+        if not graspable(touching(boxes, settings.outline))[target]:
             return _run(False, moves, len(wanted.moves), "collided")
         if standing[target] == required:
             return _run(True, moves, len(wanted.moves), "grasped")
@@ -141,7 +143,7 @@ def _next_grasp(
     planner: GraspPlanner, boxes: Boxes, required: int, rng: np.random.Generator, settings: SceneSettings
 ) -> int | None:
     """Alg. 2 on one image: from the required part along "move b" to a part that is graspable; None asks for help."""
-    seen = Scene(boxes, blocking(boxes, settings.gripper), observe(boxes, rng, settings.noise))
+    seen = Scene(boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise))
     target, asked = required, {required}
     while True:
         plan = answer(planner, seen, target)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.grasp.geometry import boxes_of
+from learned.grasp.boxes import boxes_of
 from learned.grasp.solution import nearest_first
 
 MAX_PARTS = 8  # what does not fit is farthest from the required part

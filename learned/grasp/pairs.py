@@ -1,40 +1,63 @@
-"""Numbers that describe one part beside another, for a network that asks whether the second blocks the first."""
+"""Numbers that describe one part beside another, for a network that asks whether the second is in the way."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
-from learned.grasp.geometry import Boxes
+from learned.grasp.boxes import Boxes
+from learned.grasp.options import available, gripped_m, jaw_yaw_rad
+from learned.grasp.settings import GripperOutline
+
+Indices = NDArray[np.intp]
 
 PAIR_FEATURES = 16
 REACH_M = 0.16  # no outline of gripper or part extends so far from a part's middle that farther pairs matter
 _UNIT_M = 0.03
 
 
-def near_pairs(boxes: Boxes) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices (p,) of required parts and (p,) of neighbours within reach of them."""
+@dataclass(frozen=True)
+class Pairs:
+    """Indices (p,) each: a part, an option to grasp it, a neighbour within reach."""
+
+    part: Indices
+    option: Indices
+    neighbour: Indices
+
+    def __len__(self) -> int:
+        return len(self.part)
+
+
+def near_pairs(boxes: Boxes) -> Pairs:
+    """All pairs of neighbours, for every option that the part has."""
     offset = boxes.centre_m[None] - boxes.centre_m[:, None]
     near = np.hypot(offset[..., 0], offset[..., 1]) < REACH_M
     np.fill_diagonal(near, False)
-    required, neighbour = np.nonzero(near)
-    return required, neighbour
+    exists = available(boxes, GripperOutline())
+    return Pairs(*np.nonzero(near[:, None] & exists[..., None]))
 
 
-def pair_features(boxes: Boxes, required: NDArray[np.intp], neighbour: NDArray[np.intp]) -> NDArray[np.float32]:
-    """Features (p, PAIR_FEATURES) of neighbours in the required parts' frames.
+def pair_features(boxes: Boxes, pairs: Pairs) -> NDArray[np.float32]:
+    """Features (p, PAIR_FEATURES) of neighbours in the jaw's frame at the parts.
 
     A box looks the same from both ends and from both sides, and so does the gripper: the neighbour is mirrored into
-    the quarter x, y >= 0 of the required part's frame, so that the network need not learn these symmetries.
+    the quarter x, y >= 0 of the jaw's frame, so that the network need not learn these symmetries.
     """
+    required, neighbour = pairs.part, pairs.neighbour
     offset = boxes.centre_m[neighbour] - boxes.centre_m[required]
-    yaw = boxes.yaw_rad[required]
+    yaw = jaw_yaw_rad(boxes)[required, pairs.option]
     along = offset[:, 0] * np.cos(yaw) + offset[:, 1] * np.sin(yaw)
     across = offset[:, 1] * np.cos(yaw) - offset[:, 0] * np.sin(yaw)
     turn = boxes.yaw_rad[neighbour] - yaw
     mirrored = np.where(along * across < 0, -1.0, 1.0)
-    own, other = boxes.size_m[required], boxes.size_m[neighbour]
+    gripped = gripped_m(boxes)
+    own = np.column_stack(
+        [gripped[required, 1 - pairs.option], gripped[required, pairs.option], boxes.size_m[required, 2]]
+    )
+    other = boxes.size_m[neighbour]
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
     # The required part as the neighbour sees it.
     seen_along = np.abs(offset[:, 0] * np.cos(yaw + turn) + offset[:, 1] * np.sin(yaw + turn))

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from cell.interfaces.product import Product
-from learned.grasp.geometry import boxes_of
+from learned.grasp.boxes import boxes_of
+from learned.grasp.options import OPTIONS
 from learned.grasp.pairs import PAIR_FEATURES, near_pairs, pair_features
 from learned.grasp.scenes import Scene
 
@@ -33,12 +34,12 @@ class PairNet(nn.Module):
 
 @dataclass(frozen=True)
 class PairData:
-    """All parts of many scenes with their neighbours, padded to the largest number of neighbours k.
+    """All parts of many scenes with their options and neighbours, padded to the largest scene (n parts).
 
     Attributes:
-        features: (parts, k, PAIR_FEATURES).
-        blocks: (parts, k) 1 where the neighbour blocks the part.
-        present: (parts, k) 1 where there is a neighbour.
+        features: (parts, options, n, PAIR_FEATURES).
+        blocks: (parts, options, n) 1 where the neighbour blocks the option.
+        present: (parts, options, n) 1 where there are such an option and such a neighbour within reach.
     """
 
     features: Tensor
@@ -49,7 +50,7 @@ class PairData:
         return len(self.features)
 
     def loss(self, net: PairNet, chosen: Tensor) -> Tensor:
-        """Cross-entropy of every pair, and of the noisy-or over a part's neighbours; summed over the members."""
+        """Cross-entropy of every pair, and of the noisy-or over an option's neighbours; summed over the members."""
         logits = net.each(self.features[chosen])
         blocks, present = self.blocks[chosen], self.present[chosen]
         pairs = nn.functional.binary_cross_entropy_with_logits(logits, blocks.expand_as(logits), reduction="none")
@@ -57,24 +58,25 @@ class PairData:
         blocked = (blocks * present).amax(-1).expand_as(free)
         # log(1 - exp(free)) without loss of precision; the bound keeps it finite where nothing is near.
         log_blocked = torch.log(-torch.expm1(free.clamp(max=-1e-6)))
-        parts = -(blocked * log_blocked + (1 - blocked) * free)
-        return (pairs * present).sum((1, 2)).sum() / present.sum() + parts.mean(1).sum()
+        options = -(blocked * log_blocked + (1 - blocked) * free) * present.amax(-1)
+        each = (pairs * present).sum((1, 2, 3)).sum() / present.sum()
+        return each + options.sum() / present.amax(-1).sum()
 
 
 def pair_data(scenes: Sequence[Scene], product: Product) -> PairData:
     """Features from the detections, labels from the truth."""
-    widest = max(len(scene.boxes) for scene in scenes) - 1
-    count = sum(len(scene.boxes) for scene in scenes)
-    features = np.zeros((count, widest, PAIR_FEATURES), dtype=np.float32)
-    blocks, present = np.zeros((2, count, widest), dtype=np.float32)
+    widest = max(len(scene.boxes) for scene in scenes)
+    shape = (sum(len(scene.boxes) for scene in scenes), len(OPTIONS), widest)
+    features = np.zeros((*shape, PAIR_FEATURES), dtype=np.float32)
+    blocks, present = np.zeros((2, *shape), dtype=np.float32)
     first = 0
     for scene in scenes:
         boxes = boxes_of(scene.parts, product)
-        required, neighbour = near_pairs(boxes)
-        slot = np.array([np.count_nonzero(required[:k] == required[k]) for k in range(len(required))], dtype=np.intp)
-        features[first + required, slot] = pair_features(boxes, required, neighbour)
-        blocks[first + required, slot] = scene.blocks[required, neighbour]
-        present[first + required, slot] = 1.0
+        pairs = near_pairs(boxes)
+        places = first + pairs.part, pairs.option, pairs.neighbour
+        features[places] = pair_features(boxes, pairs)
+        blocks[places] = scene.blocks[pairs.part, pairs.option, pairs.neighbour]
+        present[places] = 1.0
         first += len(boxes)
     return PairData(torch.from_numpy(features), torch.from_numpy(blocks), torch.from_numpy(present))
 

@@ -14,11 +14,13 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.grasp.geometry import Boxes, boxes_of
+from learned.grasp.boxes import Boxes, boxes_of
 from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
 from learned.grasp.language import WORDS, decode
+from learned.grasp.options import available, mark_missing
 from learned.grasp.pairs import near_pairs, pair_features
 from learned.grasp.rule import RulePlanner
+from learned.grasp.settings import GripperOutline
 from learned.grasp.solution import Solution, nearest_first, solve
 from learned.onnx_model import OnnxModel
 
@@ -57,23 +59,24 @@ class PairwisePlanner:
         self._blocking_chance(boxes_of(_side_by_side(product), product))
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
-        """A plan for `parts[required]`; graspable is the noisy-or of all its possible blockers."""
+        """A plan for `parts[required]`; an option is free by the noisy-or of all its possible blockers."""
         boxes = boxes_of(parts, self._product)
         chance = self._blocking_chance(boxes)
-        free = np.prod(1.0 - chance, axis=1)
+        free = np.prod(1.0 - chance, axis=-1)
         blocks = chance >= 0.5
-        # Several doubtful blockers can add up to a blocked part: then the likeliest one is named.
-        doubtful = np.flatnonzero((free < 0.5) & ~blocks.any(axis=1))
-        blocks[doubtful, chance[doubtful].argmax(axis=1)] = True
-        return solve(blocks, required, nearest_first(boxes, required)).plan(float(free[required]))
+        # Several doubtful blockers can add up to a blocked option: then the likeliest one is named.
+        doubtful = np.nonzero((free < 0.5) & ~blocks.any(axis=-1))
+        blocks[(*doubtful, chance[doubtful].argmax(axis=-1))] = True
+        return solve(blocks, required, nearest_first(boxes, required)).plan(float(free[required].max()))
 
     def _blocking_chance(self, boxes: Boxes) -> Array:
-        """(n, n): probability that the second blocks the first."""
-        chance = np.zeros((len(boxes), len(boxes)))
-        required, neighbour = near_pairs(boxes)
-        if len(required):
-            logits = self._model.run({"pairs": pair_features(boxes, required, neighbour)})["logits"]
-            chance[required, neighbour] = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
+        """(n, options, n): probability that j blocks an option of i; 1 for i itself where it has no such option."""
+        exists = available(boxes, GripperOutline())
+        chance = mark_missing(np.zeros((*exists.shape, len(boxes)), dtype=bool), exists).astype(np.float64)
+        pairs = near_pairs(boxes)
+        if len(pairs):
+            logits = self._model.run({"pairs": pair_features(boxes, pairs)})["logits"]
+            chance[pairs.part, pairs.option, pairs.neighbour] = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
         return chance
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan
 from cell.interfaces.product import Product
-from learned.grasp.geometry import blocking, boxes_of
+from learned.grasp.boxes import boxes_of
+from learned.grasp.geometry import blocking
+from learned.grasp.options import graspable
 from learned.grasp.settings import GripperGeometry
 from learned.grasp.solution import nearest_first, solve
 
@@ -22,4 +24,4 @@ class RulePlanner:
         boxes = boxes_of(parts, self._product)
         blocks = blocking(boxes, self._gripper)
         solution = solve(blocks, required, nearest_first(boxes, required))
-        return solution.plan(0.0 if blocks[required].any() else 1.0)
+        return solution.plan(1.0 if graspable(blocks)[required] else 0.0)

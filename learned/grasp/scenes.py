@@ -13,8 +13,10 @@ import numpy as np
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.grasp.geometry import Blocks, Boxes, blocking, bodies_overlap, sliding_distance_m
-from learned.grasp.settings import DetectionNoise, SceneSettings
+from learned.grasp.boxes import Blocks, Boxes, bodies_overlap, sliding_distance_m
+from learned.grasp.options import OPTIONS, graspable
+from learned.grasp.physics import touching
+from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
 from learned.grasp.solution import Solution, nearest_first, solve
 
 Split = Literal["train", "validation", "test"]
@@ -29,7 +31,7 @@ class Scene:
 
     Attributes:
         boxes: the truth.
-        blocks: (n, n), [i, j] true where j is in the way of grasping i.
+        blocks: (n, options, n), [i, o, j] true where j would be touched in grasping i by option o.
         parts: one noisy detection of each, in the same order.
     """
 
@@ -39,7 +41,7 @@ class Scene:
 
     def graspable(self, required: int) -> bool:
         """Whether the gripper can take a part as it stands."""
-        return not self.blocks[required].any()
+        return bool(graspable(self.blocks)[required])
 
     def solution(self, required: int) -> Solution:
         """The fewest moves that free a part."""
@@ -63,7 +65,23 @@ def draw_scenes(
     for index in range(count):
         rng = np.random.default_rng([seed, _SPLIT_CODES[split], index])
         boxes = _draw_boxes(product, rng, settings, sizes or settings.parts)
-        yield Scene(boxes, blocking(boxes, settings.gripper), observe(boxes, rng, settings.noise))
+        yield Scene(boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise))
+
+
+def can_grasp(boxes: Boxes, required: int, option: str, outline: GripperOutline | None = None) -> bool:
+    """The label: whether the gripper can take a part by an option ("width" or "length") without touching another."""
+    return not touching(boxes, outline or GripperOutline())[required, OPTIONS.index(option)].any()
+
+
+def standing_boxes(product: Product, parts: Sequence[tuple[str, Pose]]) -> Boxes:
+    """Boxes of parts (type, pose of the part frame), for scenes made elsewhere."""
+    return Boxes(
+        tuple(name for name, _ in parts),
+        np.array([pose.position_m[:2] for _, pose in parts]),
+        np.array([pose.yaw_rad for _, pose in parts]),
+        np.array([pose.position_m[2] for _, pose in parts]),
+        np.array([product.parts[name].size_m for name, _ in parts]),
+    )
 
 
 def observe(boxes: Boxes, rng: np.random.Generator, noise: DetectionNoise) -> tuple[PartDetection, ...]:
@@ -101,7 +119,7 @@ def data_hash(scenes: Sequence[Scene]) -> str:
 
 
 def _draw_boxes(product: Product, rng: np.random.Generator, settings: SceneSettings, sizes: tuple[int, int]) -> Boxes:
-    """Parts placed one after another, each near one that stands already; starts again where one finds no place."""
+    """Parts placed one after another, most of them near one that stands; starts again where one finds no place."""
     count = int(rng.integers(sizes[0], sizes[1] + 1))
     names = list(product.parts)
     types = [names[i] for i in rng.integers(0, len(names), count)]
@@ -120,19 +138,26 @@ def _place(
 ) -> Boxes | None:
     """The boxes with one more, or None where no free place was found."""
     half_tray = np.array(settings.tray_m) / 2
+    beside = placed is not None and rng.random() < settings.neighbour_share
+    free: list[Boxes] = []
     for _ in range(_PLACING_TRIES):
         yaw = rng.uniform(-math.pi, math.pi)
-        if placed is None:
-            box = _box(name, product, rng.uniform(-half_tray, half_tray), yaw)
-        else:
+        if placed is not None and beside:
             box = _box_beside(placed.take([int(rng.integers(len(placed)))]), name, product, yaw, rng, settings)
+        else:
+            box = _box(name, product, rng.uniform(-half_tray, half_tray), yaw)
         if np.any(np.abs(box.centre_m) + np.hypot(*box.size_m[0, :2]) / 2 > half_tray):
             continue
         if placed is None:
             return box
         if not bodies_overlap(placed, box, settings.nearest_gap_m).any():
-            return _joined(placed, box)
-    return None
+            free.append(box)
+        if len(free) == (settings.crowding if beside else 1):
+            break
+    if placed is None or not free:
+        return None
+    middle = placed.centre_m.mean(axis=0)
+    return _joined(placed, min(free, key=lambda box: float(np.hypot(*(box.centre_m[0] - middle)))))
 
 
 def _box_beside(

@@ -1,7 +1,8 @@
-"""From "j blocks i" to the sequence of moves that frees a part, and its words (Alg. 2; section 3.2)."""
+"""From "j blocks an option of i" to the sequence of moves that frees a part, and its words (Alg. 2; section 3.2)."""
 
 from __future__ import annotations
 
+import heapq
 import string
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.interfaces.planning import GraspPlan
-from learned.grasp.geometry import Blocks, Boxes
+from learned.grasp.boxes import Blocks, Boxes
 
 
 @dataclass(frozen=True)
@@ -54,38 +55,73 @@ def nearest_first(boxes: Boxes, required: int) -> list[int]:
 
 
 def solve(blocks: Blocks, required: int, order: Sequence[int]) -> Solution:
-    """Fewest moves that free a part: all that block it, all that block those, and so on, each when it is free.
+    """Fewest moves that free a part, each moved part being free by some option when its turn comes.
+
+    A best-first search over which option each needed part is grasped by: what blocks a chosen option is needed, too.
 
     Args:
-        blocks: (n, n), [i, j] true where j blocks i.
+        blocks: (n, options, n), [i, o, j] true where j blocks option o of i; [i, o, i] where i has no such option.
         order: all indices; among parts that are free at the same time the first in this order moves first.
     """
-    needed = _all_blockers(blocks, required)
-    moves: list[int] = []
-    while needed:
-        free = [i for i in order if i in needed and not any(blocks[i, j] for j in (*needed, required))]
-        if not free:
-            return Solution(needs_help=True)
-        moves.append(free[0])
-        needed.remove(free[0])
-    return Solution(tuple(moves))
+    masks = _option_masks(blocks)
+    if 0 in masks[required]:
+        return Solution()
+    open_choices: list[tuple[int, int, int, dict[int, int]]] = [(1, 0, 1 << required, {})]
+    tries = 1
+    while open_choices:
+        _, _, needed, chosen = heapq.heappop(open_choices)
+        undecided = next((i for i in order if needed >> i & 1 and i not in chosen), None)
+        if undecided is None:
+            moves = _schedule(chosen, required, order)
+            if moves is not None:
+                return Solution(moves)
+            continue
+        for mask in masks[undecided]:
+            if not mask >> required & 1:
+                grown = needed | mask
+                entry = (grown.bit_count(), tries, grown, {**chosen, undecided: mask})
+                heapq.heappush(open_choices, entry)
+                tries += 1
+    return Solution(needs_help=True)
 
 
 def solves(moves: Sequence[int], blocks: Blocks, required: int) -> bool:
-    """Whether the moves free a part with no needless one, each move being possible when its turn comes."""
-    standing = set(range(len(blocks)))
+    """Whether the moves free a part, each being possible when its turn comes, and no shorter sequence would do."""
+    standing = np.ones(len(blocks), dtype=bool)
     for index in (*moves, required):
-        if index not in standing or any(blocks[index, j] for j in standing - {index}):
+        if not standing[index] or blocks[index][:, standing].any(axis=-1).all():
             return False
-        standing.remove(index)
-    return set(moves) == _all_blockers(blocks, required)
+        standing[index] = False
+    return len(moves) == len(solve(blocks, required, range(len(blocks))).moves)
 
 
-def _all_blockers(blocks: Blocks, required: int) -> set[int]:
-    found: set[int] = set()
-    open_ends = [required]
-    while open_ends:
-        new = [int(j) for j in np.flatnonzero(blocks[open_ends.pop()]) if j not in found and j != required]
-        found.update(new)
-        open_ends.extend(new)
+def _option_masks(blocks: Blocks) -> list[list[int]]:
+    """Of each part, its options as sets of blockers (bit j for part j), without needlessly blocked ones."""
+    bits = 1 << np.arange(len(blocks), dtype=np.int64)
+    found = []
+    for part, row in enumerate((blocks @ bits).tolist()):
+        real = [mask for mask in row if not mask >> part & 1]
+        found.append(
+            [m for k, m in enumerate(real) if not any(_better(other, m, k > j) for j, other in enumerate(real))]
+        )
     return found
+
+
+def _better(mask: int, than: int, earlier: bool) -> bool:
+    """Whether all that blocks one option blocks the other, too, and more (or it came first)."""
+    return mask & than == mask and (mask != than or earlier)
+
+
+def _schedule(chosen: dict[int, int], required: int, order: Sequence[int]) -> tuple[int, ...] | None:
+    """Order in which the chosen options become free, the required part left out; None if they wait in a circle."""
+    waiting = {index: mask for index, mask in chosen.items() if index != required}
+    standing = sum(1 << index for index in chosen)
+    moves: list[int] = []
+    while waiting:
+        free = next((i for i in order if i in waiting and not waiting[i] & standing), None)
+        if free is None:
+            return None
+        moves.append(free)
+        standing &= ~(1 << free)
+        del waiting[free]
+    return tuple(moves)

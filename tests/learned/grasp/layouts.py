@@ -34,10 +34,16 @@ def walled(name: str, wall: str) -> tuple[PartDetection, ...]:
     return (standing(name, 0.0, 0.0), standing(wall, 0.0, beside), standing(wall, 0.0, -beside))
 
 
+def enclosed() -> tuple[PartDetection, ...]:
+    """A low part between two tall walls, with a low part at each of its ends that only the walls keep from moving."""
+    end = PRODUCT.parts["o1"].size_m[0] + 0.006
+    return (*walled("o1", "o3"), standing("o1", end, 0.0), standing("o1", -end, 0.0))
+
+
 def chain() -> tuple[PartDetection, ...]:
-    """Part 2 blocks part 1, which blocks part 0 with its end; the last one is tall enough to be free itself."""
+    """Part 2 blocks part 1, which blocks part 0 with its end; all are too long to be grasped by their ends."""
     return (
-        standing("o1", 0.0, 0.0),
-        standing("o1", 0.0, 0.042, math.pi / 2),
-        standing("o3", 0.047, 0.042, math.pi / 2),
+        standing("o3", 0.0, 0.0),
+        standing("o3", 0.0, 0.0695, math.pi / 2),
+        standing("o3", 0.0695, 0.0695),
     )

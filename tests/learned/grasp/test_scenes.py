@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from learned.grasp.geometry import bodies_overlap
+from learned.grasp.boxes import bodies_overlap
 from learned.grasp.graph import MAX_PARTS, edge_weights, feature_count, mirror_signs, scene_graph
 from learned.grasp.scenes import data_hash, draw_scenes
 from learned.grasp.settings import SceneSettings

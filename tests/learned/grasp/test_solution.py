@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import permutations
 
 import numpy as np
 import pytest
 
 from cell.interfaces.errors import ModelError
-from learned.grasp.geometry import Blocks
+from learned.grasp.boxes import Blocks
 from learned.grasp.language import END, HELP, MAX_WORDS, WORDS, decode, encode
 from learned.grasp.solution import Solution, letter, solve, solves
 
@@ -21,7 +22,7 @@ def fewest_moves(blocks: Blocks, required: int) -> int | None:
         for moves in permutations(others, length):
             standing = set(range(count))
             for index in (*moves, required):
-                if blocks[index, list(standing - {index})].any():
+                if blocks[index][:, sorted(standing)].any(axis=1).all():
                     break
                 standing.remove(index)
             else:
@@ -30,33 +31,54 @@ def fewest_moves(blocks: Blocks, required: int) -> int | None:
 
 
 def random_blocks(rng: np.random.Generator, count: int) -> Blocks:
-    blocks: Blocks = (rng.random((count, count)) < 0.25) & ~np.eye(count, dtype=bool)
+    """Two options each; a missing one is blocked by the part itself."""
+    blocks: Blocks = rng.random((count, 2, count)) < rng.choice([0.25, 0.35, 0.5])
+    parts = np.arange(count)
+    blocks[parts, :, parts] = rng.random((count, 2)) < 0.2
+    return blocks
+
+
+def one_option(pairs: list[tuple[int, int]]) -> Blocks:
+    """Four parts, each with one option; (i, j) where j blocks i."""
+    blocks = np.zeros((4, 1, 4), dtype=bool)
+    for i, j in pairs:
+        blocks[i, 0, j] = True
     return blocks
 
 
 def test_solutions_are_the_shortest_and_work() -> None:
     rng = np.random.default_rng(2)
-    for _ in range(300):
-        blocks = random_blocks(rng, int(rng.integers(1, 6)))
+    lengths = Counter[int | None]()
+    for _ in range(1000):
+        blocks = random_blocks(rng, int(rng.integers(2, 6)))
         solution = solve(blocks, 0, range(len(blocks)))
         fewest = fewest_moves(blocks, 0)
+        lengths[fewest] += 1
         assert solution.needs_help == (fewest is None)
         if fewest is not None:
             assert len(solution.moves) == fewest
             assert solves(solution.moves, blocks, 0)
+    assert min(lengths[None], lengths[0], lengths[1], lengths[2], lengths[3]) >= 10
 
 
 def test_needless_missing_and_early_moves_do_not_solve() -> None:
-    blocks = np.zeros((4, 4), dtype=bool)
-    blocks[0, 1] = blocks[1, 2] = True
+    blocks = one_option([(0, 1), (1, 2)])
     assert solves((2, 1), blocks, 0)
     for moves in ((), (1,), (2,), (1, 2), (2, 1, 3), (2, 2, 1)):
         assert not solves(moves, blocks, 0)
 
 
+def test_the_option_with_fewer_moves_is_taken() -> None:
+    blocks = np.zeros((4, 2, 4), dtype=bool)
+    blocks[0, 0, [1, 2]] = blocks[0, 1, 3] = True
+    assert solve(blocks, 0, range(4)).moves == (3,)
+    assert not solves((1, 2), blocks, 0)
+    blocks[3, :, 0] = True  # part 3 waits for the required one in both of its options
+    assert solve(blocks, 0, range(4)).moves == (1, 2)
+
+
 def test_the_order_decides_among_free_parts_only() -> None:
-    blocks = np.zeros((4, 4), dtype=bool)
-    blocks[0, 1:] = blocks[3, 2] = True
+    blocks = one_option([(0, 1), (0, 2), (0, 3), (3, 2)])
     assert solve(blocks, 0, (0, 1, 2, 3)).moves == (1, 2, 3)
     assert solve(blocks, 0, (0, 3, 2, 1)).moves == (2, 3, 1)
 

@@ -1,0 +1,64 @@
+"""The ways to grasp a part: across its width, or across its length where the jaw opens so far; always at its middle."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from cell.interfaces.pose import Array
+from learned.grasp.boxes import Blocks, Boxes
+
+OPTIONS = ("width", "length")
+_GRIPPED = (1, 0)  # column of a body's size that is between the fingers
+_TURN_RAD = np.array([0.0, np.pi / 2])
+
+
+class Opening(Protocol):
+    """What decides which options exist."""
+
+    @property
+    def clearance_m(self) -> float:
+        """Gap between each finger and the body during descent."""
+        ...
+
+    @property
+    def stroke_m(self) -> float:
+        """Widest opening of the jaw."""
+        ...
+
+
+def gripped_m(boxes: Boxes) -> Array:
+    """Extent (n, options) of each body between the fingers."""
+    extent: Array = boxes.size_m[:, _GRIPPED]
+    return extent
+
+
+def jaw_yaw_rad(boxes: Boxes) -> Array:
+    """Heading (n, options) of the fingers' width; they close at a right angle to it."""
+    yaw: Array = boxes.yaw_rad[:, None] + _TURN_RAD
+    return yaw
+
+
+def available(boxes: Boxes, opening: Opening) -> Blocks:
+    """(n, options): whether the jaw opens wide enough."""
+    fits: Blocks = gripped_m(boxes) + 2 * opening.clearance_m <= opening.stroke_m
+    return fits
+
+
+def mark_missing(blocks: Blocks, exists: Blocks) -> Blocks:
+    """Blocks (n, options, n) in which an option that does not exist is blocked by the part itself.
+
+    Args:
+        blocks: [i, o, j] true where j is in the way of grasping i by option o.
+        exists: (n, options).
+    """
+    own = np.eye(len(blocks), dtype=bool)[:, None]
+    marked: Blocks = np.where(own, ~exists[..., None], blocks)
+    return marked
+
+
+def graspable(blocks: Blocks) -> Blocks:
+    """(n,): whether any option of a part is free."""
+    free: Blocks = np.any(~blocks.any(axis=-1), axis=-1)
+    return free

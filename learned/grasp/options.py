@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Blocks, Boxes
 
-OPTIONS = ("width", "length")
+Option = Literal["width", "length"]
+OPTIONS: tuple[Option, ...] = ("width", "length")
 _GRIPPED = (1, 0)  # column of a body's size that is between the fingers
 _TURN_RAD = np.array([0.0, np.pi / 2])
 
@@ -47,14 +48,14 @@ def available(boxes: Boxes, opening: Opening) -> Blocks:
 
 
 def mark_missing(blocks: Blocks, exists: Blocks) -> Blocks:
-    """Blocks (n, options, n) in which an option that does not exist is blocked by the part itself.
+    """Blocks (n, options, n) in which an option that does not exist is blocked by the part itself, and by that alone.
 
     Args:
         blocks: [i, o, j] true where j is in the way of grasping i by option o.
         exists: (n, options).
     """
     own = np.eye(len(blocks), dtype=bool)[:, None]
-    marked: Blocks = np.where(own, ~exists[..., None], blocks)
+    marked: Blocks = np.where(exists[..., None], blocks & ~own, own)
     return marked
 
 

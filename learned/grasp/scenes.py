@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,7 @@ Split = Literal["train", "validation", "test"]
 _SPLIT_CODES: dict[Split, int] = {"train": 0, "validation": 1, "test": 2}
 _PIXELS_PER_M = 1000.0
 _PLACING_TRIES = 40
+_HASHED_UNIT = 1e-7
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,13 @@ class Scene:
         boxes: the truth.
         blocks: (n, options, n), [i, o, j] true where j would be touched in grasping i by option o.
         parts: one noisy detection of each, in the same order.
+        noise: that the detections have.
     """
 
     boxes: Boxes
     blocks: Blocks
     parts: tuple[PartDetection, ...]
+    noise: DetectionNoise = field(default_factory=DetectionNoise)
 
     def graspable(self, required: int) -> bool:
         """Whether the gripper can take a part as it stands."""
@@ -65,7 +68,7 @@ def draw_scenes(
     for index in range(count):
         rng = np.random.default_rng([seed, _SPLIT_CODES[split], index])
         boxes = _draw_boxes(product, rng, settings, sizes or settings.parts)
-        yield Scene(boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise))
+        yield Scene(boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise), settings.noise)
 
 
 def can_grasp(boxes: Boxes, required: int, option: str, outline: GripperOutline | None = None) -> bool:
@@ -110,12 +113,20 @@ def data_hash(scenes: Sequence[Scene]) -> str:
     for scene in scenes:
         boxes = scene.boxes
         digest.update(" ".join(boxes.types).encode())
-        for values in (boxes.centre_m, boxes.yaw_rad, boxes.bottom_m, boxes.size_m, scene.blocks):
-            digest.update(values.tobytes())
-        for part in scene.parts:
-            pose = part.world_from_part
-            digest.update(np.array([*pose.position_m, pose.yaw_rad, *part.size_m, part.confidence]).tobytes())
+        digest.update(scene.blocks.tobytes())
+        truth = [boxes.centre_m.ravel(), boxes.yaw_rad, boxes.bottom_m, boxes.size_m.ravel()]
+        seen = [
+            (*part.world_from_part.position_m, *_direction(part.world_from_part), *part.size_m, part.confidence)
+            for part in scene.parts
+        ]
+        # Rounded, so that scenes are the same after they were written and read.
+        numbers = np.round(np.concatenate([*truth, np.ravel(seen)]) / _HASHED_UNIT)
+        digest.update(numbers.astype(np.int64).tobytes())
     return digest.hexdigest()
+
+
+def _direction(pose: Pose) -> tuple[float, float]:
+    return math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
 
 
 def _draw_boxes(product: Product, rng: np.random.Generator, settings: SceneSettings, sizes: tuple[int, int]) -> Boxes:

@@ -10,6 +10,7 @@ from pydantic import Field
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError, Problem
 from cell.interfaces.model import Model
+from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml, place_of
 from learned.classical.settings import PerceptionSettings as ClassicalSettings
@@ -55,7 +56,7 @@ class PlannerSettings(Model):
 
     Attributes:
         kind: which implementation answers, e.g. a learned one or "rule".
-        weights: ONNX file, relative to the configuration file; None means the shipped one of this kind.
+        weights: file of weights, relative to the configuration file; None means the shipped one of this kind.
     """
 
     kind: str
@@ -135,7 +136,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
 
 
 def _weights(name: str, planner: PlannerSettings, folder: Path) -> Path:
-    return WEIGHTS / f"{name}_{planner.kind}.onnx" if planner.weights is None else folder / planner.weights
+    return WEIGHTS / weights_file(name, planner.kind) if planner.weights is None else folder / planner.weights
 
 
 def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIGURATION) -> Product:

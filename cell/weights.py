@@ -6,12 +6,13 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from cell.interfaces.errors import InputError
+from cell.interfaces.planning import weights_file
 from cell.terminal import ROOT
 
 
 def shipped_weights(planner: str, kind: str) -> Path:
     """File of the weights that come with the program."""
-    return ROOT / "learned" / "weights" / f"{planner}_{kind}.onnx"
+    return ROOT / "learned" / "weights" / weights_file(planner, kind)
 
 
 def need_torch() -> None:

@@ -50,6 +50,20 @@ class ModelCard(Model):
     command: str
     seed: int
 
+    def require_vocabulary(self, path: Path, wanted: Mapping[str, tuple[str, ...]]) -> None:
+        """Check that the file was trained for these words, by use.
+
+        Raises:
+            ModelError: it was trained for others; the message names both.
+        """
+        for use, words in wanted.items():
+            known = self.vocabulary.get(use, ())
+            if known != words:
+                raise ModelError(
+                    f"{path}: trained for {use} [{'; '.join(known)}], but the product has [{'; '.join(words)}]; "
+                    "train again for this product (cell train) or choose another planner"
+                )
+
 
 def save_onnx(model: ModelProto, path: Path, card: ModelCard) -> None:
     """Write weights and card to one file; a file that was there before stays whole until the new one is."""
@@ -67,6 +81,7 @@ class OnnxModel:
     """A loaded ONNX file: runs on one CPU thread and never hands out NaN.
 
     Attributes:
+        outputs: their names.
         sha256: hash of the file, for logs.
     """
 
@@ -75,7 +90,7 @@ class OnnxModel:
         self.card = card
         self.sha256 = sha256
         self._session = session
-        self._outputs = [output.name for output in session.get_outputs()]
+        self.outputs = [output.name for output in session.get_outputs()]
 
     @staticmethod
     def load(path: Path, kind: str) -> OnnxModel:
@@ -110,12 +125,7 @@ class OnnxModel:
         Raises:
             ModelError: it was trained for others; the message names both.
         """
-        known = self.card.vocabulary.get(use, ())
-        if known != wanted:
-            raise ModelError(
-                f"{self.path}: trained for {use} [{'; '.join(known)}], but the product has [{'; '.join(wanted)}]; "
-                "train again for this product (cell train) or choose another planner"
-            )
+        self.card.require_vocabulary(self.path, {use: wanted})
 
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Outputs by name.
@@ -124,13 +134,13 @@ class OnnxModel:
             ModelError: the inputs do not fit the network, or an output is not finite.
         """
         try:
-            values = self._session.run(self._outputs, dict(inputs))
+            values = self._session.run(self.outputs, dict(inputs))
         except (ValueError, *LOAD_ERRORS) as error:
             raise ModelError(f"{self.path}: {str(error).splitlines()[0]}") from error
-        for name, value in zip(self._outputs, values, strict=True):
+        for name, value in zip(self.outputs, values, strict=True):
             if not np.isfinite(value).all():
                 raise ModelError(f"{self.path}: output {name!r} is not finite")
-        return dict(zip(self._outputs, values, strict=True))
+        return dict(zip(self.outputs, values, strict=True))
 
 
 def _card(path: Path, metadata: Mapping[str, str]) -> ModelCard:

@@ -13,6 +13,11 @@ Placement = tuple[str, str]  # (part type, position), for example ("o1", "p3")
 UNKNOWN_GOAL = "none of these"
 
 
+def weights_file(planner: str, kind: str) -> str:
+    """Name of the file in which the weights of a kind of planner are shipped: a graph is JSON, networks are ONNX."""
+    return f"{planner}_{kind}.{'json' if kind == 'and_or' else 'onnx'}"
+
+
 @dataclass(frozen=True)
 class AssemblyState:
     """Edges (object, position) of the assembly graph; each position holds at most one part.
@@ -34,8 +39,8 @@ class AssemblyPlan:
 
     Attributes:
         goal_belief: probability by goal name, and of UNKNOWN_GOAL where the planner gives one; sums to 1.
-        next_belief: probability that a (part, position) is right and still to be done; sums to at most the
-            number of open positions.
+        next_belief: probability that a part is the right one for a position that is open; sums to at most the number
+            of positions that are seen to be open. Whether one of them is filled after all is for the guard to see.
         next_part: the type to fetch next, None where nothing remains.
         guidance: by part type, the plan decoded for it: the positions where it is still to be put, in order;
             of the next type that is `[o, p...]` of Alg. 1.

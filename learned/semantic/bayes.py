@@ -2,71 +2,42 @@
 
 from __future__ import annotations
 
-from math import comb, factorial, perm, prod
+from math import comb
 
 import numpy as np
 
 from learned.semantic.graph import Floats, Layout
-from learned.semantic.scenarios import DETECTION_ERROR, action_pairs
-
-UNKNOWN_PRIOR = 0.05  # how often somebody builds what was never demonstrated
+from learned.semantic.noise import Noise
+from learned.semantic.posterior import UNKNOWN_PRIOR, Likelihood, Posterior, UnknownGoal, posterior
+from learned.semantic.scenarios import DETECTION_ERROR
 
 
 class BayesPosterior:
-    """P(goal | edges) with equal priors for the z goals and a small one for "none of these".
+    """Equal priors for the z goals, a small one for "none of these", and people without habits of order.
 
-    Any k of the goal's m slots are done, all choices alike. Each is reported right with probability
-    a = 1 - error, or as one given other (type, position) with probability q = error / (pairs - 1). Summed over
-    which slot each of the k reports stems from, a goal that agrees with c of them has the likelihood
+    Any k of the goal's m slots are done, all choices alike. Summed over which slot each of the k reports stems from,
+    a goal that agrees with c of them has the likelihood
 
-        L(c, k) = sum_i C(c, i) (a - q)^i q^(k - i) (m - i)! / (m - k)!
+        L(c, k) = sum_i C(c, i) (a - q)^i q^(k - i) (k - i)! C(m - i, k - i) / C(m, k),
 
-    up to a factor that is the same for all goals: i reports are fixed to their own slots, the others are free.
+    a the probability that a placement is reported right and q that it is reported as one given other: i reports are
+    fixed to their own slots, the others are free.
     """
 
     def __init__(self, layout: Layout, error: float = DETECTION_ERROR, unknown: float = UNKNOWN_PRIOR) -> None:
+        noise = Noise.of(layout, error)
         self._layout = layout
-        self._unknown = unknown
-        wrong = error / max(len(action_pairs(layout)) - 1, 1)
-        right = 1.0 - error - wrong
-        m = len(layout.positions)
-        self._terms = [
-            [right**i * wrong ** (k - i) * factorial(m - i) / factorial(m - k) for i in range(k + 1)]
-            for k in range(m + 1)
-        ]
-        self._likelihood = np.array(
-            [
-                [sum(comb(c, i) * term for i, term in enumerate(self._terms[k])) for k in range(m + 1)]
-                for c in range(m + 1)
-            ]
-        )
+        self._prior = unknown
+        self._unknown = UnknownGoal(layout, noise)
+        subsets = np.array([[comb(c, i) for i in range(noise.wrong.size)] for c in range(noise.wrong.size)])
+        self._likelihood = subsets @ noise.terms().T
+        self._open_likelihood = subsets @ noise.terms(one_open=True).T
+        self._equal = np.full(len(layout.goals), 1.0 / len(layout.goals))
 
-    def __call__(self, edges: Floats) -> Floats:
-        """Posterior (z + 1,) of the goals and of none of them, for the edges (n, m)."""
+    def __call__(self, edges: Floats) -> Posterior:
+        """Posterior for the edges (n, m)."""
         filled = int(edges.sum())
         agreeing = np.tensordot(self._layout.wanted, edges, 2).astype(int)
-        likelihood = self._likelihood[agreeing, filled]
-        known = (1.0 - self._unknown) * likelihood / len(likelihood)
-        unknown = self._unknown * self._unknown_likelihood(edges, likelihood)
-        joint = np.append(known, unknown)
-        posterior: Floats = (joint / joint.sum()).astype(np.float32)
-        return posterior
-
-    def _unknown_likelihood(self, edges: Floats, likelihood: np.ndarray) -> float:
-        """Mean of L over all arrangements of the same parts that are no goal.
-
-        The mean over all arrangements needs no list of them: it asks only for the expected number of i-subsets
-        of the reports that an arrangement agrees with, the coefficients of a product of polynomials.
-        """
-        quantities = self._layout.quantities.tolist()
-        arrangements = factorial(sum(quantities)) // prod(factorial(count) for count in quantities)
-        if arrangements == len(likelihood):
-            return 0.0
-        subsets: Floats = np.ones(1)
-        for quantity, reported in zip(quantities, edges.sum(axis=1).astype(int).tolist(), strict=True):
-            subsets = np.convolve(subsets, [comb(reported, i) * perm(quantity, i) for i in range(reported + 1)])
-        m = edges.shape[1]
-        terms = self._terms[len(subsets) - 1]
-        mean = sum(term * count / perm(m, i) for i, (term, count) in enumerate(zip(terms, subsets, strict=True)))
-        rest = arrangements * float(mean) - float(likelihood.sum())
-        return max(rest, 0.0) / (arrangements - len(likelihood))
+        still_open = np.repeat(self._open_likelihood[agreeing, filled][:, None], edges.shape[1], axis=1)
+        likelihood = Likelihood(self._likelihood[agreeing, filled], still_open, self._layout.wanted, prior=self._equal)
+        return posterior(edges, likelihood, self._unknown, self._prior)

@@ -9,7 +9,8 @@ import numpy as np
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
-from learned.semantic.planner import FactoredPlanner, PaperPlanner
+from learned.semantic.people import People, runs
+from learned.semantic.planner import AndOrPlanner, FactoredPlanner, PaperPlanner
 from learned.semantic.scenarios import (
     TRAIN_RATIO,
     Scenarios,
@@ -28,25 +29,29 @@ LEAST_PROBABILITY = 1e-6  # of the true goal, so that one sure mistake does not 
 CALIBRATION_BINS = 10
 
 
-def evaluate_semantic(planner: SemanticPlanner, product: Product, seed: int) -> dict[str, float]:
+def evaluate_semantic(
+    planner: SemanticPlanner, product: Product, seed: int, held_out: Scenarios | None = None
+) -> dict[str, float]:
     """All scores by name, rates in 0..1.
 
-    Learned planners are scored on the scenarios that their own training held out; others on those that training
-    with `seed` would hold out.
+    Args:
+        held_out: states to score as held out. Without, learned planners are scored on the scenarios that their own
+            training held out, and others on those that training with `seed` would hold out; planners that learned
+            from a file of demonstrations have no such scenarios.
     """
     layout = Layout.of(product)
-    answers = _Answers(planner, layout)
-    ratio, data_seed = _split_of(planner, seed)
+    answers = Answers(planner, layout)
+    ratio, data_seed, source = _split_of(planner, seed)
     whole = scenarios(layout, data_seed)
-    _, held_out = split(whole, ratio, data_seed)
-    return {
-        **{f"{name}_all": value for name, value in success(answers, layout, whole).items()},
-        **{f"{name}_held_out": value for name, value in success(answers, layout, held_out).items()},
-        **under_noise(answers, layout, np.random.default_rng([seed, 1])),
-    }
+    if held_out is None and not source:
+        _, held_out = split(whole, ratio, data_seed)
+    scores = {f"{name}_all": value for name, value in success(answers, layout, whole).items()}
+    if held_out is not None:
+        scores |= {f"{name}_held_out": value for name, value in success(answers, layout, held_out).items()}
+    return scores | under_noise(answers, layout, np.random.default_rng([seed, 1]))
 
 
-class _Answers:
+class Answers:
     """A planner's plans, each state asked for once."""
 
     def __init__(self, planner: SemanticPlanner, layout: Layout) -> None:
@@ -57,7 +62,7 @@ class _Answers:
         return plan
 
 
-def success(answers: _Answers, layout: Layout, some: Scenarios) -> dict[str, float]:
+def success(answers: Answers, layout: Layout, some: Scenarios) -> dict[str, float]:
     """Share of scenarios whose plan is right and complete for every object, beside the bound.
 
     Of the labelled goal (`success`), where only one goal fits (`unique_success`), of any goal that fits
@@ -70,17 +75,19 @@ def success(answers: _Answers, layout: Layout, some: Scenarios) -> dict[str, flo
     return {
         "success": float(labelled.mean()),
         "bound": bound(layout, some),
-        "unique_success": float(labelled[unique].mean()),
+        "unique_success": float(labelled[unique].mean()) if unique.any() else 1.0,
         "consistent_success": float((rights & fits).any(axis=1).mean()),
     }
 
 
-def under_noise(answers: _Answers, layout: Layout, rng: np.random.Generator) -> dict[str, float]:
+def under_noise(answers: Answers, layout: Layout, rng: np.random.Generator) -> dict[str, float]:
     """Random assemblies seen with misdetections: goal accuracy by action, calibration, coverage, unknown goals."""
-    known, steps = _runs(layout, rng)
-    plans = [answers(row) for row in known.seen]
-    right = np.array([_best_goal(plan, layout) for plan in plans]) == known.goals
     depth = min(ACTIONS, len(layout.positions) - 1)
+    people = People(layout, np.zeros((1, *layout.types.shape)))
+    true, steps = runs(people, RUNS, depth, rng)
+    known = misdetect(layout, true, rng)
+    plans = [answers(row) for row in known.seen]
+    right = np.array([best_goal(plan, layout) for plan in plans]) == known.goals
     scores = {f"noisy_goal_accuracy_{k}": float(right[steps == k].mean()) for k in range(1, depth + 1)}
     scores |= calibration(plans, layout, known)
     scores |= coverage(plans, layout, known)
@@ -130,12 +137,13 @@ def area_under_roc(positive: Floats, negative: Floats) -> float:
     return float(((difference > 0) + 0.5 * (difference == 0)).mean())
 
 
-def _split_of(planner: SemanticPlanner, seed: int) -> tuple[float, int]:
-    if isinstance(planner, PaperPlanner | FactoredPlanner):
-        ratio = planner.card.config["ratio"]
-        assert isinstance(ratio, float), f"model card with ratio {ratio!r}"
-        return ratio, planner.card.seed
-    return TRAIN_RATIO, seed
+def _split_of(planner: SemanticPlanner, seed: int) -> tuple[float, int, str]:
+    """Ratio and seed of the split, and the file that was learned from, empty for generated scenarios."""
+    if not isinstance(planner, PaperPlanner | FactoredPlanner | AndOrPlanner):
+        return TRAIN_RATIO, seed, ""
+    ratio = planner.card.config["ratio"]
+    assert isinstance(ratio, float), f"model card with ratio {ratio!r}"
+    return ratio, planner.card.seed, str(planner.card.config.get("data", ""))
 
 
 def _right_goals(plan: AssemblyPlan, layout: Layout, seen: Ints) -> list[bool]:
@@ -152,23 +160,11 @@ def _right_goals(plan: AssemblyPlan, layout: Layout, seen: Ints) -> list[bool]:
     return rights
 
 
-def _best_goal(plan: AssemblyPlan, layout: Layout) -> int:
+def best_goal(plan: AssemblyPlan, layout: Layout) -> int:
+    """Index of the most probable of the demonstrated goals."""
     return int(np.argmax([plan.goal_belief[goal] for goal in layout.goals]))
 
 
 def _strangeness(plan: AssemblyPlan) -> float:
     """Score for "none of these": its probability, or where a planner has none, doubt in the best goal."""
     return plan.goal_belief.get(UNKNOWN_GOAL, 1.0 - max(plan.goal_belief.values()))
-
-
-def _runs(layout: Layout, rng: np.random.Generator) -> tuple[Scenarios, Ints]:
-    """States after 1, 2, ... actions of RUNS random assemblies, seen with misdetections; and the number of actions."""
-    count, m = RUNS, len(layout.positions)
-    goals = rng.integers(len(layout.goals), size=count)
-    ranks = rng.permuted(np.tile(np.arange(m), (count, 1)), axis=1)
-    depth = min(ACTIONS, m - 1)
-    steps = np.repeat(np.arange(1, depth + 1), count)
-    rows = np.tile(np.arange(count), depth)
-    seen = np.where(ranks[rows] < steps[:, None], layout.types[goals[rows]], EMPTY)
-    following = np.argmax(ranks[rows] == steps[:, None], axis=1)
-    return misdetect(layout, Scenarios(goals[rows], seen, following), rng), steps

@@ -1,87 +1,174 @@
-"""The factored semantic planner in torch: goal head over (object, position) edges, slot table, slot order."""
+"""The factored semantic planner in torch: learned slots, learned habits of order, exact inference under noise."""
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor, nn
 
 from cell.interfaces.model import Model
 from learned.semantic.graph import Layout
+from learned.semantic.noise import Noise
 from learned.semantic.scenarios import DETECTION_ERROR
 
 SHARPNESS = 5.0  # scale of the slot table's parameters: one rate suits them and the rest, and slots become certain
+MOST_NODES = 8  # of the quadrature over misdetections: exact for up to twice as many, less one
 
 
 class FactoredSettings(Model):
-    """Settings of training.
+    """Settings of training and of the noise model, as found on validation scenarios.
 
     Attributes:
-        noise: share of the placements that are misdetected while training.
-        unknown: share of states that belong to no demonstrated goal.
-        habit_decay: penalty on squared evidence beyond what the slot table says (ordering habits need it to be low).
+        error: share of placements that the detector gets wrong.
+        habit_scale: prior standard deviation of what a goal adds to the habits that all goals share.
+        shared_scale: prior standard deviation of the habits that all goals share, by position and by type.
+        goal_pseudo_n: demonstrations of every goal imagined beforehand, so that rare goals stay possible.
     """
 
-    steps: int = Field(default=400, gt=0)
+    steps: int = Field(default=300, gt=0)
     learning_rate: float = Field(default=0.05, gt=0)
-    noise: float = Field(default=DETECTION_ERROR, ge=0, lt=1)
-    unknown: float = Field(default=0.05, ge=0, lt=1)
-    habit_decay: float = Field(default=0.01, ge=0)
+    error: float = Field(default=DETECTION_ERROR, gt=0, lt=1)
+    habit_scale: float = Field(default=0.3, gt=0)
+    shared_scale: float = Field(default=0.5, gt=0)
+    goal_pseudo_n: float = Field(default=50.0, gt=0)
 
 
 class FactoredAnswer(NamedTuple):
-    """Outputs of the exported network: belief (z + 1,), wanted (z, n, m) and next type (z, n) by goal."""
+    """Outputs of the exported network, all but `following` as in `learned.semantic.posterior.Likelihood`.
 
-    belief: Tensor
+    Shapes: goals (z,), still_open (z, m), wanted (z, n, m), prior (z,), usual (), following (z, n): probability of
+    the next type under every goal.
+    """
+
+    goals: Tensor
+    still_open: Tensor
     wanted: Tensor
+    prior: Tensor
+    usual: Tensor
     following: Tensor
 
 
-class FactoredNetwork(nn.Module):
-    """Goals as independent slots: what plans say about a slot is evidence for the goal wherever it is seen.
+class Habits(nn.Module):
+    """Log-preferences (z, m) of goals' slots: of a position, of the type that it holds, and of the goal's own."""
 
-    The slot table T[g, o, p] is the probability that goal g wants o at p. The goal head is linear in the edges;
-    its weights are log((1 - e) T + e / nm) for a learned error rate e, plus a penalised rest that learns what a
-    table cannot know, such as the order in which people work. One more row stands for "none of these" and starts
-    from the quantities alone. The next slot is a softmax over the open slots.
+    def __init__(self, goals: int, parts: int, positions: int) -> None:
+        super().__init__()
+        self.position = nn.Parameter(torch.zeros(positions, dtype=torch.float64))
+        self.part = nn.Parameter(torch.zeros(parts, dtype=torch.float64))
+        self.own = nn.Parameter(torch.zeros(goals, positions, dtype=torch.float64))
+
+    def forward(self, wanted: Tensor) -> Tensor:
+        """Preferences, given what goals want (z, n, m)."""
+        preferred: Tensor = self.position + torch.einsum("o,gop->gp", self.part, wanted) + self.own
+        return preferred
+
+    def penalty(self, settings: FactoredSettings) -> Tensor:
+        """Negative logarithm of the prior."""
+        shared = self.position.square().sum() + self.part.square().sum()
+        total: Tensor = 0.5 * (shared / settings.shared_scale**2 + self.own.square().sum() / settings.habit_scale**2)
+        return total
+
+
+class FactoredNetwork(nn.Module):
+    """Goals as independent slots with habits: what one demonstration says of a slot holds wherever it is seen.
+
+    The slot table T[g, o, p] is the probability that goal g wants o at p. After k placements the filled slots S of
+    goal g have the probability
+
+        P(S | g, k) = prod_{p in S} v[g, p] / e_k(v[g]),
+
+    e_k the elementary symmetric polynomial, v the habits (all ones for people without). A report is right with
+    probability a, or as one given other with probability q (`Noise`). Summed over all ways in which k reports may
+    stem from k slots,
+
+        P(reports | g) = integral of exp(-t) e_k(w(t)) dt / e_k(v),  w_p = v_p (t q + (a - q) T[g, report at p, p]),
+
+    where the integral, which counts the ways in which misdetected reports may be exchanged, is a sum over
+    Gauss-Laguerre nodes. Without habits this is the likelihood of `BayesPosterior`. The next slot is a softmax of
+    habits of their own over the open slots.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, settings: FactoredSettings) -> None:
         super().__init__()
         goals, positions = layout.types.shape
         parts = len(layout.parts)
-        self.pairs = parts * positions
-        share = torch.tensor(layout.quantities / layout.quantities.sum(), dtype=torch.float32)
-        self.register_buffer("share", share[:, None].expand(parts, positions).clone())
-        self.table = nn.Parameter(torch.zeros(goals, parts, positions))
-        self.rest = nn.Parameter(torch.zeros(goals + 1, parts, positions))
-        self.bias = nn.Parameter(torch.zeros(goals + 1))
-        self.error = nn.Parameter(torch.tensor(math.log(DETECTION_ERROR / (1.0 - DETECTION_ERROR))))
-        self.order = nn.Parameter(torch.zeros(goals, positions))
+        self.positions = positions
+        self.table = nn.Parameter(torch.zeros(goals, parts, positions, dtype=torch.float64))
+        self.filled_first = Habits(goals, parts, positions)
+        self.filled_next = Habits(goals, parts, positions)
+        noise = Noise.of(layout, settings.error)
+        nodes, weights = np.polynomial.laguerre.laggauss(min(MOST_NODES, positions // 2 + 1))
+        count = np.arange(positions + 1)
+        constants = {
+            "prior": np.full(goals, 1.0 / goals),
+            "wrong": noise.wrong,
+            "excess": noise.excess,
+            "nodes": nodes[:, None, None],
+            "weights": weights,
+            "shift": np.eye(positions + 1, k=1),
+            "complement": (count[:, None, None] == count[:, None] + count).astype(float),
+        }
+        for name, value in constants.items():
+            self.register_buffer(name, torch.tensor(value, dtype=torch.float64))
 
     def log_table(self) -> Tensor:
         """Logarithm of the slot table T (z, n, m)."""
         return (SHARPNESS * self.table).log_softmax(dim=1)
 
-    def goal_logits(self, edges: Tensor) -> Tensor:
-        """Edges (B, n, m) to logits (B, z + 1), the last for "none of these"."""
-        error = torch.sigmoid(self.error)
-        known = torch.cat([self.log_table().exp(), self.get_buffer("share")[None]])
-        weights = torch.log((1.0 - error) * known + error / self.pairs) + self.rest
-        return edges.flatten(1) @ weights.flatten(1).T + self.bias
+    def set_log_likelihood(self, filled: Tensor, goals: Tensor) -> Tensor:
+        """Filled positions (B, m) and goals (B,) to log P(S | g, k) (B,)."""
+        preferred = self.filled_first(self.log_table().exp().detach())
+        total = torch.log(self.partial_products(preferred.exp())[-1])
+        chosen: Tensor = (preferred[goals] * filled).sum(dim=1) - total[goals, filled.sum(dim=1).long()]
+        return chosen
 
-    def next_slot(self, edges: Tensor) -> Tensor:
-        """Edges (B, n, m) to the probabilities (B, z, m) of the slot that is filled next."""
-        still = 1.0 - edges.sum(dim=1, keepdim=True).clamp(max=1.0)
-        scores = torch.exp(self.order) * still
-        return scores / scores.sum(dim=2, keepdim=True).clamp(min=1e-6)
+    def next_slot(self, filled: Tensor) -> Tensor:
+        """Filled positions (B, m) to log-probabilities (B, z, m) of the slot that is filled next."""
+        preferred = self.filled_next(self.log_table().exp().detach())
+        slots: Tensor = (preferred - 1e6 * filled[:, None]).log_softmax(dim=2)
+        return slots
+
+    def partial_products(self, values: Tensor) -> list[Tensor]:
+        """Coefficients (..., m + 1) of prod (1 + v_p x) over the first 0, 1, ..., m of the values (..., m)."""
+        shift = self.get_buffer("shift")
+        products = [torch.zeros_like(values[..., :1]) * shift[0] + torch.eye(1, len(shift), dtype=torch.float64)[0]]
+        for position in range(self.positions):
+            products.append(products[-1] + values[..., position, None] * (products[-1] @ shift))
+        return products
 
     def forward(self, edges: Tensor) -> FactoredAnswer:
         """One graph, edges (n, m)."""
+        reports = edges.double()
+        filled = reports.sum(dim=0)
+        count = (torch.arange(self.positions + 1) == filled.sum()).double()
         wanted = self.log_table().exp()
-        slots = self.next_slot(edges[None])[0]
-        following = torch.einsum("gop,gp->go", wanted, slots)
-        return FactoredAnswer(self.goal_logits(edges[None])[0].softmax(dim=0), wanted, following)
+        habits = self.filled_first(wanted).exp()
+        goals, still_open = self._likelihood(habits, (wanted * reports).sum(dim=1), count)
+        following = torch.einsum("gop,gp->go", wanted, self.next_slot(filled[None])[0].exp())
+        return FactoredAnswer(
+            goals, still_open, wanted, self.get_buffer("prior"), self._usual(filled, count), following
+        )
+
+    def _likelihood(self, habits: Tensor, right: Tensor, count: Tensor) -> tuple[Tensor, Tensor]:
+        """Likelihood (z,), and (z, m) that with each slot open; `right` (z, m) where reports agree, `count` one-hot."""
+        wrong, excess = self.get_buffer("wrong") @ count, self.get_buffer("excess") @ count
+        values = habits * (self.get_buffer("nodes") * wrong + excess * right)
+        both = self.partial_products(torch.stack([values, values.flip(2)]))
+        before = torch.stack([products[0] for products in both[:-1]], dim=2)
+        after = torch.stack([products[1] for products in both[-2::-1]], dim=2)
+        rest = torch.einsum("kij,k->ij", self.get_buffer("complement"), count)
+        weights = self.get_buffer("weights")
+        everything = self.partial_products(habits)[-1] @ count
+        likelihood = torch.einsum("n,ngk,k->g", weights, both[-1][0], count) / everything
+        still_open = torch.einsum("n,ngp->gp", weights, ((before @ rest) * after).sum(dim=3))
+        return likelihood, still_open / everything[:, None]
+
+    def _usual(self, filled: Tensor, count: Tensor) -> Tensor:
+        """How much likelier these filled positions are by the habits that all goals share than by chance."""
+        shared = self.filled_first(self.log_table().exp()).mean(dim=0)
+        by_habit = torch.exp((shared * filled).sum()) / (self.partial_products(shared.exp())[-1] @ count)
+        by_chance = self.partial_products(torch.ones_like(shared))[-1] @ count
+        return by_habit * by_chance

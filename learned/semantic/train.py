@@ -1,39 +1,71 @@
-"""Training of the semantic planners on generated scenarios; minutes on a CPU. Imports torch: never at run time."""
+"""Training of the semantic planners: data, fit, export, model card. Imports torch: never at run time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import hashlib
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import onnx
 import torch
-from rich.console import Console
-from rich.progress import track
-from torch import Tensor, nn
+from pydantic import JsonValue
+from torch import nn
 
 from cell.interfaces.errors import InputError, ModelError
 from cell.interfaces.product import Product
 from learned.onnx_model import ModelCard, OnnxModel, save_onnx
+from learned.semantic.and_or import AndOrGraph
+from learned.semantic.dataset import load_demonstrations, states_of
 from learned.semantic.evaluate import evaluate_semantic
-from learned.semantic.factored import FactoredNetwork, FactoredSettings
-from learned.semantic.graph import EMPTY, Ints, Layout, one_hot
-from learned.semantic.paper import PaperNetwork, PaperSettings
+from learned.semantic.factored import FactoredAnswer, FactoredSettings
+from learned.semantic.fit import Settings, fit
+from learned.semantic.graph import EMPTY, Layout, one_hot
+from learned.semantic.paper import PaperAnswer, PaperSettings
 from learned.semantic.planner import load_semantic_planner
-from learned.semantic.scenarios import (
-    TRAIN_RATIO,
-    Scenarios,
-    misdetect,
-    scenarios,
-    split,
-    sub_demonstrations,
-    unknown_goals,
-)
+from learned.semantic.scenarios import TRAIN_RATIO, Scenarios, scenarios, split, sub_demonstrations
 
 TOLERANCE = 1e-5  # ONNX and torch agree within
-IGNORED = -100  # label of what no loss looks at, as cross_entropy has it
+KINDS = ("paper", "factored", "and_or")
+CHECKED_STATES = 200  # of the training states, when the export is compared with torch
 
-Settings = PaperSettings | FactoredSettings
+
+@dataclass(frozen=True)
+class TrainingData:
+    """What is trained on and what is kept from it.
+
+    Attributes:
+        source: file of demonstrations, empty for generated scenarios.
+    """
+
+    train: Scenarios
+    held_out: Scenarios
+    sha256: str
+    source: str = ""
+
+
+def generated_data(layout: Layout, ratio: float, seed: int) -> TrainingData:
+    """Scenarios of the product, `ratio` of them to train on."""
+    whole = scenarios(layout, seed)
+    return TrainingData(*split(whole, ratio, seed), sha256=whole.sha256)
+
+
+def recorded_data(path: Path, product: Product, ratio: float, seed: int) -> TrainingData:
+    """Demonstrations of a file, `ratio` of them to train on: all states of one stay together.
+
+    Raises:
+        InputError: the file has mistakes, or too few demonstrations to keep any from training.
+    """
+    layout = Layout.of(product)
+    found = load_demonstrations(path, product)
+    count = round(ratio * len(found))
+    if not 0 < count < len(found):
+        raise InputError(f"{path}: {len(found)} demonstrations are too few to hold any out; at least 3 are needed")
+    order = np.random.default_rng(seed).permutation(len(found))
+    train = states_of(layout, [found[i] for i in order[:count]])
+    held_out = states_of(layout, [found[i] for i in order[count:]])
+    begun = held_out.take(np.flatnonzero((held_out.seen != EMPTY).any(axis=1)))
+    return TrainingData(train, begun, hashlib.sha256(path.read_bytes()).hexdigest(), str(path))
 
 
 def train_semantic(
@@ -44,80 +76,69 @@ def train_semantic(
     *,
     ratio: float = TRAIN_RATIO,
     augment: bool = False,
+    data: Path | None = None,
     settings: Settings | None = None,
     quiet: bool = False,
 ) -> dict[str, float]:
-    """Train a planner, write it to `out` as ONNX with its model card, and score it on the held-out scenarios.
+    """Train a planner, write it to `out` with its model card, and score it on what was held out.
 
     Args:
-        kind: "paper" or "factored".
-        ratio: share of the scenarios that is trained on.
+        kind: "paper", "factored" or "and_or".
+        ratio: share of the scenarios, or of the demonstrations, that is trained on.
         augment: train on sub-demonstrations too.
-        settings: of another kind of network or training than the default.
+        data: file of demonstrations; generated scenarios without.
+        settings: of another network or training than the default.
         quiet: no progress bar.
 
     Returns:
         Scores by name, the same as in the model card.
 
     Raises:
-        InputError: no such kind.
+        InputError: no such kind, or mistakes in the file of demonstrations.
         ModelError: the exported network does not answer as the trained one does.
     """
-    if kind not in ("paper", "factored"):
-        raise InputError(f"cannot train a semantic planner {kind!r}; there are paper, factored")
+    if kind not in KINDS:
+        raise InputError(f"cannot train a semantic planner {kind!r}; there are {', '.join(KINDS)}")
     layout = Layout.of(product)
-    whole = scenarios(layout, seed)
-    train, _ = split(whole, ratio, seed)
-    if augment:
-        train = sub_demonstrations(layout, train)
-    chosen = settings or (PaperSettings() if kind == "paper" else FactoredSettings())
-    network = fit(layout, train, chosen, seed, quiet=quiet)
+    some = generated_data(layout, ratio, seed) if data is None else recorded_data(data, product, ratio, seed)
+    train = sub_demonstrations(layout, some.train) if augment else some.train
+    chosen = settings or _default_settings(kind)
+    config: dict[str, JsonValue] = {"ratio": ratio, "augment": augment, "states": len(train), "data": some.source}
     card = ModelCard(
         kind=f"semantic.{kind}",
-        config={"ratio": ratio, "augment": augment, "scenarios": len(train), **chosen.model_dump()},
+        config={**config, **(chosen.model_dump() if chosen else {})},
         vocabulary=layout.vocabulary,
-        data_sha256=whole.sha256,
-        command=f"cell train semantic --kind {kind} --seed {seed}",
+        data_sha256=some.sha256,
+        command=_command(kind, seed, ratio, augment, data),
         seed=seed,
     )
-    export(network, train, out, card)
-    scores = evaluate_semantic(load_semantic_planner(kind, out, product), product, seed)
-    save_onnx(onnx.load(out), out, card.model_copy(update={"scores": scores}))
-    return scores
 
+    def scored() -> ModelCard:
+        planner = load_semantic_planner(kind, out, product)
+        held_out = some.held_out if some.source else None
+        return card.model_copy(update={"scores": evaluate_semantic(planner, product, seed, held_out)})
 
-def fit(layout: Layout, train: Scenarios, settings: Settings, seed: int, *, quiet: bool = True) -> nn.Module:
-    """Train a new network: full batches, fresh noise in every step, Adam with a one-cycle schedule."""
-    torch.set_num_threads(1)  # these networks are small: a second thread only waits
-    torch.manual_seed(seed)
-    rng = np.random.default_rng(seed)
-    if isinstance(settings, PaperSettings):
-        paper = PaperNetwork(layout, settings)
-        network: nn.Module = paper
-        decay = settings.weight_decay
-
-        def loss() -> Tensor:
-            return _paper_loss(paper, layout, misdetect(layout, train, rng, settings.noise, contradicting=True))
+    if chosen is None:
+        AndOrGraph.of(layout, train, card).save(out)
+        card = scored()
+        AndOrGraph.of(layout, train, card).save(out)
     else:
-        factored = FactoredNetwork(layout)
-        network, decay = factored, 0.0
-
-        def loss() -> Tensor:
-            return _factored_loss(factored, layout, train, settings, rng)
-
-    _descend(network, loss, settings, decay, quiet)
-    return network.eval()
+        checkpoint = out.with_name(out.name + ".checkpoint")
+        network = fit(layout, train, chosen, seed, checkpoint=checkpoint, quiet=quiet)
+        export(network, train, out, card)
+        card = scored()
+        save_onnx(onnx.load(out), out, card)
+    return card.scores
 
 
 def export(network: nn.Module, train: Scenarios, out: Path, card: ModelCard) -> None:
-    """Write ONNX and check it against torch on the training states.
+    """Write ONNX and check it against torch on training states.
 
     Raises:
         ModelError: an output differs by more than TOLERANCE.
     """
-    parts = len(card.vocabulary["parts"])
-    edges = one_hot(train.seen, parts)
-    names = ["belief", "following", "words"] if card.kind == "semantic.paper" else ["belief", "wanted", "following"]
+    edges = one_hot(train.seen[:CHECKED_STATES], len(card.vocabulary["parts"]))
+    names = list(PaperAnswer._fields if card.kind == "semantic.paper" else FactoredAnswer._fields)
     program = torch.onnx.export(
         network,
         (torch.tensor(edges[0]),),
@@ -139,75 +160,15 @@ def export(network: nn.Module, train: Scenarios, out: Path, card: ModelCard) -> 
                 raise ModelError(f"{out}: output {name} differs from torch by {difference:.1e}, more than {TOLERANCE}")
 
 
-def _descend(
-    network: nn.Module, loss: Callable[[], Tensor], settings: Settings, weight_decay: float, quiet: bool
-) -> None:
-    optimiser = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, weight_decay=weight_decay)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.learning_rate, total_steps=settings.steps)
-    for _ in _steps(settings.steps, quiet):
-        optimiser.zero_grad()
-        loss().backward()  # type: ignore[no-untyped-call]
-        optimiser.step()
-        schedule.step()
+def _default_settings(kind: str) -> Settings | None:
+    if kind == "and_or":
+        return None
+    return PaperSettings() if kind == "paper" else FactoredSettings()
 
 
-def _paper_loss(network: PaperNetwork, layout: Layout, batch: Scenarios) -> Tensor:
-    """Cross-entropies of goal, next object and plan words; the heads are given the true goal (teacher forcing)."""
-    parts = len(layout.parts)
-    goals = torch.tensor(batch.goals)
-    graph = network.embed(torch.tensor(one_hot(batch.seen, parts)))
-    hard = nn.functional.one_hot(goals, len(layout.goals)).float()
-    following = torch.tensor(layout.types[batch.goals, batch.following])
-    words = torch.tensor(plan_words(layout, batch)).reshape(len(batch) * parts, -1)
-    logits = network.teach(
-        graph.repeat_interleave(parts, dim=0), hard.repeat_interleave(parts, dim=0), words[:, :-1].clamp(min=0)
-    )
-    entropy = nn.functional.cross_entropy
-    return (
-        entropy(network.goal_head(graph), goals)
-        + entropy(network.following(graph, hard), following)
-        + entropy(logits.flatten(0, 1), words[:, 1:].flatten(), ignore_index=IGNORED)
-    )
-
-
-def plan_words(layout: Layout, batch: Scenarios) -> Ints:
-    """(B, n, 2 + most of a type) words of every object's plan: its name, its open positions in order, the end."""
-    rows, parts, end = len(batch), len(layout.parts), len(layout.words) - 1
-    words = np.full((rows, parts, int(layout.quantities.max()) + 2), IGNORED)
-    words[:, :, 0] = np.arange(parts)
-    still = layout.wanted[batch.goals].astype(bool) & (batch.seen == EMPTY)[:, None, :]
-    row, part, position = np.nonzero(still)
-    words[row, part, still.cumsum(axis=2)[row, part, position]] = parts + position
-    np.put_along_axis(words, 1 + still.sum(axis=2, keepdims=True), end, axis=2)
-    return words
-
-
-def _factored_loss(
-    network: FactoredNetwork,
-    layout: Layout,
-    train: Scenarios,
-    settings: FactoredSettings,
-    rng: np.random.Generator,
-) -> Tensor:
-    """Cross-entropies of goal (with states of unknown goals), of the slots that plans name, and of the next slot."""
-    parts, goals = len(layout.parts), len(layout.goals)
-    known = misdetect(layout, train, rng, settings.noise, contradicting=True)
-    others = unknown_goals(layout, rng.permutation(train.seen) != EMPTY, rng)
-    seen = np.concatenate([known.seen, misdetect(layout, others, rng, settings.noise).seen])
-    labels = torch.tensor(np.concatenate([known.goals, others.goals]))
-    weights = torch.ones(goals + 1)
-    weights[-1] = settings.unknown / (1.0 - settings.unknown)
-    entropy = nn.functional.cross_entropy
-    goal = entropy(network.goal_logits(torch.tensor(one_hot(seen, parts))), labels, weights)
-
-    named = torch.tensor(np.where(train.seen == EMPTY, layout.types[train.goals], IGNORED))
-    table = nn.functional.nll_loss(network.log_table()[torch.tensor(train.goals)], named, ignore_index=IGNORED)
-
-    rows = torch.arange(len(train))
-    slots = network.next_slot(torch.tensor(one_hot(train.seen, parts)))
-    order = -torch.log(slots[rows, torch.tensor(train.goals), torch.tensor(train.following)]).mean()
-    return goal + table + order + settings.habit_decay * network.rest.square().sum()
-
-
-def _steps(count: int, quiet: bool) -> Iterator[int]:
-    yield from track(range(count), "Training", console=Console(stderr=True), disable=quiet, transient=True)
+def _command(kind: str, seed: int, ratio: float, augment: bool, data: Path | None) -> str:
+    options = [f"--kind {kind}", f"--seed {seed}"]
+    options += [f"--ratio {ratio}"] if ratio != TRAIN_RATIO else []
+    options += ["--augment"] if augment else []
+    options += [f"--data {data}"] if data is not None else []
+    return " ".join(["cell train semantic", *options])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import permutations
 from pathlib import Path
 
@@ -17,8 +18,9 @@ from learned.onnx_model import OnnxModel, save_onnx
 from learned.semantic.bayes import BayesPosterior
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.graph import Ints, Layout, one_hot
+from learned.semantic.noise import Noise
 from learned.semantic.planner import load_semantic_planner
-from learned.semantic.scenarios import action_pairs, consistent, misdetect, scenarios
+from learned.semantic.scenarios import consistent, misdetect, scenarios
 from tests.learned.products import DEFAULT, HARDER, relabelled, with_goals
 
 WEIGHTS = Path("learned/weights")
@@ -31,31 +33,37 @@ def shipped(kind: str) -> SemanticPlanner:
     return load_semantic_planner(kind, WEIGHTS / f"semantic_{kind}.onnx", DEFAULT)
 
 
-def likelihood_by_listing(types: Ints, seen: list[tuple[int, int]], error: float, pairs: int) -> float:
-    """Sum over every choice and order of slots that the reports may stem from."""
+def ways(types: Ints, seen: list[tuple[int, int]], noise: Noise) -> Iterator[tuple[set[int], float]]:
+    """Every choice and order of slots that the reports may stem from: the positions filled, and its probability."""
     slots = [(int(part), position) for position, part in enumerate(types)]
-    right, wrong = 1.0 - error, error / (pairs - 1)
-    total = sum(
-        np.prod([right if slot == report else wrong for slot, report in zip(chosen, seen, strict=True)])
-        for chosen in permutations(slots, len(seen))
-    )
-    return float(total)
+    wrong = noise.wrong[len(seen)]
+    right = wrong + noise.excess[len(seen)]
+    for chosen in permutations(slots, len(seen)):
+        share = np.prod([right if slot == report else wrong for slot, report in zip(chosen, seen, strict=True)])
+        yield {position for _, position in chosen}, float(share)
 
 
 def test_the_posterior_is_that_of_listing_all_ways() -> None:
     small = with_goals("111223", "211312")
     layout = Layout.of(small)
-    posterior = BayesPosterior(layout, error=0.1, unknown=0.2)
-    pairs = len(action_pairs(layout))
+    noise = Noise.of(layout, 0.1)
     goals = {tuple(row) for row in layout.types.tolist()}
     others = [types for types in set(permutations([0, 0, 0, 1, 1, 2])) if types not in goals]
+    builds = [(np.array(types), 0.4) for types in layout.types] + [(np.array(t), 0.2 / len(others)) for t in others]
     for seen in ([(0, 0)], [(2, 3)], [(0, 1), (1, 0)], [(2, 0), (2, 1), (1, 2)], [(0, 0), (0, 1), (0, 2), (0, 3)]):
         edges = np.zeros((3, 6), np.float32)
         edges[tuple(zip(*seen, strict=True))] = 1.0
-        known = [0.4 * likelihood_by_listing(types, seen, 0.1, pairs) for types in layout.types]
-        unknown = np.mean([likelihood_by_listing(np.array(types), seen, 0.1, pairs) for types in others])
-        joint = np.array([*known, 0.2 * unknown])
-        assert np.allclose(posterior(edges), joint / joint.sum(), atol=1e-6)
+        joint, placements = [], np.zeros((3, 6))
+        for types, prior in builds:
+            all_ways = list(ways(types, seen, noise))
+            joint.append(prior * sum(share for _, share in all_ways))
+            for filled, share in all_ways:
+                still = [i for i in range(6) if i not in filled and not edges[:, i].any()]
+                placements[types[still], still] += prior * share
+        joint = [*joint[:2], sum(joint[2:])]
+        found = BayesPosterior(layout, error=0.1, unknown=0.2)(edges)
+        assert np.allclose(found.belief, np.array(joint) / sum(joint))
+        assert np.allclose(found.placements, placements / np.maximum(placements.sum(axis=0), 1e-12))
 
 
 def test_no_unknown_goal_is_left_where_all_arrangements_are_goals() -> None:
@@ -95,12 +103,12 @@ def test_noise_breaks_no_planner(kind: str) -> None:
         assert np.isclose(sum(planner.plan(LAYOUT.state(row)).goal_belief.values()), 1.0)
 
 
-def test_the_next_belief_adds_up_the_goals_that_want_a_part_there() -> None:
-    plan = shipped("bayes").plan(AssemblyState({"p2": "o1"}))
-    wanting = {goal: types[0] for goal, types in DEFAULT.goals.items()}
-    for part in DEFAULT.parts:
-        expected = sum(plan.goal_belief[goal] for goal, wanted in wanting.items() if wanted == part)
-        assert np.isclose(plan.next_belief.get((part, "p1"), 0.0), expected)
+@pytest.mark.parametrize("kind", ["factored", "bayes"])
+def test_some_type_is_right_for_every_open_position(kind: str) -> None:
+    for state in STATES:
+        plan = shipped(kind).plan(state)
+        for position in set(DEFAULT.positions) - set(state.placed):
+            assert np.isclose(sum(plan.next_belief.get((part, position), 0.0) for part in DEFAULT.parts), 1.0)
 
 
 def test_relabelling_parts_and_positions_changes_no_answer_of_the_reference() -> None:
@@ -153,7 +161,7 @@ def test_shipped_weights_fit_the_default_product_only() -> None:
 
 
 def test_kinds_and_files_that_are_not_there() -> None:
-    with pytest.raises(InputError, match="paper, factored, bayes"):
+    with pytest.raises(InputError, match="paper, factored, and_or, bayes"):
         load_semantic_planner("oracle", None, DEFAULT)
     with pytest.raises(InputError, match="needs a weights file"):
         load_semantic_planner("paper", None, DEFAULT)
@@ -167,7 +175,7 @@ def test_a_network_that_went_wrong_raises_instead_of_answering(tmp_path: Path) -
         model = onnx.load(path)
         for weights in model.graph.initializer:
             values = numpy_helper.to_array(weights)
-            if values.dtype == np.float32:
+            if np.issubdtype(values.dtype, np.floating):
                 weights.CopyFrom(numpy_helper.from_array(np.full_like(values, np.nan), weights.name))
         broken = tmp_path / path.name
         save_onnx(model, broken, OnnxModel.load(path, f"semantic.{kind}").card)

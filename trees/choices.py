@@ -30,8 +30,8 @@ class IfThenElse(Control):
                 return status
             self._chosen = 1 if status is SUCCESS else 2
         if self._chosen == len(self.children):
-            self.rest()
-            return FAILURE
+            self._chosen = 0
+            return FAILURE  # the condition keeps its result until this node is halted, as in BehaviorTree.CPP
         status = self._child(self._chosen)
         if status is not RUNNING:
             self.rest()
@@ -138,7 +138,6 @@ class _Switch(Control):
         for child in self.children:
             if child is not chosen and child.status is not IDLE:
                 child.reset()
-        self.become(RUNNING)
         self.current_child = chosen
         status = chosen.execute()
         if status is not RUNNING:

@@ -136,7 +136,6 @@ class Precondition(Decorator):
         self._begun = self._begun or self.if_.get().true()
         if not self._begun:
             return self.else_.get()
-        self.become(RUNNING)
         status = reset_if_done(self.decorated, self.decorated.execute())
         self._begun = status is RUNNING or status is SKIPPED
         return status

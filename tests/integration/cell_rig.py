@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cell.configuration import ROOT, load_configuration, load_product
+from cell.configuration import ROOT, Configuration, load_configuration, load_product
 from cell.interfaces.perception import Frame
 from cell.node_library import node_registry
 from cell.run import Files, drive
@@ -98,10 +98,11 @@ def run_tree(
     main: str | None = None,
     provided: Mapping[str, object] | None = None,
     diary: Diary | None = None,
+    configuration: Configuration = CONFIGURATION,
 ) -> tuple[Outcome, Diary]:
     """Run a tree to its end on a cell."""
     diary = diary or Diary()
-    files = Files(CONFIGURATION, PRODUCT, load_tree(tree, node_registry(), main, provided))
+    files = Files(configuration, PRODUCT, load_tree(tree, node_registry(), main, provided))
     return drive(files, cell.devices, motion_planner(), (diary,)), diary
 
 

@@ -6,12 +6,27 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 
 import pytest
 
 from cell.configuration import ROOT
-from tests.benchmarks.robot_alone import scene_and_requirement
-from tests.integration.cell_rig import ASSEMBLE, COMMISSION, lifted, robot_alone, run_tree, with_person
+from sim.clutter import ScenePart, standing
+from tests.integration.cell_rig import (
+    ASSEMBLE,
+    BENCH,
+    COMMISSION,
+    PRODUCT,
+    lifted,
+    robot_alone,
+    run_tree,
+    with_person,
+)
+
+
+def standing_in_tray(spots: Sequence[tuple[str, tuple[float, float], float]]) -> list[ScenePart]:
+    """Parts by type, (x, y) and yaw."""
+    return [standing(PRODUCT, BENCH.tray, name, xy_m, yaw_rad) for name, xy_m, yaw_rad in spots]
 
 
 @pytest.mark.parametrize(("goal", "seed"), [("g1", 2), ("g2", 3)])
@@ -47,11 +62,24 @@ def test_the_same_seed_decides_the_same_in_two_processes() -> None:
 
 
 def test_a_blocked_part_is_fetched_out_of_clutter() -> None:
-    scene, part = scene_and_requirement(count=4, seed=1005)
-    with robot_alone(scene, seed=1005) as cell:
-        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": part})
-        held = lifted(cell, part)
+    spots = [("o3", (0.55, -0.40), 0.0), ("o2", (0.55, -0.357), 0.0), ("o1", (0.62, -0.30), 1.0)]
+    with robot_alone(standing_in_tray(spots), seed=1) as cell:
+        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o3"})
+        held = lifted(cell, "o3")
     assert outcome.end == "finished", outcome.reason
     assert held
+    assert "o2 moved aside" in diary.reasons()
     solutions = [str(fields["solution"]) for _, _, fields in diary.notes if "solution" in fields]
-    assert any(solution.startswith("move") for solution in solutions), "the scene must need a move first"
+    assert any(solution.startswith("move") for solution in solutions)
+
+
+@pytest.mark.parametrize(("part", "position"), [("o1", "p2"), ("o2", "p6")])
+def test_of_two_parts_side_by_side_each_is_fetched_and_placed(part: str, position: str) -> None:
+    spots = [("o1", (0.55, -0.400), 0.0), ("o2", (0.55, -0.363), 0.0)]
+    with robot_alone(standing_in_tray(spots), seed=1) as cell:
+        outcome, diary = run_tree(cell, COMMISSION, "PickAndPlaceOne", {"part": part, "position": position})
+        placement = cell.score.placements().get(position)
+    assert outcome.end == "finished", outcome.reason
+    assert placement is not None
+    assert (placement.part, placement.seated) == (part, True)
+    assert not any("aside" in reason for reason in diary.reasons())

@@ -1,0 +1,143 @@
+"""Algorithm 2 from pixels, executed: one required part out of 3 to 6, as Table 3 of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from cell.configuration import Configuration
+from cell.interfaces.pose import Pose
+from learned.grasp.physics import touching
+from learned.grasp.scenes import draw_scenes, standing_boxes
+from learned.grasp.settings import GripperOutline
+from learned.grasp.solution import nearest_first, solve
+from sim.cell import SimCell
+from sim.clutter import ScenePart, sample_clutter, standing
+from tests.benchmarks.intervals import wilson
+from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Diary, lifted, robot_alone, run_tree
+
+SIZES = (3, 4, 5, 6)
+PAPER = {3: 0.91, 4: 0.874, 5: 0.782, 6: 0.684}  # Table 3, on its own images
+BAR = {3: 0.95, 4: 0.93, 5: 0.91, 6: 0.88}
+
+Draw = Callable[[int, int], tuple[tuple[ScenePart, ...], str]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """How one scene went.
+
+    Attributes:
+        fetched: the required part hung in the gripper at the end.
+        fewest: moves that free it in truth; None where no sequence does.
+        moves: parts moved aside.
+        words: what was said last.
+    """
+
+    size: int
+    seed: int
+    fetched: bool
+    fewest: int | None
+    moves: int
+    words: str
+
+    @property
+    def solved(self) -> bool:
+        """Fetched, or help was asked for rightly."""
+        return self.fetched or self.fewest is None
+
+    @property
+    def needless(self) -> int:
+        """Moves beyond the fewest, or in vain."""
+        return max(0, self.moves - (self.fewest or 0))
+
+
+def tray_scene(size: int, seed: int) -> tuple[tuple[ScenePart, ...], str]:
+    """A random scene of the simulator, many parts side by side, and the type that is required of it."""
+    rng = np.random.default_rng(seed)
+    names = list(PRODUCT.parts)
+    types = [names[i] for i in rng.integers(len(names), size=size)]
+    return sample_clutter(PRODUCT, BENCH.tray, types, rng), types[0]
+
+
+def dense_scene(size: int, seed: int) -> tuple[tuple[ScenePart, ...], str]:
+    """A scene as the grasp planners are tested on: every part within 20 mm of another one."""
+    scene = next(draw_scenes(PRODUCT, seed, 1, "test", sizes=(size, size)))
+    boxes, middle = scene.boxes, np.array(BENCH.tray.centre_m[:2])
+    rows = zip(boxes.types, boxes.centre_m + middle, boxes.yaw_rad, strict=True)
+    parts = tuple(standing(PRODUCT, BENCH.tray, name, centre, float(yaw)) for name, centre, yaw in rows)
+    return parts, boxes.types[int(np.random.default_rng(seed).integers(size))]
+
+
+def run_scenes(draw: Draw, scenes: int, first_seed: int, configuration: Configuration) -> list[Case]:
+    """As many scenes of every size, one after the other."""
+    cases = []
+    for number in track(range(scenes), description="clutter", console=Console(stderr=True)):
+        cases += [fetch(draw, size, first_seed + number, configuration) for size in SIZES]
+    return cases
+
+
+def fetch(draw: Draw, size: int, seed: int, configuration: Configuration) -> Case:
+    """Fetch the required part of one scene."""
+    scene, part = draw(size, seed)
+    with robot_alone(scene, seed) as cell:
+        fewest = fewest_moves(cell, part)
+        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": part}, configuration=configuration)
+        fetched = lifted(cell, part)
+    moves = sum(reason.endswith("moved aside") for reason in diary.reasons())
+    return Case(size, seed, fetched, fewest, moves, f"{part} ({outcome.reason}): {last_words(diary)}")
+
+
+def fewest_moves(cell: SimCell, part: str) -> int | None:
+    """Moves that free the easiest part of a type, by the true poses and the gripper's true outline."""
+    poses: list[tuple[str, Pose]] = [(body.part, cell.world.part_pose(body)) for body in cell.world.bodies]
+    boxes = standing_boxes(PRODUCT, poses)
+    blocks = touching(boxes, GripperOutline())
+    candidates = [index for index, name in enumerate(boxes.types) if name == part]
+    solutions = [solve(blocks, index, nearest_first(boxes, index)) for index in candidates]
+    return min((len(one.moves) for one in solutions if not one.needs_help), default=None)
+
+
+def last_words(diary: Diary) -> str:
+    """The last different things that nodes said."""
+    said = list(dict.fromkeys(diary.reasons()))
+    return "; ".join(said[-3:])
+
+
+def report(title: str, cases: Sequence[Case]) -> None:
+    """A row a size with 95 % Wilson intervals; every scene that was not solved, in words."""
+    columns = ("parts", "scenes", "solved", "share", "95 % interval", "aim", "paper", "fetched", "help, justified")
+    table = Table(*columns, "help, not justified", "moves", "needless moves", title=title)
+    for size in (*SIZES, None):
+        chosen = [case for case in cases if size in (case.size, None)]
+        table.add_row("all" if size is None else str(size), *_cells(chosen, size))
+    console = Console(width=160)
+    console.print(table)
+    for case in cases:
+        if not case.fetched:
+            told = "justified" if case.fewest is None else f"{case.fewest} moves would do"
+            console.print(f"{case.size} parts, seed {case.seed}, {told}: {case.words}", highlight=False, soft_wrap=True)
+
+
+def _cells(cases: Sequence[Case], size: int | None) -> list[str]:
+    solved, total = sum(case.solved for case in cases), len(cases)
+    low, high = wilson(solved, total)
+    justified = sum(not case.fetched and case.fewest is None for case in cases)
+    aims = ["", ""] if size is None else [f"{BAR[size]:.2f}", f"{PAPER[size]:.3f}"]
+    return [
+        str(total),
+        str(solved),
+        f"{solved / max(1, total):.3f}",
+        f"{low:.3f} - {high:.3f}",
+        *aims,
+        str(sum(case.fetched for case in cases)),
+        str(justified),
+        str(total - solved),
+        f"{sum(case.moves for case in cases) / max(1, total):.2f}",
+        f"{sum(case.needless for case in cases) / max(1, total):.2f}",
+    ]

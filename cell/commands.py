@@ -13,7 +13,7 @@ import typer
 
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
 from cell.log.commands import log_app, replay, report
-from cell.model_commands import eval_app, train_app
+from cell.model_commands import data_app, eval_app, train_app
 from cell.terminal import CONFIGURATION, ROOT, ConfigOption, JsonOption, SeedOption, console, print_json, table
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ app = typer.Typer(
 )
 app.add_typer(train_app, name="train")
 app.add_typer(eval_app, name="eval")
+app.add_typer(data_app, name="data")
 app.add_typer(log_app, name="log")
 app.command()(replay)
 app.command()(report)

@@ -1,13 +1,15 @@
-"""`cell train` and `cell eval`: one module of commands for each planner."""
+"""`cell train`, `cell eval` and `cell data`: one module of commands for each planner, and one for recorded runs."""
 
 from __future__ import annotations
 
 import typer
 
-from cell import grasp_commands, semantic_commands
+from cell import data_commands, grasp_commands, semantic_commands
 
 train_app = typer.Typer(no_args_is_help=True, help="Train a planner on generated scenarios and write its ONNX file.")
 eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
+data_app = typer.Typer()
+data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 
 for name, commands in (("semantic", semantic_commands), ("grasp", grasp_commands)):
     train_app.command(name)(commands.train)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +44,14 @@ class Frames:
                 message = messages[count - 1]
                 found.append(LoggedFrame(camera, message.time_ns / 1e9, self._jpeg(message)))
         return found
+
+    def at(self, camera: str, time_s: float) -> LoggedFrame | None:
+        """The image that a camera took at this very time; None where it is not in the log."""
+        messages, time_ns = self._messages.get(camera, []), round(time_s * 1e9)
+        at = bisect_left(messages, time_ns, key=lambda message: message.time_ns)
+        if at == len(messages) or messages[at].time_ns != time_ns:
+            return None
+        return LoggedFrame(camera, time_s, self._jpeg(messages[at]))
 
     def save(self, time_s: float, folder: Path, stem: str) -> list[Path]:
         """Write the newest image of every camera as `stem`-camera.jpg."""

@@ -1,4 +1,4 @@
-"""The tree that a log was recorded with, loaded from the log itself."""
+"""The tree and the product that a log was recorded with, loaded from the log itself."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import tempfile
 from pathlib import Path
 
 from cell.interfaces.errors import LogError
+from cell.interfaces.product import Product
+from cell.interfaces.yaml_file import load_yaml
 from cell.log.reader import Log
 from cell.node_library import node_registry
 from trees.loader import load_tree
 from trees.tree import Tree
 
 FOLDER = "tree/"
+PRODUCT = "product.yaml"
 
 
 def logged_tree(log: Log) -> Tree:
@@ -29,3 +32,18 @@ def logged_tree(log: Log) -> Tree:
         for file, text in files.items():
             (Path(folder) / file).write_bytes(text)
         return load_tree(Path(folder) / name, node_registry())
+
+
+def logged_product(log: Log) -> Product:
+    """The product that was assembled.
+
+    Raises:
+        LogError: the log holds none.
+        InputError: this version cannot read it.
+    """
+    if PRODUCT not in log.attachments:
+        raise LogError(log.path, f"holds no {PRODUCT}; it holds: {', '.join(log.attachments) or 'nothing'}")
+    with tempfile.TemporaryDirectory(prefix="cell-product-") as folder:
+        path = Path(folder) / PRODUCT
+        path.write_bytes(log.attachments[PRODUCT])
+        return load_yaml(path, Product)

@@ -90,12 +90,20 @@ class LogSettings(Model):
         camera_frames: write camera frames as JPEG.
         jpeg_quality: 1 to 100.
         buffer_mb: what may wait for a slow or full disk; images are dropped from half of it on, ticks beyond it.
+        joint_samples: write the joints at the rate of the arm's own control.
+        rotate_mb, rotate_s: begin a new part of the log after so much, or so long; None for one file.
+        keep_parts, keep_mb: remove the oldest parts beyond so many, or so much; None to keep all.
     """
 
     folder: Path = Path("runs")
     camera_frames: bool = True
     jpeg_quality: int = Field(default=80, ge=1, le=100)
     buffer_mb: float = Field(default=16.0, gt=0, le=1024)
+    joint_samples: bool = True
+    rotate_mb: float | None = Field(default=None, gt=0)
+    rotate_s: float | None = Field(default=None, gt=0)
+    keep_parts: int | None = Field(default=None, ge=1)
+    keep_mb: float | None = Field(default=None, gt=0)
 
 
 class Configuration(Model):

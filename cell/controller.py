@@ -164,7 +164,7 @@ class Controller:
 
     def _tick(self, tree: TickedTree, services: TickServices, period_s: float) -> Status:
         began_s = time.perf_counter()
-        observation = self.observe()
+        observation, joints = self.observe(), self._devices.arm.samples()
         services.observation, services.command = observation, Command()
         status, sent = None, Sent()
         try:
@@ -183,6 +183,7 @@ class Controller:
                 sent=sent,
                 wall_s=wall_s,
                 overrun=wall_s > period_s,
+                joints=joints,
             )
             for witness in self._witnesses:
                 witness.tick(record)

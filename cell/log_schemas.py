@@ -38,6 +38,9 @@ _FIELDS: dict[str, dict[str, dict[str, str]]] = {
     "/note/verdict": {"tick": INTEGER, "subject": TEXT, "decision": TEXT, "reason": TEXT},
     "/note/help": {"tick": INTEGER, "text": TEXT},
     "/note/skill": {"tick": INTEGER, "node": TEXT, "status": TEXT, "reason": TEXT},
+    "/edit": {"tick": INTEGER, "files": OBJECT},
+    "/hook": {"tick": INTEGER, "order": TEXT, "body": OBJECT},
+    "/snapshot": {"tick": INTEGER, "statuses": OBJECT, "blackboard": OBJECT, "display": OBJECT},
     "/can": {"id": INTEGER, "sent": FLAG, "data_hex": TEXT},
 }
 TOPICS = tuple(_FIELDS)
@@ -62,6 +65,14 @@ def plain(value: object) -> Any:
     if convert is None:
         convert = _CONVERTERS[kind] = _converter(kind)
     return convert(value)
+
+
+def plain_or_text(value: object) -> Any:
+    """Plain data, or the text of what has none."""
+    try:
+        return plain(value)
+    except TypeError:
+        return str(value)
 
 
 def json_bytes(value: object) -> bytes:
@@ -105,7 +116,7 @@ def _converter(kind: type) -> Convert:
     if issubclass(kind, Mapping):
         return lambda value: {_key(key): plain(item) for key, item in value.items()}
     if issubclass(kind, np.ndarray):
-        return lambda value: plain(value.tolist())
+        return _array
     if issubclass(kind, list | tuple):
         return _listed
     if issubclass(kind, str | Path):
@@ -122,6 +133,11 @@ def _listed(values: Sequence[Any]) -> list[Any]:
     if all(type(value) is float for value in values) and math.isfinite(sum(values)):
         return list(values)
     return [plain(value) for value in values]
+
+
+def _array(values: Any) -> Any:
+    finite = values.dtype.kind == "f" and np.isfinite(values).all()
+    return values.tolist() if finite else plain(values.tolist())
 
 
 def _as_it_is(value: Any) -> Any:

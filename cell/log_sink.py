@@ -37,7 +37,7 @@ class LogSink:
         self._stalled = self._closing = False
         self._blocks: deque[bytes] = deque()
         self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._write_blocks, name="log writer", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="log writer", daemon=True)
         self._thread.start()
 
     def write(self, data: bytes | bytearray) -> int:
@@ -55,39 +55,65 @@ class LogSink:
     def flush(self) -> None:
         """Nothing: `hand_over` says when bytes are whole."""
 
-    def hand_over(self, patience_s: float) -> None:
-        """Give what was written to the thread and wait until it is in the file, but not for ever.
-
-        A process that is killed afterwards loses none of it. A disk that has kept a caller waiting once is not waited
-        for again until it has caught up.
-        """
+    def hand_over(self) -> None:
+        """Give what was written to the thread; `settle` says when it is in the file."""
         block = bytes(self._pending)
+        if not block:
+            return
         self._base += len(block)
         self._at = self._base
         self._pending.clear()
         with self._changed:
-            if block:
-                self._blocks.append(block)
-                self._changed.notify_all()
-            if not (self._stalled or self.error):
-                self._stalled = not self._changed.wait_for(lambda: not self._blocks or self.error, patience_s)
+            self._blocks.append(block)
+            self._changed.notify_all()
+
+    def settle(self, patience_s: float) -> None:
+        """Wait until what was handed over is in the file, but not for ever.
+
+        A process that is killed afterwards loses none of it. A disk that has kept a caller waiting once is not waited
+        for again until it has caught up.
+        """
+        if not self._blocks or self._stalled or self.error:
+            return
+        with self._changed:
+            self._stalled = not self._changed.wait_for(lambda: not self._blocks or self.error, patience_s)
 
     @property
     def waiting_bytes(self) -> int:
         """Handed over, not on the disk yet."""
         return self._base - self._written
 
-    def close(self, patience_s: float = CLOSE_S) -> None:
-        """Hand over the rest, wait for the disk, and cut off what a refusing disk took of a block."""
-        self.hand_over(0.0)
+    @property
+    def size_bytes(self) -> int:
+        """Handed over since the file was opened."""
+        return self._base
+
+    @property
+    def ended(self) -> bool:
+        """Whether the thread has nothing to do any more, as the file was closed or retired."""
+        return not self._thread.is_alive()
+
+    def retire(self) -> None:
+        """Hand over the rest without waiting; the thread ends once the disk has taken it or refuses."""
+        self.hand_over()
         with self._changed:
-            self._changed.wait_for(lambda: not self._blocks or self.error, patience_s)
             self._closing = True
             self._changed.notify_all()
+
+    def close(self, patience_s: float = CLOSE_S) -> None:
+        """Hand over the rest, wait for the disk, and cut off what a refusing disk took of a block."""
+        self.hand_over()
+        with self._changed:
+            self._changed.wait_for(lambda: not self._blocks or self.error, patience_s)
+        self.retire()
         self._thread.join(patience_s)
         if self.waiting_bytes and not self.error:
             self.error = f"{self.waiting_bytes} bytes were not taken within {patience_s:g} s"
-        if not self._thread.is_alive():
+
+    def _run(self) -> None:
+        try:
+            self._write_blocks()
+        finally:
             os.close(self._descriptor)
 
     def _write_blocks(self) -> None:

@@ -22,8 +22,7 @@ from cell.interfaces.perception import Frame
 from cell.log_schemas import plain
 from cell.witness import Level, Outcome, TickRecord
 from trees.groot2 import StatusBoard, blackboards, tree_xml
-from trees.hooks import Hook, Hooks, Position
-from trees.literals import STATUS_WORDS
+from trees.hooks import ORDERS, Hooks
 from trees.registry import Registry
 from trees.tree import Tree
 
@@ -45,14 +44,23 @@ class Monitor:
 
     Args:
         with_hooks: let monitors put breakpoints and overrides on nodes.
+        hooked: told (kind, body) of every order about hooks that was carried out; a log needs it to tick again.
 
     Raises:
         InputError: the port is taken.
     """
 
-    def __init__(self, tree: Tree, registry: Registry, port: int = DEFAULT_PORT, with_hooks: bool = False) -> None:
+    def __init__(
+        self,
+        tree: Tree,
+        registry: Registry,
+        port: int = DEFAULT_PORT,
+        with_hooks: bool = False,
+        hooked: Callable[[str, Any], None] = lambda *_: None,
+    ) -> None:
         self._registry = registry
         self._with_hooks = with_hooks
+        self._hooked = hooked
         self._time_s = 0.0
         self._asked_s = time.monotonic()
         self._context = zmq.Context()
@@ -65,13 +73,6 @@ class Monitor:
             "B": self._blackboard,
             "r": self._record,
             "t": lambda _: self._board.take_transitions(),
-        }
-        self._hook_answers: dict[str, Callable[[Any], None]] = {
-            "I": lambda order: self._hooks.insert(Hook.model_validate(order)),
-            "R": lambda order: self._hooks.remove(int(order["uid"]), Position(order["position"])),
-            "U": self._unlock,
-            "A": lambda _: self._hooks.clear(),
-            "X": lambda _: self._hooks.disable(),
         }
 
     def watch(self, tree: Tree) -> None:
@@ -109,8 +110,8 @@ class Monitor:
                 break
             self._asked_s = time.monotonic()
             self._replies.send_multipart(self.answer(request), zmq.NOBLOCK)
-        if self._with_hooks and time.monotonic() - self._asked_s > HOOKS_REST_AFTER_S:
-            self._hooks.disable()
+        if self._with_hooks and time.monotonic() - self._asked_s > HOOKS_REST_AFTER_S and self._hooks.act:
+            self._order("X", {})
 
     def answer(self, request: list[bytes]) -> list[bytes]:
         """The frames that answer a request's frames; an error is an answer, too."""
@@ -129,16 +130,14 @@ class Monitor:
     def _body(self, kind: str, body: bytes) -> bytes | None:
         if kind in self._answers:
             return self._answers[kind](body)
-        if kind not in self._hook_answers and kind != "D":
-            raise RefusedError(
-                f"unknown request {kind!r}; known: {' '.join([*self._answers, *self._hook_answers, 'D'])}"
-            )
+        if kind not in ORDERS and kind != "D":
+            raise RefusedError(f"unknown request {kind!r}; known: {' '.join([*self._answers, *ORDERS, 'D'])}")
         if not self._with_hooks:
             raise RefusedError("breakpoints and overrides are off; cell run --monitor-hooks turns them on")
         if kind == "D":
             return json.dumps(self._hooks.dump()).encode()
         try:
-            self._hook_answers[kind](json.loads(body) if body else {})
+            self._order(kind, json.loads(body) if body else {})
         except (ValidationError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise RefusedError(f"{type(error).__name__}: {error}") from None
         return None
@@ -165,9 +164,10 @@ class Monitor:
         self._board.stop_recording()
         return None
 
-    def _unlock(self, order: Any) -> None:
-        answer = STATUS_WORDS[order["desired_status"]]
-        self._hooks.unlock(int(order["uid"]), Position(order["position"]), answer, bool(order["remove_when_done"]))
+    def _order(self, kind: str, body: Any) -> None:
+        """Carry out an order about hooks and tell of it."""
+        ORDERS[kind](self._hooks, body)
+        self._hooked(kind, body)
 
     def _tell_breakpoint(self, uid: int) -> None:
         head = HEADER.pack(PROTOCOL, ord("N"), 0) + self._identity

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.panel import Panel
 from rich.table import Table
+from rich.text import Text
 
 from cell.interfaces.command import Display
 from cell.interfaces.perception import Frame
@@ -28,6 +29,7 @@ class LiveProgress:
         self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
         self._display = Display()
         self._hand = "nothing seen yet"
+        self._alarm = ""
         self._said: dict[str, str] = {}
         self._refreshed_s = 0.0
         self._stamps: list[float] = []
@@ -54,6 +56,10 @@ class LiveProgress:
     def message(self, time_s: float, level: Level, text: str) -> None:
         self._console.print(_line(time_s, "cell", text.splitlines()[-1]), style=STYLES[level], markup=False)
 
+    def alarm(self, text: str) -> None:
+        """Show a trouble of the cell until another text comes; an empty one takes it away."""
+        self._alarm = text
+
     def close(self, outcome: Outcome) -> None:  # noqa: ARG002 - its message has been shown
         if self._live is not None:
             self._live.stop()
@@ -73,6 +79,8 @@ class LiveProgress:
         table.add_row("robot", self._display.message)
         if self._display.help_request:
             table.add_row("[bold yellow]help", self._display.help_request)
+        if self._alarm:
+            table.add_row("[bold red]alarm", Text(self._alarm, style="bold red"))
         return Panel(table, title="cell", title_align="left")
 
     def _pace(self, rate_hz: float) -> str:

@@ -1,44 +1,33 @@
-"""The log of a run: one MCAP file with Foxglove's schemas for images, frames and log lines (decision 12)."""
+"""The log of a run: MCAP with Foxglove's schemas for images, frames and log lines (decision 12)."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import cv2
 import foxglove
 from foxglove import messages
 from foxglove.channels import CompressedImageChannel, LogChannel
-from foxglove.mcap import MCAPWriteOptions
+from py_trees.common import Status
 
+from cell import joint_samples
 from cell.configuration import LogSettings
+from cell.interfaces.command import Display
 from cell.interfaces.errors import InputError, Place, Problem
-from cell.interfaces.perception import Frame
-from cell.log_schemas import TOPICS, asked_of_devices, plain, schema, tick_json
-from cell.log_sink import LogSink
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.log_file import Heading as Heading  # who opens a recorder needs it
+from cell.log_images import ImageEncoder
+from cell.log_rotation import LogFiles
+from cell.log_schemas import TOPICS, asked_of_devices, json_bytes, plain, plain_or_text, schema, tick_json
 from cell.scene_frames import timestamp
 from cell.scene_log import CellModel, SceneLog
 from cell.witness import Level, Outcome, TickRecord
 from skills.can_gripper import CanFrame
 
-CHUNK_BYTES = 64 * 1024  # and a chunk ends with every tick, so that a killed process loses none
-PATIENCE_S = 0.005  # how long a tick waits for the disk to take it
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
-
-
-@dataclass(frozen=True)
-class Heading:
-    """What a log says about its run before the first tick.
-
-    Attributes:
-        metadata: seed, versions, hashes of weights and the like, as text by name.
-        attachments: (media type, content) by name: tree, configuration, product.
-    """
-
-    metadata: Mapping[str, str] = field(default_factory=dict)
-    attachments: Mapping[str, tuple[str, bytes]] = field(default_factory=dict)
 
 
 @dataclass
@@ -65,24 +54,23 @@ class McapRecorder:
         heading: Heading,
         cell: CellModel | None = None,
         alarm: Callable[[float, Level, str], None] = lambda *_: None,
+        blackboard: Callable[[], Mapping[str, object]] = dict,
     ) -> None:
         """Open the file.
 
         Args:
             cell: what viewers need to show robot and bench; None for a log without frames, bodies and overlays.
             alarm: told (clock time, level, text) when the disk refuses and when it takes bytes again.
+            blackboard: what the tree's blackboard holds, for the beginning of each part of a rotated log.
 
         Raises:
             InputError: the file cannot be written.
         """
-        self.path = path
-        self._settings = settings
         self.context = foxglove.Context()
-        self._alarm = alarm
+        self._settings = settings
+        self._alarm, self._blackboard = alarm, blackboard
         self._alarmed = ""
-        self._sink = _open(path)
-        options = MCAPWriteOptions(chunk_size=CHUNK_BYTES, compression_threads=0, profile="cell")
-        self._writer = foxglove.open_mcap(self._sink, context=self.context, writer_options=options)
+        self._files = _open(path, settings, self.context, heading)
         self._limit_bytes = round(settings.buffer_mb * 1e6)
         self.dropped = Dropped()
         self._json = {
@@ -90,81 +78,99 @@ class McapRecorder:
             for topic in TOPICS
         }
         self._log = LogChannel("/log", context=self.context)
+        self._joints = foxglove.Channel(
+            joint_samples.TOPIC, schema=joint_samples.schema(), message_encoding="protobuf", context=self.context
+        )
         self.scene = None if cell is None else SceneLog(self.context, cell)
         self._images: dict[str, CompressedImageChannel] = {}
-        self._bench = self._parts = -1
+        self._encoder = ImageEncoder(settings.jpeg_quality)
+        self._bench: BenchView | None = None
+        self._parts: PartsView | None = None
+        self._display: Display | None = None
+        self._statuses: dict[str, str] = {}
+        self._can: list[CanFrame] = []
+        self._tick = 0
         self._closed = False
-        for name, (media_type, content) in heading.attachments.items():
-            self._writer.attach(log_time=0, create_time=0, name=name, media_type=media_type, data=content)
-        self._writer.write_metadata("run", dict(heading.metadata))
-        self._flush()
+        self._files.flush()
+
+    @property
+    def path(self) -> Path:
+        """The file that the log begins with."""
+        return self._files.path
+
+    @property
+    def parts(self) -> int:
+        """How many files were begun."""
+        return self._files.number
 
     @property
     def complete(self) -> bool:
         """Whether everything is in the file; asked after the end."""
-        return self._closed and not self._sink.error and self.dropped == Dropped()
+        return self._closed and not self.shortfall
+
+    @property
+    def shortfall(self) -> str:
+        """What the log lacks, for people; empty where it is complete."""
+        lacks = [f"{count} {name.replace('_', ' ')} dropped" for name, count in vars(self.dropped).items() if count]
+        return "; ".join([*([self._files.error] if self._files.error else []), *lacks])
 
     def frame(self, frame: Frame) -> None:
-        stamp_ns = _nanoseconds(frame.time_s)
-        if self._sink.waiting_bytes > self._limit_bytes / 2:  # images go first: ticks are small and say more
+        if self._files.waiting_bytes > self._limit_bytes / 2:  # images go first: ticks are small and say more
             self.dropped.frames += self._settings.camera_frames
             return
         if self.scene is not None:
-            self.scene.frame(frame, stamp_ns)
-        if not self._settings.camera_frames:
-            return
-        options = [cv2.IMWRITE_JPEG_QUALITY, self._settings.jpeg_quality]
-        _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR), options)
-        if frame.camera not in self._images:
-            self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self.context)
-        image = messages.CompressedImage(
-            timestamp=timestamp(stamp_ns), frame_id=f"camera_{frame.camera}", data=jpeg.tobytes(), format="jpeg"
-        )
-        self._images[frame.camera].log(image, log_time=stamp_ns)
+            self.scene.frame(frame, _nanoseconds(frame.time_s))
+        if self._settings.camera_frames:
+            if frame.camera not in self._images:
+                self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self.context)
+            self._encoder.submit(frame)
 
     def tick(self, record: TickRecord) -> None:
         observation = record.observation
         tick, stamp_ns = observation.tick, _nanoseconds(observation.time_s)
+        if self._files.due(observation.time_s):
+            self._turn(observation.time_s, tick)
+        self._tick = tick + 1
         self._watch_disk(observation.time_s)
         if self._full:
             self.dropped.ticks += 1
+            self.dropped.can_frames += len(self._can)
+            self._can.clear()
             return
-        if observation.bench is not None and observation.bench.sequence != self._bench:
-            self._bench = observation.bench.sequence
-            self._write("/bench", stamp_ns, plain(observation.bench))
-        if observation.parts is not None and observation.parts.sequence != self._parts:
-            self._parts = observation.parts.sequence
-            self._write("/parts", stamp_ns, plain(observation.parts))
-        seen = {
-            "tick": tick,
-            "time_s": observation.time_s,
-            "arm": plain(observation.arm),
-            "gripper": plain(observation.gripper),
-            "bench": observation.bench and self._bench,
-            "parts": observation.parts and self._parts,
-        }
-        self._write("/observation", stamp_ns, seen)
+        self._write_collected()
+        self._observe(observation, stamp_ns)
         self._json["/tick"].log(tick_json(tick, record.status, record.changes), log_time=stamp_ns)
         for topic, fields in record.notes:
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
         self._command(stamp_ns, record)
         self._write("/timing", stamp_ns, {"tick": tick, "wall_s": record.wall_s, "overrun": record.overrun})
+        if record.joints is not None and len(record.joints.times_s) and self._settings.joint_samples:
+            self._joints.log(joint_samples.encode(record.joints), log_time=stamp_ns)
         if self.scene is not None:
             self.scene.tick(record, stamp_ns)
-        self._flush()
+        if self._files.rotates:
+            self._remember(record)
+        self._files.flush()
 
     def can_frame(self, frame: CanFrame) -> None:
-        """A CAN frame went over the gripper's bus."""
-        if self._full:
-            self.dropped.can_frames += 1
-            return
-        values = {"id": frame.identifier, "sent": frame.sent, "data_hex": frame.data.hex()}
-        self._write("/can", _nanoseconds(frame.time_s), values)
+        """A CAN frame went over the gripper's bus; it is written with the tick."""
+        self._can.append(frame)
 
-    def attach(self, name: str, media_type: str, content: bytes, time_s: float) -> None:
-        """Add a file that came into use during the run."""
-        stamp_ns = _nanoseconds(time_s)
-        self._writer.attach(log_time=stamp_ns, create_time=stamp_ns, name=name, media_type=media_type, data=content)
+    def settle(self) -> None:
+        """Wait until the ticks so far are on the disk, but not for ever: between two ticks, beside the physics.
+
+        A process that is killed afterwards has them all in its log.
+        """
+        self._files.settle()
+
+    def edited(self, texts: Mapping[str, str], time_s: float) -> None:
+        """An edited tree takes over in the tick under way; texts by the files' names."""
+        self._statuses.clear()
+        self._write("/edit", _nanoseconds(time_s), {"tick": self._tick, "files": dict(texts)})
+
+    def hooked(self, order: str, body: object, time_s: float) -> None:
+        """A monitor put hooks on nodes or took them away; it acts from the next tick on."""
+        self._write("/hook", _nanoseconds(time_s), {"tick": self._tick, "order": order, "body": plain(body)})
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         stamp_ns = _nanoseconds(time_s)
@@ -172,12 +178,14 @@ class McapRecorder:
         self._log.log(line, log_time=stamp_ns)
 
     def close(self, outcome: Outcome) -> None:
+        self._write_collected()
+        self._write_collected()  # images come one call later
+        self._encoder.close()
         fields = ("end", "reason", "ticks", "overruns", "sim_time_s", "wall_time_s")
-        self._writer.write_metadata("outcome", {name: str(getattr(outcome, name)) for name in fields})
+        self._files.note("outcome", {name: str(getattr(outcome, name)) for name in fields})
         if self.dropped != Dropped():
-            self._writer.write_metadata("dropped", {name: str(count) for name, count in vars(self.dropped).items()})
-        self._writer.close()
-        self._sink.close()
+            self._files.note("dropped", {name: str(count) for name, count in vars(self.dropped).items()})
+        self._files.close()
         self._closed = True
         if not self.complete:
             self._alarm(outcome.sim_time_s, "error", f"the log is not complete: {self.shortfall}")
@@ -185,28 +193,17 @@ class McapRecorder:
     def abandon(self) -> None:
         """Leave no file behind of a run that did not begin; harmless once the log is closed."""
         if not self._closed:
-            self._writer.close()
-            self._sink.close()
+            self._encoder.close()
+            self._files.remove()
             self._closed = True
-            self.path.unlink(missing_ok=True)
-
-    @property
-    def shortfall(self) -> str:
-        """What the log lacks, for people; empty where it is complete."""
-        lacks = [f"{count} {name.replace('_', ' ')} dropped" for name, count in vars(self.dropped).items() if count]
-        return "; ".join([*([self._sink.error] if self._sink.error else []), *lacks])
 
     @property
     def _full(self) -> bool:
-        return self._sink.waiting_bytes > self._limit_bytes
-
-    def _flush(self) -> None:
-        self._writer.flush()
-        self._sink.hand_over(PATIENCE_S)
+        return self._files.waiting_bytes > self._limit_bytes
 
     def _watch_disk(self, time_s: float) -> None:
         """Tell once that the disk refuses, and once that it takes bytes again."""
-        error = self._sink.error
+        error = self._files.error
         if bool(error) == bool(self._alarmed):
             return
         self._alarmed = error
@@ -215,6 +212,48 @@ class McapRecorder:
         self._alarm(time_s, level, text)
         if not self._full:
             self.message(time_s, level, text)
+
+    def _turn(self, time_s: float, tick: int) -> None:
+        """Begin a part with what a reader of this part alone must know; `/snapshot` ends it."""
+        if not self._files.turn(time_s, tick):
+            return
+        stamp_ns = _nanoseconds(time_s)
+        for topic, view in (("/bench", self._bench), ("/parts", self._parts)):
+            if view is not None:
+                self._write(topic, stamp_ns, plain(view))
+        if self.scene is not None:
+            self.scene.repeat_all(stamp_ns)
+        values = {name: plain_or_text(value) for name, value in self._blackboard().items()}
+        shown = plain(self._display)
+        self._write(
+            "/snapshot", stamp_ns, {"tick": tick, "statuses": self._statuses, "blackboard": values, "display": shown}
+        )
+
+    def _remember(self, record: TickRecord) -> None:
+        self._display = record.command.display or self._display
+        for change in record.changes:
+            if change.new is Status.INVALID:
+                self._statuses.pop(change.path, None)
+            else:
+                self._statuses[change.path] = change.new.name
+
+    def _observe(self, seen: Observation, stamp_ns: int) -> None:
+        """What the tick saw; answers of detectors only where they are new."""
+        if seen.bench is not None and (self._bench is None or seen.bench.sequence != self._bench.sequence):
+            self._bench = seen.bench
+            self._write("/bench", stamp_ns, plain(seen.bench))
+        if seen.parts is not None and (self._parts is None or seen.parts.sequence != self._parts.sequence):
+            self._parts = seen.parts
+            self._write("/parts", stamp_ns, plain(seen.parts))
+        values = {
+            "tick": seen.tick,
+            "time_s": seen.time_s,
+            "arm": plain(seen.arm),
+            "gripper": plain(seen.gripper),
+            "bench": seen.bench and seen.bench.sequence,
+            "parts": seen.parts and seen.parts.sequence,
+        }
+        self._write("/observation", stamp_ns, values)
 
     def _command(self, stamp_ns: int, record: TickRecord) -> None:
         command = record.command
@@ -231,14 +270,26 @@ class McapRecorder:
         }
         self._write("/command", stamp_ns, values)
 
-    def _write(self, topic: str, stamp_ns: int, values: dict[str, object]) -> None:
-        self._json[topic].log(json.dumps(values, allow_nan=False).encode(), log_time=stamp_ns)
+    def _write_collected(self) -> None:
+        """CAN frames since the last tick, and images of the tick before: they have been encoded meanwhile."""
+        for can in self._can:
+            values = {"id": can.identifier, "sent": can.sent, "data_hex": can.data.hex()}
+            self._write("/can", _nanoseconds(can.time_s), values)
+        self._can.clear()
+        for frame, jpeg in self._encoder.take():
+            stamp_ns = _nanoseconds(frame.time_s)
+            image = messages.CompressedImage(
+                timestamp=timestamp(stamp_ns), frame_id=f"camera_{frame.camera}", data=jpeg, format="jpeg"
+            )
+            self._images[frame.camera].log(image, log_time=stamp_ns)
+
+    def _write(self, topic: str, stamp_ns: int, values: dict[str, Any]) -> None:
+        self._json[topic].log(json_bytes(values), log_time=stamp_ns)
 
 
-def _open(path: Path) -> LogSink:
+def _open(path: Path, settings: LogSettings, context: foxglove.Context, heading: Heading) -> LogFiles:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return LogSink(path)
+        return LogFiles(path, settings, context, heading)
     except OSError as error:
         problem = Problem(
             Place(path), f"the log cannot be written: {error.strerror or error}", "choose a path by --log"

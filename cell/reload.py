@@ -98,9 +98,7 @@ class WatchedTree:
 
     def _swap(self, tree: Tree) -> None:
         self._next = None
-        self.tree.halt()
-        tree.setup(self._services, self._clock)
-        lost = carry_over(self.tree, tree)
+        lost = take_over(self.tree, tree, self._services, self._clock)
         self.tree = tree
         self._swapped(tree, self._clock.now_s())
         dropped = f"; not carried over: {', '.join(lost)}" if lost else ""
@@ -118,6 +116,13 @@ def is_safe_point(tree: Tree, observation: Observation) -> bool:
     """Whether nothing moves, nothing is about to, and nothing is held."""
     busy = any(isinstance(node, MOVING_NODES) and node.status is Status.RUNNING for node in tree.nodes)
     return not (busy or observation.arm.moving or observation.gripper.holding)
+
+
+def take_over(old: Tree, new: Tree, services: Observed, clock: Clock) -> list[str]:
+    """Halt the old tree and make the new one ready; names of entries that were not carried over."""
+    old.halt()
+    new.setup(services, clock)
+    return carry_over(old, new)
 
 
 def carry_over(old: Tree, new: Tree) -> list[str]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from rich.console import Console
 
@@ -18,7 +18,7 @@ from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuratio
 from cell.contact_sheet import ContactSheet
 from cell.controller import Controller
 from cell.detectors import lock_step, worker_processes
-from cell.interfaces.clock import PacedClock
+from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError, Problem
 from cell.interfaces.product import Product
@@ -99,20 +99,28 @@ def run(options: RunOptions, console: Console) -> RunResult:
 
         def alarm(time_s: float, level: Level, text: str) -> None:
             progress.message(time_s, level, text)
+            trouble = text if level == "error" else ""
+            progress.alarm(trouble)
+            devices.panel.alarm(trouble)
+
+        def blackboard() -> Mapping[str, object]:
+            return (ticked.tree if isinstance(ticked, WatchedTree) else ticked).blackboard.values()
 
         model = CellModel(product, configuration.bench, motion)
-        recorder = McapRecorder(log, configuration.log, _heading(options, files), model, alarm)
+        recorder = McapRecorder(log, configuration.log, _heading(options, files), model, alarm, blackboard)
         stack.callback(recorder.abandon)
         live = None if options.live_port is None else LiveServer(recorder.context, recorder.scene, options.live_port)
         if live is not None:
             stack.callback(live.abandon)
             console.print(f"live: ws://127.0.0.1:{live.port} (layout: config/foxglove_layout.json)", highlight=False)
-        devices = _open_devices(options, files)
+        devices = _open_devices(options, files, recorder.settle)
         stack.callback(devices.close)
         tally, sheet = Tally(), ContactSheet(log.with_suffix(".png"))
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
         witnesses: tuple[Witness, ...] = (recorder, progress, sheet, tally)
-        monitor = _open_monitor(options, files.tree)
+        monitor = _open_monitor(
+            options, files.tree, lambda kind, body: recorder.hooked(kind, body, devices.clock.now_s())
+        )
         if monitor is not None:
             stack.callback(monitor.abandon)
             witnesses = (*witnesses, monitor)
@@ -150,10 +158,10 @@ def drive(
         return controller.run(tree, services)
 
 
-def _open_monitor(options: RunOptions, tree: Tree) -> Monitor | None:
+def _open_monitor(options: RunOptions, tree: Tree, hooked: Callable[[str, Any], None]) -> Monitor | None:
     if options.monitor_port is None:
         return None
-    return Monitor(tree, node_registry(), options.monitor_port, options.monitor_hooks)
+    return Monitor(tree, node_registry(), options.monitor_port, options.monitor_hooks, hooked)
 
 
 def _watched(
@@ -162,15 +170,15 @@ def _watched(
     """A tree whose edits take over; the log keeps the text of each, a monitor shows it."""
 
     def swapped(tree: Tree, time_s: float) -> None:
-        for path, text in tree.texts.items():
-            recorder.attach(f"tree/{path.name}", "application/xml", text.encode(), time_s)
+        recorder.edited(_texts(options, tree), time_s)
         if monitor is not None:
             monitor.watch(tree)
 
     return WatchedTree(tree, lambda: load_tree(options.tree, node_registry()), options.tree, witnesses, swapped)
 
 
-def _open_devices(options: RunOptions, files: Files) -> Devices:
+def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:
+    """The devices; each tick begins once the one before is on the disk."""
     configuration = files.configuration
     can_settings = configuration.gripper_can
     factory = _factory(options.configuration, configuration.devices.factory)
@@ -183,9 +191,8 @@ def _open_devices(options: RunOptions, files: Files) -> Devices:
         options.seed,
         options.goal,
     )
-    if options.pace == "real":
-        return Devices(**{**vars(devices), "clock": PacedClock(devices.clock)})
-    return devices
+    clock = PacedClock(devices.clock) if options.pace == "real" else devices.clock
+    return Devices(**{**vars(devices), "clock": WakingClock(clock, awake)})
 
 
 def _factory(path: Path, dotted: str) -> Callable[..., Devices]:
@@ -204,9 +211,8 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
         "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
     }
-    folder = options.tree.resolve().parent
-    for path, text in files.tree.texts.items():
-        attachments[f"tree/{path.resolve().relative_to(folder)}"] = ("application/xml", text.encode())
+    for name, text in _texts(options, files.tree).items():
+        attachments[name] = ("application/xml", text.encode())
     values = {
         "seed": str(options.seed),
         "goal": options.goal,
@@ -222,6 +228,12 @@ def _heading(options: RunOptions, files: Files) -> Heading:
     for package in RECORDED_VERSIONS:
         values[f"version.{package}"] = _version(package)
     return Heading(values, attachments)
+
+
+def _texts(options: RunOptions, tree: Tree) -> dict[str, str]:
+    """Files of a tree by their names in the log."""
+    folder = options.tree.resolve().parent
+    return {f"tree/{path.resolve().relative_to(folder)}": text for path, text in tree.texts.items()}
 
 
 def _version(package: str) -> str:
@@ -264,6 +276,8 @@ def _summary(
         "perception": files.configuration.perception.kind,
         "seed": options.seed,
         "log": str(recorder.path),
+        "log_parts": recorder.parts,
         "log_complete": recorder.complete,
+        "log_shortfall": recorder.shortfall,
         "contact_sheet": str(sheet),
     }

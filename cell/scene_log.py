@@ -126,6 +126,10 @@ class SceneLog:
             if topic in self._last:
                 self._channels[topic].log(self._last[topic], log_time=stamp_ns)
 
+    def repeat_all(self, stamp_ns: int) -> None:
+        """Say again everything that was said, for a new file."""
+        self.repeat(list(self._last), stamp_ns)
+
     def _robot(self, seen: Observation, stamp_ns: int) -> None:
         arm, gripper = seen.arm, seen.gripper
         values = zip(JOINTS, arm.positions_rad, arm.velocities_rad_s, strict=True)

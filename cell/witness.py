@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.journal import Topic
-from cell.interfaces.observation import Observation
+from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import Frame
 from trees.node import StatusChange
 
@@ -34,6 +34,7 @@ class TickRecord:
         command: what the nodes asked for.
         wall_s: how long observe, tick and act took on this machine.
         overrun: that was longer than the period.
+        joints: what the arm measured since the tick before, at its own rate.
     """
 
     observation: Observation
@@ -44,6 +45,7 @@ class TickRecord:
     sent: Sent
     wall_s: float
     overrun: bool
+    joints: JointSamples | None = None
 
 
 @dataclass(frozen=True)

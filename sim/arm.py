@@ -7,7 +7,7 @@ import numpy as np
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.errors import DeviceFault
-from cell.interfaces.observation import ArmState
+from cell.interfaces.observation import ArmState, JointSamples
 from cell.interfaces.pose import Array
 from sim.world import World
 
@@ -18,6 +18,7 @@ STOP_DECELERATION_RAD_S2 = 6.0
 START_TOLERANCE_RAD = 0.05
 TRACKING_LIMIT_RAD = 0.10
 TRACKING_PERIODS = 5
+KEPT_SAMPLES = 4096  # for as long as nobody takes them; the oldest give way
 
 
 class SimArm:
@@ -35,6 +36,9 @@ class SimArm:
         self._time_s = 0.0
         self._late_periods = 0
         self._fault: str | None = None
+        self._joints = len(world.arm_qpos)
+        self._samples = np.empty((KEPT_SAMPLES, 1 + 3 * self._joints))
+        self._sampled = 0
 
     def state(self) -> ArmState:
         """Joints as measured; raises DeviceFault after a protective stop."""
@@ -69,6 +73,22 @@ class SimArm:
         samples = np.arange(len(ahead), dtype=np.float64)
         self._reference = np.column_stack([np.interp(progress, samples, column) for column in ahead.T])
         self._cursor = 0
+
+    def observe(self, time_s: float, /) -> None:
+        """Measure the joints."""
+        data, world, joints = self._world.data, self._world, self._joints
+        row = self._samples[self._sampled % KEPT_SAMPLES]
+        row[0] = time_s
+        row[1 : 1 + joints] = data.qpos[world.arm_qpos]
+        row[1 + joints : 1 + 2 * joints] = data.qvel[world.arm_qvel]
+        row[1 + 2 * joints :] = data.qfrc_actuator[world.arm_qvel]
+        self._sampled += 1
+
+    def samples(self) -> JointSamples:
+        """What was measured since the last call."""
+        count, self._sampled = self._sampled, 0
+        rows = self._samples[:count].copy() if count <= KEPT_SAMPLES else np.roll(self._samples, -count, axis=0)
+        return JointSamples(rows[:, 0], *np.split(rows[:, 1:], 3, axis=1))
 
     def update(self, time_s: float, dt_s: float) -> None:
         """Set the servos for one control period."""

@@ -32,6 +32,9 @@ class EmptyPanel:
     def show(self, display: Display) -> None:
         """Nothing happens."""
 
+    def alarm(self, text: str) -> None:
+        """Nothing happens."""
+
 
 class SimCell:
     """Everything that belongs to one simulated run.
@@ -78,7 +81,7 @@ class SimCell:
         actors: list[Actor] = [self.arm, self.gripper_node]
         if self.worker is not None:
             actors.append(self.worker)
-        clock = SimClock(self.world, actors, [self.score, overhead, wrist])
+        clock = SimClock(self.world, actors, [self.score, overhead, wrist], [self.arm])
         self.devices = Devices(
             clock, overhead, wrist, self.arm, self.worker or EmptyPanel(), self.score.report, self.close
         )

@@ -33,12 +33,17 @@ class SimClock:
     Args:
         actors: set their controls before physics advances, in this order.
         observers: look at the world after it has advanced, and once at the beginning.
+        samplers: look at it within control periods, too, as often as the arm measures its joints.
     """
 
-    def __init__(self, world: World, actors: Sequence[Actor], observers: Sequence[Observer]) -> None:
+    def __init__(
+        self, world: World, actors: Sequence[Actor], observers: Sequence[Observer], samplers: Sequence[Observer] = ()
+    ) -> None:
         self._world = world
-        self._actors, self._observers = actors, observers
+        self._actors, self._observers, self._samplers = actors, observers, samplers
         self._period_s = world.physics.control_period_s
+        self._sample_s = world.physics.sample_period_s
+        self._samples = round(self._period_s / self._sample_s)
         self._periods = 0
         self._observe()
 
@@ -52,9 +57,18 @@ class SimClock:
         while self._periods < last:
             for actor in self._actors:
                 actor.update(self.now_s(), self._period_s)
-            self._world.step_period()
+            self._step()
             self._periods += 1
             self._observe()
+
+    def _step(self) -> None:
+        if not self._samplers:
+            self._world.step_period()
+            return
+        for number in range(self._samples):
+            self._world.step_sample()
+            for sampler in self._samplers:
+                sampler.observe(self.now_s() + (number + 1) * self._sample_s)
 
     def _observe(self) -> None:
         for observer in self._observers:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cell.interfaces.model import Model
 from sim.worker import WorkerSettings
@@ -14,12 +14,28 @@ class PhysicsSettings(Model):
     Attributes:
         step_s: one physics step; a held part drifts by half a step of the arm's turning for each metre travelled.
         control_period_s: the arm's and the gripper's own cycle, a whole number of steps.
+        sample_period_s: how often the arm measures its joints, a whole number of steps and a part of its cycle.
         settle_s: how long parts come to rest before the run begins.
     """
 
     step_s: float = Field(default=0.001, gt=0)
     control_period_s: float = Field(default=0.008, gt=0)
+    sample_period_s: float = Field(default=0.002, gt=0)
     settle_s: float = Field(default=0.3, ge=0)
+
+    @model_validator(mode="after")
+    def _periods_are_whole(self) -> PhysicsSettings:
+        counts = self.sample_period_s / self.step_s, self.control_period_s / self.sample_period_s
+        if any(abs(count - round(count)) > 1e-6 or round(count) < 1 for count in counts):
+            raise ValueError(
+                f"sample_period_s {self.sample_period_s:g} must be a whole number of steps of {self.step_s:g} s "
+                f"and go into control_period_s {self.control_period_s:g} without a rest"
+            )
+        return self
+
+    @property
+    def steps_per_sample(self) -> int:
+        return round(self.sample_period_s / self.step_s)
 
     @property
     def steps_per_period(self) -> int:

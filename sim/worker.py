@@ -118,6 +118,9 @@ class Worker:
         if self._request is None:
             self._answered = None
 
+    def alarm(self, text: str) -> None:
+        """The person goes on: what troubles the cell does not trouble their work."""
+
     def update(self, time_s: float, dt_s: float) -> None:
         """Let one control period pass."""
         self._time_s, self._work.dt_s = time_s, dt_s

@@ -92,6 +92,10 @@ class World:
         """Advance by one control period."""
         mujoco.mj_step(self.model, self.data, self.physics.steps_per_period)
 
+    def step_sample(self) -> None:
+        """Advance by one period in which the arm measures its joints once; several make a control period."""
+        mujoco.mj_step(self.model, self.data, self.physics.steps_per_sample)
+
     def settle(self) -> None:
         """Let parts come to rest while the arm stands."""
         for _ in range(math.ceil(self.physics.settle_s / self.physics.control_period_s)):

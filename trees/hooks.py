@@ -5,7 +5,7 @@ A breakpoint never holds up the loop: its node answers RUNNING until it is unloc
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import IntEnum
 from typing import Any
 
@@ -114,6 +114,11 @@ class Hooks:
         if remove:
             self._hooks[key] = self._hooks[key].model_copy(update={"once": True})
 
+    @property
+    def act(self) -> bool:
+        """Whether any hook may act."""
+        return any(hook.enabled for hook in self._hooks.values())
+
     def dump(self) -> list[dict[str, Any]]:
         """All hooks as plain data."""
         return [hook.model_dump(mode="json") for hook in self._hooks.values()]
@@ -185,3 +190,18 @@ def _answer(node: TreeNode, status: Status) -> Status:
     node.reset()
     node.become(status)
     return status
+
+
+def _unlock(hooks: Hooks, order: Any) -> None:
+    answer = STATUS_WORDS[order["desired_status"]]
+    hooks.unlock(int(order["uid"]), Position(order["position"]), answer, bool(order["remove_when_done"]))
+
+
+# Orders about hooks by their letters in Groot2's protocol.
+ORDERS: Mapping[str, Callable[[Hooks, Any], None]] = {
+    "I": lambda hooks, order: hooks.insert(Hook.model_validate(order)),
+    "R": lambda hooks, order: hooks.remove(int(order["uid"]), Position(order["position"])),
+    "U": _unlock,
+    "A": lambda hooks, _: hooks.clear(),
+    "X": lambda hooks, _: hooks.disable(),
+}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 
@@ -47,6 +48,21 @@ class PacedClock:
     def sleep_until(self, time_s: float) -> None:
         self._clock.sleep_until(time_s)
         self._wall.sleep_until(time_s - self._offset_s)
+
+
+class WakingClock:
+    """A clock that does something whenever a sleep is over, before anything else happens."""
+
+    def __init__(self, clock: Clock, awake: Callable[[], None]) -> None:
+        self._clock = clock
+        self._awake = awake
+
+    def now_s(self) -> float:
+        return self._clock.now_s()
+
+    def sleep_until(self, time_s: float) -> None:
+        self._clock.sleep_until(time_s)
+        self._awake()
 
 
 class ManualClock:

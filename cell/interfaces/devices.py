@@ -8,7 +8,7 @@ from typing import Protocol
 
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
-from cell.interfaces.observation import ArmState, GripperState
+from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.perception import Frame
 
 
@@ -37,6 +37,10 @@ class Arm(Protocol):
 
     def stop(self) -> None:
         """Controlled stop within the limits; harmless when standing."""
+        ...
+
+    def samples(self) -> JointSamples | None:
+        """What was measured since the last call, a faulted arm included; None from an arm that keeps nothing."""
         ...
 
 
@@ -69,6 +73,10 @@ class Panel(Protocol):
 
     def show(self, display: Display) -> None:
         """Replace what is shown."""
+        ...
+
+    def alarm(self, text: str) -> None:
+        """Show a trouble of the cell beside it until another text comes; an empty one takes it away."""
         ...
 
 

@@ -28,6 +28,21 @@ class ArmState:
     moving: bool
 
 
+@dataclass(frozen=True)
+class JointSamples:
+    """What the arm measured between two ticks, at the rate of its own control; for the log, no node reads it.
+
+    Attributes:
+        times_s: (n,) clock times, increasing.
+        positions_rad, velocities_rad_s, efforts_nm: (n, 6) shoulder_pan to wrist_3.
+    """
+
+    times_s: NDArray[np.float64]
+    positions_rad: NDArray[np.float64]
+    velocities_rad_s: NDArray[np.float64]
+    efforts_nm: NDArray[np.float64]
+
+
 class ObjectStatus(IntEnum):
     """gOBJ of the 2F-85's status byte."""
 

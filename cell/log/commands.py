@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -35,7 +35,9 @@ class ExportFormat(StrEnum):
 
 log_app = typer.Typer(no_args_is_help=True, help="Question and compare logs.")
 
-LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="Log of a run (MCAP).")]
+LogArgument = Annotated[
+    list[Path], typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; the first one brings all.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]
 FromOption = Annotated[float, typer.Option("--from", help="From this time on [s].")]
 UntilOption = Annotated[float, typer.Option("--until", help="Up to this time [s].")]
@@ -62,8 +64,7 @@ def replay(
     read = _read(log)
     again = Replay(read, Changes(tree, config, _weights(weights or [])))
     comparison = again.run(from_s, until_s, _shower(read, frames) if step else lambda _: None)
-    if read.edited_s is not None:
-        sys.stderr.write(f"cell: {log}: an edited tree took over at {read.edited_s:.2f} s; the replay ends before it\n")
+    sys.stderr.writelines(f"cell: {read.path}: {remark}\n" for remark in again.remarks)
     return _report(comparison, read.unfinished, as_json)
 
 
@@ -75,7 +76,7 @@ def report(
     """Write one HTML page about a run; it needs no network."""
     from cell.log.report import write_report
 
-    page = out or log.with_suffix(".html")
+    page = out or _beside(log, ".html")
     size = write_report(_read(log), page)
     if as_json:
         _line({"report": str(page), "bytes": size})
@@ -143,13 +144,13 @@ def diff(
     """Compare what two logs saw and decided, tick by tick; 0 where all is the same, 1 where it differs."""
     from cell.log import question
 
-    logs = _read(one), _read(other)
+    logs = _read([one]), _read([other])
     return _report(question.diff(*logs), "; ".join(log.unfinished for log in logs if log.unfinished), as_json)
 
 
 @log_app.command()
 def recover(
-    log: LogArgument,
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a run (MCAP), or one part of it.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="New file; LOG.recovered.mcap by default.")] = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -175,7 +176,7 @@ def export_log(
     """Write a log for other tools: a table of ticks, transitions for Groot2, or a video of the overhead camera."""
     from cell.log.export import export
 
-    target = out or log.with_suffix(".mp4" if to is ExportFormat.video else f".{to.value}")
+    target = out or _beside(log, ".mp4" if to is ExportFormat.video else f".{to.value}")
     count = export(_read(log), to.value, target)
     what = {ExportFormat.btlog: "transitions", ExportFormat.video: "frames"}.get(to, "rows")
     if as_json:
@@ -195,7 +196,7 @@ def to_test(
     """Turn a log into a regression case under 1 MB; `make test` replays those in tests/cases. 1 if it differs now."""
     from cell.log.case import check_case, write_case
 
-    case = out / f"{name or log.stem}.mcap"
+    case = out / f"{name or _beside(log, '').name}.mcap"
     size = write_case(_read(log), case, until_s)
     differing = check_case(case)
     if as_json:
@@ -206,13 +207,20 @@ def to_test(
     return DIFFERS if differing else 0
 
 
-def _read(path: Path) -> Log:
+def _read(paths: Sequence[Path]) -> Log:
     from cell.log.reader import read_log
 
-    log = read_log(path)
+    log = read_log(paths[0] if len(paths) == 1 else paths)
     if log.unfinished:
-        sys.stderr.write(f"cell: {path}: {log.unfinished}\n")
+        sys.stderr.write(f"cell: {log.path}: {log.unfinished}\n")
     return log
+
+
+def _beside(paths: Sequence[Path], suffix: str) -> Path:
+    """A file beside a log, named as the log is."""
+    from cell.log_file import whole_path
+
+    return whole_path(paths[0]).with_suffix(suffix)
 
 
 def _weights(options: Iterable[str]) -> dict[str, Path]:

@@ -39,15 +39,13 @@ class McapContent:
     """What a file holds, messages in the order in which they were written.
 
     Attributes:
-        attachments: content by name; of several with one name the first.
-        later_attachments: (time in [ns], name, content) of the others: files that came into use during the run.
+        attachments: content by name.
         metadata: values by name of the record.
         unfinished: where and how the file ends early; empty where it was closed as it should be.
     """
 
     messages: list[Message] = field(default_factory=list)
     attachments: dict[str, bytes] = field(default_factory=dict)
-    later_attachments: list[tuple[int, str, bytes]] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     unfinished: str = ""
 
@@ -226,17 +224,15 @@ class _Reader:
     def _attachment(self, fields: Fields) -> None:
         whole = fields.take(fields.left)
         inner = Fields(whole)
-        time_ns, _ = inner.number("Q"), inner.number("Q")  # of log and creation
+        inner.take(16)  # times of log and creation
         name, _ = inner.text(), inner.text()
         content = bytes(inner.take(inner.number("Q")))
         checksum = inner.number("I")
         inner.end()
         if checksum and zlib.crc32(whole[:-4]) != checksum:
             raise Damage(f"attachment {name} does not match its checksum")
-        if name in self._content.attachments:
-            self._content.later_attachments.append((time_ns, name, content))
-        else:
-            self._content.attachments[name] = content
+        if self._content.attachments.setdefault(name, content) is not content:
+            raise Damage(f"attachment {name} is there twice")
 
     def _metadata(self, fields: Fields) -> None:
         name = fields.text()

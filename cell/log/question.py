@@ -43,7 +43,8 @@ def info(log: Log) -> dict[str, Any]:
     wall_s = sorted(tick.wall_s for tick in log.ticks)
     return {
         "log": str(log.path),
-        "bytes": log.path.stat().st_size,
+        "parts": [path.name for path in log.parts] if len(log.parts) > 1 else [],
+        "bytes": sum(path.stat().st_size for path in log.parts or (log.path,)),
         "ticks": len(log.ticks),
         "duration_s": log.ticks[-1].time_s - log.ticks[0].time_s if log.ticks else 0.0,
         "overruns": sum(tick.overrun for tick in log.ticks),

@@ -2,49 +2,16 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any
-
-from py_trees.common import Status
-from pydantic import TypeAdapter, ValidationError
 
 from cell.interfaces.errors import LogError
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.interfaces.perception import BenchView, PartsView
 from cell.log.mcap_file import McapContent, Message, read_mcap
-from trees.node import StatusChange
-
-Note = tuple[str, dict[str, Any]]
-OF_A_TICK = ("/tick", "/command", "/display", "/timing")
-
-
-@dataclass(frozen=True)
-class LoggedTick:
-    """One tick as it was.
-
-    Attributes:
-        observation: rebuilt bit for bit; views of bench and parts are the same object in all ticks that saw them.
-        status: of the root, by name; "ERROR" where the tick raised.
-        notes: (topic, fields) in order: belief, plan, verdict, help, skill.
-        command: what the nodes asked of arm and gripper, and what was sent, as plain data; None for nothing.
-        display: what the person was shown from this tick on, as plain data; None for no change.
-        wall_s: how long the tick took on the machine that ran it.
-    """
-
-    number: int
-    time_s: float
-    observation: Observation
-    status: str
-    changes: tuple[StatusChange, ...]
-    notes: tuple[Note, ...]
-    command: Mapping[str, Any] | None
-    display: Mapping[str, Any] | None
-    wall_s: float
-    overrun: bool
+from cell.log.ticks import SNAPSHOT, Gap, TickBuilder
+from cell.log.ticks import LoggedTick as LoggedTick  # who reads a log needs them
+from cell.log.ticks import Note as Note
+from cell.log_file import part_number, parts_of, whole_path
 
 
 @dataclass(frozen=True)
@@ -52,13 +19,16 @@ class Log:
     """A run from its log.
 
     Attributes:
+        path: the file; of several parts the first.
         attachments: content by name: configuration.yaml, product.yaml, tree/*.xml.
-        edited_s: when an edited tree first took over during the run, None where none did.
         metadata: seed, versions, hashes of weights and the like.
         outcome: how the run ended; empty where the log was cut off.
-        ticks: in order, from 0, without gaps.
-        messages: everything in the order of writing, cameras and CAN frames included.
-        unfinished: what is missing at the end of a log that was not closed, else empty.
+        ticks: in order; from 0 but where the first parts are not there.
+        messages: everything in the order of writing, cameras and CAN frames included; what parts repeat at their
+            beginning only once.
+        unfinished: what is missing, in words: ticks in the middle, or the end of a log that was not closed; else empty.
+        gaps: ticks that are missing in the middle.
+        parts: the files that were read.
     """
 
     path: Path
@@ -68,135 +38,121 @@ class Log:
     ticks: tuple[LoggedTick, ...]
     messages: tuple[Message, ...]
     unfinished: str = ""
-    edited_s: float | None = None
+    gaps: tuple[Gap, ...] = ()
+    parts: tuple[Path, ...] = ()
 
 
-def read_log(path: Path) -> Log:
+@dataclass(frozen=True)
+class _Part:
+    """A file of a log.
+
+    Attributes:
+        number: 0 for a log in one file.
+        follows: it goes on where the file before it ended.
+    """
+
+    path: Path
+    content: McapContent
+    number: int
+    follows: bool
+
+
+def read_log(path: Path | Sequence[Path]) -> Log:
     """Read a whole log; one of a killed process is read up to its last whole tick and says so in `unfinished`.
 
+    Args:
+        path: a file; the first part of a rotated log, or the name without a part's number, for all its parts; another
+            part for that part alone; or several parts in their order.
+
     Raises:
-        LogError: the file cannot be read, is no log of a run, is damaged or lacks a message in its middle.
+        LogError: a file cannot be read, is no log of a run, is damaged or lacks a message in its middle.
     """
-    content = read_mcap(path)
-    ticks = _Ticks(path)
-    for message in content.messages:
-        if message.encoding == "json":
-            ticks.take(message)
+    paths = files_of(path) if isinstance(path, Path) else list(path)
+    parts = list(_parts(paths))
+    first, last = parts[0], parts[-1]
+    lossy = any(name in part.content.metadata for part in parts for name in ("recovered", "dropped"))
+    ticks = TickBuilder(first.path, lossy, 0 if first.number <= 1 else None)
+    messages: list[Message] = []
+    told: list[str] = []
+    for part in parts:
+        new = _beyond_head(part.content.messages) if part.follows else part.content.messages
+        for message in new:
+            if message.encoding == "json":
+                ticks.take(message)
+        messages += new
+        if part is not last:
+            told += _broken_off(part, ticks)
     return Log(
-        path=path,
-        attachments=content.attachments,
-        metadata=content.metadata.get("run", {}),
-        outcome=content.metadata.get("outcome", {}),
+        path=first.path,
+        attachments=first.content.attachments,
+        metadata=first.content.metadata.get("run", {}),
+        outcome=last.content.metadata.get("outcome", {}),
         ticks=tuple(ticks.done),
-        messages=tuple(content.messages),
-        unfinished=_unfinished(path, content, ticks),
-        edited_s=min((time_ns / 1e9 for time_ns, _, _ in content.later_attachments), default=None),
+        messages=tuple(messages),
+        unfinished="; ".join([*told, *_missing(last, ticks)]),
+        gaps=tuple(ticks.gaps),
+        parts=tuple(paths),
     )
 
 
-def _unfinished(path: Path, content: McapContent, ticks: _Ticks) -> str:
-    what = content.unfinished
-    if not content.unfinished and "outcome" not in content.metadata:
-        what = "the run's end is not in it"
-    if ticks.pending is None:
-        return what
-    if not what:
-        raise LogError(path, f"tick {ticks.pending.number} is not whole")
-    return f"{what}; tick {ticks.pending.number} is not whole and left out"
+def files_of(path: Path) -> list[Path]:
+    """The files that a name stands for: itself, or all parts where it is the first part or has no part's number."""
+    if part_number(path) is None:
+        return [path] if path.exists() else parts_of(path) or [path]
+    parts = parts_of(whole_path(path))
+    return parts if parts and path == parts[0] else [path]
 
 
-class _Pending:
-    """A tick of which not all messages have come."""
-
-    def __init__(self, number: int, observation: Observation) -> None:
-        self.number = number
-        self.observation = observation
-        self.parts: dict[str, dict[str, Any]] = {}
-        self.notes: list[Note] = []
-
-    def whole(self) -> LoggedTick:
-        tick, timing = self.parts["/tick"], self.parts["/timing"]
-        changes = tuple(
-            StatusChange(one["path"], one["uid"], Status[one["old"]], Status[one["new"]], one["feedback"])
-            for one in tick["changes"]
-        )
-        return LoggedTick(
-            number=self.number,
-            time_s=self.observation.time_s,
-            observation=self.observation,
-            status=tick["status"],
-            changes=changes,
-            notes=tuple(self.notes),
-            command=self.parts.get("/command"),
-            display=self.parts.get("/display"),
-            wall_s=timing["wall_s"],
-            overrun=timing["overrun"],
-        )
+def _parts(paths: Sequence[Path]) -> Iterator[_Part]:
+    before: _Part | None = None
+    for path in paths:
+        content = read_mcap(path)
+        number = _number(path, content)
+        if before is not None:
+            if not (number and before.number):
+                raise LogError(path, "is no part of a rotated log: it cannot be read together with others")
+            if number <= before.number:
+                raise LogError(path, f"is part {number} and stands after part {before.number}")
+            if content.metadata.get("run") != before.content.metadata.get("run"):
+                raise LogError(path, f"is a part of another run than {before.path.name}")
+        part = _Part(path, content, number, before is not None and number == before.number + 1)
+        yield part
+        before = part
 
 
-class _Ticks:
-    """Puts ticks together; /observation opens one, /timing closes it."""
-
-    def __init__(self, path: Path) -> None:
-        self.done: list[LoggedTick] = []
-        self.pending: _Pending | None = None
-        self._path = path
-        self._bench: BenchView | None = None
-        self._parts: PartsView | None = None
-
-    def take(self, message: Message) -> None:
-        topic = message.topic
-        try:
-            fields = json.loads(message.data)
-            if topic == "/bench":
-                self._bench = _adapter(BenchView).validate_python(fields)
-            elif topic == "/parts":
-                self._parts = _adapter(PartsView).validate_python(fields)
-            elif topic == "/observation":
-                self._open(fields)
-            elif topic in OF_A_TICK or topic.startswith("/note/"):
-                self._add(topic, fields)
-        except (ValueError, KeyError, TypeError, ValidationError) as error:
-            what = f"message of {topic} at {message.time_ns / 1e9:.3f} s does not hold what it should"
-            raise LogError(self._path, f"{what}: {type(error).__name__}: {error}") from None
-
-    def _open(self, fields: dict[str, Any]) -> None:
-        number = fields["tick"]
-        if self.pending is not None:
-            raise LogError(self._path, f"tick {self.pending.number} is not whole when tick {number} begins")
-        if number != len(self.done):
-            raise LogError(self._path, f"tick {number} stands where tick {len(self.done)} should")
-        bench, parts = fields["bench"], fields["parts"]
-        if bench != (self._bench and self._bench.sequence) or parts != (self._parts and self._parts.sequence):
-            raise LogError(self._path, f"tick {number} saw answers {bench} and {parts}, which are not in the log")
-        gripper = {**fields["gripper"], "object_status": ObjectStatus[fields["gripper"]["object_status"]]}
-        observation = Observation(
-            tick=number,
-            time_s=fields["time_s"],
-            arm=_adapter(ArmState).validate_python(fields["arm"]),
-            gripper=_adapter(GripperState).validate_python(gripper),
-            bench=self._bench,
-            parts=self._parts,
-        )
-        self.pending = _Pending(number, observation)
-
-    def _add(self, topic: str, fields: dict[str, Any]) -> None:
-        number = fields.pop("tick")
-        if self.pending is None or number != self.pending.number:
-            raise LogError(self._path, f"a message of {topic} for tick {number} stands outside of that tick")
-        if topic.startswith("/note/"):
-            self.pending.notes.append((topic.removeprefix("/note/"), fields))
-        elif topic in self.pending.parts:
-            raise LogError(self._path, f"tick {number} has two messages of {topic}")
-        else:
-            self.pending.parts[topic] = fields
-        if topic == "/timing":
-            if "/tick" not in self.pending.parts:
-                raise LogError(self._path, f"tick {number} has no message of /tick")
-            self.done.append(self.pending.whole())
-            self.pending = None
+def _number(path: Path, content: McapContent) -> int:
+    text = content.metadata.get("part", {}).get("number", "0")
+    if not (text.isascii() and text.isdigit()):
+        raise LogError(path, f"has the part number {text!r}")
+    return int(text)
 
 
-@cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
+def _beyond_head(messages: list[Message]) -> list[Message]:
+    """Without what a part repeats at its beginning, up to the snapshot."""
+    head = next((place for place, message in enumerate(messages) if message.topic == SNAPSHOT), -1)
+    return messages[head + 1 :]
+
+
+def _broken_off(part: _Part, ticks: TickBuilder) -> list[str]:
+    """What is missing at the end of a part that others follow."""
+    if not part.content.unfinished:
+        if ticks.pending is not None:
+            raise LogError(part.path, f"tick {ticks.pending} is not whole")
+        return []
+    ticks.break_off()
+    return [f"{part.path.name} {part.content.unfinished}"]
+
+
+def _missing(last: _Part, ticks: TickBuilder) -> list[str]:
+    told = [str(gap) for gap in ticks.gaps]
+    if ticks.blind:
+        told.append(f"{ticks.blind} ticks saw answers of detectors that are missing")
+    if last.content.unfinished:
+        told.append(last.content.unfinished)
+    elif "outcome" not in last.content.metadata:
+        told.append("the run's end is not in it")
+    if ticks.pending is not None:
+        if not told:
+            raise LogError(last.path, f"tick {ticks.pending} is not whole")
+        told.append(f"tick {ticks.pending} is not whole and left out")
+    return told

@@ -19,14 +19,15 @@ from cell.interfaces.yaml_file import load_yaml
 from cell.log.compare import Comparison, Decisions, Difference, decided, differences, logged
 from cell.log.reader import Log, LoggedTick
 from cell.node_library import node_registry
+from cell.reload import take_over
 from cell.services import TickClock, make_services
 from skills.planner import MotionPlanner
+from trees.hooks import ORDERS, Hooks
 from trees.loader import load_tree
 from trees.tree import Tree
 
 PLANNERS = ("semantic", "grasp")
 ENDS = ("SUCCESS", "FAILURE", "ERROR")
-LEAST_STEP_S = 1e-3  # log times are rounded to nanoseconds, and ticks are at least 2 ms apart
 MID_TICK = "interrupted in mid-tick"
 
 
@@ -61,6 +62,11 @@ class Step:
 class Replay:
     """The tree of a log, or a changed one, ready to be ticked again.
 
+    Edits that took over during the run and what a monitor did to nodes are done again in the ticks in which they were.
+
+    Attributes:
+        remarks: what of the log was not replayed, and why, for people; whole after `run`.
+
     Raises:
         LogError: the log lacks what a replay needs, or was recorded with other weights than these.
         InputError, ModelError: a changed file cannot be used.
@@ -68,9 +74,9 @@ class Replay:
 
     def __init__(self, log: Log, changes: Changes | None = None) -> None:
         changes = changes or Changes()
-        if not log.ticks:
-            raise LogError(log.path, "holds no tick that could be replayed")
+        _refuse_without_beginning(log)
         self.log = log
+        self.remarks: list[str] = []
         self._by_name = changes.tree is not None
         configuration, product, self.tree = _load(log, changes)
         self._journal = ListJournal()
@@ -82,7 +88,9 @@ class Replay:
             self._journal,
             log.ticks[0].observation,
         )
-        self.tree.setup(self._services, TickClock(self._services))
+        self._clock = TickClock(self._services)
+        self.tree.setup(self._services, self._clock)
+        self._hooks = Hooks(self.tree, _nobody)
 
     def run(
         self,
@@ -96,8 +104,8 @@ class Replay:
             watch: sees every compared tick; ends the replay by answering False.
         """
         comparison = Comparison()
-        for tick in self.log.ticks:
-            if tick.time_s > until_s or self._cut_short(tick):
+        for place, tick in enumerate(self.log.ticks):
+            if tick.time_s > until_s or self._cut_short(place, tick):
                 break
             now = self._tick(tick)
             if tick.time_s >= from_s:
@@ -109,20 +117,57 @@ class Replay:
                 break
         return comparison
 
-    def _cut_short(self, tick: LoggedTick) -> bool:
-        """Not to be compared: ticks of an edited tree, and a last tick that a second signal stopped anywhere."""
-        if self.log.edited_s is not None and tick.time_s >= self.log.edited_s - LEAST_STEP_S:
+    def _cut_short(self, place: int, tick: LoggedTick) -> bool:
+        """Not to be compared: what follows missing ticks, and a last tick that a second signal stopped anywhere."""
+        if tick.number != place:
+            gap = self.log.gaps[0]
+            self.remarks.append(f"{gap}: the replay ends before, as nodes remember what they saw")
             return True
         return tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK
 
     def _tick(self, tick: LoggedTick) -> Decisions:
         self._services.observation, self._services.command = tick.observation, Command()
+        for kind, fields in tick.inputs:
+            self._take(kind, fields, tick)
         error = ""
         try:
             status = self.tree.tick().name
         except Exception as problem:  # as in the controller's loop: a tick that raises is a result to compare
             status, error = "ERROR", f"{type(problem).__name__}: {problem}"
         return decided(status, self.tree.status_changes, self._journal.take(), self._services.command, error)
+
+    def _take(self, kind: str, fields: Mapping[str, Any], tick: LoggedTick) -> None:
+        """Do again what came from outside, where nodes are those of the log."""
+        if self._by_name:
+            what = "an edit" if kind == "edit" else "an order of a monitor"
+            self.remarks.append(f"{what} at {tick.time_s:.2f} s is left out, as another tree is replayed")
+        elif kind == "edit":
+            self._exchange(fields["files"])
+        else:
+            try:
+                ORDERS[fields["order"]](self._hooks, fields["body"])
+            except (ValueError, KeyError, TypeError) as error:
+                raise LogError(self.log.path, f"an order of a monitor cannot be repeated: {error!r}") from None
+
+    def _exchange(self, texts: Mapping[str, str]) -> None:
+        """Let an edited tree take over as it did in the run."""
+        with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
+            _write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
+            following = load_tree(Path(folder) / "tree" / self.log.metadata["tree"], node_registry())
+        take_over(self.tree, following, self._services, self._clock)
+        self.tree, self._hooks = following, Hooks(following, _nobody)
+
+
+def _refuse_without_beginning(log: Log) -> None:
+    if not log.ticks:
+        raise LogError(log.path, "holds no tick that could be replayed")
+    if first := log.ticks[0].number:
+        what = f"begins with tick {first}; nodes remember what they saw, so a replay needs the run from tick 0 on"
+        raise LogError(log.path, f"{what}: name the first part")
+
+
+def _nobody(_: int) -> None:
+    """Nobody waits for news of breakpoints."""
 
 
 def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Tree]:
@@ -145,7 +190,11 @@ def _unpack(log: Log, folder: Path) -> None:
     for needed in ("configuration.yaml", "product.yaml", f"tree/{log.metadata['tree']}"):
         if needed not in log.attachments:
             raise LogError(log.path, f"has no attachment {needed}; it has: {', '.join(log.attachments) or 'none'}")
-    for name, content in log.attachments.items():
+    _write_files(log, log.attachments, folder)
+
+
+def _write_files(log: Log, files: Mapping[str, bytes], folder: Path) -> None:
+    for name, content in files.items():
         target = (folder / name).resolve()
         if not target.is_relative_to(folder.resolve()):
             raise LogError(log.path, f"has an attachment that leads out of its folder: {name}")

@@ -14,7 +14,7 @@ from cell.inference import LockStep
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
 from cell.witness import Level, Outcome, TickRecord
@@ -66,6 +66,9 @@ class FakeArm:
         if self.stop_error is not None:
             raise self.stop_error
 
+    def samples(self) -> JointSamples | None:
+        return None
+
 
 @dataclass
 class FakeGripper:
@@ -99,9 +102,13 @@ class FakePanel:
     """Keeps what it was shown."""
 
     shown: list[Display] = field(default_factory=list)
+    alarms: list[str] = field(default_factory=list)
 
     def show(self, display: Display) -> None:
         self.shown.append(display)
+
+    def alarm(self, text: str) -> None:
+        self.alarms.append(text)
 
 
 @dataclass

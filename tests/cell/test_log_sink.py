@@ -54,6 +54,7 @@ def recorded(path: Path, disk: Disk, error: int, back: bool, buffer_mb: float) -
             disk.error = None if number == 30 and back else error
         recorder.frame(frame(number, number * 0.04))
         recorder.tick(record(number))
+        recorder.settle()
     recorder.close(OUTCOME)
     return recorder, alarms
 
@@ -82,7 +83,7 @@ def test_a_disk_that_takes_bytes_again_completes_the_log(disk: Disk, tmp_path: P
 
 
 def test_images_are_dropped_before_ticks_and_counted(disk: Disk, tmp_path: Path) -> None:
-    recorder, _ = recorded(tmp_path / "log.mcap", disk, errno.ENOSPC, back=True, buffer_mb=0.03)
+    recorder, _ = recorded(tmp_path / "log.mcap", disk, errno.ENOSPC, back=True, buffer_mb=0.055)
     assert recorder.dropped.frames > recorder.dropped.ticks == 0
     assert not recorder.complete
     assert len(read_log(tmp_path / "log.mcap").ticks) == 40
@@ -97,7 +98,8 @@ def test_memory_stays_bounded(disk: Disk, tmp_path: Path) -> None:
 def test_the_writer_may_go_back_before_the_hand_over(tmp_path: Path) -> None:
     sink = LogSink(tmp_path / "file")
     sink.write(b"abc")
-    sink.hand_over(1.0)
+    sink.hand_over()
+    sink.settle(1.0)
     sink.write(b"____ef")
     assert sink.seek(3) == 3
     sink.write(b"1234")

@@ -154,7 +154,7 @@ def test_a_log_of_a_killed_process_holds_all_its_ticks(tmp_path: Path) -> None:
         "import os, signal, pathlib; from cell.recorder import *; from cell.configuration import LogSettings;"
         "from tests.cell.test_recorder import record; from tests.cell.fakes import frame;"
         f"r = McapRecorder(pathlib.Path({str(path)!r}), LogSettings(), Heading())\n"
-        "for n in range(100): r.frame(frame(n, n * 0.04)); r.tick(record(n))\n"
+        "for n in range(100): r.frame(frame(n, n * 0.04)); r.tick(record(n)); r.settle()\n"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
     result = subprocess.run([sys.executable, "-c", script], check=False, cwd=Path(__file__).parents[2])

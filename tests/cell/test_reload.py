@@ -9,7 +9,6 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 from py_trees.common import Status
 from rich.console import Console
 
@@ -17,6 +16,8 @@ from cell.interfaces.clock import ManualClock
 from cell.interfaces.journal import ListJournal
 from cell.interfaces.observation import GripperState, ObjectStatus, Observation
 from cell.interfaces.skill import Progress, Skill, SkillStatus
+from cell.log.reader import read_log
+from cell.log.replay import Replay
 from cell.reload import WatchedTree
 from cell.run import RunOptions, run
 from cell.tally import Tally
@@ -209,6 +210,11 @@ def test_an_edit_takes_over_in_the_simulated_cell(tmp_path: Path, monkeypatch: p
     result = run(RunOptions(tree=path, seed=1, goal="g0", log=log, watch=True), Console(file=StringIO()))
     assert result.outcome.end == "failed"
     assert result.outcome.ticks < 20
-    with log.open("rb") as stream:
-        texts = [a.data.decode() for a in make_reader(stream).iter_attachments() if a.name == "tree/tree.xml"]
-    assert [("Sleep" in text, "AlwaysFailure" in text) for text in texts] == [(True, False), (False, True)]
+    read = read_log(log)
+    edits = [
+        (kind, "AlwaysFailure" in one["files"]["tree/tree.xml"]) for tick in read.ticks for kind, one in tick.inputs
+    ]
+    assert edits == [("edit", True)]
+    assert b"Sleep" in read.attachments["tree/tree.xml"]
+    comparison = Replay(read).run()
+    assert (comparison.identical, comparison.ticks) == (True, len(read.ticks)), comparison.first

@@ -108,14 +108,22 @@ def test_images_come_back_by_time(path: Path, tmp_path: Path) -> None:
     assert frames.newest(-1.0) == []
 
 
-def test_an_edited_tree_is_told_from_the_first(path: Path) -> None:
+def test_edits_and_hooks_are_inputs_of_the_tick_that_they_act_in(path: Path) -> None:
     recorder = McapRecorder(path, LogSettings(), Heading({}, {"tree/a.xml": ("application/xml", b"<first/>")}))
     recorder.tick(record(0))
-    recorder.attach("tree/a.xml", "application/xml", b"<second/>", 0.04)
+    recorder.edited({"tree/a.xml": "<second/>"}, 0.04)
     recorder.tick(record(1))
+    recorder.hooked("I", {"uid": 2}, 0.04)
+    recorder.tick(record(2))
     recorder.close(OUTCOME)
     log = read_log(path)
-    assert (log.attachments["tree/a.xml"], log.edited_s) == (b"<first/>", 0.04)
+    assert log.attachments["tree/a.xml"] == b"<first/>"
+    assert [[(kind, one["tick"]) for kind, one in tick.inputs] for tick in log.ticks] == [
+        [],
+        [("edit", 1)],
+        [("hook", 2)],
+    ]
+    assert log.ticks[1].inputs[0][1]["files"] == {"tree/a.xml": "<second/>"}
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 import zstandard
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 from cell.commands import main
 from cell.configuration import LogSettings
 from cell.interfaces.errors import LogError
-from cell.log.mcap_file import MAGIC, McapContent, read_mcap
+from cell.log.mcap_file import HEAD, MAGIC, McapContent, read_mcap
 from cell.log.reader import read_log
 from cell.log.recover import Salvage, recover, salvage
 from cell.recorder import Heading, McapRecorder
@@ -60,9 +61,8 @@ def test_a_cut_log_becomes_a_complete_one(whole: bytes, tmp_path: Path) -> None:
 
 def test_a_damaged_chunk_costs_its_own_tick_only(whole: bytes, tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
-    chunks = [at for at in range(len(whole)) if whole.startswith(b"\x04\x00\x00\x00zstd", at)]
     damaged = bytearray(whole)
-    damaged[chunks[TICKS // 2] + 30] ^= 0xFF  # in mid-log; the first chunk names the channels
+    damaged[chunks(whole)[TICKS // 2] + 80] ^= 0xFF  # in mid-log; the first chunk names the channels
     path.write_bytes(damaged)
     with pytest.raises(LogError):
         read_log(path)
@@ -75,8 +75,8 @@ def test_a_damaged_chunk_costs_its_own_tick_only(whole: bytes, tmp_path: Path) -
 @pytest.mark.parametrize("length", [2**63, 2**64 - 1, 2**40])
 def test_huge_lengths_are_damage(length: int, whole: bytes, tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
-    at = whole.index(b"\x04\x00\x00\x00zstd")
-    for field_at in (at - 36, at - 12):  # of the record, and of the unpacked chunk
+    at = chunks(whole)[0]
+    for field_at in (at + 1, at + HEAD.size + 16):  # of the record, and of the unpacked chunk
         path.write_bytes(whole[:field_at] + struct.pack("<Q", length) + whole[field_at + 8 :])
         judge(path, read_mcap_of(whole, tmp_path))
         assert salvage(path).loss.lossy
@@ -100,6 +100,17 @@ def test_mutants_are_never_read_short_in_silence(whole: bytes, tmp_path: Path) -
 @pytest.mark.slow
 def test_ten_thousand_mutants(whole: bytes, tmp_path: Path) -> None:
     hunt(whole, tmp_path, 10_000)
+
+
+def chunks(whole: bytes) -> list[int]:
+    """Where the chunks of a file begin."""
+    found, at = [], len(MAGIC)
+    while at + HEAD.size <= len(whole) - len(MAGIC):
+        opcode, length = HEAD.unpack_from(whole, at)
+        if opcode == Opcode.CHUNK:
+            found.append(at)
+        at += HEAD.size + length
+    return found
 
 
 def hunt(whole: bytes, folder: Path, count: int) -> None:

@@ -92,11 +92,6 @@ def test_other_weights_are_named(commission_log: Log) -> None:
         Replay(commission_log, Changes(weights={"vision": Path("x")}))
 
 
-def test_a_replay_ends_where_an_edited_tree_took_over(commission_log: Log) -> None:
-    comparison = Replay(dataclasses.replace(commission_log, edited_s=1.0)).run()
-    assert (comparison.identical, comparison.ticks) == (True, 25)
-
-
 def test_a_log_that_leads_out_of_its_folder_is_refused(commission_log: Log) -> None:
     hostile = {**commission_log.attachments, "../../outside": b""}
     with pytest.raises(LogError, match="leads out of its folder"):

@@ -1,0 +1,119 @@
+"""The files of one log: a single one, or parts that follow one another by size and by time, each readable alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import foxglove
+
+from cell.configuration import LogSettings
+from cell.log_file import Heading, LogFile, part_path, parts_of
+
+RETRY_S = 1.0  # of clock time, where no next part could be opened
+PATIENCE_S = 0.005  # how long the loop waits for the disk between two ticks
+
+
+class LogFiles:
+    """Opens one part after the other, and takes old ones away where only so many are to be kept.
+
+    Attributes:
+        path: of the file that the log begins with.
+        rotates: whether there are parts at all.
+        number: of the part that is written, from 1.
+    """
+
+    def __init__(self, path: Path, settings: LogSettings, context: foxglove.Context, heading: Heading) -> None:
+        """Open the first file; parts of an earlier log with this name are removed.
+
+        Raises:
+            OSError: it cannot be opened.
+        """
+        self.rotates = settings.rotate_mb is not None or settings.rotate_s is not None
+        self.number = 1
+        self.path = part_path(path, 1) if self.rotates else path
+        self._whole, self._settings, self._context, self._heading = path, settings, context, heading
+        self._retired: list[LogFile] = []
+        self._lost_error = self._opening_error = ""
+        self._began_s, self._retry_s = 0.0, float("-inf")
+        if self.rotates:
+            for old in parts_of(path):
+                old.unlink()
+        self._file = LogFile(self.path, context, heading)
+        if self.rotates:
+            self._file.note("part", {"number": "1", "first_tick": "0"})
+
+    @property
+    def error(self) -> str:
+        """Why the disk refuses, or refused for good; empty where all is well."""
+        refusals = (file.sink.error for file in (self._file, *self._retired))
+        return next((error for error in (*refusals, self._lost_error, self._opening_error) if error), "")
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Written, but not on the disk yet."""
+        return sum(file.sink.waiting_bytes for file in (self._file, *self._retired))
+
+    def due(self, time_s: float) -> bool:
+        """Whether the next tick begins a new part; never while the disk is behind."""
+        if not self.rotates or self.waiting_bytes or time_s < self._retry_s:
+            return False
+        most_mb, most_s = self._settings.rotate_mb, self._settings.rotate_s
+        large = most_mb is not None and self._file.sink.size_bytes >= most_mb * 1e6
+        return large or (most_s is not None and time_s - self._began_s >= most_s)
+
+    def turn(self, time_s: float, tick: int) -> bool:
+        """Open the next part, which begins with this tick; false where the disk refuses, and the old one goes on."""
+        try:
+            following = LogFile(part_path(self._whole, self.number + 1), self._context, self._heading)
+        except OSError as error:
+            self._opening_error = f"no next part: {error.strerror or error}"
+            self._retry_s = time_s + RETRY_S
+            return False
+        self._opening_error = ""
+        self._file.retire()
+        self._retired.append(self._file)
+        self._file, self.number, self._began_s = following, self.number + 1, time_s
+        following.note("part", {"number": str(self.number), "first_tick": str(tick)})
+        self._sweep()
+        self._retain()
+        return True
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record into the part that is open."""
+        self._file.note(name, values)
+
+    def flush(self) -> None:
+        """End a tick: hand it to the thread that writes it."""
+        self._file.flush()
+
+    def settle(self) -> None:
+        """Wait until everything is on the disk, but not for ever."""
+        self._file.sink.settle(PATIENCE_S)
+
+    def close(self) -> None:
+        """Close what is open and wait for the disk."""
+        self._file.close()
+        for file in self._retired:
+            file.sink.close()
+
+    def remove(self) -> None:
+        """Leave nothing behind."""
+        self.close()
+        for path in (*parts_of(self._whole), self.path) if self.rotates else (self.path,):
+            path.unlink(missing_ok=True)
+
+    def _sweep(self) -> None:
+        """Forget parts that are whole on the disk; what one lost for good is remembered."""
+        ended = [file for file in self._retired if file.sink.ended]
+        self._lost_error = next((file.sink.error for file in ended if file.sink.error), self._lost_error)
+        self._retired = [file for file in self._retired if file not in ended]
+
+    def _retain(self) -> None:
+        """Remove the oldest parts beyond what is kept; the one that is written always stays."""
+        most, most_mb = self._settings.keep_parts, self._settings.keep_mb
+        parts = [path for path in parts_of(self._whole) if path != self._file.path]
+        while parts and (
+            (most is not None and len(parts) + 1 > most)
+            or (most_mb is not None and sum(path.stat().st_size for path in parts) > most_mb * 1e6)
+        ):
+            parts.pop(0).unlink(missing_ok=True)

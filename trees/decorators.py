@@ -161,7 +161,6 @@ class _Updated(Decorator):
             if self.entry.revision == self._seen:
                 return self.otherwise
             self._seen = self.entry.revision
-        self.become(RUNNING)
         return reset_if_done(self.decorated, self.decorated.execute())
 
 

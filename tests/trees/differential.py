@@ -1,20 +1,27 @@
-"""The same random tree in BehaviorTree.CPP itself and in this engine, with leaves that follow a script."""
+"""One case in BehaviorTree.CPP itself and in this engine: what leaves did, all statuses and the blackboard."""
 
 from __future__ import annotations
 
-import random
-from collections.abc import Mapping
-from dataclasses import dataclass
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO, Protocol
 
 import behaviortreepy
 from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.errors import InputError
+from tests.trees.random_trees import VARIABLES, Case
+from trees.blackboard import UNSET
 from trees.loader import load_tree
 from trees.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
 from trees.registry import Registry
+from trees.tree import Tree
 
 OURS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 THEIRS = {
@@ -24,259 +31,269 @@ THEIRS = {
     "K": behaviortreepy.NodeStatus.SKIPPED,
 }
 WORDS = {status.name: letter for letter, status in THEIRS.items()} | {"IDLE": "K"}
-REFUSED = ["refused"]
-VARIABLES = ("x", "y")
-CONDITIONS = (
-    *("x > 1", "y == 0", "x != y", "x + y < 4", "x - y > 0", "true", "x == 0 || y > 2", "x * 2 >= y + 1", "!(x == y)"),
-    *("-1 < x < 3", "x > 0 && y > 0 || x <= y", "'a' < 'b'", "'s' .. 't' == 'st'"),
-    *("(2 | 1) == 3 && (6 ^ 3) == 5", "x > 1 ? y > 1 : y == 0", "-x + 0x2 > 0", "(~1) == -2", "6 & 3 == 2"),
-)
-CONTROLS = (
-    *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "SequenceWithMemory", "AsyncSequence"),
-    *("AsyncFallback", "Parallel", "ParallelAll", "IfThenElse", "WhileDoElse", "Switch"),
-)
-ATTRIBUTES_BEFORE = ("_failureIf", "_successIf")
-ATTRIBUTES_AFTER = ("_onSuccess", "_onFailure", "_post")
-DECORATORS = (
-    *("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure", "Repeat", "RunOnce", "SubTree"),
-    *("RetryUntilSuccessful", "Precondition", "Loop"),
-)
-ASSIGNMENTS = (
-    "x := x + 1",
-    "y := x - y",
-    "x = 0",
-    "y += 1; x := y > 2 ? 0 : x",
-    "y -= 1",
-    "x *= 2; x := x > 9 ? 1 : x",
-)
+CHANGE = re.compile(rb"\[[\d.]+\]: (\S+) +\x1b\[\d+m(\w+)\x1b\[0m -> \x1b\[\d+m(\w+)\x1b\[0m")
+IDLE_NAME = "IDLE"
+
+Change = tuple[str, str, str]
 
 
-@dataclass(frozen=True)
-class Case:
-    """A tree, the answers of its leaves in turn, and the ticks before which it is halted."""
+@dataclass
+class Step:
+    """What one tick, or one halt, did.
 
-    xml: str
-    answers: Mapping[str, str]
-    halts: frozenset[int]
-    ticks: int
+    Attributes:
+        status: letter of the root's answer, "-" for a halt.
+        events: starts, polls and halts of leaves, in order.
+        changes: (node, old status, new status), in order.
+        values: of the variables of the main tree, None where unset.
+        skipped: nodes whose last answer was SKIPPED; only this engine tells.
+    """
+
+    status: str = "-"
+    events: list[str] = field(default_factory=list)
+    changes: list[Change] = field(default_factory=list)
+    values: tuple[float | None, ...] = ()
+    skipped: frozenset[str] = frozenset()
 
 
-class Generator:
-    """Random trees of everything that both sides support."""
+class Side(Protocol):
+    """One of the two engines with the tree of a case."""
 
-    def __init__(self, seed: int, size: int, skips: bool = True, scripts: bool = True) -> None:
-        self._random = random.Random(seed)
-        self._left = size
-        self._skips = skips  # whether nodes at this point of the tree may be skipped
-        self._scripts = scripts
-        self._subtrees: list[str] = []
-        self.answers: dict[str, str] = {}
+    def tick(self) -> Step: ...
 
-    def case(self, ticks: int = 20) -> Case:
-        tree = self._node(0)
-        subtrees = "".join(f'<BehaviorTree ID="T{i}">{body}</BehaviorTree>' for i, body in enumerate(self._subtrees))
-        start = '<Script code="x := 0; y := 0"/>'
-        main = f'<BehaviorTree ID="Main"><Sequence><RunOnce>{start}</RunOnce>{tree}</Sequence></BehaviorTree>'
-        xml = f'<root BTCPP_format="4" main_tree_to_execute="Main">{main}{subtrees}</root>'
-        halts = frozenset(i for i in range(1, ticks) if self._random.random() < 0.1)
-        return Case(xml, self.answers, halts, ticks)
+    def halt(self) -> Step: ...
 
-    def _node(self, depth: int) -> str:
-        self._left -= 1
-        draw = self._random.random()
-        if depth > 6 or self._left <= 0 or draw < 0.25:
-            return self._leaf()
-        return self._control(depth) if draw < 0.7 else self._decorator(depth)
 
-    def _leaf(self) -> str:
-        draw = self._random.random()
-        if self._scripts and draw < 0.1:
-            return f'<Script code="{self._random.choice(ASSIGNMENTS)}"{self._leaf_conditions()}/>'
-        if self._scripts and draw < 0.2:
-            code = _escaped(self._random.choice(CONDITIONS))
-            return f'<ScriptCondition code="{code}"/>'
-        if draw < 0.25:
-            return self._random.choice(("<AlwaysSuccess/>", "<AlwaysFailure/>"))
-        name = f"leaf{len(self.answers)}"
-        letters = "SSSFFRRR" + ("K" if self._skips else "")
-        self.answers[name] = "".join(self._random.choices(letters, k=self._random.randint(1, 9)))
-        return f'<Leaf name="{name}"{self._leaf_conditions()}/>'
+class Refused(Exception):
+    """The engine does not take the tree."""
 
-    def _check(self) -> str:
-        """A condition: the library does not tick a finished action again before it is reset, as a py_trees leaf is."""
-        name = f"leaf{len(self.answers)}"
-        self.answers[name] = "".join(self._random.choices("SF", k=self._random.randint(1, 9)))
-        return f'<Check name="{name}"/>'
 
-    def _control(self, depth: int) -> str:
-        tag = self._random.choice(CONTROLS)
-        if tag in ("IfThenElse", "WhileDoElse"):
-            branches = [self._node(depth + 1) for _ in range(self._random.randint(1, 2))]
-            return self._element(tag, "", [self._check(), *branches])
-        if tag == "Switch":
-            return self._switch(depth)
-        children = [self._node(depth + 1) for _ in range(self._random.randint(1, 4))]
-        ports = ""
-        if tag == "Parallel":
-            ports = f' success_count="{self._count(children)}" failure_count="{self._count(children)}"'
-        if tag == "ParallelAll":
-            ports = f' max_failures="{self._count(children)}"'
-        return self._element(tag, ports, children)
+class Answers:
+    """The leaves' answers in turn, and what happened to the leaves."""
 
-    def _switch(self, depth: int) -> str:
-        """Switch2 to Switch6 on a number that scripts change, an enum name or a text."""
-        cases = self._random.randint(2, 6)
-        variable, values = self._random.choice(
-            (("{x}", ("0", "1", "2", "-1", "3", "5")), ("red", ("red", "blue", "RED", "", "1", "x")))
+    def __init__(self, case: Case) -> None:
+        self._answers = case.answers
+        self._turns = dict.fromkeys(case.answers, 0)
+        self.events: list[str] = []
+
+    def letter(self, name: str, event: str) -> str:
+        """The next answer; a leaf that runs cannot be skipped, so it succeeds instead."""
+        self.events.append(f"{event} {name}")
+        answers = self._answers[name]
+        letter = answers[self._turns[name] % len(answers)]
+        self._turns[name] += 1
+        return "S" if letter == "K" and event == "poll" else letter
+
+    def take(self) -> list[str]:
+        events, self.events = self.events, []
+        return events
+
+
+class Original:
+    """The original library; its log of statuses goes to standard output, where it is read.
+
+    Attributes:
+        late: changes that its timers made since the last step.
+    """
+
+    def __init__(self, case: Case, output: IO[bytes]) -> None:
+        """Load the tree.
+
+        Raises:
+            Refused: the library does not.
+        """
+        self._answers = answers = Answers(case)
+        self._output = output
+        self._factory = factory = behaviortreepy.BehaviorTreeFactory()
+        factory.register_simple_stateful_action(
+            "Leaf",
+            lambda node: THEIRS[answers.letter(node.name(), "start")],
+            lambda node: THEIRS[answers.letter(node.name(), "poll")],
+            lambda node: answers.events.append(f"halt {node.name()}"),
         )
-        ports = f' variable="{variable}"'
-        for number in range(1, cases + 1):
-            ports += f' case_{number}="{self._random.choice(values)}"'
-        return self._element(f"Switch{cases}", ports, [self._node(depth + 1) for _ in range(cases + 1)])
+        factory.register_simple_condition("Check", lambda node: THEIRS[answers.letter(node.name(), "start")])
+        try:
+            factory.register_behavior_tree_from_text(case.their_xml)
+            self._tree = factory.create_tree("Main")
+        except RuntimeError as error:
+            raise Refused(str(error)) from None
+        self._board = self._tree.root_blackboard()
+        self._logger = behaviortreepy.StdCoutLogger(self._tree)
+        self.late: list[Change] = []
 
-    def _count(self, children: list[str]) -> int:
-        return self._random.choice((-1, self._random.randint(1, len(children))))
+    def tick(self) -> Step:
+        return self._step(WORDS[self._tree.tick_exactly_once().name])
 
-    def _decorator(self, depth: int) -> str:
-        tag = self._random.choice(DECORATORS)
-        if tag == "Precondition":
-            return self._precondition()
-        if tag == "SubTree":
-            self._subtrees.append("")
-            number = len(self._subtrees) - 1
-            self._subtrees[number] = self._node(depth + 1)
-            remap = self._random.choice(('x="{x}" y="{y}"', '_autoremap="true"', 'x="{=}" y="{=}"', 'x="{y}" y="{x}"'))
-            return f'<SubTree ID="T{number}" {remap}{self._leaf_conditions()}/>'
-        if tag == "Loop":
-            return self._loop(depth)
-        if tag in ("Repeat", "RetryUntilSuccessful"):
-            return self._rounds(tag, depth)
-        ports = ""
-        if tag == "RunOnce":
-            ports = f' then_skip="{self._random.choice(("true", "false")) if self._skips else "false"}"'
-        return self._element(tag, ports, [self._node(depth + 1)])
+    def halt(self) -> Step:
+        self._tree.halt_tree()
+        return self._step("-")
 
-    def _rounds(self, tag: str, depth: int) -> str:
-        """Nothing below is skipped: the library keeps the count of a skipped Repeat, this engine begins anew."""
-        before, self._skips = self._skips, False
-        port = "num_cycles" if tag == "Repeat" else "num_attempts"
-        element = self._element(tag, f' {port}="{self._random.randint(1, 4)}"', [self._node(depth + 1)])
-        self._skips = before
-        return element
+    def close(self) -> None:
+        """What the library's destructor still halts is not compared."""
+        self._logger.set_enabled(False)
 
-    def _loop(self, depth: int) -> str:
-        """A queue that the file spells out."""
-        kind, items = self._random.choice(
-            (("Int", "1;2;3"), ("Double", "0.5;2"), ("Bool", "true;false"), ("String", "a;b"))
+    def _step(self, letter: str) -> Step:
+        self._logger.flush()
+        changes = [*self.late, *read_changes(self._output)]
+        self.late = []
+        return Step(letter, self._answers.take(), changes, tuple(map(self._value, VARIABLES)))
+
+    def _value(self, name: str) -> float | None:
+        try:
+            return float(self._board.get_double(name))
+        except RuntimeError:
+            return None
+
+
+class Ours:
+    """This engine."""
+
+    def __init__(self, case: Case, path: Path, clock: ManualClock) -> None:
+        """Load the tree.
+
+        Raises:
+            Refused: this engine does not.
+        """
+        self._answers = answers = Answers(case)
+
+        class Leaf(Node):
+            """Answers what the case says."""
+
+            def update(self) -> Status:
+                return OURS[answers.letter(self.name, "poll" if self.status is RUNNING else "start")]
+
+            def terminate(self, new_status: Status) -> None:
+                if new_status is Status.INVALID and self.status is RUNNING:
+                    answers.events.append(f"halt {self.name}")
+
+        class Check(Leaf):
+            """The same, as a condition."""
+
+        path.write_text(case.xml)
+        try:
+            self._tree = load_tree(path, Registry([Leaf, Check]))
+        except InputError as error:
+            raise Refused(str(error)) from None
+        self._tree.setup(None, clock)
+        self._skipped: set[str] = set()
+        _note_skips(self._tree, self._skipped)
+
+    def tick(self) -> Step:
+        status = self._tree.tick()
+        return self._step({value: letter for letter, value in OURS.items()}[status])
+
+    def halt(self) -> Step:
+        self._tree.halt()
+        return self._step("-")
+
+    def _step(self, letter: str) -> Step:
+        names = [node.name for node in self._tree.nodes]
+        changes = [
+            (names[one.uid - 1], _word(one.old), _word(one.new))
+            for one in self._tree.status_changes
+            if one.old is not one.new
+        ]
+        values = tuple(map(self._value, VARIABLES))
+        return Step(letter, self._answers.take(), changes, values, frozenset(self._skipped))
+
+    def _value(self, name: str) -> float | None:
+        value = self._tree.blackboard.entry(name).value
+        return None if value is UNSET else float(value)
+
+
+def differences(one: Step, other: Step, mine: dict[str, str], theirs: dict[str, str], in_order: bool) -> list[str]:
+    """Where this engine's step differs from the library's.
+
+    Args:
+        mine, theirs: statuses of all nodes so far by name, brought up to date here.
+        in_order: every single change is compared, too, in order.
+    """
+    found = [
+        f"{name}: {a} here, {b} there"
+        for name, a, b in (
+            ("status", one.status, other.status),
+            ("leaves", one.events, other.events),
+            ("blackboard", one.values, other.values),
+            ("changes", one.changes if in_order else None, other.changes if in_order else None),
         )
-        number = sum(text.count("<Loop") for text in self._subtrees) + len(self.answers)
-        ports = (
-            f' queue="{items}" value="{{item{kind}{number}}}" if_empty="{self._random.choice(("SUCCESS", "FAILURE"))}"'
-        )
-        return self._element(f"Loop{kind}", ports, [self._node(depth + 1)])
-
-    def _precondition(self) -> str:
-        """Only with a child that finishes at once: the library does not ask again after a halt, this engine does."""
-        if not self._scripts:
-            return self._leaf()
-        condition = self._random.choice(("x > 1", "y == 0", "x != y"))
-        otherwise = self._random.choice(("FAILURE", "SUCCESS", "RUNNING", "SKIPPED")[: 4 if self._skips else 3])
-        child = self._random.choice((self._check(), f'<Script code="{self._random.choice(ASSIGNMENTS)}"/>'))
-        return self._element("Precondition", f' if="{condition}" else="{otherwise}"', [child])
-
-    def _element(self, tag: str, ports: str, children: list[str]) -> str:
-        """The library leaves a skipped control RUNNING, so that it does not ask the first three conditions again."""
-        attributes = ("_while", *ATTRIBUTES_AFTER) if self._skips else (*ATTRIBUTES_BEFORE, *ATTRIBUTES_AFTER)
-        return f"<{tag}{ports}{self._conditions(attributes)}>{''.join(children)}</{tag}>"
-
-    def _leaf_conditions(self) -> str:
-        skips = ("_skipIf", "_while") if self._skips else ()
-        return self._conditions((*skips, *ATTRIBUTES_BEFORE, *ATTRIBUTES_AFTER))
-
-    def _conditions(self, attributes: tuple[str, ...]) -> str:
-        if not self._scripts or self._random.random() > 0.2:
-            return ""
-        name = self._random.choice(attributes)
-        code = self._random.choice(ASSIGNMENTS if name in ATTRIBUTES_AFTER else CONDITIONS)
-        return f' {name}="{_escaped(code)}"'
+        if a != b
+    ]
+    mine |= {name: new for name, _, new in one.changes}
+    theirs |= {name: new for name, _, new in other.changes}
+    for name in mine.keys() | theirs.keys():
+        here, there = mine.get(name, IDLE_NAME), theirs.get(name, IDLE_NAME)
+        # The library leaves a control RUNNING that was skipped; here it is idle.
+        skipped = here == IDLE_NAME and there == "RUNNING" and name in one.skipped
+        if here != there and not skipped:
+            found.append(f"{name} is {here} here, {there} there")
+    return found
 
 
-def _escaped(code: str) -> str:
-    return code.replace("&", "&amp;").replace("<", "&lt;")
+def read_changes(output: IO[bytes]) -> list[Change]:
+    """What the library logged since this was last asked, but for the nodes that are only there."""
+    found = CHANGE.findall(output.read())
+    return [(name.decode(), old.decode(), new.decode()) for name, old, new in found if not name.startswith(b"~")]
 
 
-def run_theirs(case: Case) -> list[str]:
-    """Leaf events, root status and blackboard of every tick, from the original library."""
-    log: list[str] = []
-    turns = dict.fromkeys(case.answers, 0)
+@contextmanager
+def standard_output() -> Iterator[IO[bytes]]:
+    """What anything in this process writes to standard output meanwhile can be read from here."""
+    with tempfile.TemporaryFile(buffering=0) as output, Path(f"/proc/self/fd/{output.fileno()}").open("rb") as reader:
+        before = os.dup(1)
+        os.dup2(output.fileno(), 1)
+        try:
+            yield reader
+        finally:
+            os.dup2(before, 1)
+            os.close(before)
 
-    def answer(node: behaviortreepy.TreeNode, event: str) -> behaviortreepy.NodeStatus:
-        name = node.name()
-        log.append(f"{event} {name}")
-        return THEIRS[_letter(case, turns, name, event)]
 
-    factory = behaviortreepy.BehaviorTreeFactory()
-    factory.register_simple_stateful_action(
-        "Leaf",
-        lambda node: answer(node, "start"),
-        lambda node: answer(node, "poll"),
-        lambda node: log.append(f"halt {node.name()}"),
-    )
-    factory.register_simple_condition("Check", lambda node: answer(node, "start"))
-    try:
-        factory.register_behavior_tree_from_text(case.xml)
-        tree = factory.create_tree("Main")
-    except RuntimeError:
-        return REFUSED
-    board = tree.root_blackboard()
+def compare(case: Case, path: Path, in_order: bool) -> list[str] | None:
+    """Differences in the first step that has any; None where both sides refuse the tree."""
+    with standard_output() as output:
+        refusals: list[str] = []
+        ours = theirs = None
+        try:
+            theirs = Original(case, output)
+        except Refused as error:
+            refusals.append(f"refused there: {error}")
+        try:
+            ours = Ours(case, path, ManualClock())
+        except Refused as error:
+            refusals.append(f"refused here: {error}")
+        if ours is None or theirs is None:
+            return refusals if len(refusals) == 1 else None
+        try:
+            return _first_difference(case, ours, theirs, in_order)
+        finally:
+            theirs.close()
+
+
+def _first_difference(case: Case, ours: Side, theirs: Side, in_order: bool) -> list[str]:
+    here: dict[str, str] = {}
+    there: dict[str, str] = {}
     for turn in range(case.ticks):
-        if turn in case.halts:
-            tree.halt_tree()
-            log.append("halted")
-        status = WORDS[tree.tick_exactly_once().name]
-        log.append(f"{turn}: {status} " + " ".join(str(int(board.get_double(key))) for key in VARIABLES))
-    return list(log)  # what the library's destructor still halts is not compared
+        if turn in case.halts and (found := differences(ours.halt(), theirs.halt(), here, there, in_order)):
+            return [f"halt before tick {turn}", *found]
+        if found := differences(ours.tick(), theirs.tick(), here, there, in_order):
+            return [f"tick {turn}", *found]
+    return []
 
 
-def run_ours(case: Case, path: Path) -> list[str]:
-    """The same from this engine."""
-    log: list[str] = []
-    turns = dict.fromkeys(case.answers, 0)
-
-    class Leaf(Node):
-        """Answers what the case says."""
-
-        def update(self) -> Status:
-            event = "poll" if self.status is RUNNING else "start"
-            log.append(f"{event} {self.name}")
-            return OURS[_letter(case, turns, self.name, event)]
-
-        def terminate(self, new_status: Status) -> None:
-            if new_status is Status.INVALID and self.status is RUNNING:
-                log.append(f"halt {self.name}")
-
-    class Check(Leaf):
-        """The same, as a condition."""
-
-    path.write_text(case.xml)
-    try:
-        tree = load_tree(path, Registry([Leaf, Check]))
-    except InputError:
-        return REFUSED
-    tree.setup(None, ManualClock())
-    letters = {status: letter for letter, status in OURS.items()}
-    for turn in range(case.ticks):
-        if turn in case.halts:
-            tree.halt()
-            log.append("halted")
-        status = letters[tree.tick()]
-        log.append(f"{turn}: {status} " + " ".join(str(tree.blackboard.entry(key).value) for key in VARIABLES))
-    return log
+def _note_skips(tree: Tree, skipped: set[str]) -> None:
+    """Keep the names of the nodes whose last answer was SKIPPED."""
+    for node in tree.nodes:
+        vars(node)["execute"] = _noting(node.name, node.execute, skipped)
 
 
-def _letter(case: Case, turns: dict[str, int], name: str, event: str) -> str:
-    """A leaf's next answer; one that runs cannot be skipped, so it succeeds instead."""
-    answers = case.answers[name]
-    letter = answers[turns[name] % len(answers)]
-    turns[name] += 1
-    return "S" if letter == "K" and event == "poll" else letter
+def _noting(name: str, execute: Callable[[], Status], skipped: set[str]) -> Callable[[], Status]:
+    def noted() -> Status:
+        status = execute()
+        (skipped.add if status is SKIPPED else skipped.discard)(name)
+        return status
+
+    return noted
+
+
+def _word(status: Status) -> str:
+    return IDLE_NAME if status is Status.INVALID else status.name

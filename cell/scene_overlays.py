@@ -34,6 +34,12 @@ class HoleMarks:
         self._diameter_px = camera.focal_px * (widest_m + 2 * product.bracket.hole_clearance_m) / depth_m
         self._colours: dict[str | None, Colour] = {name: (*p.colour_rgb, 1.0) for name, p in product.parts.items()}
 
+    @property
+    def boxes_px(self) -> dict[str, tuple[float, float, float, float]]:
+        """(left, top, right, bottom) around each hole, by position."""
+        half = self._diameter_px / 2
+        return {name: (x - half, y - half, x + half, y + half) for name, (x, y) in self._centres.items()}
+
     def message(self, stamp_ns: int, holes: Mapping[str, HoleView]) -> messages.ImageAnnotations:
         """Circles and names; grey where a hole was never seen, red where a part is tilted."""
         stamp, circles, texts = timestamp(stamp_ns), [], []

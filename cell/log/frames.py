@@ -10,10 +10,9 @@ from pathlib import Path
 from cell.interfaces.errors import LogError
 from cell.log.mcap_file import Message
 from cell.log.reader import Log
+from cell.log.viewer_messages import IMAGE, decoded
 
 CAMERA = "/camera/"
-DATA_FIELD = 2  # of foxglove.CompressedImage
-VARINT, FIXED_64, LENGTH, FIXED_32 = 0, 1, 2, 5
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class Frames:
         self._path = log.path
         self._messages: dict[str, list[Message]] = defaultdict(list)
         for message in log.messages:
-            if message.topic.startswith(CAMERA):
+            if message.topic.startswith(CAMERA) and "/" not in message.topic.removeprefix(CAMERA):
                 self._messages[message.topic.removeprefix(CAMERA)].append(message)
 
     def newest(self, time_s: float) -> list[LoggedFrame]:
@@ -63,38 +62,7 @@ class Frames:
         return paths
 
     def _jpeg(self, message: Message) -> bytes:
-        content = protobuf_bytes(message.data, DATA_FIELD)
-        if content is None:
+        content: bytes = decoded(self._path, message, IMAGE).data
+        if not content:
             raise LogError(self._path, f"image of {message.topic} at {message.time_ns / 1e9:.3f} s holds no data")
         return content
-
-
-def protobuf_bytes(data: bytes, field: int) -> bytes | None:
-    """A field of bytes of a protobuf message; None where the message does not have it, or is none."""
-    at = 0
-    while at < len(data):
-        key, at = _varint(data, at)
-        kind = key & 7
-        if kind == LENGTH:
-            length, at = _varint(data, at)
-            if key >> 3 == field and at + length <= len(data):
-                return data[at : at + length]
-            at += length
-        elif kind == VARINT:
-            _, at = _varint(data, at)
-        elif kind in (FIXED_64, FIXED_32):
-            at += 8 if kind == FIXED_64 else 4
-        else:
-            return None
-    return None
-
-
-def _varint(data: bytes, at: int) -> tuple[int, int]:
-    value = shift = 0
-    while at < len(data):
-        byte = data[at]
-        value |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
-        if byte < 0x80:
-            break
-    return value, at

@@ -1,11 +1,15 @@
-"""The tree and the product that a log was recorded with, loaded from the log itself."""
+"""The tree, the product and the bench that a log was recorded with, loaded from the log itself."""
 
 from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import TypeVar
 
+from cell.configuration import Configuration
+from cell.interfaces.bench import Bench
 from cell.interfaces.errors import LogError
+from cell.interfaces.model import Model
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml
 from cell.log.reader import Log
@@ -14,7 +18,9 @@ from trees.loader import load_tree
 from trees.tree import Tree
 
 FOLDER = "tree/"
-PRODUCT = "product.yaml"
+PRODUCT, CONFIGURATION = "product.yaml", "configuration.yaml"
+
+AnyModel = TypeVar("AnyModel", bound=Model)
 
 
 def logged_tree(log: Log) -> Tree:
@@ -34,6 +40,16 @@ def logged_tree(log: Log) -> Tree:
         return load_tree(Path(folder) / name, node_registry())
 
 
+def logged_bench(log: Log) -> Bench:
+    """The bench as it was measured.
+
+    Raises:
+        LogError: the log holds none.
+        InputError: this version cannot read it.
+    """
+    return _read(log, CONFIGURATION, Configuration).bench
+
+
 def logged_product(log: Log) -> Product:
     """The product that was assembled.
 
@@ -41,9 +57,13 @@ def logged_product(log: Log) -> Product:
         LogError: the log holds none.
         InputError: this version cannot read it.
     """
-    if PRODUCT not in log.attachments:
-        raise LogError(log.path, f"holds no {PRODUCT}; it holds: {', '.join(log.attachments) or 'nothing'}")
-    with tempfile.TemporaryDirectory(prefix="cell-product-") as folder:
-        path = Path(folder) / PRODUCT
-        path.write_bytes(log.attachments[PRODUCT])
-        return load_yaml(path, Product)
+    return _read(log, PRODUCT, Product)
+
+
+def _read(log: Log, name: str, kind: type[AnyModel]) -> AnyModel:
+    if name not in log.attachments:
+        raise LogError(log.path, f"holds no {name}; it holds: {', '.join(log.attachments) or 'nothing'}")
+    with tempfile.TemporaryDirectory(prefix="cell-log-") as folder:
+        path = Path(folder) / name
+        path.write_bytes(log.attachments[name])
+        return load_yaml(path, kind)

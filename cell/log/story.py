@@ -12,9 +12,12 @@ from py_trees.common import Status
 from cell.interfaces.errors import InputError, LogError
 from cell.log.logged_tree import logged_tree
 from cell.log.reader import Log
+from cell.log.viewer_messages import LINE, decoded
 
 JOIN_S = 0.13  # runs of one node that are closer than three ticks become one bar
 SHORTEST_WAIT_S = 0.2
+LINES = "/log"
+LEVELS = {0: "info", 1: "info", 2: "info", 3: "warning"}  # by the numbers of foxglove.Log
 ENDINGS = {Status.SUCCESS: "success", Status.FAILURE: "failure", Status.INVALID: "halted"}
 
 
@@ -39,7 +42,7 @@ class NodeRow:
     @property
     def name(self) -> str:
         """Short name: the last part of the path without its number."""
-        return self.path.rpartition("/")[2].partition("::")[0]
+        return _short(self.path)
 
     @property
     def place(self) -> str:
@@ -97,6 +100,25 @@ class Wait:
     time_s: float
     length_s: float | None
     what: str
+
+
+@dataclass(frozen=True)
+class Line:
+    """What the controller said; `level` is info, warning or error."""
+
+    time_s: float
+    level: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Overrun:
+    """A tick that took longer than its period, and the nodes whose status changed in it."""
+
+    number: int
+    time_s: float
+    wall_ms: float
+    nodes: tuple[str, ...]
 
 
 def tick_period_s(log: Log) -> float:
@@ -196,6 +218,35 @@ def waits(log: Log, rows: list[NodeRow]) -> list[Wait]:
         if topic == "help"
     ]
     return sorted(found, key=lambda wait: wait.time_s)
+
+
+def lines(log: Log) -> list[Line]:
+    """What the controller said, in order.
+
+    Raises:
+        LogError: a line of the log is damaged.
+    """
+    found = []
+    for message in log.messages:
+        if message.topic == LINES:
+            said = decoded(log.path, message, LINE)
+            level = LEVELS.get(said.level, "error")
+            found.append(Line(message.time_ns / 1e9, level, said.message))
+    return found
+
+
+def overruns(log: Log) -> list[Overrun]:
+    """Ticks that took too long, the worst first."""
+    found = [
+        Overrun(tick.number, tick.time_s, 1e3 * tick.wall_s, tuple(dict.fromkeys(_short(c.path) for c in tick.changes)))
+        for tick in log.ticks
+        if tick.overrun
+    ]
+    return sorted(found, key=lambda one: -one.wall_ms)
+
+
+def _short(path: str) -> str:
+    return path.rpartition("/")[2].partition("::")[0]
 
 
 def _leaves(log: Log) -> set[int] | None:

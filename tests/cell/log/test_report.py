@@ -9,14 +9,30 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+from foxglove import messages
 
 from cell.interfaces.errors import InputError, LogError
+from cell.log.mcap_file import Message
 from cell.log.reader import Log
 from cell.log.report import report_html, write_report
 from cell.log.story import beliefs, node_rows, verdicts
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+PROBE = """
+addEventListener("error", (event) => event.target === window || console.error("does not load", event.target), true);
+addEventListener("load", () => {
+  for (const found of performance.getEntriesByType("resource"))
+    if (!found.name.startsWith("data:")) console.error("loads", found.name);
+  for (const shown of document.querySelectorAll("image, img")) {
+    const picture = new Image();
+    picture.onerror = () => console.error("a picture does not show");
+    picture.src = shown.src || shown.href.baseVal;
+  }
+});
+"""
 VOID = {"meta", "link", "br", "img", "hr", "input"}
 
 
@@ -63,7 +79,8 @@ def outline(page: str) -> Outline:
 
 def test_page_is_well_formed_and_has_all_sections(outline: Outline) -> None:
     assert outline.open == []
-    assert {"timeline", "belief", "placements", "verdicts", "waits", "timing", "frames"} <= set(outline.ids)
+    sections = {"timeline", "belief", "placements", "verdicts", "waits", "timing", "lines", "frames"}
+    assert sections <= set(outline.ids)
 
 
 def test_page_needs_no_network(page: str, outline: Outline) -> None:
@@ -115,16 +132,80 @@ def test_nothing_to_tell_and_nowhere_to_write_are_typed_errors(assembly_log: Log
         write_report(assembly_log, tmp_path / "nowhere" / "report.html")
 
 
-@pytest.mark.slow
-def test_browser_shows_it_without_an_error(assembly_log: Log, tmp_path: Path) -> None:
+def browsed(page: Path, *options: str) -> list[str]:
+    """What a browser's console says of a page; skips where no browser is installed."""
     browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if browser is None:
-        pytest.skip(f"no browser is installed: {', '.join(BROWSERS)}")
-    page, picture = tmp_path / "report.html", tmp_path / "report.png"
-    write_report(assembly_log, page)
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-    options += [f"--user-data-dir={tmp_path / 'browser'}", "--enable-logging=stderr", "--window-size=1280,3000"]
-    command = [browser, *options, f"--screenshot={picture}", page.as_uri()]
-    told = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert "CONSOLE" not in told.stderr
-    assert picture.stat().st_size > 100_000
+        pytest.skip(f"no browser is installed, so nobody has looked at the page: {', '.join(BROWSERS)}")
+    common = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--hide-scrollbars"]
+    common += ["--virtual-time-budget=5000"]
+    common += [f"--user-data-dir={page.parent / 'browser'}", "--enable-logging=stderr", *options]
+    told = subprocess.run([browser, *common, page.as_uri()], capture_output=True, text=True, timeout=120, check=False)
+    return [line for line in told.stderr.splitlines() if "CONSOLE" in line]
+
+
+def watched(page: str, folder: Path) -> Path:
+    """The page in a file, with a script that complains of pictures that do not show and of anything loaded."""
+    file = folder / "report.html"
+    file.write_text(page.replace("<head>", f"<head><script>{PROBE}</script>"))
+    return file
+
+
+def test_browser_shows_it_without_an_error(page: str, tmp_path: Path) -> None:
+    picture = tmp_path / "report.png"
+    assert browsed(watched(page, tmp_path), "--window-size=1280,3000", f"--screenshot={picture}") == []
+    image = cv2.imread(str(picture))
+    assert image is not None
+    assert len(np.unique(image[::4, ::4].reshape(-1, 3), axis=0)) > 500, "key frames and charts have many colours"
+
+
+@pytest.mark.parametrize(
+    ("whole", "broken"),
+    [
+        ("</main>", "<script>notDefined()</script></main>"),
+        ("</main>", '<img src="missing.png"></main>'),
+        ("</main>", '<link rel="stylesheet" href="file:///none.css"></main>'),
+        ("data:image/jpeg;base64,/9j/", "data:image/jpeg;base64,AAAA"),
+    ],
+)
+def test_a_broken_page_is_told_by_the_browser(page: str, whole: str, broken: str, tmp_path: Path) -> None:
+    """So that the test above can fail."""
+    assert whole in page
+    file = watched(page.replace(whole, broken, 1), tmp_path)
+    assert browsed(file, f"--screenshot={tmp_path / 'report.png'}")
+
+
+@pytest.mark.parametrize("width_px", [360, 1280])
+def test_it_fits_the_width_of_phones_and_laptops(page: str, width_px: int, tmp_path: Path) -> None:
+    """Charts scroll by themselves; the page does not. A window is never as narrow as a phone, a frame may be."""
+    measure = "<script>console.log('wide', document.documentElement.scrollWidth, innerWidth)</script>"
+    (tmp_path / "report.html").write_text(page.replace("</body>", f"{measure}</body>"))
+    frame = tmp_path / "frame.html"
+    frame.write_text(f'<!DOCTYPE html><iframe src="report.html" width="{width_px}" height="800"></iframe>')
+    [line] = browsed(frame, "--window-size=1400,900", f"--screenshot={tmp_path / 'report.png'}")
+    scrolled, inner = (int(number) for number in re.findall(r"wide (\d+) (\d+)", line)[0])
+    assert inner == width_px
+    assert scrolled <= inner
+
+
+def test_a_run_of_ten_minutes_is_a_page_under_5_mb(assembly_log: Log) -> None:
+    length_s = assembly_log.ticks[-1].time_s + 0.04
+    times = round(600 / length_s)
+    ticks = [
+        replace(tick, number=tick.number + turn * len(assembly_log.ticks), time_s=tick.time_s + turn * length_s)
+        for turn in range(times)
+        for tick in assembly_log.ticks
+    ]
+    page = report_html(replace(assembly_log, ticks=tuple(ticks)))
+    assert len(page) < 5_000_000
+
+
+def test_alarms_and_overruns_are_told(assembly_log: Log) -> None:
+    said = messages.Log(level=messages.LogLevel.Error, message="the log cannot be written: no space", name="controller")
+    line = Message("/log", "protobuf", 2_000_000_000, said.encode())
+    late = replace(assembly_log.ticks[7], overrun=True, wall_s=0.0777)
+    ticks = (*assembly_log.ticks[:7], late, *assembly_log.ticks[8:])
+    page = report_html(replace(assembly_log, ticks=ticks, messages=(*assembly_log.messages, line)))
+    assert "no space" in page
+    assert "77.7 ms" in page
+    assert '<span class="badge error">error</span>' in page

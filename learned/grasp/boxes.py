@@ -110,17 +110,20 @@ def rectangle_gaps_m(
     return widest
 
 
-def sliding_distance_m(first: Boxes, second: Boxes, direction: Array, gap_m: float) -> float:
-    """How far apart in a direction (2,) two boxes' centres must be for their bodies to have exactly this gap."""
-    half_first, half_second = first.size_m[0, :2] / 2 + gap_m, second.size_m[0, :2] / 2
-    turn = float(second.yaw_rad[0] - first.yaw_rad[0])
-    cos, sin = abs(np.cos(turn)), abs(np.sin(turn))
-    turned = np.array([[cos, sin], [sin, cos]])
+def sliding_distance_m(first: Boxes, second: Boxes, direction: Array, gap_m: Array) -> Array:
+    """How far apart (n,) in directions (n, 2) two boxes' centres must be for their bodies to have exactly gaps (n,)."""
+    half_first, half_second = first.size_m[:, :2] / 2 + gap_m[:, None], second.size_m[:, :2] / 2
+    turn = second.yaw_rad - first.yaw_rad
+    cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    turned = np.stack([np.stack([cos, sin], axis=1), np.stack([sin, cos], axis=1)], axis=1)
     distances = []
-    for yaw, reach in (
-        (first.yaw_rad[0], half_first + turned @ half_second),
-        (second.yaw_rad[0], half_second + turned @ half_first),
+    for yaw, own, other in (
+        (first.yaw_rad, half_first, half_second),
+        (second.yaw_rad, half_second, half_first),
     ):
-        axes = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-        distances.extend(reach / np.maximum(np.abs(axes @ direction), 1e-9))
-    return float(min(distances))
+        axes = np.stack([np.stack([np.cos(yaw), np.sin(yaw)], 1), np.stack([-np.sin(yaw), np.cos(yaw)], 1)], axis=1)
+        along = np.abs(np.einsum("nij,nj->ni", axes, direction))
+        reach = own + np.einsum("nij,nj->ni", turned, other)
+        distances.append((reach / np.maximum(along, 1e-9)).min(axis=1))
+    least: Array = np.minimum(*distances)
+    return least

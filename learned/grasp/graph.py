@@ -17,7 +17,7 @@ from learned.grasp.solution import nearest_first
 
 MAX_PARTS = 8  # what does not fit is farthest from the required part
 UNIT_M = 0.05  # lengths in the graph are multiples of this, so that features are near 1
-EdgeKind = Literal["printed", "normalised"]
+EdgeKind = Literal["printed", "normalised", "none", "gcn"]
 _GEOMETRY = 10
 
 
@@ -54,8 +54,14 @@ def mirror_signs(product: Product) -> NDArray[np.float32]:
     return signs
 
 
-def scene_graph(parts: Sequence[PartDetection], required: int, product: Product, edges: EdgeKind) -> SceneGraph:
-    """The graph of all detections for one required part."""
+def scene_graph(
+    parts: Sequence[PartDetection], required: int, product: Product, edges: EdgeKind, filter_m: float | None = None
+) -> SceneGraph:
+    """The graph of all detections for one required part.
+
+    Args:
+        filter_m: parts farther from each other have no edge.
+    """
     boxes = boxes_of(parts, product)
     order = nearest_first(boxes, required)[:MAX_PARTS]
     near = boxes.take(order)
@@ -79,16 +85,21 @@ def scene_graph(parts: Sequence[PartDetection], required: int, product: Product,
         axis=1,
     )
     weights = np.zeros((MAX_PARTS, MAX_PARTS), dtype=np.float32)
-    weights[:count, :count] = edge_weights(near.centre_m / UNIT_M, edges)
+    weights[:count, :count] = edge_weights(
+        near.centre_m / UNIT_M, edges, None if filter_m is None else filter_m / UNIT_M
+    )
     present = (np.arange(MAX_PARTS) < count).astype(np.float32)
     return SceneGraph(nodes, weights, present, tuple(order))
 
 
-def edge_weights(centres: Array, edges: EdgeKind) -> Array:
-    """e_ij (n, n) between nodes at centres (n, 2); 0 on the diagonal."""
+def edge_weights(centres: Array, edges: EdgeKind, farthest: float | None = None) -> Array:
+    """e_ij (n, n) between nodes at centres (n, 2); 0 beyond the farthest and, but for "gcn", on the diagonal."""
     between = centres[None] - centres[:, None]
-    closeness = 1.0 / np.maximum(np.hypot(between[..., 0], between[..., 1]), 1e-3)
+    distance = np.hypot(between[..., 0], between[..., 1])
+    closeness = 1.0 / np.maximum(distance, 1e-3)
     np.fill_diagonal(closeness, 0.0)
+    if farthest is not None:
+        closeness[distance > farthest] = 0.0
     total = np.maximum(closeness.sum(axis=1, keepdims=True), 1e-9)
     return _EDGE_WEIGHTS[edges](closeness, total)
 
@@ -105,4 +116,23 @@ def _normalised(closeness: Array, total: Array) -> Array:
     return weights
 
 
-_EDGE_WEIGHTS: dict[EdgeKind, Callable[[Array, Array], Array]] = {"printed": _printed, "normalised": _normalised}
+def _none(closeness: Array, total: Array) -> Array:  # noqa: ARG001
+    """All neighbours count alike."""
+    weights: Array = (closeness > 0).astype(np.float64)
+    return weights
+
+
+def _gcn(closeness: Array, total: Array) -> Array:  # noqa: ARG001
+    """D^-1/2 (A + I) D^-1/2 of the graph convolution by Kipf and Welling."""
+    linked = (closeness > 0) + np.eye(len(closeness))
+    degree = np.sqrt(linked.sum(axis=1))
+    weights: Array = linked / degree[:, None] / degree
+    return weights
+
+
+_EDGE_WEIGHTS: dict[EdgeKind, Callable[[Array, Array], Array]] = {
+    "printed": _printed,
+    "normalised": _normalised,
+    "none": _none,
+    "gcn": _gcn,
+}

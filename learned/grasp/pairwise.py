@@ -74,7 +74,7 @@ def pair_data(scenes: Sequence[Scene], product: Product) -> PairData:
         boxes = boxes_of(scene.parts, product)
         pairs = near_pairs(boxes)
         places = first + pairs.part, pairs.option, pairs.neighbour
-        features[places] = pair_features(boxes, pairs)
+        features[places] = pair_features(boxes, pairs, product, scene.noise)
         blocks[places] = scene.blocks[pairs.part, pairs.option, pairs.neighbour]
         present[places] = 1.0
         first += len(boxes)

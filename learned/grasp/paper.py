@@ -19,11 +19,11 @@ _IMPOSSIBLE = -1e9
 
 
 class GraphConvolution(nn.Module):
-    """x_i' = W x_i + V sum_j e_ij x_j + b (Eq. 5), on dense batches."""
+    """x_i' = W x_i + V sum_j e_ij x_j + b (Eq. 5), on dense batches; without W for the plain graph convolution."""
 
-    def __init__(self, narrow: int, wide: int) -> None:
+    def __init__(self, narrow: int, wide: int, own: bool = True) -> None:
         super().__init__()
-        self.own = nn.Linear(narrow, wide)
+        self.own: nn.Module = nn.Linear(narrow, wide) if own else _Bias(wide)
         self.neighbours = nn.Linear(narrow, wide, bias=False)
 
     def forward(self, nodes: Tensor, weights: Tensor) -> Tensor:
@@ -32,16 +32,28 @@ class GraphConvolution(nn.Module):
         return updated
 
 
+class _Bias(nn.Module):
+    """A constant that is learned."""
+
+    def __init__(self, wide: int) -> None:
+        super().__init__()
+        self.bias = nn.Parameter(torch.zeros(wide))
+
+    def forward(self, nodes: Tensor) -> Tensor:  # noqa: ARG002
+        """(wide,), whatever the nodes."""
+        return self.bias
+
+
 class PaperNet(nn.Module):
     """Encoder, head and decoder; inputs are batches of padded scene graphs."""
 
-    def __init__(self, features: int, hidden: int, layers: int) -> None:
+    def __init__(self, features: int, hidden: int, layers: int, own: bool = True, attention: bool = True) -> None:
         super().__init__()
         self.features = features
         widths = [features] + [hidden] * layers
-        self.convolutions = nn.ModuleList(GraphConvolution(narrow, wide) for narrow, wide in pairwise(widths))
+        self.convolutions = nn.ModuleList(GraphConvolution(narrow, wide, own) for narrow, wide in pairwise(widths))
         self.head = nn.Sequential(nn.Linear(2 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
-        self.decoder = Decoder(hidden)
+        self.decoder = Decoder(hidden, attention)
 
     def encode(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
         """Node embeddings (b, n, hidden) by Eq. 5, and of required part and graph together (b, 2 hidden)."""
@@ -63,12 +75,13 @@ class PaperNet(nn.Module):
 
 
 class Decoder(nn.Module):
-    """LSTM that attends to the nodes at each word (Eq. 7)."""
+    """LSTM that attends to the nodes at each word (Eq. 7); without attention a plain LSTM."""
 
     grammar: Tensor
 
-    def __init__(self, hidden: int) -> None:
+    def __init__(self, hidden: int, attention: bool = True) -> None:
         super().__init__()
+        self.attention = attention
         self.begin = nn.Linear(2 * hidden, hidden)
         self.embedding = nn.Embedding(len(WORDS) + 1, hidden)
         self.cell = nn.LSTMCell(2 * hidden, hidden)
@@ -112,11 +125,14 @@ class Decoder(nn.Module):
     def _step(
         self, previous: Tensor, embedded: Tensor, present: Tensor, state: tuple[Tensor, Tensor]
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        energy = self.energy(torch.tanh(self.query(state[0])[:, None] + self.key(embedded))).squeeze(-1)
-        attention = torch.softmax(energy + (1 - present) * _IMPOSSIBLE, dim=-1)
-        context = (attention[..., None] * embedded).sum(1)
+        context = self._context(state[0], embedded, present) if self.attention else torch.zeros_like(state[0])
         hidden, memory = self.cell(torch.cat([self.embedding(previous), context], dim=-1), state)
         return self.word(torch.cat([hidden, context], dim=-1)), (hidden, memory)
+
+    def _context(self, hidden: Tensor, embedded: Tensor, present: Tensor) -> Tensor:
+        energy = self.energy(torch.tanh(self.query(hidden)[:, None] + self.key(embedded))).squeeze(-1)
+        attention = torch.softmax(energy + (1 - present) * _IMPOSSIBLE, dim=-1)
+        return (attention[..., None] * embedded).sum(1)
 
 
 @dataclass(frozen=True)
@@ -151,14 +167,14 @@ class GraphData:
         return verdict_loss + word_loss
 
 
-def graph_data(scenes: Sequence[Scene], product: Product, edges: EdgeKind) -> GraphData:
+def graph_data(scenes: Sequence[Scene], product: Product, edges: EdgeKind, filter_m: float | None = None) -> GraphData:
     """Graphs from the detections, labels from the truth."""
     graphs, graspable, words = [], [], []
     for scene in scenes:
         if len(scene.parts) > MAX_PARTS:
             raise ValueError(f"a scene of {len(scene.parts)} parts; at most {MAX_PARTS} fit into a graph")
         for required in range(len(scene.parts)):
-            graph = scene_graph(scene.parts, required, product, edges)
+            graph = scene_graph(scene.parts, required, product, edges, filter_m)
             graphs.append(graph)
             graspable.append(scene.graspable(required))
             words.append(encode(scene.solution(required), graph.order))

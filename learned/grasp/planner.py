@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,21 +16,32 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.grasp.boxes import Boxes, boxes_of
+from learned.grasp.boxes import Blocks, Boxes, boxes_of
 from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
 from learned.grasp.language import WORDS, decode
 from learned.grasp.options import available, mark_missing
 from learned.grasp.pairs import near_pairs, pair_features
 from learned.grasp.rule import RulePlanner
-from learned.grasp.settings import GripperOutline
+from learned.grasp.settings import DetectionNoise, GripperOutline
 from learned.grasp.solution import Solution, nearest_first, solve
 from learned.onnx_model import OnnxModel
 
 KINDS = ("pairwise", "paper", "rule")
 
 
-def load_grasp_planner(kind: str, path: Path, product: Product) -> GraspPlanner:
+class Network(Protocol):
+    """What answers for a planner: weights in ONNX, or in training a torch network."""
+
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Outputs by name."""
+        ...
+
+
+def load_grasp_planner(kind: str, path: Path, product: Product, noise: DetectionNoise | None = None) -> GraspPlanner:
     """The planner of a kind; `rule` reads no weights.
+
+    Args:
+        noise: of the detections that it will be asked about; the detector's measured one by default.
 
     Raises:
         ModelError: the weights are missing or damaged, were trained for other part types, or cannot answer at all.
@@ -37,9 +50,13 @@ def load_grasp_planner(kind: str, path: Path, product: Product) -> GraspPlanner:
         raise ModelError(f"unknown grasp planner {kind!r}; known: {', '.join(KINDS)}")
     if kind == "rule":
         return RulePlanner(product)
+    model = OnnxModel.load(path, f"grasp.{kind}")
+    model.require_vocabulary("parts", tuple(product.parts))
     if kind == "pairwise":
-        return PairwisePlanner(OnnxModel.load(path, "grasp.pairwise"), product)
-    return PaperPlanner(OnnxModel.load(path, "grasp.paper"), product)
+        return PairwisePlanner(model, product, noise)
+    model.require_vocabulary("words", WORDS)
+    config = model.card.config
+    return PaperPlanner(model, product, cast(EdgeKind, config["edges"]), cast("float | None", config.get("filter_m")))
 
 
 def _side_by_side(product: Product) -> tuple[PartDetection, ...]:
@@ -52,14 +69,24 @@ def _side_by_side(product: Product) -> tuple[PartDetection, ...]:
 class PairwisePlanner:
     """Asks a network of each pair of neighbours whether one blocks the other, and works out the moves from that."""
 
-    def __init__(self, model: OnnxModel, product: Product) -> None:
-        model.require_vocabulary("parts", tuple(product.parts))
-        self._model = model
+    def __init__(self, network: Network, product: Product, noise: DetectionNoise | None = None) -> None:
+        """Args:
+        noise: of the detections that it will be asked about; the detector's measured one by default.
+        """
+        self._network = network
         self._product = product
-        self._blocking_chance(boxes_of(_side_by_side(product), product))
+        self._noise = noise or DetectionNoise()
+        self._view = self._judge(_side_by_side(product))
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
-        """A plan for `parts[required]`; an option is free by the noisy-or of all its possible blockers."""
+        """A plan for `parts[required]`; plans for further parts of the same view cost little."""
+        if self._view.parts is not parts:
+            self._view = self._judge(parts)
+        view = self._view
+        return solve(view.blocks, required, nearest_first(view.boxes, required)).plan(float(view.free[required]))
+
+    def _judge(self, parts: tuple[PartDetection, ...]) -> _View:
+        """Who blocks whom; an option is free by the noisy-or of all its possible blockers."""
         boxes = boxes_of(parts, self._product)
         chance = self._blocking_chance(boxes)
         free = np.prod(1.0 - chance, axis=-1)
@@ -67,7 +94,7 @@ class PairwisePlanner:
         # Several doubtful blockers can add up to a blocked option: then the likeliest one is named.
         doubtful = np.nonzero((free < 0.5) & ~blocks.any(axis=-1))
         blocks[(*doubtful, chance[doubtful].argmax(axis=-1))] = True
-        return solve(blocks, required, nearest_first(boxes, required)).plan(float(free[required].max()))
+        return _View(parts, boxes, blocks, free.max(axis=-1))
 
     def _blocking_chance(self, boxes: Boxes) -> Array:
         """(n, options, n): probability that j blocks an option of i; 1 for i itself where it has no such option."""
@@ -75,21 +102,35 @@ class PairwisePlanner:
         chance = mark_missing(np.zeros((*exists.shape, len(boxes)), dtype=bool), exists).astype(np.float64)
         pairs = near_pairs(boxes)
         if len(pairs):
-            logits = self._model.run({"pairs": pair_features(boxes, pairs)})["logits"]
+            logits = self._network.run({"pairs": pair_features(boxes, pairs, self._product, self._noise)})["logits"]
             chance[pairs.part, pairs.option, pairs.neighbour] = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
         return chance
+
+
+@dataclass(frozen=True)
+class _View:
+    """What was worked out about one set of detections.
+
+    Attributes:
+        blocks: (n, options, n), as in `solve`.
+        free: (n,) probability that the part's best option is free.
+    """
+
+    parts: tuple[PartDetection, ...]
+    boxes: Boxes
+    blocks: Blocks
+    free: Array
 
 
 class PaperPlanner:
     """Scene graph in; graspability and decoded words out (Eq. 4-7)."""
 
-    def __init__(self, model: OnnxModel, product: Product) -> None:
-        model.require_vocabulary("parts", tuple(product.parts))
-        model.require_vocabulary("words", WORDS)
-        self._model = model
+    def __init__(self, network: Network, product: Product, edges: EdgeKind, filter_m: float | None = None) -> None:
+        self._network = network
         self._product = product
-        self._edges = cast(EdgeKind, model.card.config["edges"])
-        self._answer(scene_graph(_side_by_side(product), 0, product, self._edges))
+        self._edges: EdgeKind = edges
+        self._filter_m = filter_m
+        self._answer(self._graph(_side_by_side(product), 0))
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
         """A plan for `parts[required]`.
@@ -97,15 +138,18 @@ class PaperPlanner:
         Raises:
             ModelError: the network answered NaN or words that are no solution.
         """
-        graph = scene_graph(parts, required, self._product, self._edges)
+        graph = self._graph(parts, required)
         answer = self._answer(graph)
         graspable = 1.0 / (1.0 + math.exp(-float(answer["verdict"][0])))
         if graspable >= 0.5:
             return Solution().plan(graspable)
         return decode([int(word) for word in answer["words"][0]], graph.order).plan(graspable)
 
+    def _graph(self, parts: tuple[PartDetection, ...], required: int) -> SceneGraph:
+        return scene_graph(parts, required, self._product, self._edges, self._filter_m)
+
     def _answer(self, graph: SceneGraph) -> dict[str, NDArray[Any]]:
         """Verdict and words of the network."""
-        return self._model.run(
+        return self._network.run(
             {"nodes": graph.nodes[None], "weights": graph.weights[None], "present": graph.present[None]}
         )

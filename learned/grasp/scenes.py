@@ -22,7 +22,7 @@ from learned.grasp.solution import Solution, nearest_first, solve
 Split = Literal["train", "validation", "test"]
 _SPLIT_CODES: dict[Split, int] = {"train": 0, "validation": 1, "test": 2}
 _PIXELS_PER_M = 1000.0
-_PLACING_TRIES = 40
+_PLACING_TRIES = 40  # at once
 _HASHED_UNIT = 1e-7
 
 
@@ -149,43 +149,45 @@ def _place(
 ) -> Boxes | None:
     """The boxes with one more, or None where no free place was found."""
     half_tray = np.array(settings.tray_m) / 2
+    yaw = rng.uniform(-math.pi, math.pi, _PLACING_TRIES)
     beside = placed is not None and rng.random() < settings.neighbour_share
-    free: list[Boxes] = []
-    for _ in range(_PLACING_TRIES):
-        yaw = rng.uniform(-math.pi, math.pi)
-        if placed is not None and beside:
-            box = _box_beside(placed.take([int(rng.integers(len(placed)))]), name, product, yaw, rng, settings)
-        else:
-            box = _box(name, product, rng.uniform(-half_tray, half_tray), yaw)
-        if np.any(np.abs(box.centre_m) + np.hypot(*box.size_m[0, :2]) / 2 > half_tray):
-            continue
-        if placed is None:
-            return box
-        if not bodies_overlap(placed, box, settings.nearest_gap_m).any():
-            free.append(box)
-        if len(free) == (settings.crowding if beside else 1):
-            break
-    if placed is None or not free:
+    if placed is not None and beside:
+        tried = _boxes_beside(placed, name, product, yaw, rng, settings)
+    else:
+        tried = _boxes(name, product, rng.uniform(-half_tray, half_tray, (_PLACING_TRIES, 2)), yaw)
+    reach = np.hypot(*product.parts[name].size_m[:2]) / 2
+    free = np.all(np.abs(tried.centre_m) + reach <= half_tray, axis=1)
+    if placed is not None:
+        free &= ~bodies_overlap(placed, tried, settings.nearest_gap_m).any(axis=0)
+    places = np.flatnonzero(free)[: settings.crowding if beside else 1]
+    if not len(places):
         return None
-    middle = placed.centre_m.mean(axis=0)
-    return _joined(placed, min(free, key=lambda box: float(np.hypot(*(box.centre_m[0] - middle)))))
+    if placed is None:
+        return tried.take(places.tolist())
+    offset = tried.centre_m[places] - placed.centre_m.mean(axis=0)
+    nearest = int(places[np.hypot(offset[:, 0], offset[:, 1]).argmin()])
+    return _joined(placed, tried.take([nearest]))
 
 
-def _box_beside(
-    neighbour: Boxes, name: str, product: Product, yaw_rad: float, rng: np.random.Generator, settings: SceneSettings
+def _boxes_beside(
+    placed: Boxes, name: str, product: Product, yaw_rad: Array, rng: np.random.Generator, settings: SceneSettings
 ) -> Boxes:
-    """A part slid away from its neighbour in a random direction until the gap is as drawn."""
-    angle = rng.uniform(-math.pi, math.pi)
-    direction = np.array([math.cos(angle), math.sin(angle)])
-    gap = rng.uniform(settings.nearest_gap_m, settings.farthest_gap_m)
-    box = _box(name, product, neighbour.centre_m[0], yaw_rad)
-    return replace(box, centre_m=box.centre_m + sliding_distance_m(neighbour, box, direction, gap) * direction)
+    """Parts slid away from one that stands, each in a random direction until the gap is as drawn."""
+    count = len(yaw_rad)
+    neighbours = placed.take(rng.integers(len(placed), size=count).tolist())
+    angle = rng.uniform(-math.pi, math.pi, count)
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    gap = rng.uniform(settings.nearest_gap_m, settings.farthest_gap_m, count)
+    boxes = _boxes(name, product, neighbours.centre_m, yaw_rad)
+    distance = sliding_distance_m(neighbours, boxes, direction, gap)
+    return replace(boxes, centre_m=boxes.centre_m + distance[:, None] * direction)
 
 
-def _box(name: str, product: Product, centre_m: Array, yaw_rad: float) -> Boxes:
-    part = product.parts[name]
-    bottom = np.array([part.peg_length_m])
-    return Boxes((name,), centre_m[None], np.array([yaw_rad]), bottom, np.array([part.size_m]))
+def _boxes(name: str, product: Product, centre_m: Array, yaw_rad: Array) -> Boxes:
+    """Parts of one type at centres (n, 2)."""
+    part, count = product.parts[name], len(yaw_rad)
+    bottom, size = np.full(count, part.peg_length_m), np.tile(np.array(part.size_m), (count, 1))
+    return Boxes((name,) * count, centre_m, yaw_rad, bottom, size)
 
 
 def _joined(first: Boxes, second: Boxes) -> Boxes:

@@ -1,11 +1,13 @@
-"""Training of the grasp planners on drawn scenes, in minutes on a CPU, and export to ONNX (decision 5)."""
+"""Training of the grasp planners on drawn or recorded scenes, in minutes on a CPU, and export to ONNX (decision 5)."""
 
 from __future__ import annotations
 
+import hashlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import onnx
 import torch
 from rich.console import Console
@@ -14,18 +16,22 @@ from torch import Tensor, nn
 
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
-from learned.grasp.evaluate import evaluate_grasp
+from learned.grasp.evaluate import evaluate_grasp, evaluate_scenes
+from learned.grasp.fitting import fit
 from learned.grasp.graph import MAX_PARTS, feature_count
 from learned.grasp.language import WORDS
+from learned.grasp.observing import observed_again
 from learned.grasp.pairs import PAIR_FEATURES
 from learned.grasp.pairwise import PairNet, pair_data
 from learned.grasp.paper import PaperNet, graph_data
 from learned.grasp.planner import load_grasp_planner
+from learned.grasp.relations import RelationNet, relation_data, relation_features
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
-from learned.grasp.training_settings import PairwiseSettings, PaperSettings, TrainingSettings
+from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
 from learned.onnx_model import ModelCard, save_onnx
 
 TRAINED_KINDS = ("pairwise", "paper")
+_TEST_SHARE = 0.2  # of given scenes, kept for the scores
 _OPSET = 20
 
 
@@ -36,15 +42,19 @@ def train_grasp(
     kind: str,
     *,
     settings: TrainingSettings | None = None,
+    scenes: Sequence[Scene] | None = None,
+    checkpoints: Path | None = None,
     quiet: bool = False,
     command: str = "",
 ) -> dict[str, float]:
-    """Draw scenes, train, write the weights with their model card, and score the written file on test scenes.
+    """Train, write the weights with their model card, and score the written file on scenes that were kept apart.
 
     Args:
         out: the ONNX file.
         kind: "pairwise" or "paper".
         settings: of that kind; its defaults where None.
+        scenes: to learn from, one in five of them kept for the scores; drawn ones where None.
+        checkpoints: folder in which an interrupted training is kept to go on from.
         quiet: no progress bar.
         command: what was typed, for the model card.
 
@@ -52,54 +62,89 @@ def train_grasp(
         Scores by name, the same as on the model card.
 
     Raises:
-        InputError: `kind` is not one that can be trained.
+        InputError: `kind` is not one that can be trained, or too few scenes are given.
     """
-    console = Console(stderr=True, quiet=quiet)
-    if kind == "pairwise":
-        pairwise = settings if isinstance(settings, PairwiseSettings) else PairwiseSettings()
-        scenes = _scenes(product, seed, pairwise, console)
-        model = export_pairwise(train_pairwise(scenes, product, seed, pairwise, console))
-        settings = pairwise
-    elif kind == "paper":
-        paper = settings if isinstance(settings, PaperSettings) else PaperSettings()
-        scenes = _scenes(product, seed, paper, console)
-        model = export_paper(train_paper(scenes, product, seed, paper, console))
-        settings = paper
-    else:
+    if kind not in TRAINED_KINDS:
         raise InputError(f"no grasp planner {kind!r} can be trained; legal: {', '.join(TRAINED_KINDS)}")
+    console = Console(stderr=True, quiet=quiet)
+    settings = settings or (PairwiseSettings() if kind == "pairwise" else PaperSettings())
+    test: list[Scene] = []
+    if scenes is None:
+        learned = training_scenes(product, seed, settings, console)
+        split = f"{len(learned)} scenes of the train split; scores on {settings.test_scenes} of the test split"
+    else:
+        learned, test = _split(scenes, seed)
+        split = f"{len(learned)} given scenes; scores on {len(test)} others of them"
+    checkpoint = _checkpoint(checkpoints, kind, learned, settings, seed)
+    model = _trained_model(kind, learned, product, seed, settings, console, checkpoint)
     card = ModelCard(
         kind=f"grasp.{kind}",
-        config=settings.model_dump(mode="json"),
+        config=settings.model_dump(mode="json") | {"split": split},
         vocabulary={"parts": tuple(product.parts), "words": WORDS},
-        data_sha256=data_hash(scenes),
+        data_sha256=data_hash(learned),
         command=command or f"train_grasp(kind={kind!r}, seed={seed})",
         seed=seed,
     )
     save_onnx(model, out, card)
-    scores = evaluate_grasp(load_grasp_planner(kind, out, product), product, seed, settings.test_scenes, settings.data)
+    planner = load_grasp_planner(kind, out, product)
+    if test:
+        scores = evaluate_scenes(planner, test, seed)
+    else:
+        scores = evaluate_grasp(planner, product, seed, settings.test_scenes, settings.data)
     save_onnx(model, out, card.model_copy(update={"scores": scores}))
+    if checkpoint is not None:
+        checkpoint.unlink(missing_ok=True)
     return scores
 
 
+def training_scenes(product: Product, seed: int, settings: TrainingSettings, console: Console) -> list[Scene]:
+    """Scenes of the train split."""
+    drawn = draw_scenes(product, seed, settings.scenes, "train", settings.data, settings.parts)
+    return list(track(drawn, "drawing scenes", settings.scenes, console=console, transient=True))
+
+
 def train_pairwise(
-    scenes: list[Scene], product: Product, seed: int, settings: PairwiseSettings, console: Console
+    scenes: Sequence[Scene],
+    product: Product,
+    seed: int,
+    settings: PairwiseSettings,
+    console: Console,
+    checkpoint: Path | None = None,
 ) -> PairNet:
     """A trained pairwise network; the same arguments give the same weights."""
     torch.manual_seed(seed)
-    data = pair_data(scenes, product)
+    data = pair_data(list(observed_again(scenes, seed, settings)), product)
     net = PairNet(settings.hidden, settings.members)
-    _fit(net, len(data), lambda chosen: data.loss(net, chosen), settings, console)
+    fit(net, len(data), lambda chosen: data.loss(net, chosen), settings, seed, console, checkpoint)
     return net.eval()
 
 
 def train_paper(
-    scenes: list[Scene], product: Product, seed: int, settings: PaperSettings, console: Console
+    scenes: Sequence[Scene],
+    product: Product,
+    seed: int,
+    settings: PaperSettings,
+    console: Console,
+    checkpoint: Path | None = None,
 ) -> PaperNet:
     """A trained network of the paper; the same arguments give the same weights."""
     torch.manual_seed(seed)
-    data = graph_data(scenes, product, settings.edges)
-    net = PaperNet(feature_count(product), settings.hidden, settings.layers)
-    _fit(net, len(data), lambda chosen: data.loss(net, chosen), settings, console)
+    seen = list(observed_again(scenes, seed, settings))
+    data = graph_data(seen, product, settings.edges, settings.filter_m)
+    own = settings.edges != "gcn"
+    net = PaperNet(feature_count(product), settings.hidden, settings.layers, own, settings.attention)
+    fit(net, len(data), lambda chosen: data.loss(net, chosen), settings, seed, console, checkpoint)
+    return net.eval()
+
+
+def train_relations(
+    scenes: Sequence[Scene], product: Product, seed: int, settings: RelationSettings, console: Console
+) -> RelationNet:
+    """A trained network of GVMRN-RF; the same arguments give the same weights."""
+    torch.manual_seed(seed)
+    data = relation_data(list(observed_again(scenes, seed, settings)), product)
+    net = RelationNet(relation_features(product), settings.hidden)
+    fit(net, len(data), lambda chosen: data.loss(net, chosen), settings, seed, console)
     return net.eval()
 
 
@@ -117,6 +162,41 @@ def export_paper(net: PaperNet) -> onnx.ModelProto:
         "present": torch.ones(1, MAX_PARTS),
     }
     return _export(net, graph, ["verdict", "words"], None)
+
+
+def _trained_model(
+    kind: str,
+    scenes: Sequence[Scene],
+    product: Product,
+    seed: int,
+    settings: TrainingSettings,
+    console: Console,
+    checkpoint: Path | None,
+) -> onnx.ModelProto:
+    if isinstance(settings, PairwiseSettings):
+        return export_pairwise(train_pairwise(scenes, product, seed, settings, console, checkpoint))
+    if isinstance(settings, PaperSettings):
+        return export_paper(train_paper(scenes, product, seed, settings, console, checkpoint))
+    raise InputError(f"{type(settings).__name__} are no settings of the planner {kind!r}")
+
+
+def _split(scenes: Sequence[Scene], seed: int) -> tuple[list[Scene], list[Scene]]:
+    """Scenes to learn from, and scenes to score on."""
+    count = round(_TEST_SHARE * len(scenes))
+    if count == 0:
+        raise InputError(f"{len(scenes)} scenes are too few to train on and to keep some for the scores")
+    order = np.random.default_rng([seed, len(scenes)]).permutation(len(scenes))
+    return [scenes[k] for k in order[count:]], [scenes[k] for k in order[:count]]
+
+
+def _checkpoint(
+    folder: Path | None, kind: str, scenes: Sequence[Scene], settings: TrainingSettings, seed: int
+) -> Path | None:
+    """A file of its own for each data set, settings and seed."""
+    if folder is None:
+        return None
+    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
+    return folder / f"grasp_{kind}_{hashlib.sha256(identity.encode()).hexdigest()[:16]}.pt"
 
 
 def _export(
@@ -139,23 +219,3 @@ def _export(
         )
     assert program is not None  # only the exporter without dynamo returns None
     return program.model_proto
-
-
-def _scenes(product: Product, seed: int, settings: TrainingSettings, console: Console) -> list[Scene]:
-    drawn = draw_scenes(product, seed, settings.scenes, "train", settings.data, settings.parts)
-    return list(track(drawn, "drawing scenes", settings.scenes, console=console, transient=True))
-
-
-def _fit(
-    net: nn.Module, count: int, loss: Callable[[Tensor], Tensor], settings: TrainingSettings, console: Console
-) -> None:
-    steps = -(-count // settings.batch)
-    optimiser = torch.optim.AdamW(net.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.peak_rate, total_steps=settings.epochs * steps)
-    for _ in track(range(settings.epochs), "training", console=console, transient=True):
-        for chosen in torch.split(torch.randperm(count), settings.batch):
-            optimiser.zero_grad()
-            torch.autograd.backward(loss(chosen))
-            nn.utils.clip_grad_norm_(net.parameters(), 1.0)
-            optimiser.step()
-            schedule.step()

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from cell.interfaces.model import Model
 from learned.grasp.graph import EdgeKind
-from learned.grasp.settings import SceneSettings
+from learned.grasp.settings import DetectionNoise, SceneSettings
 
 
 class TrainingSettings(Model):
@@ -14,6 +14,9 @@ class TrainingSettings(Model):
 
     Attributes:
         scenes: drawn from the train split.
+        observations: times that every scene is detected, each time with a noise of its own.
+        plain_share: of the observations have the detector's own noise; that of the others lies between it and
+            `most_noise`, all levels (on a logarithmic scale) alike.
         parts: fewest and most parts in a training scene; few, because moving parts away leaves few.
         test_scenes: drawn from the test split, for the scores on the model card.
         batch: parts, each as the required one, in a step.
@@ -21,6 +24,9 @@ class TrainingSettings(Model):
     """
 
     scenes: int = Field(gt=0)
+    observations: int = Field(default=4, gt=0)
+    plain_share: float = Field(default=0.5, ge=0, le=1)
+    most_noise: DetectionNoise = DetectionNoise(position_m=0.006, yaw_rad=0.2, bottom_m=0.006, size_m=0.006)
     parts: tuple[int, int] = (1, 6)
     test_scenes: int = Field(default=1000, gt=0)
     epochs: int = Field(gt=0)
@@ -34,8 +40,8 @@ class TrainingSettings(Model):
 class PairwiseSettings(TrainingSettings):
     """The pairwise planner: how many perceptrons its committee has."""
 
-    scenes: int = Field(default=6000, gt=0)
-    epochs: int = Field(default=30, gt=0)
+    scenes: int = Field(default=2000, gt=0)
+    epochs: int = Field(default=12, gt=0)
     batch: int = Field(default=256, gt=0)
     peak_rate: float = Field(default=0.006, gt=0)
     hidden: int = Field(default=48, gt=0)
@@ -43,12 +49,32 @@ class PairwiseSettings(TrainingSettings):
 
 
 class PaperSettings(TrainingSettings):
-    """The paper's planner: graph convolutions, and which reading of Eq. 4 weights the edges."""
+    """The paper's planner, and what Table 2 compares it with.
 
-    scenes: int = Field(default=6000, gt=0)
+    Attributes:
+        edges: which reading of Eq. 4 weights the edges; "none" weights them alike, "gcn" is the plain graph
+            convolution without weights of its own for the node itself.
+        filter_m: parts farther from each other have no edge.
+        attention: the decoder attends to the nodes.
+    """
+
+    scenes: int = Field(default=4000, gt=0)
+    observations: int = Field(default=1, gt=0)
     epochs: int = Field(default=20, gt=0)
     batch: int = Field(default=128, gt=0)
     peak_rate: float = Field(default=0.004, gt=0)
     hidden: int = Field(default=64, gt=0)
     layers: int = Field(default=3, gt=0)
     edges: EdgeKind = "normalised"
+    filter_m: float | None = Field(default=None, gt=0)
+    attention: bool = True
+
+
+class RelationSettings(TrainingSettings):
+    """GVMRN-RF, the pairwise relations of Table 2."""
+
+    scenes: int = Field(default=427, gt=0)
+    epochs: int = Field(default=60, gt=0)
+    batch: int = Field(default=64, gt=0)
+    peak_rate: float = Field(default=0.004, gt=0)
+    hidden: int = Field(default=96, gt=0)

@@ -18,7 +18,7 @@ from trees.structure import node_tag
 from trees.tree import Tree
 
 CODES = {Status.INVALID: 0, Status.RUNNING: 1, Status.SUCCESS: 2, Status.FAILURE: 3}
-# A node that went idle is shown as this plus what it was before.
+# A node that went idle is shown as this plus what it was before; in recorded transitions it is idle and no more.
 WAS = 10
 RECORDED_TRANSITIONS = 1000
 _STATUS = struct.Struct("<HB")
@@ -71,7 +71,9 @@ class StatusBoard:
             self._codes[change.uid - 1] = code
             if self._began_s is not None and change.old is not change.new:
                 microseconds = max(0, round((time_s - self._began_s) * 1e6))
-                self._transitions.append(microseconds.to_bytes(6, "little") + _STATUS.pack(change.uid, code))
+                self._transitions.append(
+                    microseconds.to_bytes(6, "little") + _STATUS.pack(change.uid, CODES[change.new])
+                )
 
     def statuses(self) -> bytes:
         """Uid and status of every node."""

@@ -100,7 +100,7 @@ def _parquet(log: Log, path: Path) -> int:
         arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
     except ImportError:
         raise InputError(
-            "Parquet needs pyarrow; install with: .venv/bin/pip install pyarrow, or use --to csv"
+            "Parquet needs pyarrow; install it with: .venv/bin/pip install -e '.[parquet]', or use --to csv"
         ) from None
     rows = list(table(log))
     parquet.write_table(arrow.Table.from_pylist(rows), str(path))

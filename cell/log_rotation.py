@@ -9,6 +9,7 @@ import foxglove
 from cell.configuration import LogSettings
 from cell.log_file import Heading, LogFile, part_path, parts_of
 
+SLACK_S = 1e-6  # times of ticks are sums of periods
 RETRY_S = 1.0  # of clock time, where no next part could be opened
 PATIENCE_S = 0.005  # how long the loop waits for the disk between two ticks
 
@@ -33,6 +34,7 @@ class LogFiles:
         self.path = part_path(path, 1) if self.rotates else path
         self._whole, self._settings, self._context, self._heading = path, settings, context, heading
         self._retired: list[LogFile] = []
+        self._kept: dict[Path, int] = {}  # bytes of the parts before this one
         self._lost_error = self._opening_error = ""
         self._began_s, self._retry_s = 0.0, float("-inf")
         if self.rotates:
@@ -59,7 +61,7 @@ class LogFiles:
             return False
         most_mb, most_s = self._settings.rotate_mb, self._settings.rotate_s
         large = most_mb is not None and self._file.sink.size_bytes >= most_mb * 1e6
-        return large or (most_s is not None and time_s - self._began_s >= most_s)
+        return large or (most_s is not None and time_s - self._began_s >= most_s - SLACK_S)
 
     def turn(self, time_s: float, tick: int) -> bool:
         """Open the next part, which begins with this tick; false where the disk refuses, and the old one goes on."""
@@ -72,6 +74,7 @@ class LogFiles:
         self._opening_error = ""
         self._file.retire()
         self._retired.append(self._file)
+        self._kept[self._file.path] = self._file.sink.size_bytes
         self._file, self.number, self._began_s = following, self.number + 1, time_s
         following.note("part", {"number": str(self.number), "first_tick": str(tick)})
         self._sweep()
@@ -111,9 +114,10 @@ class LogFiles:
     def _retain(self) -> None:
         """Remove the oldest parts beyond what is kept; the one that is written always stays."""
         most, most_mb = self._settings.keep_parts, self._settings.keep_mb
-        parts = [path for path in parts_of(self._whole) if path != self._file.path]
-        while parts and (
-            (most is not None and len(parts) + 1 > most)
-            or (most_mb is not None and sum(path.stat().st_size for path in parts) > most_mb * 1e6)
+        while self._kept and (
+            (most is not None and len(self._kept) + 1 > most)
+            or (most_mb is not None and sum(self._kept.values()) > most_mb * 1e6)
         ):
-            parts.pop(0).unlink(missing_ok=True)
+            oldest = next(iter(self._kept))
+            del self._kept[oldest]
+            oldest.unlink(missing_ok=True)

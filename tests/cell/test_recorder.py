@@ -23,7 +23,7 @@ from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.errors import InputError
 from cell.interfaces.journal import Topic
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
 from cell.interfaces.pose import Pose
 from cell.log_schemas import plain
 from cell.recorder import Heading, McapRecorder
@@ -57,6 +57,13 @@ def record(tick: int = 0, command: Command | None = None, sent: Sent | None = No
         0.002,
         False,
     )
+
+
+def samples(tick: int) -> JointSamples:
+    """What an arm measured at 500 Hz in a tick of 40 ms."""
+    times_s = (tick * 0.04 + np.arange(20) * 0.002).astype(np.float64)
+    columns = np.sin(times_s[:, np.newaxis] * np.arange(1, 19)).astype(np.float64)
+    return JointSamples(times_s, *np.split(columns, 3, axis=1))
 
 
 def read(path: Path) -> dict[str, list[tuple[int, Any]]]:

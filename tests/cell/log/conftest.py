@@ -25,9 +25,14 @@ def changed_configuration(folder: Path, old: str, new: str) -> Path:
     return path
 
 
-def recorded(folder: Path, tree: Path, duration_s: float, seed: int = 1) -> Log:
-    """The log of a run in simulation that ends after a while."""
+def recorded(folder: Path, tree: Path, duration_s: float, seed: int = 1, settings: str = "") -> Log:
+    """The log of a run in simulation that ends after a while.
+
+    Args:
+        settings: lines of YAML for the log.
+    """
     configuration = changed_configuration(folder / "config", "max_duration_s: 300.0", f"max_duration_s: {duration_s}")
+    configuration.write_text(configuration.read_text().replace("\nlog:\n", f"\nlog:\n{settings}"))
     log = folder / "log.mcap"
     run(RunOptions(tree, configuration, "g0", seed, "fast", log), Console(quiet=True))
     return read_log(log)
@@ -36,6 +41,11 @@ def recorded(folder: Path, tree: Path, duration_s: float, seed: int = 1) -> Log:
 @pytest.fixture(scope="session")
 def commission_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     return recorded(tmp_path_factory.mktemp("commission"), COMMISSION, 60.0)
+
+
+def again_in_parts(folder: Path) -> Log:
+    """The run of `commission_log` once more, in parts of two seconds."""
+    return recorded(folder, COMMISSION, 60.0, settings="  rotate_s: 2.0\n")
 
 
 @pytest.fixture(scope="session")

@@ -28,12 +28,14 @@ class Grasp:
         world_from_tool: the tool (TCP) when the fingers close.
         opening_m: opening with which the fingers come down.
         height_m: of the TCP above the body's bottom.
+        close: with the least room for the fingers, so to be approached slowly.
     """
 
     grip: Grip
     world_from_tool: Pose
     opening_m: float
     height_m: float
+    close: bool = False
 
 
 def tool_down(position_m: Sequence[float], yaw_rad: float) -> Pose:
@@ -48,22 +50,22 @@ def grasp_height_m(body_height_m: float, settings: MotionSettings) -> float:
 
 
 def grasps(
-    part: PartDetection, kind: PartType, settings: MotionSettings, grip: Grip, clearance_m: float | None = None
+    part: PartDetection, kind: PartType, settings: MotionSettings, grip: Grip, *, close: bool = False
 ) -> tuple[Grasp, Grasp]:
     """Both ways to take a part with one grip, half a turn apart.
 
     Args:
-        clearance_m: gap between each finger and the body; the settings' usual one by default.
+        close: with the least gap between fingers and body instead of the usual one.
     """
-    opening, height = opening_for(kind, grip, settings, clearance_m), grasp_height_m(kind.size_m[2], settings)
-    first, second = (Grasp(grip, tool, opening, height) for tool in _tool_poses(part.world_from_part, grip, height))
-    return first, second
+    opening = opening_for(kind, grip, settings.least_finger_clearance_m if close else settings.finger_clearance_m)
+    height = grasp_height_m(kind.size_m[2], settings)
+    first, second = _tool_poses(part.world_from_part, grip, height)
+    return Grasp(grip, first, opening, height, close), Grasp(grip, second, opening, height, close)
 
 
-def opening_for(kind: PartType, grip: Grip, settings: MotionSettings, clearance_m: float | None = None) -> float:
-    """Opening of the fingers before they close and after they let go, as far as the stroke allows."""
-    clearance = settings.finger_clearance_m if clearance_m is None else clearance_m
-    return min(STROKE_M, grip.span_m(kind) + 2 * clearance)
+def opening_for(kind: PartType, grip: Grip, clearance_m: float) -> float:
+    """Opening of the fingers that leaves this gap on both sides of a body, as far as the stroke allows."""
+    return min(STROKE_M, grip.span_m(kind) + 2 * clearance_m)
 
 
 def held_boxes(part: str, kind: PartType, settings: MotionSettings, grip: Grip, *, with_peg: bool) -> tuple[Box, ...]:
@@ -88,24 +90,13 @@ def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings,
     return _tool_poses(world_from_part, grip, grasp_height_m(kind.size_m[2], settings) + settings.release_gap_m)
 
 
-def fingers_clear(
-    world_from_tool: Pose, opening_m: float, others: Sequence[PartDetection], settings: MotionSettings
-) -> bool:
+def fingers_clear(grasp: Grasp, others: Sequence[PartDetection], settings: MotionSettings) -> bool:
     """Whether both fingers, as they come down and close, pass beside all other parts that reach up to them."""
-    fingertip_m = world_from_tool.position_m[2] - settings.fingertip_beyond_tcp_m
-    centre, yaw = np.array(world_from_tool.position_m[:2]), world_from_tool.yaw_rad
-    direction = np.array([math.cos(yaw), math.sin(yaw)])
-    half = np.array(FINGER_SIZE_M[:2]) / 2
-    for side in (-1.0, 1.0):
-        finger = rectangle(centre + side * direction * (opening_m / 2 + half[0]), yaw, half)
-        for other in others:
-            top = other.world_from_part.position_m[2] + other.size_m[2]
-            if (
-                top > fingertip_m - settings.passing_gap_m
-                and gap_m(finger, footprint(other)) < settings.finger_margin_m
-            ):
-                return False
-    return True
+    tool = grasp.world_from_tool
+    lowest_m = tool.position_m[2] - settings.fingertip_beyond_tcp_m - settings.passing_gap_m
+    margin_m = settings.least_finger_margin_m if grasp.close else settings.finger_margin_m
+    high = [footprint(other) for other in others if other.world_from_part.position_m[2] + other.size_m[2] > lowest_m]
+    return all(gap_m(finger, other) >= margin_m for finger in _fingers(tool, grasp.opening_m) for other in high)
 
 
 def footprint(part: PartDetection) -> Array:
@@ -136,3 +127,11 @@ def _tool_poses(world_from_part: Pose, grip: Grip, height_m: float) -> tuple[Pos
     x, y, bottom = world_from_part.position_m
     yaw = world_from_part.yaw_rad + grip.heading_rad
     return tool_down((x, y, bottom + height_m), yaw), tool_down((x, y, bottom + height_m), yaw - math.pi)
+
+
+def _fingers(tool: Pose, opening_m: float) -> tuple[Array, Array]:
+    """Corners (4, 2) of both fingers seen from above."""
+    yaw, half = tool.yaw_rad, np.array(FINGER_SIZE_M[:2]) / 2
+    offset = np.array([math.cos(yaw), math.sin(yaw)]) * (opening_m / 2 + half[0])
+    centre = np.array(tool.position_m[:2])
+    return rectangle(centre - offset, yaw, half), rectangle(centre + offset, yaw, half)

@@ -55,16 +55,18 @@ def choose_grasp(
 ) -> tuple[Grasp, Array] | str:
     """How to take a part and the joints for it; or why it cannot be taken.
 
-    Across the width where the fingers have room there, else across the length, where the stroke allows that.
+    Across the width where the fingers have room there, else across the length, where the stroke allows that; with the
+    usual room around the fingers if there is that much, else with the least.
     """
-    kind = planner.product.parts[part.part]
-    reasons = []
-    for grip in possible_grips(kind, planner.settings.least_finger_clearance_m):
-        chosen = _choose_with_grip(planner, part, others, near_rad, grip)
-        if not isinstance(chosen, str):
-            return chosen
-        reasons.append(f"{chosen} {grip.value}")
-    return f"cannot take {part.part}: {', '.join(reasons) or 'too wide for the fingers'}"
+    settings, kind = planner.settings, planner.product.parts[part.part]
+    reasons: dict[Grip, str] = {}
+    for close in (False, True):
+        for grip in possible_grips(kind, settings.least_finger_clearance_m):
+            chosen = _choose(planner, grasps(part, kind, settings, grip, close=close), others, near_rad)
+            if not isinstance(chosen, str):
+                return chosen
+            reasons[grip] = f"{chosen} {grip.value}"
+    return f"cannot take {part.part}: {', '.join(reasons.values()) or 'too wide for the fingers'}"
 
 
 def why_not_graspable(
@@ -95,6 +97,7 @@ def take_phases(
     bottom_m = part.world_from_part.position_m[2]
     lifted_m = max(carry_m, bottom_m) + grasp.height_m
     speed, force = settings.gripper_speed_m_s, settings.grip_force_n
+    descent_m_s = settings.close_speed_m_s if grasp.close else None
     return [
         Activate(),
         SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
@@ -102,7 +105,7 @@ def take_phases(
         FingersRest("opening the fingers", settings),
         Move(
             f"going down to {name}",
-            lambda start: planner.straight_move(start, grasp.world_from_tool, around_part),
+            lambda start: planner.straight_move(start, grasp.world_from_tool, around_part, descent_m_s),
             settings,
         ),
         SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
@@ -129,7 +132,7 @@ def put_phases(
         into_hole: the peg goes into a hole, and feels for it.
     """
     settings, kind = planner.settings, planner.product.parts[name]
-    opening_m = opening_for(kind, grip, settings)
+    opening_m = opening_for(kind, grip, settings.finger_clearance_m)
     carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, grip, with_peg=True))
     lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, grip, with_peg=False), close=True)
     found = planner.reach(place_poses(target, kind, settings, grip), near_rad, lowering)
@@ -164,23 +167,18 @@ def held_grip(planner: MotionPlanner, name: str, observation: Observation) -> Gr
     return grip_of(planner.product.parts[name], observation.gripper.opening_m)
 
 
-def _choose_with_grip(
-    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array, grip: Grip
+def _choose(
+    planner: MotionPlanner, options: Sequence[Grasp], others: Sequence[PartDetection], near_rad: Array
 ) -> tuple[Grasp, Array] | str:
-    settings, kind = planner.settings, planner.product.parts[part.part]
-    reason = ""
-    for clearance in (settings.finger_clearance_m, settings.least_finger_clearance_m):
-        options = grasps(part, kind, settings, grip, clearance)
-        if not fingers_clear(options[0].world_from_tool, options[0].opening_m, others, settings):
-            reason = "no room for the fingers"
-            continue
-        load = Load(options[0].opening_m, tray_boxes(planner, others), close=True)
-        found = planner.reach([option.world_from_tool for option in options], near_rad, load)
-        if not isinstance(found, str):
-            pose, joints = found
-            return next(option for option in options if option.world_from_tool == pose), joints
-        reason = found
-    return reason
+    """The nearer of two grasps that are half a turn apart."""
+    if not fingers_clear(options[0], others, planner.settings):
+        return "no room for the fingers"
+    load = Load(options[0].opening_m, tray_boxes(planner, others), close=True)
+    found = planner.reach([option.world_from_tool for option in options], near_rad, load)
+    if isinstance(found, str):
+        return found
+    pose, joints = found
+    return next(option for option in options if option.world_from_tool == pose), joints
 
 
 def _approach_height_m(

@@ -19,11 +19,14 @@ class MotionSettings(Model):
         line_speed_m_s, line_acceleration_m_s2, line_jerk_m_s3: of the tool on straight lines.
         tcp_from_tool0_m: the tool frame (TCP) along the flange's z.
         fingertip_beyond_tcp_m: fingertips reach this far below the TCP.
-        grasp_depth_m: fingertips reach this far below a body's top ...
+        grasp_depth_m: fingertips reach this far below a body's top: the pads' length, for a full grip that still passes
+            over lower neighbours ...
         fingertip_clearance_m: ... but stay this far above its bottom, so that they clear the bracket.
-        finger_clearance_m, least_finger_clearance_m: gap between each finger and the body before closing: the usual
-            one, and the narrowest that is tried where a neighbour is in the way.
-        finger_margin_m: least gap between the fingers coming down and a neighbour.
+        finger_clearance_m, finger_margin_m: gap between each finger and the body before closing, and the least gap
+            between fingers coming down and a neighbour.
+        least_finger_clearance_m, least_finger_margin_m, close_speed_m_s: the same where a neighbour stands too close
+            for that, and how slowly the fingers then come down: the arm strays 1 mm off its line at full speed and half
+            of that at this one.
         passing_gap_m: what ends this far below the fingertips is out of their way.
         approach_gap_m: fingertips pass this far above what stands below them before a descent.
         carry_gap_m: the peg of a carried part passes this far above placed parts.
@@ -53,12 +56,14 @@ class MotionSettings(Model):
 
     tcp_from_tool0_m: float = Field(default=0.156, gt=0)
     fingertip_beyond_tcp_m: float = Field(default=0.008, ge=0)
-    grasp_depth_m: float = Field(default=0.030, gt=0)
+    grasp_depth_m: float = Field(default=0.022, gt=0)
     fingertip_clearance_m: float = Field(default=0.003, ge=0)
     finger_clearance_m: float = Field(default=0.006, gt=0)
-    least_finger_clearance_m: float = Field(default=0.004, gt=0)
     finger_margin_m: float = Field(default=0.002, ge=0)
-    passing_gap_m: float = Field(default=0.004, ge=0)
+    least_finger_clearance_m: float = Field(default=0.003, gt=0)
+    least_finger_margin_m: float = Field(default=0.001, ge=0)
+    close_speed_m_s: float = Field(default=0.08, gt=0)
+    passing_gap_m: float = Field(default=0.002, ge=0)
     approach_gap_m: float = Field(default=0.015, gt=0)
     carry_gap_m: float = Field(default=0.020, gt=0)
     insertion_speed_m_s: float = Field(default=0.08, gt=0)

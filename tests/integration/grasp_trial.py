@@ -11,9 +11,10 @@ import numpy as np
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import SkillStatus
 from sim.world import World
-from skills.grasp_pose import Grasp, grasps
+from skills.grasp_pose import grasps, opening_for
 from skills.grip import Grip
 from skills.handling import joints_of
 from skills.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
@@ -77,27 +78,27 @@ class BlindGrasp(PhasedSkill):
         """Choose the half turn with the shorter way."""
         planner, part, settings = self._planner, self._part, self._planner.settings
         kind = planner.product.parts[part.part]
-        options = grasps(part, kind, settings, self._grip, self._clearance_m)
-        load = Load(options[0].opening_m, close=True)
+        options = grasps(part, kind, settings, self._grip)
+        load = Load(opening_for(kind, self._grip, self._clearance_m), close=True)
         found = planner.reach([option.world_from_tool for option in options], joints_of(observation), load)
         if isinstance(found, str):
             return found
         grasp = next(option for option in options if option.world_from_tool == found[0])
         above = planner.kinematics.inverse(at_height(grasp.world_from_tool, ABOVE_M), found[1])
-        return "out of reach above the part" if above is None else self._phases_for(grasp, above, load)
+        return "out of reach above the part" if above is None else self._phases_for(grasp.world_from_tool, above, load)
 
-    def _phases_for(self, grasp: Grasp, above_rad: np.ndarray, load: Load) -> list[Phase]:
+    def _phases_for(self, target: Pose, above_rad: Array, load: Load) -> list[Phase]:
         planner, settings = self._planner, self._planner.settings
-        speed, force, target = settings.gripper_speed_m_s, settings.grip_force_n, grasp.world_from_tool
+        speed, force = settings.gripper_speed_m_s, settings.grip_force_n
         lifted_m = target.position_m[2] + LIFT_M
         return [
             Activate(),
-            SetGripper("opening", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
+            SetGripper("opening", GripperCommand(load.opening_m, speed, force), settings, wait=False),
             Move("moving above", lambda start: planner.free_move(start, above_rad, load), settings),
             FingersRest("opening", settings),
             Move("going down", lambda start: planner.straight_move(start, target, load), settings),
             SetGripper("grasping", GripperCommand(0.0, speed, force), settings, must_hold=True),
-            Move("lifting", lambda start: planner.rise(start, lifted_m, grasp.opening_m), settings, holding="it"),
+            Move("lifting", lambda start: planner.rise(start, lifted_m, load.opening_m), settings, holding="it"),
         ]
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -62,20 +63,20 @@ def test_the_same_seed_decides_the_same_in_two_processes() -> None:
 
 
 def test_a_blocked_part_is_fetched_out_of_clutter() -> None:
-    spots = [("o3", (0.55, -0.40), 0.0), ("o2", (0.55, -0.357), 0.0), ("o1", (0.62, -0.30), 1.0)]
+    spots = [("o2", (0.55, -0.40), 0.0), ("o3", (0.55, -0.356), 0.0), ("o3", (0.61, -0.43), math.pi / 2)]
     with robot_alone(standing_in_tray(spots), seed=1) as cell:
-        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o3"})
-        held = lifted(cell, "o3")
+        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o2"})
+        held = lifted(cell, "o2")
     assert outcome.end == "finished", outcome.reason
     assert held
-    assert "o2 moved aside" in diary.reasons()
+    assert "o3 moved aside" in diary.reasons()
     solutions = [str(fields["solution"]) for _, _, fields in diary.notes if "solution" in fields]
     assert any(solution.startswith("move") for solution in solutions)
 
 
-@pytest.mark.parametrize(("part", "position"), [("o1", "p2"), ("o2", "p6")])
-def test_of_two_parts_side_by_side_each_is_fetched_and_placed(part: str, position: str) -> None:
-    spots = [("o1", (0.55, -0.400), 0.0), ("o2", (0.55, -0.363), 0.0)]
+@pytest.mark.parametrize(("part", "width_m", "position"), [("o1", 0.028, "p2"), ("o2", 0.034, "p6")])
+def test_of_two_parts_side_by_side_one_is_fetched_and_placed(part: str, width_m: float, position: str) -> None:
+    spots = [(part, (0.55, -0.40), 0.0), (part, (0.55, -0.40 + width_m + 0.006), 0.0)]
     with robot_alone(standing_in_tray(spots), seed=1) as cell:
         outcome, diary = run_tree(cell, COMMISSION, "PickAndPlaceOne", {"part": part, "position": position})
         placement = cell.score.placements().get(position)

@@ -8,7 +8,7 @@ from skills.grip import Grip
 from tests.integration.grasp_trial import MOVED_M, try_grasp
 
 CLEARANCE_M = 0.004
-SIDE_BY_SIDE = [("o1", (0.55, -0.40), 0.0), ("o2", (0.55, -0.363), 0.0)]
+SIDE_BY_SIDE = [("o1", (0.55, -0.40), 0.0), ("o1", (0.55, -0.366), 0.0)]
 
 
 @pytest.mark.parametrize("target", [0, 1])

@@ -183,23 +183,23 @@ def test_a_halt_in_mid_carry_stops_the_arm_and_keeps_the_part(robot: RobotAlone)
 
 
 def test_a_part_is_moved_aside_and_stands_clear(robot: RobotAlone) -> None:
-    blocker, wanted = robot.parts[1], robot.parts[2]
-    robot.stand(blocker, (0.55, -0.365), math.pi / 2)
+    wanted, beside, blocker = robot.parts
     robot.stand(wanted, (0.55, -0.43), 0.0)
+    robot.stand(beside, (0.55, -0.394), 0.0)
+    robot.stand(blocker, (0.60, -0.43), math.pi / 2)
     robot.wait(0.4)
     rng = np.random.default_rng(0)
-    seen = [robot.detection(part, rng, 0.0, 0.0) for part in (blocker, wanted)]
-    refused = robot.run(Pick(robot.planner, seen[1], seen[:1]))
+    seen = [robot.detection(part, rng, 0.0, 0.0) for part in robot.parts]
+    refused = robot.run(Pick(robot.planner, seen[0], seen[1:]))
     assert "no room for the fingers" in refused.reason
-    progress = robot.run(MoveAside(robot.planner, seen[0], seen[1:]))
+    progress = robot.run(MoveAside(robot.planner, seen[2], seen[:2]))
     assert progress.status is SkillStatus.SUCCESS, progress.reason
     robot.wait(0.4)
     pose = robot.world.part_pose(blocker)
     assert math.dist(pose.position_m[:2], (0.55, -0.43)) > 0.08
     assert pose.rotation[2, 2] > 0.999
-    assert robot.run(Pick(robot.planner, seen[1], [robot.detection(blocker, rng, 0.0, 0.0)])).status is (
-        SkillStatus.SUCCESS
-    )
+    others = [seen[1], robot.detection(blocker, rng, 0.0, 0.0)]
+    assert robot.run(Pick(robot.planner, seen[0], others)).status is SkillStatus.SUCCESS
 
 
 def test_the_same_cycle_twice_is_the_same_bit_for_bit() -> None:

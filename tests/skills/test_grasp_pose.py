@@ -107,7 +107,7 @@ def test_neighbours_leave_room_or_do_not(product: Product) -> None:
     grasp = grasps(part, product.parts["o1"], SETTINGS, Grip.WIDTH)[0]
 
     def clear(*others: PartDetection) -> bool:
-        return fingers_clear(grasp.world_from_tool, grasp.opening_m, others, SETTINGS)
+        return fingers_clear(grasp, others, SETTINGS)
 
     assert clear()
     assert not clear(seen(product, "o1", 0.5, -0.36, 0.0))
@@ -120,17 +120,17 @@ def test_fingers_pass_over_low_neighbours_of_a_tall_part(product: Product) -> No
     tall = seen(product, "o3", 0.5, -0.4, 0.0)
     grasp = grasps(tall, product.parts["o3"], SETTINGS, Grip.WIDTH)[0]
     low = seen(product, "o1", 0.5, -0.36, 0.0)
-    assert fingers_clear(grasp.world_from_tool, grasp.opening_m, [low], SETTINGS)
-    assert not fingers_clear(grasp.world_from_tool, grasp.opening_m, [seen(product, "o3", 0.5, -0.355, 0.0)], SETTINGS)
+    assert fingers_clear(grasp, [low], SETTINGS)
+    assert not fingers_clear(grasp, [seen(product, "o3", 0.5, -0.355, 0.0)], SETTINGS)
 
 
 def test_of_two_parts_side_by_side_each_has_room_across_its_length_alone(product: Product) -> None:
-    first, second = seen(product, "o1", 0.5, -0.4, 0.0), seen(product, "o2", 0.5, -0.364, 0.0)
+    first, second = seen(product, "o1", 0.5, -0.4, 0.0), seen(product, "o1", 0.5, -0.366, 0.0)
     for part, other in ((first, second), (second, first)):
         room = {}
         for grip in Grip:
             grasp = grasps(part, product.parts[part.part], SETTINGS, grip)[0]
-            room[grip] = fingers_clear(grasp.world_from_tool, grasp.opening_m, [other], SETTINGS)
+            room[grip] = fingers_clear(grasp, [other], SETTINGS)
         assert room == {Grip.WIDTH: False, Grip.LENGTH: True}
 
 

@@ -68,7 +68,7 @@ def test_a_part_held_across_its_length_is_placed_with_the_tool_turned(
     planner: MotionPlanner, product: Product, bench: Bench
 ) -> None:
     headings = []
-    for beside, part_m in (([], 0.034), ([seen(product, "o1", 0.55, -0.365, 0.0)], 0.065)):
+    for beside, part_m in (([], 0.034), ([seen(product, "o2", 0.55, -0.36, 0.0)], 0.065)):
         robot = IdealRobot(bench.arm_look_rad, part_m=part_m)
         assert robot.run(Pick(planner, seen(product, "o2", 0.55, -0.4, 0.0), beside)).status is SkillStatus.SUCCESS
         grasped = planner.kinematics.forward(np.array(robot.observe().arm.positions_rad)).yaw_rad
@@ -127,7 +127,7 @@ def test_a_dropped_part_is_a_failure_that_stops_the_arm(
     ("skill", "reason"),
     [
         (lambda planner, product: Pick(planner, seen(product, "o2", 1.5, 0.0)), "out of the arm's reach"),
-        (lambda planner, product: Pick(planner, seen(product, "o2", 0.55, -0.4, z=-0.013)), "would touch the tray"),
+        (lambda planner, product: Pick(planner, seen(product, "o2", 0.55, -0.4, z=-0.021)), "would touch the tray"),
         (
             lambda planner, product: Pick(
                 planner, seen(product, "o3", 0.55, -0.4, 0.0), [seen(product, "o3", 0.55, -0.35, 0.0)]

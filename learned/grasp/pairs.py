@@ -1,9 +1,11 @@
 """Numbers that describe one part beside another, for a network that asks whether the second is in the way.
 
 The gripper, its fingers opened, comes down at the first part by one option; the second part is described in the
-frame of the jaw. Distances come twice: with sizes and heights as detected, and with those that the product gives to
-the type, because a detector may measure badly what a catalogue knows. Each also comes as a multiple of its own
-standard deviation, for the noise that the detections have.
+frame of the jaw. Distances come twice: with sizes and heights that the product gives to the type, and with those
+that were detected, because a detector may measure badly what a catalogue knows. Each also comes as a multiple of its
+own standard deviation, for the noise that the detections have.
+
+Planning happens within a tick, so all that can be is computed for all pairs in one array operation.
 """
 
 from __future__ import annotations
@@ -15,8 +17,7 @@ from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.grasp.boxes import Boxes, rectangle_gaps_m
-from learned.grasp.options import available, gripped_m, jaw_yaw_rad
+from learned.grasp.boxes import Blocks, Boxes
 from learned.grasp.settings import DetectionNoise, GripperOutline
 
 Indices = NDArray[np.intp]
@@ -27,7 +28,7 @@ _UNIT_M = 0.01
 _MOST_UNITS = 6.0  # farther is as good as far
 _LEAST_SPREAD_M = 1e-4
 _NOISE_M, _NOISE_RAD = 0.005, 0.175
-_SIDES = np.array([1.0, -1.0])[:, None, None]  # (fingers, variants, pairs)
+_OUTLINE = GripperOutline()
 
 
 @dataclass(frozen=True)
@@ -42,12 +43,15 @@ class Pairs:
         return len(self.part)
 
 
-def near_pairs(boxes: Boxes) -> Pairs:
-    """All pairs of neighbours, for every option that the part has."""
-    offset = boxes.centre_m[None] - boxes.centre_m[:, None]
-    near = np.hypot(offset[..., 0], offset[..., 1]) < REACH_M
-    np.fill_diagonal(near, False)
-    exists = available(boxes, GripperOutline())
+def near_pairs(boxes: Boxes, exists: Blocks) -> Pairs:
+    """All pairs of neighbours, for every option that the part has.
+
+    Args:
+        exists: (n, options).
+    """
+    x, y = boxes.centre_m[:, 0], boxes.centre_m[:, 1]
+    near = np.hypot(x - x[:, None], y - y[:, None]) < REACH_M
+    near[np.diag_indices(len(boxes))] = False
     return Pairs(*np.nonzero(near[:, None] & exists[..., None]))
 
 
@@ -68,77 +72,69 @@ def pair_features(boxes: Boxes, pairs: Pairs, product: Product, noise: Detection
         boxes: as detected.
         noise: that the detections have, as far as it is known.
     """
-    part, neighbour = pairs.part, pairs.neighbour
-    variants = (as_in_catalogue(boxes, product), boxes)
-    offset = boxes.centre_m[neighbour] - boxes.centre_m[part]
-    yaw, other_yaw = jaw_yaw_rad(boxes)[part, pairs.option], boxes.yaw_rad[neighbour]
-    cos, sin, turn = np.cos(yaw), np.sin(yaw), other_yaw - yaw
-    along, across = offset[:, 0] * cos + offset[:, 1] * sin, offset[:, 1] * cos - offset[:, 0] * sin
-    mirrored = np.where(along * across < 0, -1.0, 1.0)
-    own = np.stack([gripped_m(variant)[part] for variant in variants])  # (2, p, options)
-    gripped = np.take_along_axis(own, pairs.option[None, :, None], axis=2)[..., 0]
-    half = np.stack([variant.size_m[neighbour, :2] for variant in variants]) / 2
-    gaps = _finger_gaps_m(np.stack([along, across]), turn, gripped, half)
-    bodies = _body_gap_m(variants[0], pairs)
-    heights = np.stack([_above_m(variant, pairs) for variant in variants])
-    distance = np.hypot(along, across)
-    spread = np.hypot(1.4 * noise.position_m, noise.yaw_rad * distance / 1.4)
-    rise = np.hypot(1.4 * noise.bottom_m, 1.4 * noise.size_m)
-    lengths = np.concatenate([gaps.reshape(4, -1), bodies[None], heights, [np.abs(along), np.abs(across)], half[0].T])
-    sure = np.stack([gaps[0, 0], gaps[1, 0], bodies]) / np.maximum(spread, _LEAST_SPREAD_M)
-    sure_height = heights[1:] / max(rise, _LEAST_SPREAD_M)
-    level = [
-        noise.position_m / _NOISE_M,
-        noise.yaw_rad / _NOISE_RAD,
-        noise.bottom_m / _NOISE_M,
-        noise.size_m / _NOISE_M,
-    ]
-    features: NDArray[np.float32] = np.concatenate(
-        [
-            np.clip(lengths / _UNIT_M, -_MOST_UNITS, _MOST_UNITS),
-            np.clip(np.concatenate([sure, sure_height]), -_MOST_UNITS, _MOST_UNITS),
-            [np.cos(2 * turn), mirrored * np.sin(2 * turn), gripped[0] / _UNIT_M],
-            np.tile(np.array(level)[:, None], len(pairs)),
-        ]
-    ).T.astype(np.float32)
+    part, option, neighbour = pairs.part, pairs.option, pairs.neighbour
+    known = as_in_catalogue(boxes, product)
+    size = np.array([known.size_m, boxes.size_m])  # (variants, n, 3)
+    bottom = np.array([known.bottom_m, boxes.bottom_m])
+    yaw = boxes.yaw_rad[part] + option * (np.pi / 2)
+    x, y = (boxes.centre_m[neighbour] - boxes.centre_m[part]).T
+    cos, sin, turn = np.cos(yaw), np.sin(yaw), boxes.yaw_rad[neighbour] - yaw
+    along, across = x * cos + y * sin, y * cos - x * sin
+    own = np.array([size[:, part, option], size[:, part, 1 - option]])  # along the fingers' width; between the fingers
+    half = np.array([size[:, neighbour, 0], size[:, neighbour, 1]]) / 2
+    near, far, body = _gaps_m(along, np.abs(across), turn * np.where(across < 0, -1.0, 1.0), own, half)
+    above = _above_m(size[..., 2], bottom, pairs)
+    spread = np.hypot(1.4 * noise.position_m, noise.yaw_rad / 1.4 * np.hypot(along, across))
+    rise = 1.4 * np.hypot(noise.bottom_m, noise.size_m)
+
+    found = np.empty((PAIR_FEATURES, len(pairs)))
+    found[0:2], found[2:4], found[4], found[5:7] = near, far, body[0], above
+    found[7], found[8], found[9:11] = np.abs(along), np.abs(across), half[:, 0]
+    found[:11] /= _UNIT_M
+    found[11:14] = found[[0, 2, 4]] * (_UNIT_M / np.maximum(spread, _LEAST_SPREAD_M))
+    found[14] = above[1] / max(rise, _LEAST_SPREAD_M)
+    np.minimum(np.maximum(found[:15], -_MOST_UNITS, out=found[:15]), _MOST_UNITS, out=found[:15])
+    found[15], found[16] = np.cos(2 * turn), np.where(along * across < 0, -1.0, 1.0) * np.sin(2 * turn)
+    found[17] = own[1, 0] / _UNIT_M
+    found[18:20] = [[noise.position_m / _NOISE_M], [noise.yaw_rad / _NOISE_RAD]]
+    found[20:22] = [[noise.bottom_m / _NOISE_M], [noise.size_m / _NOISE_M]]
+    features: NDArray[np.float32] = found.T.astype(np.float32)
     return features
 
 
-def _finger_gaps_m(offset: Array, turn: Array, gripped: Array, half: Array) -> Array:
-    """(fingers, variants, p) gaps between the neighbour and what a finger sweeps; the nearer finger first.
+def _gaps_m(along: Array, across: Array, turn: Array, own: Array, half: Array) -> Array:
+    """(3, variants, p) gaps between the neighbour and the nearer finger's sweep, the farther one's, and the part.
+
+    All are rectangles on the jaw's axes; a gap is the widest along any of the rectangles' side directions.
 
     Args:
-        offset: (2, p) of the neighbour's middle in the jaw's frame.
-        turn: (p,) its heading there.
-        gripped: (variants, p) extent of the part between the fingers.
-        half: (variants, p, 2) half sides of the neighbour.
+        along, across, turn: (p,) the neighbour in the jaw's frame, mirrored so that it is at `across` >= 0.
+        own: (2, variants, p) extent of the part along the fingers' width, and between the fingers.
+        half: (2, variants, p) half sides of the neighbour.
     """
-    outline = GripperOutline()
-    swept = outline.clearance_m + outline.pad_size_m[0]
-    across = _SIDES * (gripped + swept)[None] / 2
-    centre = np.stack([np.zeros_like(across), across], axis=-1)
-    finger = np.array([outline.pad_size_m[1], swept]) / 2
-    gaps = rectangle_gaps_m(centre, np.zeros(()), finger, offset.T, turn, half[None])
-    ordered: Array = np.sort(gaps, axis=0)
-    return ordered
+    thickness, width, _ = _OUTLINE.pad_size_m
+    swept = _OUTLINE.clearance_m + thickness
+    first, second = np.empty((2, 3, *own.shape[1:]))  # half sides of the three rectangles
+    first[:2], first[2] = width / 2, own[0] / 2
+    second[:2], second[2] = swept / 2, own[1] / 2
+    middle = np.zeros_like(first)
+    middle[0] = (own[1] + swept) / 2
+    middle[1] = -middle[0]
+    y = across - middle
+    cos, sin = np.cos(turn), np.sin(turn)
+    more, less = np.abs(cos), np.abs(sin)
+    gap: Array = np.abs(along) - (first + half[0] * more + half[1] * less)
+    np.maximum(gap, np.abs(y) - (second + half[0] * less + half[1] * more), out=gap)
+    np.maximum(gap, np.abs(along * cos + y * sin) - (half[0] + first * more + second * less), out=gap)
+    np.maximum(gap, np.abs(y * cos - along * sin) - (half[1] + first * less + second * more), out=gap)
+    near, far = np.minimum(gap[0], gap[1]), np.maximum(gap[0], gap[1])
+    gap[0], gap[1] = near, far
+    return gap
 
 
-def _body_gap_m(boxes: Boxes, pairs: Pairs) -> Array:
-    """(p,) gap between both bodies."""
-    part, neighbour = pairs.part, pairs.neighbour
-    return rectangle_gaps_m(
-        boxes.centre_m[part],
-        boxes.yaw_rad[part],
-        boxes.size_m[part, :2] / 2,
-        boxes.centre_m[neighbour],
-        boxes.yaw_rad[neighbour],
-        boxes.size_m[neighbour, :2] / 2,
-    )
-
-
-def _above_m(boxes: Boxes, pairs: Pairs) -> Array:
-    """(p,) how far the neighbour reaches above the fingertips at the part."""
-    outline = GripperOutline()
-    tip = np.maximum(boxes.bottom_m + outline.bottom_gap_m, boxes.top_m - outline.grasp_depth_m)
-    above: Array = boxes.top_m[pairs.neighbour] - tip[pairs.part]
+def _above_m(height: Array, bottom: Array, pairs: Pairs) -> Array:
+    """(variants, p) how far the neighbour reaches above the fingertips at the part, of heights (variants, n)."""
+    top = bottom + height
+    tip = np.maximum(bottom + _OUTLINE.bottom_gap_m, top - _OUTLINE.grasp_depth_m)
+    above: Array = top[:, pairs.neighbour] - tip[:, pairs.part]
     return above

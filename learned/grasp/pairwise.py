@@ -11,9 +11,10 @@ from torch import Tensor, nn
 
 from cell.interfaces.product import Product
 from learned.grasp.boxes import boxes_of
-from learned.grasp.options import OPTIONS
+from learned.grasp.options import OPTIONS, available
 from learned.grasp.pairs import PAIR_FEATURES, near_pairs, pair_features
 from learned.grasp.scenes import Scene
+from learned.grasp.settings import GripperOutline
 
 
 class PairNet(nn.Module):
@@ -72,7 +73,7 @@ def pair_data(scenes: Sequence[Scene], product: Product) -> PairData:
     first = 0
     for scene in scenes:
         boxes = boxes_of(scene.parts, product)
-        pairs = near_pairs(boxes)
+        pairs = near_pairs(boxes, available(boxes, GripperOutline()))
         places = first + pairs.part, pairs.option, pairs.neighbour
         features[places] = pair_features(boxes, pairs, product, scene.noise)
         blocks[places] = scene.blocks[pairs.part, pairs.option, pairs.neighbour]

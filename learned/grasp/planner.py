@@ -19,13 +19,14 @@ from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of
 from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
 from learned.grasp.language import WORDS, decode
-from learned.grasp.options import available, mark_missing
+from learned.grasp.options import available
 from learned.grasp.pairs import near_pairs, pair_features
 from learned.grasp.rule import RulePlanner
 from learned.grasp.settings import DetectionNoise, GripperOutline
 from learned.grasp.solution import Solution, nearest_first, solve
 from learned.onnx_model import OnnxModel
 
+_OUTLINE = GripperOutline()
 KINDS = ("pairwise", "paper", "rule")
 
 
@@ -98,9 +99,11 @@ class PairwisePlanner:
 
     def _blocking_chance(self, boxes: Boxes) -> Array:
         """(n, options, n): probability that j blocks an option of i; 1 for i itself where it has no such option."""
-        exists = available(boxes, GripperOutline())
-        chance = mark_missing(np.zeros((*exists.shape, len(boxes)), dtype=bool), exists).astype(np.float64)
-        pairs = near_pairs(boxes)
+        exists = available(boxes, _OUTLINE)
+        chance = np.zeros((*exists.shape, len(boxes)))
+        part, option = np.nonzero(~exists)
+        chance[part, option, part] = 1.0
+        pairs = near_pairs(boxes, exists)
         if len(pairs):
             logits = self._network.run({"pairs": pair_features(boxes, pairs, self._product, self._noise)})["logits"]
             chance[pairs.part, pairs.option, pairs.neighbour] = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))

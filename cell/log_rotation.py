@@ -10,6 +10,7 @@ from cell.configuration import LogSettings
 from cell.log_file import Heading, LogFile, part_path, parts_of
 
 SLACK_S = 1e-6  # times of ticks are sums of periods
+FAR_BEHIND_BYTES = 1_000_000
 RETRY_S = 1.0  # of clock time, where no next part could be opened
 PATIENCE_S = 0.005  # how long the loop waits for the disk between two ticks
 
@@ -47,8 +48,11 @@ class LogFiles:
     @property
     def error(self) -> str:
         """Why the disk refuses, or refused for good; empty where all is well."""
-        refusals = (file.sink.error for file in (self._file, *self._retired))
-        return next((error for error in (*refusals, self._lost_error, self._opening_error) if error), "")
+        return self._refused or self._lost_error or self._opening_error
+
+    @property
+    def _refused(self) -> str:
+        return next((file.sink.error for file in (self._file, *self._retired) if file.sink.error), "")
 
     @property
     def waiting_bytes(self) -> int:
@@ -56,8 +60,8 @@ class LogFiles:
         return sum(file.sink.waiting_bytes for file in (self._file, *self._retired))
 
     def due(self, time_s: float) -> bool:
-        """Whether the next tick begins a new part; never while the disk is behind."""
-        if not self.rotates or self.waiting_bytes or time_s < self._retry_s:
+        """Whether the next tick begins a new part; never while the disk refuses or is far behind."""
+        if not self.rotates or time_s < self._retry_s or self.waiting_bytes > FAR_BEHIND_BYTES or self._refused:
             return False
         most_mb, most_s = self._settings.rotate_mb, self._settings.rotate_s
         large = most_mb is not None and self._file.sink.size_bytes >= most_mb * 1e6

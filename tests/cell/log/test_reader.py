@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import random
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 
 from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.errors import LogError
 from cell.log.frames import Frames
-from cell.log.mcap_file import read_mcap
+from cell.log.mcap_file import HEAD, MAGIC, read_mcap
 from cell.log.reader import read_log
+from cell.log.recover import recover
 from cell.recorder import Heading, McapRecorder
 from cell.witness import Sent
-from tests.cell.fakes import frame
+from tests.cell.fakes import frame, idle_view
 from tests.cell.test_recorder import OUTCOME, record
 
 TICKS = 20
@@ -129,3 +132,46 @@ def test_edits_and_hooks_are_inputs_of_the_tick_that_they_act_in(path: Path) -> 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"none\.mcap: cannot be read: No such file"):
         read_log(tmp_path / "none.mcap")
+
+
+def without(path: Path, *ticks: int) -> Path:
+    """A log that lost the chunks of these ticks, as `cell log recover` brings it back."""
+    data = path.read_bytes()
+    chunks = [(at, length) for at, opcode, length in records(data) if opcode == Opcode.CHUNK]
+    for tick in sorted(ticks, reverse=True):
+        at, length = chunks[tick]
+        data = data[:at] + data[at + HEAD.size + length :]
+    damaged, mended = path.with_name("damaged.mcap"), path.with_name("mended.mcap")
+    damaged.write_bytes(data)
+    assert recover(damaged, mended).lossy
+    return mended
+
+
+def records(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """(place, opcode, length) of every record of a closed file."""
+    at = len(MAGIC)
+    while at < len(data) - len(MAGIC):
+        opcode, length = HEAD.unpack_from(data, at)
+        yield at, opcode, length
+        at += HEAD.size + length
+
+
+def test_a_recovered_log_is_read_and_its_gaps_are_said(path: Path) -> None:
+    log = read_log(without(path, 5, 6, 7, 12))
+    assert [tick.number for tick in log.ticks] == [0, 1, 2, 3, 4, 8, 9, 10, 11, *range(13, TICKS)]
+    assert [(gap.first, gap.last) for gap in log.gaps] == [(5, 7), (12, 12)]
+    assert log.unfinished.startswith("ticks 5 to 7 are missing; tick 12 is missing")
+
+
+def test_ticks_whose_inputs_are_lost_hold_none_for_them(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    recorder = McapRecorder(path, LogSettings(), Heading())
+    for number in range(6):
+        view = idle_view(frame(number // 3, number * 0.04))  # a new answer with tick 3
+        recorder.tick(
+            dataclasses.replace(record(number), observation=dataclasses.replace(record(number).observation, bench=view))
+        )
+    recorder.close(OUTCOME)
+    log = read_log(without(path, 3))
+    assert [tick.observation.bench is None for tick in log.ticks] == [False, False, False, True, True]
+    assert "2 ticks saw answers of detectors that are missing" in log.unfinished

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 from py_trees.common import Status
+from rich.console import Console
 
 from cell.commands import main
 from cell.interfaces.errors import InputError, LogError
 from cell.log.question import Query, diff, info, query, ticks
-from cell.log.reader import Log, LoggedTick
+from cell.log.reader import Log, LoggedTick, read_log
 from cell.log.replay import Changes, Replay, Step
+from cell.log.ticks import Gap
+from cell.monitor import HEADER, PROTOCOL, Monitor
+from cell.run import RunOptions, run
 from tests.cell.log.conftest import COMMISSION, changed_configuration
+from tests.cell.log.test_reader import without
 
 
 def first(log: Log, node: str) -> LoggedTick:
@@ -90,6 +97,63 @@ def test_other_weights_are_named(commission_log: Log) -> None:
         Replay(dataclasses.replace(commission_log, metadata=other))
     with pytest.raises(InputError, match=r"unknown planners \['vision'\]; legal: semantic, grasp"):
         Replay(commission_log, Changes(weights={"vision": Path("x")}))
+
+
+def test_a_replay_ends_before_missing_ticks_and_says_so(
+    commission_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ticks = commission_log.ticks[:20] + commission_log.ticks[23:]
+    replay = Replay(dataclasses.replace(commission_log, ticks=ticks, gaps=(Gap(20, 22),)))
+    comparison = replay.run()
+    assert (comparison.identical, comparison.ticks) == (True, 20)
+    assert replay.remarks == ["ticks 20 to 22 are missing: the replay ends before, as nodes remember what they saw"]
+    log = tmp_path / "gap.mcap"
+    log.write_bytes(commission_log.path.read_bytes())
+    mended = without(log, 20, 21, 22)
+    assert main(["replay", str(mended), "--json"]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["ticks"] == read_log(mended).gaps[0].first < 23
+    assert "are missing: the replay ends before" in told.err
+
+
+class MeddlingMonitor(Monitor):
+    """A monitor whose clients hold up a node for a while and then answer for another one."""
+
+    asked = 0
+    look, pick = 15, 30  # uids in the commissioning tree
+    orders: ClassVar[dict[int, tuple[str, dict[str, object]]]] = {
+        5: ("I", {"uid": look, "position": 0}),
+        80: ("U", {"uid": look, "position": 0, "desired_status": "SKIPPED", "remove_when_done": True}),
+        81: ("I", {"uid": pick, "mode": 1, "once": True, "desired_status": "FAILURE", "position": 0}),
+    }
+
+    def serve(self) -> None:
+        if self.asked in self.orders:
+            kind, body = self.orders[self.asked]
+            head, *_ = self.answer([HEADER.pack(PROTOCOL, ord(kind), 1), json.dumps(body).encode()])
+            assert head != b"error"
+        self.asked += 1
+
+
+def test_what_a_monitor_did_to_nodes_is_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cell.run.Monitor", MeddlingMonitor)
+    configuration = changed_configuration(tmp_path, "max_duration_s: 300.0", "max_duration_s: 4.5")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    path = tmp_path / "log.mcap"
+    options = RunOptions(COMMISSION, configuration, "g0", 1, "fast", path, monitor_port=port, monitor_hooks=True)
+    run(options, Console(quiet=True))
+    log = read_log(path)
+    assert [tick.number for tick in log.ticks if tick.inputs] == [6, 81, 82]
+    assert first(log, "LookAtTray").number == 81
+    assert any(
+        "PickPart" in change.path and change.new is Status.FAILURE for tick in log.ticks for change in tick.changes
+    )
+    comparison = Replay(log).run()
+    assert (comparison.identical, comparison.ticks) == (True, len(log.ticks)), comparison.first
+    deaf = tuple(dataclasses.replace(tick, inputs=()) for tick in log.ticks)
+    assert not Replay(dataclasses.replace(log, ticks=deaf)).run().identical
 
 
 def test_a_log_that_leads_out_of_its_folder_is_refused(commission_log: Log) -> None:

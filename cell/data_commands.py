@@ -35,6 +35,6 @@ def from_logs(
     console().print(table(str(out), manifest["counts"]))
     for log in manifest["logs"]:
         if log["no_demonstration_because"]:
-            console().print(f"{log['file']}: no demonstration: {log['no_demonstration_because']}", highlight=False)
+            console().print(f"{log['name']}: no demonstration: {log['no_demonstration_because']}", highlight=False)
     if as_json:
         print_json(manifest)

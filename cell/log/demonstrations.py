@@ -8,6 +8,7 @@ from typing import Literal
 from cell.interfaces.product import Product
 from cell.log.reader import Log
 from cell.log.story import Placed, beliefs, placements
+from cell.log_file import whole_path
 from learned.semantic.dataset import Demonstration, PlacementRecord
 
 SURE = 0.9  # least belief in the goal of a run that was not finished
@@ -31,6 +32,8 @@ class Taken:
 
 def demonstration_of(log: Log, product: Product) -> Taken:
     """What a run shows of how its goal is assembled."""
+    if not log.ticks or log.ticks[0].number or log.gaps:
+        return Taken(None, why_not="ticks are missing, so nobody knows what was placed before")
     lasting = _lasting(placements(log))
     if not lasting:
         return Taken(None, why_not="nothing was placed")
@@ -56,7 +59,7 @@ def demonstration_of(log: Log, product: Product) -> Taken:
             for one in lasting
         ),
         unordered_n=_unordered(lasting),
-        source=log.path.name,
+        source=whole_path(log.path).name,
     )
     misfit = found.misfit(product)
     return Taken(None, why_not=misfit) if misfit else Taken(found, known_by)

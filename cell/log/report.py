@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -37,17 +38,22 @@ COLOURS = ("#3b6fd4", "#d9822b", "#2a9d74", "#8a8f98", "#a24bb3", "#c23b4e", "#6
 class Axis:
     """Places times on the common axis of all charts."""
 
-    def __init__(self, end_s: float) -> None:
-        self.end_s = max(end_s, 1e-3)
+    def __init__(self, begin_s: float, end_s: float) -> None:
+        self.begin_s = begin_s
+        self.end_s = max(end_s, begin_s + 1e-3)
 
     def x(self, time_s: float) -> float:
-        return round(LABELS + (WIDTH - LABELS - 10) * min(max(time_s / self.end_s, 0.0), 1.0), 1)
+        return round(LABELS + (WIDTH - LABELS - 10) * min(max(self._share(time_s), 0.0), 1.0), 1)
 
     @property
     def grid(self) -> list[float]:
         """Round times of about a dozen lines."""
-        step = next((s for s in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300) if self.end_s / s <= GRID), 600)
-        return [step * i for i in range(int(self.end_s / step) + 1)]
+        length_s = self.end_s - self.begin_s
+        step = next((s for s in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300) if length_s / s <= GRID), 600)
+        return [step * i for i in range(math.ceil(self.begin_s / step), math.floor(self.end_s / step) + 1)]
+
+    def _share(self, time_s: float) -> float:
+        return (time_s - self.begin_s) / (self.end_s - self.begin_s)
 
 
 def write_report(log: Log, path: Path) -> int:
@@ -77,7 +83,7 @@ def report_html(log: Log) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    axis = Axis(log.ticks[-1].time_s)
+    axis = Axis(log.ticks[0].time_s, log.ticks[-1].time_s)
     rows, placed, goals, said = node_rows(log), placements(log), beliefs(log), lines(log)
     names = list(dict.fromkeys(name for belief in goals for name in belief.goals))
     return environment.get_template(TEMPLATE).render(
@@ -146,7 +152,7 @@ def _tiles(
         ("goal inferred", goal + certainty, ""),
         ("by robot / all parts", f"{robot} / {len(new)}", ""),
         ("calls for help", str(helps), "bad" if helps else ""),
-        ("time", f"{log.ticks[-1].time_s:.1f} s", ""),
+        ("time", f"{log.ticks[-1].time_s - log.ticks[0].time_s:.1f} s", ""),
         ("ticks", str(len(log.ticks)), ""),
         ("overruns", str(late), "bad" if late else "good"),
         ("alarms", str(alarms), "bad" if alarms else "good"),

@@ -171,11 +171,11 @@ def placements(log: Log) -> list[Placed]:
     found: list[Placed] = []
     advice: Mapping[str, list[str]] = {}
     known: dict[str, str] = {}
-    for tick in log.ticks:
+    for place, tick in enumerate(log.ticks):
         for topic, fields in tick.notes:
             if topic == "belief" and fields.get("edge"):
                 part, position = fields["edge"]
-                after = next((one for one in beliefs_after(log, tick.number)), None)
+                after = next(_beliefs_from(log, place), None)
                 goal = max(after, key=lambda name: after[name]) if after else ""
                 advised = tuple(advice.get(part) or ())
                 again, known[position] = known.get(position) == part, part
@@ -186,9 +186,9 @@ def placements(log: Log) -> list[Placed]:
     return found
 
 
-def beliefs_after(log: Log, number: int) -> Iterator[Mapping[str, float]]:
-    """Distributions that were inferred in this tick or later."""
-    for tick in log.ticks[number:]:
+def _beliefs_from(log: Log, place: int) -> Iterator[Mapping[str, float]]:
+    """Distributions that were inferred in the tick at this place of the log, or later."""
+    for tick in log.ticks[place:]:
         yield from (fields["goals"] for topic, fields in tick.notes if topic == "belief" and "goals" in fields)
 
 

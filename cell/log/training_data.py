@@ -28,6 +28,7 @@ from cell.log.logged_tree import logged_product
 from cell.log.reader import Log
 from cell.log.segments import STRIDE_FRAMES, bench_views, segments
 from cell.log.tray_scenes import looks, scene_records
+from cell.log_file import whole_path
 from learned.grasp.dataset import SceneRecord, write_records
 from learned.semantic.dataset import Demonstration, save_demonstrations
 
@@ -99,7 +100,7 @@ def _same_product(log: Log, product: Product | None) -> Product:
 
 
 def _collect(log: Log, product: Product, folder: Path, collected: Collected) -> None:
-    name = _unused_name(log.path.stem, collected.logs)
+    name = _unused_name(whole_path(log.path).stem, collected.logs)
     taken = demonstration_of(log, product)
     if taken.demonstration is not None:
         collected.demonstrations.append(taken.demonstration)
@@ -115,8 +116,7 @@ def _collect(log: Log, product: Product, folder: Path, collected: Collected) -> 
     collected.logs.append(
         {
             "name": name,
-            "file": str(log.path),
-            "sha256": hashlib.sha256(log.path.read_bytes()).hexdigest(),
+            "files": {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in log.parts or (log.path,)},
             "end": log.outcome.get("end", "cut off"),
             "duration_s": round(log.ticks[-1].time_s - log.ticks[0].time_s, 3) if log.ticks else 0.0,
             "perception": log.metadata.get("perception", "unknown"),

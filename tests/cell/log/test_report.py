@@ -18,7 +18,7 @@ from cell.interfaces.errors import InputError, LogError
 from cell.log.mcap_file import Message
 from cell.log.reader import Log
 from cell.log.report import report_html, write_report
-from cell.log.story import beliefs, node_rows, verdicts
+from cell.log.story import beliefs, node_rows, placements, verdicts
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PROBE = """
@@ -209,3 +209,16 @@ def test_alarms_and_overruns_are_told(assembly_log: Log) -> None:
     assert "no space" in page
     assert "77.7 ms" in page
     assert '<span class="badge error">error</span>' in page
+
+
+def test_a_later_part_is_told_from_its_own_beginning(assembly_log: Log) -> None:
+    """Times and goals are those of the run, whatever tick the log begins with."""
+    whole = report_html(assembly_log)
+    begin = next(place for place, tick in enumerate(assembly_log.ticks) if tick.time_s >= 3.0)
+    part = report_html(replace(assembly_log, ticks=assembly_log.ticks[begin:]))
+    assert "3 s</text>" in part
+    assert "1 s</text>" in whole
+    assert "1 s</text>" not in part
+    assert [one.goal for one in placements(assembly_log)] == [
+        one.goal for one in placements(replace(assembly_log, ticks=assembly_log.ticks[begin:]))
+    ]

@@ -88,7 +88,7 @@ def test_the_manifest_counts_and_says_whose_labels(tray_log: Log, folder: Path) 
         rows(folder / "crops.jsonl")
     )
     [log] = manifest["logs"]
-    assert log["sha256"] == hashlib.sha256(tray_log.path.read_bytes()).hexdigest()
+    assert log["files"] == {str(tray_log.path): hashlib.sha256(tray_log.path.read_bytes()).hexdigest()}
     assert (log["goal"], log["goal_known_by"]) == ("g0", "belief"), "o3 at p6 is g0 alone"
     assert manifest["counts"]["placements"] == 1
     assert all(told.startswith("machine") for told in manifest["labels"].values())
@@ -131,6 +131,8 @@ def test_corrections_are_left_out_and_an_unsure_goal_gives_nothing(tray_log: Log
     assert demonstration_of(changed(tray_log, *notes[:-1]), product).demonstration is None
     assert "g0 wants" in demonstration_of(changed(tray_log, edge("o3", "p1"), sure), product).why_not
     assert demonstration_of(changed(tray_log), product).why_not == "nothing was placed"
+    later = changed(tray_log, *notes)
+    assert "ticks are missing" in demonstration_of(replace(later, ticks=later.ticks[1:]), product).why_not
 
 
 def test_what_was_there_at_first_has_no_order(tray_log: Log) -> None:

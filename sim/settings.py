@@ -1,11 +1,13 @@
-"""Settings of the simulated cell: what a real bench would bring along by itself."""
+"""Settings of the simulated cell: what a real bench would bring along by itself. Read without a simulator."""
 
 from __future__ import annotations
+
+from typing import Literal
 
 from pydantic import Field, model_validator
 
 from cell.interfaces.model import Model
-from sim.worker import WorkerSettings
+from sim.hand_motion import MotionSettings
 
 
 class PhysicsSettings(Model):
@@ -69,6 +71,34 @@ class ClutterSettings(Model):
     nearest_gap_m: float = Field(default=0.004, gt=0)
     farthest_gap_m: float = Field(default=0.030, gt=0)
     rim_margin_m: float = Field(default=0.022, ge=0)
+
+
+class WorkerSettings(Model):
+    """Habits of the person.
+
+    Attributes:
+        order: in which order open positions are filled: at random, or p1, p2, ...
+        screw_probability: of screwing a part after placing it.
+        unscrewed_limit: after this many placements without screwing, the person always screws.
+        screw_s, screw_hz, screw_radius_m, screw_yaw_rad: length, rate and size of the screwing motion.
+        pause_s: reaction before each fetch.
+        robot_begins_s: how long the person waits after screwing for the robot to begin.
+        robot_stands_s: how long the person watches an arm that stands still away from its parking place.
+        retries: how often a part that does not sit well is placed again.
+    """
+
+    order: Literal["random", "positions"] = "random"
+    screw_probability: float = Field(default=0.6, ge=0, le=1)
+    unscrewed_limit: int = Field(default=2, ge=1)
+    screw_s: tuple[float, float] = (4.0, 6.0)
+    screw_hz: tuple[float, float] = (1.5, 2.0)
+    screw_radius_m: float = Field(default=0.008, ge=0, le=0.01)
+    screw_yaw_rad: float = Field(default=0.12, ge=0, le=0.2)
+    pause_s: tuple[float, float] = (0.1, 0.5)
+    robot_begins_s: float = Field(default=2.5, ge=0)
+    robot_stands_s: float = Field(default=8.0, ge=0)
+    retries: int = Field(default=2, ge=0)
+    motion: MotionSettings = MotionSettings()
 
 
 class SimSettings(Model):

@@ -12,50 +12,20 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import Display
-from cell.interfaces.model import Model
 from cell.interfaces.perception import ActionKind
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from sim.hand import Hand, hand_rest_m
-from sim.hand_motion import MotionSettings
 from sim.handwork import ARCH_M, MOST_YAW_RAD, RELAXED_GAP_M, Handwork, ScrewMotion, Script, fold_yaw
+from sim.settings import WorkerSettings
 from sim.worker_sight import GRASPABLE_TILT_RAD, SeenPart, Sight, WorkerWorld
 
 BEHIND_BRACKET_M = 0.26  # where the hand waits with a part while the arm is over the bracket
 AT_REST_M = 0.02
 PUNCTUATION = str.maketrans(",.;:()", "      ")
-
-
-class WorkerSettings(Model):
-    """Habits of the person.
-
-    Attributes:
-        order: in which order open positions are filled: at random, or p1, p2, ...
-        screw_probability: of screwing a part after placing it.
-        unscrewed_limit: after this many placements without screwing, the person always screws.
-        screw_s, screw_hz, screw_radius_m, screw_yaw_rad: length, rate and size of the screwing motion.
-        pause_s: reaction before each fetch.
-        robot_begins_s: how long the person waits after screwing for the robot to begin.
-        robot_stands_s: how long the person watches an arm that stands still away from its parking place.
-        retries: how often a part that does not sit well is placed again.
-    """
-
-    order: Literal["random", "positions"] = "random"
-    screw_probability: float = Field(default=0.6, ge=0, le=1)
-    unscrewed_limit: int = Field(default=2, ge=1)
-    screw_s: tuple[float, float] = (4.0, 6.0)
-    screw_hz: tuple[float, float] = (1.5, 2.0)
-    screw_radius_m: float = Field(default=0.008, ge=0, le=0.01)
-    screw_yaw_rad: float = Field(default=0.12, ge=0, le=0.2)
-    pause_s: tuple[float, float] = (0.1, 0.5)
-    robot_begins_s: float = Field(default=2.5, ge=0)
-    robot_stands_s: float = Field(default=8.0, ge=0)
-    retries: int = Field(default=2, ge=0)
-    motion: MotionSettings = MotionSettings()
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from cell.interfaces.command import Display
 from cell.interfaces.pose import Pose
 from sim.clutter import ScenePart
 from sim.hand import Hand
-from sim.worker import WorkerSettings
+from sim.settings import WorkerSettings
 from sim.world import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_with_hand
 

@@ -13,7 +13,8 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
 from sim.clutter import ScenePart
 from sim.hand import add_hand
-from sim.worker import Worker, WorkerSettings
+from sim.settings import WorkerSettings
+from sim.worker import Worker
 from sim.world import World, build_world
 
 PERIOD_S = 0.008

@@ -201,7 +201,7 @@ def test_a_replay_opens_no_simulator(commission_log: Log) -> None:
     script = (
         "import sys; from cell.commands import main;"
         f"status = main(['replay', {str(commission_log.path)!r}, '--until', '0.5']);"
-        "loaded = {'sim.world', 'sim.cell', 'torch'} & set(sys.modules);"
+        "loaded = {'sim.world', 'sim.cell', 'mujoco', 'torch'} & set(sys.modules);"
         "sys.exit(f'loaded {loaded}' if loaded else status)"
     )
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)

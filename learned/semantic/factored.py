@@ -118,17 +118,17 @@ class FactoredNetwork(nn.Module):
         """Logarithm of the slot table T (z, n, m)."""
         return (SHARPNESS * self.table).log_softmax(dim=1)
 
-    def set_log_likelihood(self, filled: Tensor, goals: Tensor) -> Tensor:
-        """Filled positions (B, m) and goals (B,) to log P(S | g, k) (B,)."""
+    def set_log_likelihood(self, filled: Tensor, sizes: Tensor) -> Tensor:
+        """Sum of log P(S | g, k) over states, from how often slots (z, m) and how many (z, m + 1) were filled."""
         preferred = self.filled_first(self.log_table().exp().detach())
         total = torch.log(self.partial_products(preferred.exp())[-1])
-        chosen: Tensor = (preferred[goals] * filled).sum(dim=1) - total[goals, filled.sum(dim=1).long()]
-        return chosen
+        likelihood: Tensor = (preferred * filled).sum() - (total * sizes).sum()
+        return likelihood
 
-    def next_slot(self, filled: Tensor) -> Tensor:
-        """Filled positions (B, m) to log-probabilities (B, z, m) of the slot that is filled next."""
+    def next_slot(self, filled: Tensor, goals: Tensor) -> Tensor:
+        """Filled positions (B, m) and goals (B,) to log-probabilities (B, m) of the slot that is filled next."""
         preferred = self.filled_next(self.log_table().exp().detach())
-        slots: Tensor = (preferred - 1e6 * filled[:, None]).log_softmax(dim=2)
+        slots: Tensor = (preferred[goals] - 1e6 * filled).log_softmax(dim=1)
         return slots
 
     def partial_products(self, values: Tensor) -> list[Tensor]:
@@ -147,7 +147,8 @@ class FactoredNetwork(nn.Module):
         wanted = self.log_table().exp()
         habits = self.filled_first(wanted).exp()
         goals, still_open = self._likelihood(habits, (wanted * reports).sum(dim=1), count)
-        following = torch.einsum("gop,gp->go", wanted, self.next_slot(filled[None])[0].exp())
+        every = torch.arange(len(wanted))
+        following = torch.einsum("gop,gp->go", wanted, self.next_slot(filled.expand(len(every), -1), every).exp())
         return FactoredAnswer(
             goals, still_open, wanted, self.get_buffer("prior"), self._usual(filled, count), following
         )

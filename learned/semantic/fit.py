@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from learned.semantic.factored import FactoredNetwork, FactoredSettings
 from learned.semantic.graph import Layout
-from learned.semantic.losses import factored_loss, goal_prior, paper_loss
+from learned.semantic.losses import Counts, factored_loss, goal_prior, paper_loss
 from learned.semantic.paper import PaperNetwork, PaperSettings
 from learned.semantic.scenarios import Scenarios, misdetect
 
@@ -71,7 +71,8 @@ def _task(
         return paper, lambda: paper_loss(paper, layout, misdetect(layout, train, rng, noise, contradicting=True))
     factored = FactoredNetwork(layout, settings)
     factored.get_buffer("prior").copy_(goal_prior(layout, train, settings))
-    return factored, lambda: factored_loss(factored, layout, train, settings)
+    counts = Counts.of(layout, train)
+    return factored, lambda: factored_loss(factored, counts, settings)
 
 
 def _fingerprint(layout: Layout, train: Scenarios, settings: Settings, seed: int) -> str:

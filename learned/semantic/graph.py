@@ -6,6 +6,7 @@ aggregation and the direction that the paper prints (object to position) the obj
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -65,6 +66,11 @@ class Layout:
             f"{goal}: {' '.join(self.parts[i] for i in row)}" for goal, row in zip(self.goals, self.types, strict=True)
         )
         return {"parts": self.parts, "positions": self.positions, "goals": tuple(goals)}
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the vocabulary."""
+        return hashlib.sha256(str(self.vocabulary).encode()).hexdigest()
 
     def encode(self, state: AssemblyState) -> Floats:
         """Edges (n, m) of the graph: one where a part of that type is at that position.

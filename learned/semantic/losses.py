@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -52,20 +54,54 @@ def plan_words(layout: Layout, batch: Scenarios) -> Ints:
     return words
 
 
-def factored_loss(network: FactoredNetwork, layout: Layout, train: Scenarios, settings: FactoredSettings) -> Tensor:
+@dataclass(frozen=True)
+class Counts:
+    """All that the factored planner learns from demonstrated states, B rows.
+
+    Attributes:
+        named: (z, n, m) plans that name a slot, by goal.
+        filled: (z, m) states in which a slot is filled.
+        sizes: (z, m + 1) states with so many filled slots.
+        rows: (B',) goal, (B', m) filled slots and (B',) next slot of the states whose next slot is known.
+    """
+
+    named: Tensor
+    filled: Tensor
+    sizes: Tensor
+    rows: tuple[Tensor, Tensor, Tensor]
+
+    @staticmethod
+    def of(layout: Layout, train: Scenarios) -> Counts:
+        """Count."""
+        goals, m = layout.types.shape
+        filled = train.seen != EMPTY
+        still, done, sizes = np.zeros((goals, m)), np.zeros((goals, m)), np.zeros((goals, m + 1))
+        np.add.at(still, train.goals, ~filled)
+        np.add.at(done, train.goals, filled)
+        np.add.at(sizes, (train.goals, filled.sum(axis=1)), 1.0)
+        known = train.following != EMPTY
+        rows = (train.goals[known], filled[known].astype(float), train.following[known])
+        return Counts(
+            torch.tensor(still[:, None, :] * layout.wanted),
+            torch.tensor(done),
+            torch.tensor(sizes),
+            (torch.tensor(rows[0]), torch.tensor(rows[1]), torch.tensor(rows[2])),
+        )
+
+
+def factored_loss(network: FactoredNetwork, counts: Counts, settings: FactoredSettings) -> Tensor:
     """Negative log-likelihoods of the slots that plans name, of the filled slots and of the next one, with a prior.
 
     Nothing is trained on noise: it is part of the model, and what is learned is who puts what where, and when.
     """
-    goals, filled = torch.tensor(train.goals), torch.tensor(train.seen != EMPTY).double()
-    named = torch.tensor(np.where(train.seen == EMPTY, layout.types[train.goals], IGNORED))
-    table = nn.functional.nll_loss(network.log_table()[goals], named, ignore_index=IGNORED)
-    first = -network.set_log_likelihood(filled, goals).mean()
-    slots = network.next_slot(filled)[torch.arange(len(train)), goals]
-    following = torch.tensor(train.following)
-    order = nn.functional.nll_loss(slots, following, ignore_index=EMPTY, reduction="sum") / len(train)
+    states = counts.sizes.sum()
+    table = -(network.log_table() * counts.named).sum() / counts.named.sum().clamp(min=1.0)
+    first = -network.set_log_likelihood(counts.filled, counts.sizes) / states
+    goals, filled, following = counts.rows
+    slots = network.next_slot(filled, goals)
+    order = nn.functional.nll_loss(slots, following, reduction="sum") / states
     prior = network.filled_first.penalty(settings) + network.filled_next.penalty(settings)
-    return table + first + order + prior / len(train)
+    return table + first + order + prior / states
 
 
 def goal_prior(layout: Layout, train: Scenarios, settings: FactoredSettings) -> Tensor:

@@ -8,9 +8,10 @@ import numpy as np
 from pydantic import Field
 
 from cell.interfaces.model import Model
-from learned.semantic.dataset import Demonstration, PlacementRecord
+from cell.interfaces.product import Product
+from learned.semantic.dataset import Demonstration, PlacementRecord, demonstrations_of
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
-from learned.semantic.scenarios import Scenarios
+from learned.semantic.scenarios import Scenarios, scenarios
 
 
 class HabitSettings(Model):
@@ -104,3 +105,16 @@ def runs(people: People, count: int, depth: int, rng: np.random.Generator) -> tu
     seen = np.where(ranks[rows] < steps[:, None], layout.types[goals[rows]], EMPTY)
     following = np.argmax(ranks[rows] == steps[:, None], axis=1)
     return Scenarios(goals[rows], seen, following), steps
+
+
+def generated_demonstrations(product: Product, count: int, strength: float, seed: int) -> list[Demonstration]:
+    """Whole assemblies of random goals by random people with habits of this strength."""
+    rng = np.random.default_rng(seed)
+    people = People.drawn(Layout.of(product), HabitSettings(strength=strength), rng)
+    return whole_demonstrations(people, count, rng)
+
+
+def scenario_demonstrations(product: Product, seed: int) -> list[Demonstration]:
+    """The paper's scenarios: every partial state of every goal, and what followed it."""
+    layout = Layout.of(product)
+    return demonstrations_of(layout, scenarios(layout, seed))

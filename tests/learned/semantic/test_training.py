@@ -135,15 +135,15 @@ def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> 
     parts, positions = [2, 0, 1], [3, 5, 0, 1, 4, 2]
     other = Layout.of(relabelled(DEFAULT, parts, positions))
     settings = FactoredSettings(steps=40)
-    here = scenarios(LAYOUT, 0)
+    here, _ = split(scenarios(LAYOUT, 0), 0.3, 0)
     renumbered = np.append(np.argsort(parts), EMPTY)[here.seen][:, positions]
     there = type(here)(here.goals, renumbered, np.argsort(positions)[here.following])
     one, two = fit(LAYOUT, here, settings, 0), fit(other, there, settings, 0)
     assert isinstance(one, FactoredNetwork)
     assert isinstance(two, FactoredNetwork)
     assert torch.allclose(two.table, one.table[:, parts][:, :, positions], atol=1e-4)
-    assert torch.allclose(two.filled_next.own, one.filled_next.own[:, positions], atol=1e-4)
-    assert torch.allclose(two.filled_first.part, one.filled_first.part[parts], atol=1e-4)
+    assert torch.allclose(two.filled_next.own, one.filled_next.own[:, positions], atol=1e-3)
+    assert torch.allclose(two.filled_first.part, one.filled_first.part[parts], atol=1e-3)
 
 
 def test_no_training_for_what_is_not_learned(tmp_path: Path) -> None:

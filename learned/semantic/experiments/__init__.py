@@ -1,0 +1,1 @@
+"""Experiments on semantic planners that anyone can repeat: finished cells are kept, pages are made of them."""

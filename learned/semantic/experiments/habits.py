@@ -1,0 +1,46 @@
+"""People with ordering habits: what is gained by learning them, beside exact inference that knows them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from cell.interfaces.product import Product
+from learned.semantic.dataset import states_of
+from learned.semantic.evaluate import Answers
+from learned.semantic.experiments.belief import OPTIMUM
+from learned.semantic.experiments.models import planner_of
+from learned.semantic.experiments.scores import exact_scores, optimal_scores
+from learned.semantic.experiments.store import Cell, Values
+from learned.semantic.graph import Layout
+from learned.semantic.optimum import exact_joint, run_states
+from learned.semantic.people import HabitSettings, People, whole_demonstrations
+from learned.semantic.scenarios import DETECTION_ERROR
+
+SEEDS = (1, 2, 3, 4, 5)
+STRENGTHS = (0.0, 0.5, 1.0, 2.0)
+DEMONSTRATIONS = 200
+PAPER_STRENGTHS = (0.0, 2.0)  # its network takes half a minute to train
+
+
+def habit_cells(product: Product) -> list[Cell]:
+    """Every kind, strength of the habits and seed of the people."""
+    cells = []
+    for kind in (OPTIMUM, "factored", "bayes", "and_or", "paper"):
+        for strength in STRENGTHS if kind != "paper" else PAPER_STRENGTHS:
+            for seed in SEEDS if kind != "paper" else SEEDS[:3]:
+                key = {"experiment": "habits", "kind": kind, "strength": strength, "seed": seed}
+                cells.append(Cell(key, partial(_measure, product, kind, strength, seed)))
+    return cells
+
+
+def _measure(product: Product, kind: str, strength: float, seed: int) -> Values:
+    layout = Layout.of(product)
+    rng = np.random.default_rng(seed)
+    people = People.drawn(layout, HabitSettings(strength=strength), rng)
+    joint = exact_joint(layout, run_states(layout, len(layout.positions) - 1, people), DETECTION_ERROR)
+    if kind == OPTIMUM:
+        return optimal_scores(joint)
+    train = states_of(layout, whole_demonstrations(people, DEMONSTRATIONS, rng))
+    return exact_scores(Answers(planner_of(kind, product, train, seed), layout), joint)

@@ -1,0 +1,45 @@
+"""Success against the share of scenarios that is trained on, for 1, 2 and 3 goals (Fig. 11)."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from cell.interfaces.product import Product
+from learned.semantic.evaluate import Answers, success
+from learned.semantic.experiments.models import KINDS, first_goals, planner_of
+from learned.semantic.experiments.store import Cell, Values
+from learned.semantic.graph import Layout
+from learned.semantic.scenarios import TRAIN_RATIO, scenarios, split, sub_demonstrations
+
+RATIOS = (0.2, 0.3, 0.4, 0.6, TRAIN_RATIO, 0.9)
+SEEDS = (1, 2, 3, 4, 5)
+
+
+def ratio_cells(product: Product) -> list[Cell]:
+    """Every kind, number of goals, ratio and seed; with all goals also with sub-demonstrations."""
+    cells = []
+    most = len(product.goals)
+    for augment in (False, True):
+        for count in range(most, most - 1 if augment else 0, -1):
+            some = first_goals(product, count)
+            for ratio in RATIOS:
+                for seed in SEEDS:
+                    for kind in KINDS:
+                        if kind == "bayes" and augment:
+                            continue
+                        key = {"experiment": "ratios", "kind": kind, "goals": count, "ratio": ratio, "seed": seed}
+                        key["sub_demonstrations"] = augment
+                        cells.append(Cell(key, partial(_measure, some, kind, ratio, seed, augment)))
+    return cells
+
+
+def _measure(product: Product, kind: str, ratio: float, seed: int, augment: bool) -> Values:
+    layout = Layout.of(product)
+    whole = scenarios(layout, seed)
+    train, held_out = split(whole, ratio, seed)
+    shown = sub_demonstrations(layout, train) if augment else train
+    answers = Answers(planner_of(kind, product, shown, seed), layout)
+    return {
+        **{f"{name}_all": value for name, value in success(answers, layout, whole).items()},
+        **{f"{name}_held_out": value for name, value in success(answers, layout, held_out).items()},
+    }

@@ -1,0 +1,82 @@
+"""Exact scores of a planner: expectations over all that can be reported, not a sample of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan
+from learned.semantic.evaluate import CALIBRATION_BINS, LEAST_PROBABILITY, Answers
+from learned.semantic.experiments.store import Values
+from learned.semantic.graph import EMPTY, Floats, Layout
+from learned.semantic.optimum import Joint, best_coverage, trade_off
+
+WRONG_LIMIT = 0.003  # the bar: at most so many wrong placements ...
+ACT = 0.9  # ... at this threshold of the posterior
+
+
+def exact_scores(answers: Answers, joint: Joint) -> Values:
+    """Goal accuracy (also by number of reports), calibration, and wrong placements against coverage."""
+    layout = joint.layout
+    plans = [answers(row) for row in joint.seen]
+    believed = np.array([[plan.goal_belief[goal] for goal in layout.goals] for plan in plans])
+    unknown = np.array([plan.goal_belief.get(UNKNOWN_GOAL, 0.0) for plan in plans])
+    best = np.array([_best_placement(plan, layout) for plan in plans])
+    return score(joint, believed, unknown, best)
+
+
+def optimal_scores(joint: Joint) -> Values:
+    """The same scores of the exact posterior, which no planner beats."""
+    exact = joint.next_beliefs().reshape(len(joint.seen), -1)
+    best = np.column_stack([exact.max(axis=1), exact.argmax(axis=1)])
+    return score(joint, joint.goals / joint.weights[:, None], np.zeros(len(joint.seen)), best)
+
+
+def score(joint: Joint, believed: Floats, unknown: Floats, best: Floats) -> Values:
+    """Scores of beliefs.
+
+    Args:
+        believed: (R, z) in the goals.
+        unknown: (R,) in none of them; scores of calibration are of what is believed of the goals.
+        best: (R, 2) belief in the best placement, and which it is as type m + position.
+    """
+    rows = np.arange(len(joint.seen))
+    weights = joint.weights
+    right = joint.goals[rows, believed.argmax(axis=1)]
+    count = (joint.seen != EMPTY).sum(axis=1)
+    exact = joint.next_beliefs().reshape(len(rows), -1)
+    wrong = 1.0 - exact[rows, best[:, 1].astype(int)]
+    coverage, mistakes = trade_off(best[:, 0], wrong, weights)
+    acting = best[:, 0] >= ACT
+    acted = max(float(weights[acting].sum()), 1e-12)
+    by_count = {
+        f"goal_accuracy_{k}": float(right[count == k].sum() / weights[count == k].sum()) for k in np.unique(count)
+    }
+    return {
+        "goal_accuracy": float(right.sum()),
+        **by_count,
+        "goal_nll": float(-(joint.goals * np.log(np.maximum(believed, LEAST_PROBABILITY))).sum()),
+        "goal_calibration_error": _calibration_error(believed, right, weights),
+        "next_calibration_error": _calibration_error(best[:, :1], weights - wrong * weights, weights),
+        "unknown": float(unknown @ weights),
+        "wrong_always": float(wrong @ weights),
+        "coverage_at_act": float(weights[acting].sum()),
+        "wrong_at_act": float((wrong * weights)[acting].sum() / acted),
+        "best_coverage": best_coverage(coverage, mistakes, WRONG_LIMIT),
+        "curve": [[round(float(c), 5), round(float(w), 6)] for c, w in zip(coverage, mistakes, strict=True)],
+    }
+
+
+def _best_placement(plan: AssemblyPlan, layout: Layout) -> tuple[float, int]:
+    """Belief in the best placement and its index; a plan without any believes nothing."""
+    if not plan.next_belief:
+        return 0.0, 0
+    (part, position), belief = max(plan.next_belief.items(), key=lambda item: item[1])
+    return belief, layout.parts.index(part) * len(layout.positions) + layout.positions.index(position)
+
+
+def _calibration_error(believed: Floats, right: Floats, weights: Floats) -> float:
+    """Expected difference between belief in the best answer and how often it is right, in CALIBRATION_BINS bins."""
+    best = believed.max(axis=1)
+    bins = np.minimum((best * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
+    gaps = [abs(float((best * weights - right)[bins == i].sum())) for i in range(CALIBRATION_BINS)]
+    return sum(gaps)

@@ -53,7 +53,7 @@ def _variant(**changes: object) -> PaperSettings:
 
 
 CONTENDERS = {
-    "default": Contender("default: pairwise, signed distances", PairwiseSettings(epochs=30)),
+    "default": Contender("default: pairwise, signed distances", PairwiseSettings(observations=8, epochs=30)),
     "rule": Contender("rule: analytic, with the skills' margins"),
     "rule0": Contender("rule without margins"),
     "average": Contender("upper reference: average over the known noise"),

@@ -133,6 +133,8 @@ def _values(scores: Scores, cell: Cell, key: str) -> list[float]:
 
 def _mean(scores: Scores, cell: Cell, key: str) -> str:
     values = _values(scores, cell, key)
+    if not values:
+        return "-"
     text = _number(fmean(values))
     if (width := scores[cell].get(f"{key}_ci95")) is not None:
         text += f" +- {_number(width)}"

@@ -41,7 +41,8 @@ class PairwiseSettings(TrainingSettings):
     """The pairwise planner: how many perceptrons its committee has."""
 
     scenes: int = Field(default=2000, gt=0)
-    epochs: int = Field(default=12, gt=0)
+    observations: int = Field(default=8, gt=0)
+    epochs: int = Field(default=14, gt=0)
     batch: int = Field(default=256, gt=0)
     peak_rate: float = Field(default=0.006, gt=0)
     hidden: int = Field(default=48, gt=0)

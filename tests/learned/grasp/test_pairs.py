@@ -1,0 +1,88 @@
+"""Features of pairs against the geometry that they claim to be, and what noise and symmetry do to them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.planning import GraspPlanner
+from cell.interfaces.pose import Array
+from learned.grasp.boxes import boxes_of
+from learned.grasp.evaluate import is_right
+from learned.grasp.options import available
+from learned.grasp.pairs import PAIR_FEATURES, Pairs, near_pairs, pair_features
+from learned.grasp.planner import PairwisePlanner
+from learned.grasp.reference import AveragingPlanner
+from learned.grasp.rule import RulePlanner
+from learned.grasp.scenes import draw_scenes
+from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
+from learned.onnx_model import OnnxModel
+from tests.learned.grasp.layouts import PRODUCT, WEIGHTS, moved, standing
+
+EXACT = SceneSettings(noise=DetectionNoise(position_m=0.0, yaw_rad=0.0))
+NEAR_GAP, FAR_GAP, ABOVE = 0, 2, 5
+
+
+def features_of(parts: tuple[PartDetection, ...], noise: DetectionNoise = EXACT.noise) -> tuple[Pairs, Array]:
+    boxes = boxes_of(parts, PRODUCT)
+    pairs = near_pairs(boxes, available(boxes, GripperOutline()))
+    return pairs, pair_features(boxes, pairs, PRODUCT, noise).astype(np.float64)
+
+
+def test_signed_distances_of_exact_detections_are_the_labels() -> None:
+    checked = 0
+    for scene in draw_scenes(PRODUCT, 41, 60, "validation", EXACT):
+        pairs, features = features_of(scene.parts)
+        assert features.shape == (len(pairs), PAIR_FEATURES)
+        for index, (i, option, j) in enumerate(zip(pairs.part, pairs.option, pairs.neighbour, strict=True)):
+            # The fitting on top cannot be touched: 3 mm of the height, in units of 10 mm.
+            touches = features[index, NEAR_GAP] < 0 and features[index, ABOVE] > 0.3
+            assert touches == scene.blocks[i, option, j]
+            assert features[index, NEAR_GAP] <= features[index, FAR_GAP]
+            checked += 1
+    assert checked > 500
+
+
+def test_turning_or_mirroring_changes_nothing() -> None:
+    parts = (standing("o1", 0.0, 0.0, 0.2), standing("o2", 0.045, 0.02, 1.0), standing("o3", -0.02, 0.07, 2.0))
+    expected = features_of(parts)[1]
+    assert np.allclose(features_of(tuple(moved(part, 0.3, -0.2, 0.7) for part in parts))[1], expected, atol=1e-5)
+    half_turns = tuple(
+        replace(part, world_from_part=moved(standing(part.part, 0.0, 0.0), x, y, yaw + math.pi).world_from_part)
+        for part in parts
+        for (x, y, _), yaw in [(part.world_from_part.position_m, part.world_from_part.yaw_rad)]
+    )
+    assert np.allclose(features_of(half_turns)[1], expected, atol=1e-5)
+    mirrored = tuple(
+        standing(part.part, x, -y, -part.world_from_part.yaw_rad)
+        for part in parts
+        for x, y, _ in [part.world_from_part.position_m]
+    )
+    assert np.allclose(features_of(mirrored)[1], expected, atol=1e-5)
+
+
+def test_more_noise_makes_the_planner_less_sure() -> None:
+    model = OnnxModel.load(WEIGHTS / "grasp_pairwise.onnx", "grasp.pairwise")
+    gap = GripperOutline().clearance_m + GripperOutline().pad_size_m[0]
+    parts = (standing("o3", 0.0, 0.0), standing("o3", 0.0, 0.042 + gap + 0.0025))
+    sure, doubtful = (
+        PairwisePlanner(model, PRODUCT, noise).plan(parts, 0).graspable
+        for noise in (DetectionNoise(), DetectionNoise(position_m=0.005, yaw_rad=math.radians(10)))
+    )
+    assert sure > 0.95
+    assert doubtful < sure - 0.1
+
+
+def test_the_averaging_reference_is_above_the_rule_under_noise() -> None:
+    noise = DetectionNoise(position_m=0.005, yaw_rad=math.radians(10))
+    planners: tuple[GraspPlanner, ...] = (AveragingPlanner(PRODUCT, noise, draws=24), RulePlanner(PRODUCT))
+    right = [0, 0]
+    for scene in draw_scenes(PRODUCT, 42, 60, "validation", SceneSettings(noise=noise)):
+        for number, planner in enumerate(planners):
+            right[number] += sum(
+                is_right(planner.plan(scene.parts, i), scene.blocks, i) for i in range(len(scene.parts))
+            )
+    assert right[0] > 1.1 * right[1]

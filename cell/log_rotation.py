@@ -7,7 +7,8 @@ from pathlib import Path
 import foxglove
 
 from cell.configuration import LogSettings
-from cell.log_file import Heading, LogFile, part_path, parts_of
+from cell.log_file import Heading, LogFile
+from cell.log_parts import part_path, parts_of
 
 SLACK_S = 1e-6  # times of ticks are sums of periods
 FAR_BEHIND_BYTES = 1_000_000

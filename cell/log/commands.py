@@ -219,7 +219,7 @@ def _read(paths: Sequence[Path]) -> Log:
 def _beside(paths: Sequence[Path], suffix: str) -> Path:
     """A file beside a log, named as the log is; as the part is where a later part was named alone."""
     from cell.log.reader import files_of
-    from cell.log_file import whole_path
+    from cell.log_parts import whole_path
 
     alone = len(paths) == 1 and files_of(paths[0]) == [paths[0]]
     return (paths[0] if alone else whole_path(paths[0])).with_suffix(suffix)

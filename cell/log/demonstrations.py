@@ -8,7 +8,7 @@ from typing import Literal
 from cell.interfaces.product import Product
 from cell.log.reader import Log
 from cell.log.story import Placed, beliefs, placements
-from cell.log_file import whole_path
+from cell.log_parts import whole_path
 from learned.semantic.dataset import Demonstration, PlacementRecord
 
 SURE = 0.9  # least belief in the goal of a run that was not finished

@@ -11,7 +11,7 @@ from cell.log.mcap_file import McapContent, Message, read_mcap
 from cell.log.ticks import SNAPSHOT, Gap, TickBuilder
 from cell.log.ticks import LoggedTick as LoggedTick  # who reads a log needs them
 from cell.log.ticks import Note as Note
-from cell.log_file import part_number, parts_of, whole_path
+from cell.log_parts import part_number, parts_of, whole_path
 
 
 @dataclass(frozen=True)

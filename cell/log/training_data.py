@@ -28,7 +28,7 @@ from cell.log.logged_tree import logged_product
 from cell.log.reader import Log
 from cell.log.segments import STRIDE_FRAMES, bench_views, segments
 from cell.log.tray_scenes import looks, scene_records
-from cell.log_file import whole_path
+from cell.log_parts import whole_path
 from learned.grasp.dataset import SceneRecord, write_records
 from learned.semantic.dataset import Demonstration, save_demonstrations
 

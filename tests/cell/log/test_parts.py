@@ -18,7 +18,7 @@ from cell.interfaces.errors import LogError
 from cell.log.mcap_file import read_mcap
 from cell.log.reader import Log, read_log
 from cell.log.replay import Replay
-from cell.log_file import part_path, parts_of
+from cell.log_parts import part_path, parts_of
 from cell.log_sink import LogSink
 from cell.recorder import Heading, McapRecorder
 from tests.cell.fakes import frame

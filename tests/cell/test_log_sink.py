@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import errno
 import os
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from cell import log_sink
 from cell.configuration import LogSettings
 from cell.log.reader import read_log
 from cell.log_sink import LogSink
+from cell.progress import LiveProgress
 from cell.recorder import Heading, McapRecorder
-from cell.witness import Level
+from cell.run import RunOptions, run
+from cell.witness import Level, TickRecord
+from sim.worker import Worker
 from tests.cell.fakes import frame
+from tests.cell.log.conftest import changed_configuration
 from tests.cell.test_recorder import OUTCOME, record
 
 
@@ -106,3 +112,37 @@ def test_the_writer_may_go_back_before_the_hand_over(tmp_path: Path) -> None:
     assert sink.seek(0, 2) == 9
     sink.close()
     assert (tmp_path / "file").read_bytes() == b"abc1234ef"
+
+
+def test_the_person_at_the_bench_sees_the_alarm_and_the_cell_goes_on(
+    disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A whole run in simulation on a disk that is full from its beginning to its 12th tick, and at its end."""
+    panel: list[str] = []
+    told = StringIO()
+    monkeypatch.setattr(Worker, "alarm", lambda _, text: panel.append(text))
+    recorded_tick = McapRecorder.tick
+
+    def tick(self: McapRecorder, one: TickRecord) -> None:
+        disk.error = None if 12 <= one.observation.tick < 20 else errno.ENOSPC
+        recorded_tick(self, one)
+
+    monkeypatch.setattr(McapRecorder, "tick", tick)
+    configuration = changed_configuration(tmp_path, "max_duration_s: 300.0", "max_duration_s: 1.0")
+    options = RunOptions(configuration=configuration, goal="g0", seed=1, log=tmp_path / "log.mcap")
+    result = run(options, Console(file=told, width=300))
+    assert result.outcome.end == "timeout"
+    trouble = "the log cannot be written: No space left on device; the cell goes on"
+    assert panel[:3] == [trouble, "", trouble]
+    assert trouble in told.getvalue()
+    assert result.summary["log_complete"] is False
+    assert "No space left on device" in str(result.summary["log_shortfall"])
+
+
+def test_the_panel_on_a_terminal_keeps_the_alarm_until_it_is_over() -> None:
+    told = StringIO()
+    progress = LiveProgress(Console(file=told, force_terminal=True, width=120), 0.04)
+    progress.alarm("the disk is full")
+    progress.tick(record())
+    progress.close(OUTCOME)
+    assert "the disk is full" in told.getvalue()

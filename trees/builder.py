@@ -26,6 +26,10 @@ class Use:
     Attributes:
         kind: type it reads or writes, Any where it does not care.
         user: what uses it, for messages.
+        uid: of the node.
+        attribute: name of the port, condition or script in the file.
+        needs: it fails where nothing has been written.
+        turn: order within a script, from 1; 0 for other ports.
     """
 
     entry: Entry
@@ -34,6 +38,10 @@ class Use:
     writes: bool
     kind: Any
     user: str
+    uid: int
+    attribute: str
+    needs: bool = False
+    turn: int = 0
 
 
 class Builder:
@@ -69,33 +77,38 @@ class Builder:
         path = f"{scope.name}/{name}" if scope.name else name
         if element.get("name") is None:
             path += f"::{uid}"
-        node = self._subtree(element, name, scope, path) if tag == "SubTree" else self._plain(element, tag, name, scope)
+        node = (
+            self._subtree(element, uid, name, scope, path)
+            if tag == "SubTree"
+            else self._plain(element, uid, name, scope)
+        )
         node.attach(self._runtime, uid, path)
-        node.conditions = self._conditions(element, label, scope)
+        node.conditions = self._conditions(element, uid, label, scope)
         self.nodes[uid - 1] = node
         return node
 
-    def _plain(self, element: Element, tag: str, name: str, scope: Scope) -> TreeNode:
+    def _plain(self, element: Element, uid: int, name: str, scope: Scope) -> TreeNode:
+        tag = node_tag(element)
         children = [self._node(child, scope) for child in element.children]
         node_class: Any = self._registry.classes[tag]
         node: TreeNode = node_class(name, children) if issubclass(node_class, Control | Decorator) else node_class(name)
         for port in self._registry.ports(tag).values():
-            self._port(node, port, element, scope)
+            self._port(node, uid, port, element, scope)
         return node
 
-    def _subtree(self, element: Element, name: str, scope: Scope, path: str) -> TreeNode:
+    def _subtree(self, element: Element, uid: int, name: str, scope: Scope, path: str) -> TreeNode:
         identifier = element.get("ID") or ""
         inner = Scope(path, scope, autoremap=element.get("_autoremap") in ("true", "1"))
         self.scopes.append(inner)
         for key, attribute in element.attributes.items():
             if key not in ("ID", "name") and not key.startswith("_"):
-                self._pass(key, attribute.value, attribute.place, scope, inner)
+                self._pass(uid, key, attribute.value, attribute.place, scope, inner)
         for key, port in self._library.models.get(identifier, {}).items():
             if key not in element.attributes and port.default is not None:
-                self._pass(key, port.default, element.place, scope, inner)
+                self._pass(uid, key, port.default, element.place, scope, inner)
         return SubTree(name, [self.tree(identifier, inner)])
 
-    def _pass(self, key: str, value: str, place: Place, outer: Scope, inner: Scope) -> None:
+    def _pass(self, uid: int, key: str, value: str, place: Place, outer: Scope, inner: Scope) -> None:
         pointer = entry_name(value, key)
         if pointer is not None:
             inner.remap(key, outer.entry(pointer))
@@ -103,9 +116,9 @@ class Builder:
         entry = Entry(key)
         entry.value = constant(value)
         inner.remap(key, entry)
-        self.uses.append(Use(entry, place, False, True, Any, f"'{key}' of the SubTree"))
+        self.uses.append(Use(entry, place, False, True, Any, f"'{key}' of the SubTree", uid, key))
 
-    def _port(self, node: TreeNode, port: Port, element: Element, scope: Scope) -> None:
+    def _port(self, node: TreeNode, uid: int, port: Port, element: Element, scope: Scope) -> None:
         attribute = element.attributes.get(port.name)
         value: Any = attribute.value if attribute else port.default
         if value is UNSET:
@@ -116,29 +129,32 @@ class Builder:
             entry = scope.entry(pointer)
             reads, writes = port.direction != "output", port.direction != "input"
             user = f"port '{port.name}' of {node_tag(element)}"
-            self.uses.append(Use(entry, element.place_of(port.name), reads, writes, port.kind, user))
+            needs = reads and not (port.unset_ok or port.names_entry)
+            place = element.place_of(port.name)
+            self.uses.append(Use(entry, place, reads, writes, port.kind, user, uid, port.name, needs))
         else:
             entry = Entry(port.name)
-            entry.value = self._constant(element, port, attribute, scope)
+            entry.value = self._constant(element, uid, port, attribute, scope)
         port.connect(node, entry, constant=pointer is None)
 
-    def _constant(self, element: Element, port: Port, attribute: Attribute | None, scope: Scope) -> Any:
+    def _constant(self, element: Element, uid: int, port: Port, attribute: Attribute | None, scope: Scope) -> Any:
         if attribute is None:
             return port.default
         if port.kind is Script:
-            return self._script(attribute, f"'{port.name}' of {node_tag(element)}", scope)
+            return self._script(attribute, uid, port.name, node_tag(element), scope)
         return from_text(attribute.value, port.kind)
 
-    def _conditions(self, element: Element, label: str, scope: Scope) -> ScriptConditions | None:
+    def _conditions(self, element: Element, uid: int, label: str, scope: Scope) -> ScriptConditions | None:
         scripts = {
-            name: self._script(attribute, f"'{name}' of {label}", scope)
+            name: self._script(attribute, uid, name, label, scope)
             for name, attribute in element.attributes.items()
             if name in CONDITIONS or name in SCRIPTS_AFTER
         }
         return ScriptConditions(scripts) if scripts else None
 
-    def _script(self, attribute: Attribute, user: str, scope: Scope) -> Script:
+    def _script(self, attribute: Attribute, uid: int, name: str, label: str, scope: Scope) -> Script:
         script = parse_script(attribute.value, scope, self._registry.enums)
-        for entry, offset, reads, writes in script.uses:
-            self.uses.append(Use(entry, attribute.place_at(offset), reads, writes, Any, user))
+        for turn, (entry, offset, reads, writes) in enumerate(script.uses, start=1):
+            place, user = attribute.place_at(offset), f"'{name}' of {label}"
+            self.uses.append(Use(entry, place, reads, writes, Any, user, uid, name, reads, turn))
         return script

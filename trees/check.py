@@ -7,10 +7,8 @@ from pathlib import Path
 
 from cell.interfaces.errors import Problem
 from trees.library import read_library
-from trees.loader import build, in_order
-from trees.reach import check_reach
+from trees.loader import build, find_problems, in_order
 from trees.registry import Registry
-from trees.structure import check_structure
 
 
 def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
@@ -18,10 +16,8 @@ def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
     problems: list[Problem] = []
     for path in paths:
         library = read_library(path)
-        found = library.problems + check_structure(library, registry)
-        if not found:
-            found = check_reach(library)
-            if library.main:
-                found += build(library, registry, library.main, {})[1]
+        found = find_problems(library, registry)
+        if not found and library.main:
+            found = build(library, registry, library.main, {})[1]
         problems += in_order(found)
     return list(dict.fromkeys(problems))

@@ -170,9 +170,9 @@ class _Switch(Control):
 
 def _switch(cases: int) -> type[_Switch]:
     """Switch2 to Switch6 differ only in their number of cases."""
-    ports: dict[str, Any] = {"variable": InputPort(cast(Any, Any), "what is compared")}
+    ports: dict[str, Any] = {"variable": InputPort(cast(Any, Any), "what is compared", unset_ok=True)}
     for number in range(1, cases + 1):
-        ports[f"case_{number}"] = InputPort(str, f"value for which child {number} is ticked")
+        ports[f"case_{number}"] = InputPort(str, f"value for which child {number} is ticked", unset_ok=True)
     words = {"cases": cases, "children_min": cases + 1, "children_max": cases + 1, "__doc__": _Switch.__doc__}
     return type(f"Switch{cases}", (_Switch,), {**ports, **words, "__module__": __name__})
 

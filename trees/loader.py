@@ -13,6 +13,8 @@ from trees.builder import Builder
 from trees.dataflow import check_dataflow
 from trees.library import Library, read_library
 from trees.node import Runtime
+from trees.order import check_order
+from trees.reach import check_reach
 from trees.registry import Registry
 from trees.structure import check_structure, count_levels
 from trees.tree import Tree
@@ -26,7 +28,7 @@ FRAMES_AROUND = 400
 def load_tree(
     path: Path, registry: Registry, main: str | None = None, provided: Mapping[str, Any] | None = None
 ) -> Tree:
-    """Load a tree file and what it includes.
+    """Load a tree file and what it includes; what `cell check` reports is refused here, too.
 
     Args:
         registry: the nodes that the file may name.
@@ -39,7 +41,7 @@ def load_tree(
     library = read_library(path)
     if main is not None:
         library.main = main
-    problems = library.problems + check_structure(library, registry)
+    problems = find_problems(library, registry)
     if not problems and library.main not in library.trees:
         place = Place(path, 1, 1)
         what = (
@@ -54,6 +56,12 @@ def load_tree(
     return tree
 
 
+def find_problems(library: Library, registry: Registry) -> list[Problem]:
+    """What is wrong with any tree of a library as it stands in the files, before nodes are made of one of them."""
+    problems = library.problems + check_structure(library, registry)
+    return problems or check_reach(library)
+
+
 def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:
     """Make the nodes of a library without problems, and check how values flow between them."""
     frames = FRAMES_A_LEVEL * count_levels(library, main) + FRAMES_AROUND
@@ -66,7 +74,7 @@ def build(library: Library, registry: Registry, main: str, provided: Mapping[str
     builder = Builder(library, registry, runtime)
     root = builder.tree(main, scope)
     given = {id(scope.entry(key)) for key, port in library.models.get(main, {}).items() if port.direction != "output"}
-    problems = check_dataflow(builder.uses, given)
+    problems = check_dataflow(builder.uses, given) or check_order(builder.uses, builder.nodes, given)
     scopes = (scope, *builder.scopes)
     tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes)
     return tree, problems

@@ -29,6 +29,7 @@ class Port:
         meaning: one line for people.
         default: value where the file gives none, or a string such as "{entry}" or "{=}"; UNSET where it has none.
         optional: an input that the file may leave unconnected though it has no default.
+        unset_ok: the node has an answer as long as nothing was written to the entry.
         name: attribute name in XML; the name of the class attribute unless given.
     """
 
@@ -42,6 +43,7 @@ class Port:
         self.meaning = meaning
         self.default = default
         self.optional = optional or default is not UNSET
+        self.unset_ok = False
         self.name = name or ""
         self.attribute = ""
 
@@ -144,8 +146,10 @@ class InputPort(Port, Generic[T]):
         default: T | str = UNSET,
         optional: bool = False,
         name: str | None = None,
+        unset_ok: bool = False,
     ) -> None:
         super().__init__(kind, meaning, default, optional, name)
+        self.unset_ok = unset_ok or optional
 
     @overload
     def __get__(self, node: None, owner: type) -> InputPort[T]: ...
@@ -185,8 +189,16 @@ class EntryPort(OutputPort[Any]):
 class InOutPort(Port, Generic[T]):
     """A port that a node reads and writes."""
 
-    def __init__(self, kind: type[T], meaning: str = "", default: str = UNSET, name: str | None = None) -> None:
+    def __init__(
+        self,
+        kind: type[T],
+        meaning: str = "",
+        default: str = UNSET,
+        name: str | None = None,
+        unset_ok: bool = False,
+    ) -> None:
         super().__init__(kind, meaning, default, False, name)
+        self.unset_ok = unset_ok
 
     @overload
     def __get__(self, node: None, owner: type) -> InOutPort[T]: ...

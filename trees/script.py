@@ -134,7 +134,7 @@ class _Parser:
         self._next += 2
         value = self._statement()
         entry = self._scope.entry(name.text)
-        self._uses.append((entry, name.offset, sign not in (":=", "="), True))
+        self._uses.append((entry, name.offset, sign != ":=", True))  # `=` needs the entry, too
         if sign in (":=", "="):
             return _assign(entry, value, sign == "=")
         return _assign(entry, _binary(sign[0], _reader(entry), value), True)

@@ -9,9 +9,12 @@ from typing import Any
 import pytest
 
 from cell.interfaces.clock import ManualClock
-from trees.loader import load_tree
+from cell.interfaces.errors import InputError
+from trees.library import read_library
+from trees.loader import build, load_tree
 from trees.node import Node
 from trees.registry import Registry
+from trees.structure import check_structure
 from trees.tree import Tree
 
 Load = Callable[..., Tree]
@@ -44,3 +47,18 @@ def load(write: Callable[[str], Path]) -> Load:
         return tree
 
     return load_nodes
+
+
+def load_whatever_is_reached(path: Path, registry: Registry) -> Tree:
+    """A random tree, also where one of its children can never be reached, which `load_tree` refuses.
+
+    Raises:
+        InputError: something else is wrong with it.
+    """
+    library = read_library(path)
+    problems = library.problems + check_structure(library, registry)
+    if not problems:
+        tree, problems = build(library, registry, library.main, {})
+    if problems:
+        raise InputError(*problems)
+    return tree

@@ -16,9 +16,9 @@ from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.errors import InputError
+from tests.trees.conftest import load_whatever_is_reached
 from tests.trees.random_trees import VARIABLES, Case
 from trees.blackboard import UNSET
-from trees.loader import load_tree
 from trees.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
 from trees.registry import Registry
 from trees.tree import Tree
@@ -171,7 +171,7 @@ class Ours:
 
         path.write_text(case.xml)
         try:
-            self._tree = load_tree(path, Registry([Leaf, Check]))
+            self._tree = load_whatever_is_reached(path, Registry([Leaf, Check]))
         except InputError as error:
             raise Refused(str(error)) from None
         self._tree.setup(None, clock)
@@ -251,22 +251,30 @@ def standard_output() -> Iterator[IO[bytes]]:
 def compare(case: Case, path: Path, in_order: bool) -> list[str] | None:
     """Differences in the first step that has any; None where both sides refuse the tree."""
     with standard_output() as output:
-        refusals: list[str] = []
-        ours = theirs = None
-        try:
-            theirs = Original(case, output)
-        except Refused as error:
-            refusals.append(f"refused there: {error}")
-        try:
-            ours = Ours(case, path, ManualClock())
-        except Refused as error:
-            refusals.append(f"refused here: {error}")
+        ours, theirs, refusals = both(case, path, ManualClock(), output)
         if ours is None or theirs is None:
             return refusals if len(refusals) == 1 else None
         try:
             return _first_difference(case, ours, theirs, in_order)
         finally:
             theirs.close()
+
+
+def both(
+    case: Case, path: Path, clock: ManualClock, output: IO[bytes]
+) -> tuple[Ours | None, Original | None, list[str]]:
+    """The case in both engines, None where one refuses it, and why."""
+    refusals: list[str] = []
+    ours = theirs = None
+    try:
+        theirs = Original(case, output)
+    except Refused as error:
+        refusals.append(f"refused there: {error}")
+    try:
+        ours = Ours(case, path, clock)
+    except Refused as error:
+        refusals.append(f"refused here: {error}")
+    return ours, theirs, refusals
 
 
 def _first_difference(case: Case, ours: Side, theirs: Side, in_order: bool) -> list[str]:

@@ -28,7 +28,7 @@ ASSIGNMENTS_OF_DATA = (
     ),
     *("s := 'c'", "x := x / 2 > 1 ? 3 : 0", "v := y + 1"),
 )
-ASSIGNMENTS_OF_CONSTANTS = ("x := k", "y = k; z := x")
+ASSIGNMENTS_OF_CONSTANTS = ("x := k == 3 ? x : 2", "y := k > 2 ? 1 : 0")
 CONTROLS = (
     *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "SequenceWithMemory", "AsyncSequence"),
     *("AsyncFallback", "Parallel", "ParallelAll", "IfThenElse", "WhileDoElse", "Switch"),

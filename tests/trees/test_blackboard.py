@@ -48,7 +48,7 @@ class Take(Node):
 class Count(Node):
     """Writes, and counts its ticks in an entry."""
 
-    total = InOutPort(int, "")
+    total = InOutPort(int, "", unset_ok=True)
     out = OutputPort(str, "")
 
     def update(self) -> Status:

@@ -166,6 +166,25 @@ BAD_NODES = [
         "Put runs without a guard",
     ),
     ("<WhileDoElse><Allow/><AlwaysSuccess/>^<Put/></WhileDoElse>", "Put runs without a guard"),
+    (
+        '<Sequence><Go ^place="{p}"/><See place="{p}"/></Sequence>',
+        "port 'place' of Go reads {p} before anything has written it; port 'place' of See at ",
+    ),
+    (
+        "<Sequence><Script code=\"n := ^m; m := 1\"/><Script code='m := 2'/></Sequence>",
+        "'code' of Script reads {m} before",
+    ),
+    ('<Script code="^n += 1"/>', "reads {n} before anything has written it; give it a first value before"),
+    ('<Script code="^n = 1"/>', "reads {n} before anything has written it; give it a first value before"),
+    (
+        '<Inverter _while="^n &lt; 3"><Script code="n := 1"/></Inverter>',
+        "'_while' of Inverter reads {n} before anything has written it; 'code' of Script at ",
+    ),
+    (
+        '<Fallback><Repeat num_cycles="3"><Go ^place="{p}"/></Repeat><Sequence><See place="{p}"/><Go place="{p}"/>'
+        "</Sequence></Fallback>",
+        "port 'place' of Go reads {p} before",
+    ),
 ]
 MAIN = '<BehaviorTree ID="Main">{}</BehaviorTree><BehaviorTree ID="Other"><AlwaysSuccess/></BehaviorTree>'
 GOOD = '<BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree>'
@@ -258,6 +277,41 @@ def test_types_are_checked_across_subtrees(write: Write) -> None:
     (problem,) = check([path], REGISTRY)
     assert (problem.place.line, problem.place.column) == (2, 30)
     assert "as Place" in problem.what
+
+
+def test_order_is_checked_through_subtrees_and_when_loading(write: Write) -> None:
+    path = write(
+        '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence>\n'
+        '<SubTree ID="Drive" p="{a}"/><See place="{a}"/><SubTree ID="Drive" p="{a}"/></Sequence></BehaviorTree>\n'
+        '<BehaviorTree ID="Drive"><Go place="{p}"/></BehaviorTree></root>'
+    )
+    (problem,) = check([path], REGISTRY)
+    assert (problem.place.line, problem.place.column) == (3, 30)
+    assert f"port 'place' of See at {path}:2:35 is the first to write it" in str(problem)
+    with pytest.raises(InputError, match="before anything has written it"):
+        load_tree(path, REGISTRY)
+
+
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        '<Repeat num_cycles="2"><Fallback><Go place="{p}"/><See place="{p}"/></Fallback></Repeat>',
+        '<ReactiveFallback><Go place="{p}"/><See place="{p}"/></ReactiveFallback>',
+        '<Parallel><Sequence><Sleep msec="50"/><Go place="{p}"/></Sequence><See place="{p}"/></Parallel>',
+        '<Sequence _onSuccess="m := n"><Script code="n := 1"/></Sequence>',
+        '<Fallback><WaitValueUpdate entry="{n}"><AlwaysFailure/></WaitValueUpdate><Script code="n := 1"/></Fallback>',
+        '<Sequence><Switch2 variable="{n}" case_1="1" case_2="2"><Allow/><Allow/><Allow/></Switch2>'
+        '<Script code="n := 1"/></Sequence>',
+    ],
+)
+def test_what_may_be_written_before_is_no_mistake(write: Write, nodes: str) -> None:
+    assert check([write(MAIN.format(nodes))], REGISTRY) == []
+
+
+def test_a_child_that_is_never_ticked_is_refused_when_loading(write: Write) -> None:
+    path = write('<BehaviorTree ID="M"><Fallback><AlwaysSuccess/><Allow/></Fallback></BehaviorTree>')
+    with pytest.raises(InputError, match="Allow is never ticked"):
+        load_tree(path, REGISTRY)
 
 
 def test_constants_are_checked_against_the_ports_of_a_subtree(write: Write) -> None:

@@ -16,8 +16,8 @@ from cell.interfaces.journal import ListJournal
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.skill import Skill
 from skills.phases import Move, Phase, PhasedSkill, SetGripper
+from tests.trees.conftest import load_whatever_is_reached
 from tests.trees.test_halting import Counted, random_tree
-from trees.loader import load_tree
 from trees.nodes.skill_node import SkillNode
 from trees.registry import Registry
 
@@ -90,7 +90,7 @@ def run(seed: int, path: Path) -> SlowArm:
     for _ in range(nodes.count("<Counted/>")):
         nodes = nodes.replace("<Counted/>", "<Swings/>" if draw.random() < 0.5 else "<Counted />", 1)
     path.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{nodes}</BehaviorTree></root>')
-    tree = load_tree(path, Registry([Counted, Swings]))
+    tree = load_whatever_is_reached(path, Registry([Counted, Swings]))
     arm, clock = SlowArm(), ManualClock()
     services = SimpleNamespace(show=lambda **_: None, journal=ListJournal(), observation=None, command=None)
     tree.setup(services, clock)

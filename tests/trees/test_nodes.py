@@ -132,7 +132,9 @@ def test_updates_are_seen_once(load: Load) -> None:
 
 
 def test_wait_value_update_waits(load: Load) -> None:
-    tree = load('<WaitValueUpdate entry="{n}"><Script code="n = 5" _post="done := 1"/></WaitValueUpdate>')
+    model = '<TreeNodesModel><SubTree ID="Main"><inout_port name="n"/></SubTree></TreeNodesModel>'
+    nodes = '<WaitValueUpdate entry="{n}"><Script code="n = 5" _post="done := 1"/></WaitValueUpdate>'
+    tree = load(nodes, more=model)
     assert tree.tick() is Status.RUNNING
     tree.blackboard.entry("n").write(1)
     assert tree.tick() is Status.SUCCESS

@@ -12,6 +12,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
 from skills.collision import Box, body_box, part_box
+from skills.contact import Descend
 from skills.grasp_pose import Grasp, fingers_clear, grasps, held_boxes, hole_pose, opening_for, place_poses
 from skills.grip import Grip, grip_of, possible_grips
 from skills.insertion import Insert
@@ -103,11 +104,7 @@ def take_phases(
         SetGripper("opening the fingers", GripperCommand(grasp.opening_m, speed, force), settings, wait=False),
         Move(f"moving above {name}", lambda start: planner.free_move(start, above, above_part), settings),
         FingersRest("opening the fingers", settings),
-        Move(
-            f"going down to {name}",
-            lambda start: planner.straight_move(start, grasp.world_from_tool, around_part, descent_m_s),
-            settings,
-        ),
+        Descend(name, planner, grasp.world_from_tool, around_part, descent_m_s),
         SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
         Move(f"lifting {name}", lambda start: planner.rise(start, lifted_m, grasp.opening_m), settings, holding=name),
     ]

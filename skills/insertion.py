@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Progress, SkillStatus
+from skills.contact import meets_something, tool_height_m
 from skills.phases import Move, done, failed
 from skills.planner import Load, MotionPlanner
 
@@ -39,10 +38,10 @@ class Insert:
                 self._descending, self._move = True, self._descent()
                 return self._move.poll(observation, command)
             return progress
-        if progress.status is SkillStatus.FAILURE or not self._touches(observation):
+        if progress.status is SkillStatus.FAILURE or not meets_something(self._planner, self._move, observation):
             return progress
         command.follow, command.stop_arm = None, True
-        if self._height_m(observation) < RESTS_M:
+        if tool_height_m(self._planner, observation) - self._goal.position_m[2] < RESTS_M:
             return done(f"{self._name} rests on the bracket")
         self._shifts_m.pop(0)
         if not self._shifts_m:
@@ -65,18 +64,3 @@ class Insert:
             planner.settings,
             holding=self._name,
         )
-
-    def _touches(self, observation: Observation) -> bool:
-        """Whether the tool hangs above where its trajectory has it now."""
-        trajectory = self._move.trajectory
-        if trajectory is None:
-            return False
-        planned = self._planner.kinematics.forward(trajectory.at(observation.time_s - self._move.started_s))
-        return self._tool_height_m(observation) - planned.position_m[2] > self._planner.settings.contact_lag_m
-
-    def _height_m(self, observation: Observation) -> float:
-        """Height of the tool above its goal."""
-        return self._tool_height_m(observation) - self._goal.position_m[2]
-
-    def _tool_height_m(self, observation: Observation) -> float:
-        return self._planner.kinematics.forward(np.array(observation.arm.positions_rad)).position_m[2]

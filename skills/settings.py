@@ -32,7 +32,8 @@ class MotionSettings(Model):
         carry_gap_m: the peg of a carried part passes this far above placed parts.
         insertion_speed_m_s: of a peg that is being lowered into its hole.
         insertion_start_m: above the hole, where slow lowering begins.
-        contact_lag_m: a tool that stays this far above its trajectory has met something.
+        servo_lag_s: the arm trails its trajectory by at most this much.
+        contact_lag_m: a tool that stays this far above where it should be by then has met something.
         search_shifts_m: where a peg that met the rim is tried again, along the sides that the fingers hold; from one
             finger to the other they have centred the part.
         release_gap_m: a part is let go this far above what it will stand on.
@@ -68,6 +69,7 @@ class MotionSettings(Model):
     carry_gap_m: float = Field(default=0.020, gt=0)
     insertion_speed_m_s: float = Field(default=0.08, gt=0)
     insertion_start_m: float = Field(default=0.002, ge=0)
+    servo_lag_s: float = Field(default=0.016, ge=0)
     contact_lag_m: float = Field(default=0.002, gt=0)
     search_shifts_m: tuple[float, ...] = (0.0035, -0.0035, 0.007, -0.007, 0.0105, -0.0105)
     release_gap_m: float = Field(default=0.0015, ge=0)

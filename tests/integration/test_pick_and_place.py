@@ -157,6 +157,21 @@ def test_a_part_that_is_not_there_is_not_held(robot: RobotAlone) -> None:
     assert "nothing between the fingers" in progress.reason
 
 
+def test_fingers_that_meet_a_part_lying_unseen_stop_and_rise_again(robot: RobotAlone) -> None:
+    wanted, unseen, _ = robot.parts
+    robot.stand(wanted, (0.55, -0.40), 0.0)
+    height_m = robot.bench.tray.centre_m[2] + robot.product.parts[unseen.part].size_m[1] / 2
+    robot.world.place(unseen, Pose((0.55, -0.34, height_m), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)))
+    robot.wait(0.4)
+    seen = robot.detection(wanted, np.random.default_rng(0), 0.0, 0.0)
+    start_s = robot.clock.now_s()
+    progress = robot.run(Pick(robot.planner, seen))
+    assert progress.status is SkillStatus.FAILURE
+    assert progress.reason == "the fingers met something on the way down to o1"
+    assert robot.clock.now_s() - start_s < 3.0
+    assert robot.run(MoveTo(robot.planner, "look", [seen])).status is SkillStatus.SUCCESS
+
+
 def test_a_halt_in_mid_carry_stops_the_arm_and_keeps_the_part(robot: RobotAlone) -> None:
     part = robot.parts[2]
     robot.stand(part, (0.55, -0.40), 0.3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import product as product_of
 
 from cell.interfaces.product import Product
 from learned.semantic.evaluate import Answers, success
@@ -12,6 +13,7 @@ from learned.semantic.graph import Layout
 from learned.semantic.scenarios import TRAIN_RATIO, scenarios, split, sub_demonstrations
 
 RATIOS = (0.2, 0.3, 0.4, 0.6, TRAIN_RATIO, 0.9)
+FEW_RATIOS = (0.2, 0.4, TRAIN_RATIO)  # with fewer goals, and with sub-demonstrations
 SEEDS = (1, 2, 3, 4, 5)
 
 
@@ -22,14 +24,12 @@ def ratio_cells(product: Product) -> list[Cell]:
     for augment in (False, True):
         for count in range(most, most - 1 if augment else 0, -1):
             some = first_goals(product, count)
-            for ratio in RATIOS:
-                for seed in SEEDS:
-                    for kind in KINDS:
-                        if kind == "bayes" and augment:
-                            continue
-                        key = {"experiment": "ratios", "kind": kind, "goals": count, "ratio": ratio, "seed": seed}
-                        key["sub_demonstrations"] = augment
-                        cells.append(Cell(key, partial(_measure, some, kind, ratio, seed, augment)))
+            ratios = RATIOS if count == most and not augment else FEW_RATIOS
+            for kind, ratio, seed in product_of(KINDS, ratios, SEEDS):
+                key = {"experiment": "ratios", "kind": kind, "goals": count, "ratio": ratio, "seed": seed}
+                if kind != "bayes" or not augment:
+                    measure = partial(_measure, some, kind, ratio, seed, augment)
+                    cells.append(Cell({**key, "sub_demonstrations": augment}, measure))
     return cells
 
 

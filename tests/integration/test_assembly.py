@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import pytest
 
 from cell.configuration import ROOT
+from cell.interfaces.pose import Pose
 from sim.clutter import ScenePart, standing
 from tests.integration.cell_rig import (
     ASSEMBLE,
@@ -84,3 +85,15 @@ def test_of_two_parts_side_by_side_one_is_fetched_and_placed(part: str, width_m:
     assert placement is not None
     assert (placement.part, placement.seated) == (part, True)
     assert not any("aside" in reason for reason in diary.reasons())
+
+
+def test_a_part_lying_where_the_fingers_go_ends_in_a_call_for_help_after_three_tries() -> None:
+    half_width_m = PRODUCT.parts["o2"].size_m[1] / 2
+    lying = Pose((0.55, -0.34, BENCH.tray.centre_m[2] + half_width_m), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0))
+    scene = [*standing_in_tray([("o1", (0.55, -0.40), 0.0)]), ScenePart("o2", lying)]
+    with robot_alone(scene, seed=1) as cell:
+        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o1"})
+    assert outcome.end == "failed", outcome.reason
+    met = [reason for reason in diary.reasons() if reason == "the fingers met something on the way down to o1"]
+    assert len(met) == 3
+    assert outcome.sim_time_s < 30.0

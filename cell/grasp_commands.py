@@ -90,19 +90,21 @@ def evaluate(
     kind: Annotated[str, typer.Option(help="paper, pairwise or rule.")] = "pairwise",
     weights: Annotated[Path | None, typer.Option(help="ONNX file; the shipped one by default.")] = None,
     experiment: Annotated[
-        Experiment | None, typer.Option(help="Train and compare planners instead, and write tables and plots.")
+        Experiment | None, typer.Option(help="Compare all planners instead; finished cells are kept under data/.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Markdown file of an experiment.")] = ROOT / "docs" / "grasp.md",
+    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     scenes: Annotated[int, typer.Option(min=4, help="Number of test scenes.")] = 1000,
     as_json: JsonOption = False,
 ) -> None:
-    """Score the grasp planner, or compare planners in an experiment (minutes; finished parts are kept)."""
+    """Score the grasp planner, or run an experiment with all of them."""
     product = product_of(config)
     if experiment is not None:
-        _compare(experiment, out, product)
+        _experiment(experiment, out, product)
         return
+    if out is not None:
+        raise InputError("--out is for --experiment; scores of one planner go to the terminal, or --json")
     from learned.grasp.evaluate import evaluate_grasp
     from learned.grasp.planner import load_grasp_planner
 
@@ -110,7 +112,9 @@ def evaluate(
     report_scores("grasp", evaluate_grasp(planner, product, seed, scenes), as_json)
 
 
-def _compare(experiment: Experiment, out: Path, product: Product) -> None:
+def _experiment(experiment: Experiment, out: Path | None, product: Product) -> None:
+    if out is None:
+        raise InputError("--experiment needs --out FILE, the page to write")
     need_torch()
     import torch
 
@@ -122,7 +126,7 @@ def _compare(experiment: Experiment, out: Path, product: Product) -> None:
     cells = [cell for name in chosen for cell in cells_of(name)]
     scores = run_cells(cells, product, KEPT / "cells", console())
     facts = {
-        "command": f"`cell eval grasp --experiment {experiment.value}`",
+        "command": f"`cell eval grasp --experiment {experiment.value} --out {out}`",
         "date": date.today().isoformat(),
         "machine": f"{platform.machine()}, one thread, Python {platform.python_version()}, torch {torch.__version__}",
     }

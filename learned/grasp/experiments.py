@@ -25,6 +25,7 @@ from learned.grasp.contenders import CONTENDERS, Trainer
 from learned.grasp.evaluate import SCENE_SIZES, evaluate_scenes, iterative_scores
 from learned.grasp.scenes import Scene, draw_scenes
 from learned.grasp.settings import TRAY_SCENES, DetectionNoise, SceneSettings
+from learned.grasp.torch_planners import PaperInBulk
 
 Experiment = Literal["table2", "table3", "noise", "curve"]
 EXPERIMENTS: tuple[Experiment, ...] = ("table2", "table3", "noise", "curve")
@@ -136,8 +137,10 @@ def _scores(cell: Cell, trainer: Trainer, product: Product) -> dict[str, float]:
     settings = (TRAY_SCENES if cell.tray else SceneSettings()).model_copy(update={"noise": noise})
     if cell.what.startswith("iterative"):
         return _iterative(planner, product, int(cell.what.split()[1]), settings)
-    scenes = _test_scenes(product.model_dump_json(), cell.noise, cell.tray)
-    return evaluate_scenes(planner, scenes[: 50 if cell.what == "fifty" else None], TEST_SEED)
+    scenes = _test_scenes(product.model_dump_json(), cell.noise, cell.tray)[: 50 if cell.what == "fifty" else None]
+    if isinstance(planner, PaperInBulk):
+        planner.prepare([scene.parts for scene in scenes])
+    return evaluate_scenes(planner, scenes, TEST_SEED)
 
 
 def _iterative(planner: GraspPlanner, product: Product, size: int, settings: SceneSettings) -> dict[str, float]:

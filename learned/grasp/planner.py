@@ -142,7 +142,14 @@ class PaperPlanner:
             ModelError: the network answered NaN or words that are no solution.
         """
         graph = self._graph(parts, required)
-        answer = self._answer(graph)
+        return self.worded(graph, self._answer(graph))
+
+    def worded(self, graph: SceneGraph, answer: Mapping[str, NDArray[Any]]) -> GraspPlan:
+        """The plan that the network's outputs mean.
+
+        Raises:
+            ModelError: the words are no solution.
+        """
         graspable = 1.0 / (1.0 + math.exp(-float(answer["verdict"][0])))
         if graspable >= 0.5:
             return Solution().plan(graspable)

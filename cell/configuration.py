@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError, Problem
@@ -104,6 +104,12 @@ class LogSettings(Model):
     rotate_s: float | None = Field(default=None, gt=0)
     keep_parts: int | None = Field(default=None, ge=1)
     keep_mb: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _only_parts_are_removed(self) -> LogSettings:
+        if (self.keep_parts or self.keep_mb) and not (self.rotate_mb or self.rotate_s):
+            raise ValueError("keep_parts and keep_mb need rotate_mb or rotate_s: a log in one file is kept whole")
+        return self
 
 
 class Configuration(Model):

@@ -20,7 +20,6 @@ class LogFiles:
     """Opens one part after the other, and takes old ones away where only so many are to be kept.
 
     Attributes:
-        path: of the file that the log begins with.
         rotates: whether there are parts at all.
         number: of the part that is written, from 1.
     """
@@ -33,7 +32,7 @@ class LogFiles:
         """
         self.rotates = settings.rotate_mb is not None or settings.rotate_s is not None
         self.number = 1
-        self.path = part_path(path, 1) if self.rotates else path
+        first = part_path(path, 1) if self.rotates else path
         self._whole, self._settings, self._context, self._heading = path, settings, context, heading
         self._retired: list[LogFile] = []
         self._kept: dict[Path, int] = {}  # bytes of the parts before this one
@@ -42,9 +41,14 @@ class LogFiles:
         if self.rotates:
             for old in parts_of(path):
                 old.unlink()
-        self._file = LogFile(self.path, context, heading)
+        self._file = LogFile(first, context, heading)
         if self.rotates:
             self._file.note("part", {"number": "1", "first_tick": "0"})
+
+    @property
+    def path(self) -> Path:
+        """The file that the log begins with, of those that are kept."""
+        return next(iter(self._kept), self._file.path)
 
     @property
     def error(self) -> str:
@@ -107,7 +111,7 @@ class LogFiles:
     def remove(self) -> None:
         """Leave nothing behind."""
         self.close()
-        for path in (*parts_of(self._whole), self.path) if self.rotates else (self.path,):
+        for path in (*self._kept, self._file.path):
             path.unlink(missing_ok=True)
 
     def _sweep(self) -> None:
@@ -125,4 +129,7 @@ class LogFiles:
         ):
             oldest = next(iter(self._kept))
             del self._kept[oldest]
-            oldest.unlink(missing_ok=True)
+            try:
+                oldest.unlink(missing_ok=True)
+            except OSError as error:
+                self._opening_error = f"an old part cannot be removed: {error.strerror or error}"

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
+from pydantic import ValidationError
 
 from cell import joint_samples, log_file
 from cell.configuration import LogSettings
@@ -101,7 +102,8 @@ def test_parts_end_at_their_size(tmp_path: Path) -> None:
 
 
 def test_only_so_many_parts_are_kept(tmp_path: Path) -> None:
-    recorded(tmp_path / "log.mcap", rotate_s=0.2, keep_parts=3)
+    recorder = recorded(tmp_path / "log.mcap", rotate_s=0.2, keep_parts=3)
+    assert (recorder.path, recorder.parts) == (tmp_path / "log.0006.mcap", 8)
     assert [part.name for part in parts_of(tmp_path / "log.mcap")] == [f"log.{n:04d}.mcap" for n in (6, 7, 8)]
     kept = read_log(tmp_path / "log.mcap")
     assert (kept.ticks[0].number, len(kept.ticks)) == (25, 15)
@@ -109,6 +111,11 @@ def test_only_so_many_parts_are_kept(tmp_path: Path) -> None:
     parts = parts_of(tmp_path / "less.mcap")
     assert sum(part.stat().st_size for part in parts[:-1]) <= 50_000
     assert 2 <= len(parts) < 8
+
+
+def test_keeping_parts_of_a_log_in_one_file_is_a_mistake() -> None:
+    with pytest.raises(ValidationError, match="need rotate_mb or rotate_s"):
+        LogSettings(keep_parts=3)
 
 
 def test_parts_of_an_earlier_log_do_not_mix_with_a_new_one(path: Path) -> None:

@@ -14,7 +14,7 @@ import typer
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.log.compare import Comparison, Difference
+    from cell.log.compare import Comparison
     from cell.log.reader import Log
     from cell.log.replay import Step
 
@@ -93,11 +93,9 @@ def info(log: LogArgument, as_json: JsonOption = False) -> None:
     if as_json:
         _line(answer)
         return
-    for name, value in answer.items():
-        if isinstance(value, Mapping):
-            _say(f"{name}:", *(f"  {key}: {_short(item)}" for key, item in value.items()))
-        else:
-            _say(f"{name}: {value}")
+    from cell.log.wording import info_lines
+
+    _say(*info_lines(answer))
 
 
 @log_app.command()
@@ -110,8 +108,9 @@ def ticks(
 ) -> None:
     """List ticks with what was noted, commanded and shown; with --json one object a line."""
     from cell.log import question
+    from cell.log.wording import tick_lines
 
-    _lines(question.ticks(_read(log), from_s, until_s, everything), as_json, _tick_text)
+    _lines(question.ticks(_read(log), from_s, until_s, everything), as_json, lambda tick: "\n".join(tick_lines(tick)))
 
 
 @log_app.command()
@@ -132,7 +131,9 @@ def query(
     if status is not None and status not in legal:
         raise InputError(f"--status {status} is no status; legal: {', '.join(legal)}")
     asked = question.Query(node, status, key, topic, from_s, until_s)
-    _lines(question.query(_read(log), asked), as_json, lambda entry: _short(entry, LONGEST_VALUE))
+    from cell.log.wording import short
+
+    _lines(question.query(_read(log), asked), as_json, lambda entry: short(entry, LONGEST_VALUE))
 
 
 @log_app.command()
@@ -145,7 +146,10 @@ def diff(
     from cell.log import question
 
     logs = _read([one]), _read([other])
-    return _report(question.diff(*logs), "; ".join(log.unfinished for log in logs if log.unfinished), as_json)
+    unfinished = "; ".join(log.unfinished for log in logs if log.unfinished)
+    return _report(
+        question.diff(*logs), unfinished, as_json, (one.name, other.name) if one.name != other.name else ("A", "B")
+    )
 
 
 @log_app.command()
@@ -198,12 +202,14 @@ def to_test(
 
     case = out / f"{name or _beside(log, '').name}.mcap"
     size = write_case(_read(log), case, until_s)
+    from cell.log.wording import difference_lines
+
     differing = check_case(case)
     if as_json:
         first = vars(differing[0]) if differing else None
         _line({"case": str(case), "bytes": size, "differences": len(differing), "first": first})
     else:
-        _say(f"{case}: {size} bytes", *(line for one in differing[:1] for line in ("differs:", *_difference_text(one))))
+        _say(f"{case}: {size} bytes", *(line for one in differing[:1] for line in ("differs:", *difference_lines(one))))
     return DIFFERS if differing else 0
 
 
@@ -235,7 +241,9 @@ def _weights(options: Iterable[str]) -> dict[str, Path]:
     return found
 
 
-def _report(comparison: Comparison, unfinished: str, as_json: bool) -> int:
+def _report(comparison: Comparison, unfinished: str, as_json: bool, names: tuple[str, str] = ("was", "now")) -> int:
+    from cell.log.wording import difference_lines
+
     if as_json:
         _line({**comparison.as_json(), "unfinished": unfinished})
     elif comparison.identical:
@@ -243,18 +251,13 @@ def _report(comparison: Comparison, unfinished: str, as_json: bool) -> int:
     else:
         assert comparison.first is not None
         _say(f"{comparison.differing_ticks} of {comparison.ticks} ticks differ", "first:")
-        _say(*_difference_text(comparison.first), "by decision (ticks, first):")
+        _say(*difference_lines(comparison.first, names), "by what differs (number of ticks, first one):")
         for aspect, first in comparison.first_by_aspect.items():
-            _say(f"  {aspect}: {comparison.ticks_by_aspect[aspect]}", *_difference_text(first))
+            _say(f"  {aspect}: {comparison.ticks_by_aspect[aspect]}", *difference_lines(first, names))
         if comparison.ticks_by_node:
             _say("by node (ticks):")
             _say(*(f"  {count:6d} {node}" for node, count in comparison.ticks_by_node.most_common(SHOWN_NODES)))
     return 0 if comparison.identical else DIFFERS
-
-
-def _difference_text(difference: Difference) -> list[str]:
-    place = f"    tick {difference.tick} at {difference.time_s:.2f} s: {difference.node or difference.aspect}"
-    return [place, f"      was: {_short(difference.was)}", f"      now: {_short(difference.now)}"]
 
 
 def _shower(log: Log, folder: Path | None) -> Callable[[Step], bool]:
@@ -280,41 +283,37 @@ def _shower(log: Log, folder: Path | None) -> Callable[[Step], bool]:
 
 
 def _step_text(step: Step) -> list[str]:
+    from cell.log.wording import change_lines, command_text, difference_lines, note_text, short
+
     tick, now = step.logged, step.now
     seen = tick.observation.bench
     lines = [f"--- tick {tick.number} at {tick.time_s:.2f} s: {now.status}"]
     if seen is not None:
         holes = " ".join(f"{position}={hole.part or '-'}" for position, hole in seen.holes.items())
-        hand = "no hand" if seen.hand is None else f"hand at {seen.hand.fingertips_m}, holds {seen.hand.held_part}"
+        hand = "no hand"
+        if seen.hand is not None:
+            x, y = seen.hand.fingertips_m
+            hand = f"hand at ({x:.3f}, {y:.3f}) m, holds {seen.hand.held_part or 'nothing'}"
         lines.append(f"  overhead frame {seen.sequence} of {seen.time_s:.2f} s: {seen.action}; {hand}; {holes}")
     if (parts := tick.observation.parts) is not None:
         lines.append(
             f"  wrist frame {parts.sequence} of {parts.time_s:.2f} s: {' '.join(p.part for p in parts.detections)}"
         )
-    lines += [f"  {one.path}: {one.old.name} -> {one.new.name} {one.feedback}".rstrip() for one in now.changes]
-    lines += [f"  {topic}: {_short(fields)}" for topic, fields in now.notes]
-    lines += [f"  command: {_short(now.command)}"] if now.command else []
-    lines += [f"  {{{key}}} = {_short(str(value))}" for key, value in step.blackboard.items()]
+    lines += [f"  {line}" for line in change_lines(now.changes)]
+    lines += [f"  {note_text(topic, fields)}" for topic, fields in now.notes]
+    lines += [f"  {command_text(now.command)}"] if now.command else []
+    lines += [f"  {{{key}}} = {short(str(value), LONGEST_VALUE)}" for key, value in step.blackboard.items()]
     for difference in step.differences:
-        lines += ["  DIFFERS", *_difference_text(difference)]
+        lines += ["  DIFFERS", *difference_lines(difference)]
     return lines
 
 
-def _tick_text(tick: Mapping[str, Any]) -> str:
-    told = [f"{note['topic']} {_short({k: v for k, v in note.items() if k != 'topic'})}" for note in tick["notes"]]
-    told += [f"command {_short(tick['command'])}"] if tick["command"] else []
-    told += [f"shows {tick['display']['message']!r}"] if tick["display"] else []
-    return f"{tick['tick']:6d} {tick['time_s']:8.2f} s {tick['status']} " + "; ".join(told)
-
-
-def _short(value: object, longest: int = LONGEST_VALUE) -> str:
-    text = value if isinstance(value, str) else json.dumps(value)
-    return text if len(text) <= longest else f"{text[: longest - 3]}..."
-
-
 def _lines(entries: Iterable[Mapping[str, Any]], as_json: bool, text: Callable[[Mapping[str, Any]], str]) -> None:
-    for entry in entries:
+    count = 0
+    for count, entry in enumerate(entries, 1):  # noqa: B007 - counted to say where nothing was found
         sys.stdout.write((json.dumps(entry) if as_json else text(entry)) + "\n")
+    if not count:
+        sys.stderr.write("cell: nothing of that is in the log\n")
 
 
 def _line(answer: Mapping[str, object]) -> None:

@@ -25,14 +25,16 @@ def changed_configuration(folder: Path, old: str, new: str) -> Path:
     return path
 
 
-def recorded(folder: Path, tree: Path, duration_s: float, seed: int = 1, settings: str = "") -> Log:
+def recorded(folder: Path, tree: Path, duration_s: float, seed: int = 1, settings: str = "", act: float = 0.9) -> Log:
     """The log of a run in simulation that ends after a while.
 
     Args:
         settings: lines of YAML for the log.
+        act: probability from which the robot acts.
     """
     configuration = changed_configuration(folder / "config", "max_duration_s: 300.0", f"max_duration_s: {duration_s}")
-    configuration.write_text(configuration.read_text().replace("\nlog:\n", f"\nlog:\n{settings}"))
+    text = configuration.read_text().replace("act_probability: 0.9", f"act_probability: {act}")
+    configuration.write_text(text.replace("\nlog:\n", f"\nlog:\n{settings}"))
     log = folder / "log.mcap"
     run(RunOptions(tree, configuration, "g0", seed, "fast", log), Console(quiet=True))
     return read_log(log)
@@ -56,5 +58,5 @@ def assembly_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
 
 @pytest.fixture(scope="session")
 def tray_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
-    """Until the robot has looked into the tray for the first time."""
-    return recorded(tmp_path_factory.mktemp("tray"), DEFAULT_TREE, 9.0, seed=3)
+    """Until the robot, which acts on little evidence here, has looked into the tray for the first time."""
+    return recorded(tmp_path_factory.mktemp("tray"), DEFAULT_TREE, 9.0, seed=3, act=0.1)

@@ -16,7 +16,7 @@ from learned.grasp.reference import AveragingPlanner
 from learned.grasp.relations import RelationNet
 from learned.grasp.rule import RulePlanner
 from learned.grasp.scenes import Scene
-from learned.grasp.settings import DetectionNoise, GripperGeometry
+from learned.grasp.settings import DetectionNoise, GripperGeometry, SceneSettings
 from learned.grasp.torch_planners import PaperInBulk, RelationPlanner, TorchNetwork
 from learned.grasp.train import train_pairwise, train_paper, train_relations, training_scenes
 from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
@@ -64,6 +64,9 @@ CONTENDERS = {
     "lstm": Contender("WL-GNN + plain LSTM", _variant(attention=False), (0.89, 0.872, 0.864)),
     "filter": Contender("distance filter .16", _variant(edges="none", filter_m=0.16), (0.881, 0.843, 0.829)),
     "unweighted": Contender("no edge weights", _variant(edges="none"), (0.634, 0.586, 0.545)),
+    "crops": Contender(
+        "WL-GNN + LSTM_Att, normalised, with crops' embeddings", _variant(data=SceneSettings(crops=True))
+    ),
     "gcn": Contender("GCN_Att", _variant(edges="gcn"), (0.421, 0.621, 0.692)),
     "relations": Contender("GVMRN_RF", RelationSettings(observations=1)),
 }
@@ -96,7 +99,7 @@ class Trainer:
         if isinstance(settings, PairwiseSettings):
             return lambda noise: PairwisePlanner(TorchNetwork(net, ("logits",)), self.product, noise)
         if isinstance(settings, PaperSettings):
-            graph = settings.edges, settings.filter_m
+            graph = settings.edges, settings.filter_m, settings.data.crops
             return lambda _: PaperInBulk(TorchNetwork(net, ("verdict", "words")), self.product, *graph)
         assert isinstance(net, RelationNet)
         return lambda _: RelationPlanner(net, self.product)

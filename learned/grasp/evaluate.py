@@ -150,7 +150,9 @@ def _next_grasp(
     planner: GraspPlanner, boxes: Boxes, required: int, rng: np.random.Generator, settings: SceneSettings
 ) -> int | None:
     """Alg. 2 on one image: from the required part along "move b" to a part that is graspable; None asks for help."""
-    seen = Scene(boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise), settings.noise)
+    seen = Scene(
+        boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise, settings.crops), settings.noise
+    )
     target, asked = required, {required}
     while True:
         plan = answer(planner, seen, target)

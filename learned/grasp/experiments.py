@@ -137,7 +137,10 @@ def _scores(cell: Cell, trainer: Trainer, product: Product) -> dict[str, float]:
     settings = (TRAY_SCENES if cell.tray else SceneSettings()).model_copy(update={"noise": noise})
     if cell.what.startswith("iterative"):
         return _iterative(planner, product, int(cell.what.split()[1]), settings)
-    scenes = _test_scenes(product.model_dump_json(), cell.noise, cell.tray)[: 50 if cell.what == "fifty" else None]
+    crops = cell.contender == "crops"
+    scenes = _test_scenes(product.model_dump_json(), cell.noise, cell.tray, crops)[
+        : 50 if cell.what == "fifty" else None
+    ]
     if isinstance(planner, PaperInBulk):
         planner.prepare([scene.parts for scene in scenes])
     return evaluate_scenes(planner, scenes, TEST_SEED)
@@ -150,6 +153,6 @@ def _iterative(planner: GraspPlanner, product: Product, size: int, settings: Sce
 
 
 @lru_cache(maxsize=8)
-def _test_scenes(product: str, noise: str, tray: bool) -> tuple[Scene, ...]:
-    settings = (TRAY_SCENES if tray else SceneSettings()).model_copy(update={"noise": NOISES[noise]})
+def _test_scenes(product: str, noise: str, tray: bool, crops: bool) -> tuple[Scene, ...]:
+    settings = (TRAY_SCENES if tray else SceneSettings()).model_copy(update={"noise": NOISES[noise], "crops": crops})
     return tuple(draw_scenes(Product.model_validate_json(product), TEST_SEED, 1000, "test", settings))

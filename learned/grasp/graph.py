@@ -13,6 +13,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.boxes import boxes_of
+from learned.grasp.crops import CROP_FEATURES, crop_signs
 from learned.grasp.solution import nearest_first
 
 MAX_PARTS = 8  # what does not fit is farthest from the required part
@@ -41,26 +42,34 @@ class SceneGraph:
     order: tuple[int, ...]
 
 
-def feature_count(product: Product) -> int:
-    """Width of the node features."""
-    return len(product.parts) + _GEOMETRY + MAX_PARTS
+def feature_count(product: Product, crops: bool = False) -> int:
+    """Width of the node features, with or without the embeddings of crops."""
+    return len(product.parts) + _GEOMETRY + MAX_PARTS + (CROP_FEATURES if crops else 0)
 
 
-def mirror_signs(product: Product) -> NDArray[np.float32]:
+def mirror_signs(product: Product, crops: bool = False) -> NDArray[np.float32]:
     """Signs (4, features) that turn nodes into those of the scene mirrored at the required part's axes."""
-    signs = np.ones((4, feature_count(product)), dtype=np.float32)
+    signs = np.ones((4, feature_count(product, crops)), dtype=np.float32)
     along, across, sine = (len(product.parts) + offset for offset in (1, 2, 4))
     signs[1, [along, sine]] = signs[2, [across, sine]] = signs[3, [along, across]] = -1.0
+    if crops:
+        signs[:, -CROP_FEATURES:] = crop_signs()
     return signs
 
 
 def scene_graph(
-    parts: Sequence[PartDetection], required: int, product: Product, edges: EdgeKind, filter_m: float | None = None
+    parts: Sequence[PartDetection],
+    required: int,
+    product: Product,
+    edges: EdgeKind,
+    filter_m: float | None = None,
+    crops: bool = False,
 ) -> SceneGraph:
     """The graph of all detections for one required part.
 
     Args:
         filter_m: parts farther from each other have no edge.
+        crops: nodes hold the detections' embeddings, too.
     """
     boxes = boxes_of(parts, product)
     order = nearest_first(boxes, required)[:MAX_PARTS]
@@ -70,7 +79,7 @@ def scene_graph(
     cos, sin = np.cos(near.yaw_rad[0]), np.sin(near.yaw_rad[0])
     turn = near.yaw_rad - near.yaw_rad[0]
     names = list(product.parts)
-    nodes = np.zeros((MAX_PARTS, feature_count(product)), dtype=np.float32)
+    nodes = np.zeros((MAX_PARTS, feature_count(product, crops)), dtype=np.float32)
     nodes[:count] = np.concatenate(
         [
             np.eye(len(names))[[names.index(name) for name in near.types]],
@@ -81,6 +90,7 @@ def scene_graph(
             (near.bottom_m - near.bottom_m[0])[:, None] / UNIT_M,
             np.array([[parts[i].confidence] for i in order]),
             np.eye(count, MAX_PARTS),  # its letter
+            *([np.array([parts[i].embedding for i in order])] if crops else []),
         ],
         axis=1,
     )

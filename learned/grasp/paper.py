@@ -167,14 +167,16 @@ class GraphData:
         return verdict_loss + word_loss
 
 
-def graph_data(scenes: Sequence[Scene], product: Product, edges: EdgeKind, filter_m: float | None = None) -> GraphData:
+def graph_data(
+    scenes: Sequence[Scene], product: Product, edges: EdgeKind, filter_m: float | None = None, crops: bool = False
+) -> GraphData:
     """Graphs from the detections, labels from the truth."""
     graphs, graspable, words = [], [], []
     for scene in scenes:
         if len(scene.parts) > MAX_PARTS:
             raise ValueError(f"a scene of {len(scene.parts)} parts; at most {MAX_PARTS} fit into a graph")
         for required in range(len(scene.parts)):
-            graph = scene_graph(scene.parts, required, product, edges, filter_m)
+            graph = scene_graph(scene.parts, required, product, edges, filter_m, crops)
             graphs.append(graph)
             graspable.append(scene.graspable(required))
             words.append(encode(scene.solution(required), graph.order))
@@ -184,5 +186,5 @@ def graph_data(scenes: Sequence[Scene], product: Product, edges: EdgeKind, filte
         torch.from_numpy(np.stack([graph.present for graph in graphs])),
         torch.tensor(graspable, dtype=torch.float32),
         torch.tensor(words),
-        torch.from_numpy(mirror_signs(product)),
+        torch.from_numpy(mirror_signs(product, crops)),
     )

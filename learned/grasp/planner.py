@@ -17,6 +17,7 @@ from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of
+from learned.grasp.crops import CROP_FEATURES
 from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
 from learned.grasp.language import WORDS, decode
 from learned.grasp.options import available
@@ -64,7 +65,8 @@ def _side_by_side(product: Product) -> tuple[PartDetection, ...]:
     """Two parts close together: weights that do not fit the features fail on them, before anything moves."""
     name, kind = next(iter(product.parts.items()))
     poses = (Pose((0.0, 0.0, 0.0)), Pose((0.0, kind.size_m[1] + 0.01, 0.0)))
-    return tuple(PartDetection(name, 1.0, pose, kind.size_m, (0, 0, 1, 1)) for pose in poses)
+    crop = (0.0,) * CROP_FEATURES
+    return tuple(PartDetection(name, 1.0, pose, kind.size_m, (0, 0, 1, 1), crop) for pose in poses)
 
 
 class PairwisePlanner:
@@ -128,11 +130,22 @@ class _View:
 class PaperPlanner:
     """Scene graph in; graspability and decoded words out (Eq. 4-7)."""
 
-    def __init__(self, network: Network, product: Product, edges: EdgeKind, filter_m: float | None = None) -> None:
+    def __init__(
+        self,
+        network: Network,
+        product: Product,
+        edges: EdgeKind,
+        filter_m: float | None = None,
+        crops: bool = False,
+    ) -> None:
+        """Args:
+        edges, filter_m, crops: as in `scene_graph`, and as in training.
+        """
         self._network = network
         self._product = product
         self._edges: EdgeKind = edges
         self._filter_m = filter_m
+        self._crops = crops
         self._answer(self._graph(_side_by_side(product), 0))
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
@@ -156,7 +169,7 @@ class PaperPlanner:
         return decode([int(word) for word in answer["words"][0]], graph.order).plan(graspable)
 
     def _graph(self, parts: tuple[PartDetection, ...], required: int) -> SceneGraph:
-        return scene_graph(parts, required, self._product, self._edges, self._filter_m)
+        return scene_graph(parts, required, self._product, self._edges, self._filter_m, self._crops)
 
     def _answer(self, graph: SceneGraph) -> dict[str, NDArray[Any]]:
         """Verdict and words of the network."""

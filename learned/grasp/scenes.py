@@ -14,6 +14,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, bodies_overlap, sliding_distance_m
+from learned.grasp.crops import crop_embeddings
 from learned.grasp.options import OPTIONS, graspable
 from learned.grasp.physics import touching
 from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
@@ -68,7 +69,12 @@ def draw_scenes(
     for index in range(count):
         rng = np.random.default_rng([seed, _SPLIT_CODES[split], index])
         boxes = _draw_boxes(product, rng, settings, sizes or settings.parts)
-        yield Scene(boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise), settings.noise)
+        yield Scene(
+            boxes,
+            touching(boxes, settings.outline),
+            observe(boxes, rng, settings.noise, settings.crops),
+            settings.noise,
+        )
 
 
 def can_grasp(boxes: Boxes, required: int, option: str, outline: GripperOutline | None = None) -> bool:
@@ -87,14 +93,21 @@ def standing_boxes(product: Product, parts: Sequence[tuple[str, Pose]]) -> Boxes
     )
 
 
-def observe(boxes: Boxes, rng: np.random.Generator, noise: DetectionNoise) -> tuple[PartDetection, ...]:
-    """What the part detector answers about boxes: a long box looks the same turned by half a turn."""
+def observe(
+    boxes: Boxes, rng: np.random.Generator, noise: DetectionNoise, crops: bool = False
+) -> tuple[PartDetection, ...]:
+    """What the part detector answers about boxes: a long box looks the same turned by half a turn.
+
+    Args:
+        crops: with an embedding of every part's crop.
+    """
     count = len(boxes)
     centre = boxes.centre_m + rng.normal(0.0, noise.position_m, (count, 2))
     yaw = boxes.yaw_rad + rng.normal(0.0, noise.yaw_rad, count) + math.pi * rng.integers(0, 2, count)
     bottom = boxes.bottom_m + rng.normal(0.0, noise.bottom_m, count)
     size = np.maximum(boxes.size_m + rng.normal(0.0, noise.size_m, (count, 3)), 0.001)
     confidence = rng.uniform(0.7, 1.0, count)
+    embeddings = crop_embeddings(boxes, centre, yaw).tolist() if crops else [()] * count
     return tuple(
         PartDetection(
             boxes.types[i],
@@ -102,6 +115,7 @@ def observe(boxes: Boxes, rng: np.random.Generator, noise: DetectionNoise) -> tu
             Pose.from_yaw((centre[i, 0], centre[i, 1], bottom[i]), float(yaw[i])),
             (float(size[i, 0]), float(size[i, 1]), float(size[i, 2])),
             _box_px(centre[i], float(yaw[i]), size[i]),
+            tuple(embeddings[i]),
         )
         for i in range(count)
     )

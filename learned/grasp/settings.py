@@ -94,6 +94,7 @@ class SceneSettings(Model):
         nearest_gap_m, farthest_gap_m: gap between the bodies of such neighbours.
         crowding: of so many free places found, the one nearest to the middle of all parts is taken.
         tray_m: inner (x, y) extent of the tray; bodies lie inside.
+        crops: detections have an embedding of their crop (learned/grasp/crops.py).
         outline: of the gripper that the labels are about.
         noise: of the detections.
     """
@@ -104,6 +105,7 @@ class SceneSettings(Model):
     farthest_gap_m: float = Field(default=0.012, gt=0)
     crowding: int = Field(default=8, ge=1)
     tray_m: tuple[float, float] = (0.32, 0.40)
+    crops: bool = False
     outline: GripperOutline = GripperOutline()
     noise: DetectionNoise = DetectionNoise()
 

@@ -130,9 +130,10 @@ def train_paper(
     """A trained network of the paper; the same arguments give the same weights."""
     torch.manual_seed(seed)
     seen = list(observed_again(scenes, seed, settings))
-    data = graph_data(seen, product, settings.edges, settings.filter_m)
+    data = graph_data(seen, product, settings.edges, settings.filter_m, settings.data.crops)
     own = settings.edges != "gcn"
-    net = PaperNet(feature_count(product), settings.hidden, settings.layers, own, settings.attention)
+    features = feature_count(product, settings.data.crops)
+    net = PaperNet(features, settings.hidden, settings.layers, own, settings.attention)
     fit(net, len(data), lambda chosen: data.loss(net, chosen), settings, seed, console, checkpoint)
     return net.eval()
 

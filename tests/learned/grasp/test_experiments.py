@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from learned.grasp.scenes import draw_scenes
-from learned.grasp.settings import DetectionNoise
+from learned.grasp.settings import DetectionNoise, SceneSettings
 from learned.grasp.tally import Tally, half_width
 from tests.learned.grasp.layouts import PRODUCT
 
@@ -37,7 +37,7 @@ def test_every_contender_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> 
             short = contender.settings.model_copy(update={"epochs": 1})
             monkeypatch.setitem(contenders.CONTENDERS, name, Contender(contender.title, short))
     trainer = Trainer(PRODUCT)
-    (scene,) = draw_scenes(PRODUCT, 31, 1, "validation")
+    (scene,) = draw_scenes(PRODUCT, 31, 1, "validation", SceneSettings(crops=True))
     for name in CONTENDERS:
         planner = trainer.planner(name, 4, 0)(DetectionNoise())
         for required in range(len(scene.parts)):

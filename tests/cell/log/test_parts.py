@@ -184,3 +184,15 @@ def test_joints_at_the_rate_of_the_arm_come_back(tmp_path: Path) -> None:
         assert (back.positions_rad == expected.positions_rad).all()
         assert (back.velocities_rad_s == expected.velocities_rad_s.astype("f4")).all()
         assert (back.efforts_nm == expected.efforts_nm.astype("f4")).all()
+
+
+@pytest.mark.parametrize("number", [2, 4])
+def test_a_part_that_was_cut_off_is_read_and_said(path: Path, number: int) -> None:
+    part = part_path(path, number)
+    part.write_bytes(part.read_bytes()[: part.stat().st_size // 2])
+    log = read_log(path)
+    assert len(log.ticks) < TICKS
+    assert "was not closed" in log.unfinished
+    missing = set(range(TICKS)) - {tick.number for tick in log.ticks}
+    assert missing <= set(range(10 * (number - 1), 10 * number))
+    assert bool(log.gaps) == (number == 2)

@@ -8,7 +8,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -49,8 +51,23 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     options = parser.parse_args()
     goals = sorted(load_product(load_configuration()).goals)
-    table = Table("seed", "goal", "disturbance", "end", "ticks", "run s", "replay", "replay s", "x real time", "MB")
+    table = Table(
+        "seed",
+        "goal",
+        "disturbance",
+        "end",
+        "ticks",
+        "run s",
+        "replay",
+        "replay s",
+        "CPU s",
+        "x real time",
+        "x in CPU",
+        "MB",
+    )
     identical = 0
+    whole: list[Mapping[str, Any]] = []
+    disturbed: list[Mapping[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(options.first_seed, options.first_seed + options.runs):
             log = Path(folder) / f"{seed}.mcap"
@@ -59,11 +76,18 @@ def main() -> None:
             record(log, goal, seed, disturbance)
             row = replayed(log)
             identical += row["replay"] == "identical"
+            (whole if disturbance == "none" else disturbed).append(row)
             table.add_row(str(seed), goal, disturbance, *(str(value) for value in row.values()))
             Console(stderr=True).print(seed, goal, disturbance, row)
             log.unlink()
     Console(width=140).print(table)
     Console().print(f"{identical} of {options.runs} replays are identical")
+    for what, rows in (("whole", whole), ("disturbed", disturbed)):
+        for unit in ("speed", "cpu_speed") if rows else ():
+            speeds = [float(row[unit]) for row in rows]
+            clock = "wall" if unit == "speed" else "processor"
+            mean, least = statistics.mean(speeds), min(speeds)
+            Console().print(f"{len(rows)} {what} runs, {clock} time: {mean:.0f} x real time, least {least:.0f} x")
 
 
 def record(log: Path, goal: str, seed: int, disturbance: str) -> None:
@@ -82,10 +106,10 @@ def record(log: Path, goal: str, seed: int, disturbance: str) -> None:
 
 def replayed(log: Path) -> Mapping[str, Any]:
     """A row of the table: `cell replay` in a process of its own, its start included."""
-    began_s = time.monotonic()
+    began_s, began_cpu_s = time.monotonic(), children_s()
     command = [sys.executable, "-m", "cell", "replay", str(log), "--json"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
-    wall_s = time.monotonic() - began_s
+    wall_s, cpu_s = time.monotonic() - began_s, children_s() - began_cpu_s
     read = read_log(log)
     run_s = read.ticks[-1].time_s
     answer = json.loads(result.stdout) if result.stdout else {}
@@ -98,9 +122,17 @@ def replayed(log: Path) -> Mapping[str, Any]:
         "run": round(run_s, 1),
         "replay": verdict,
         "replay_s": round(wall_s, 2),
+        "cpu_s": round(cpu_s, 2),
         "speed": round(run_s / wall_s, 1),
+        "cpu_speed": round(run_s / cpu_s, 1),
         "mb": round(log.stat().st_size / 1e6, 1),
     }
+
+
+def children_s() -> float:
+    """Processor time of all processes that were started and have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _number(text: str) -> float:

@@ -29,26 +29,28 @@ def main() -> None:
     parser.add_argument("what", choices=["pick_and_place", "clutter"])
     parser.add_argument("--poses", type=int, default=50, help="poses for each part type")
     parser.add_argument("--scenes", type=int, default=25, help="scenes of each size from 3 to 6 parts")
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     parser.add_argument("--planner", default=CONFIGURATION.planners.grasp.kind, help="kind of grasp planner")
     parser.add_argument("--from", dest="source", choices=SCENES, default="tray", help=" / ".join(SCENES))
     options = parser.parse_args()
     if options.what == "pick_and_place":
-        pick_and_place(options.poses)
+        pick_and_place(options.poses, options.first_seed)
     else:
-        cases = clearing.run_scenes(SCENES[options.source], options.scenes, FIRST_SEED, with_planner(options.planner))
+        configuration = with_planner(options.planner)
+        cases = clearing.run_scenes(SCENES[options.source], options.scenes, options.first_seed, configuration)
         clearing.report(f"Algorithm 2 executed: {options.planner}, {options.source} scenes", cases)
 
 
-def pick_and_place(poses: int) -> None:
+def pick_and_place(poses: int, first_seed: int) -> None:
     """Each part type alone in the tray at random poses, put into a random hole; judged by the simulator."""
     rows, failures = [], []
     for part in PRODUCT.parts:
         done = 0
         for number in track(range(poses), description=part, console=Console(stderr=True)):
-            reason = place_one(part, FIRST_SEED + number)
+            reason = place_one(part, first_seed + number)
             done += reason is None
             if reason is not None:
-                failures.append(f"{part}, seed {FIRST_SEED + number}: {reason}")
+                failures.append(f"{part}, seed {first_seed + number}: {reason}")
         rows.append((part, done, poses))
     rows.append(("all", sum(row[1] for row in rows), poses * len(PRODUCT.parts)))
     report("Pick and place of lone parts, poses from the wrist camera", rows, failures)

@@ -9,7 +9,9 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
+from py_trees.common import Status
 
 from cell.configuration import ROOT
 from cell.interfaces.pose import Pose
@@ -24,6 +26,7 @@ from tests.integration.cell_rig import (
     run_tree,
     with_person,
 )
+from trees.nodes.people import WaitForHandClearOfPart
 
 
 def standing_in_tray(spots: Sequence[tuple[str, tuple[float, float], float]]) -> list[ScenePart]:
@@ -97,3 +100,22 @@ def test_a_part_lying_where_the_fingers_go_ends_in_a_call_for_help_after_three_t
     met = [reason for reason in diary.reasons() if reason == "the fingers met something on the way down to o1"]
     assert len(met) == 3
     assert outcome.sim_time_s < 30.0
+
+
+def test_a_hand_near_the_part_stops_the_arm_which_goes_on_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hand is there for a second while the fingers go down; the cell here has no person, so it is told."""
+    near_s, tell = (2.9, 3.9), WaitForHandClearOfPart.update
+
+    def update(node: WaitForHandClearOfPart) -> Status:
+        near = near_s[0] <= node.services.observation.time_s < near_s[1]
+        return Status.RUNNING if near else tell(node)
+
+    monkeypatch.setattr(WaitForHandClearOfPart, "update", update)
+    with robot_alone(standing_in_tray([("o2", (0.55, -0.40), 0.4)]), seed=1) as cell:
+        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o2"})
+        held = lifted(cell, "o2")
+    assert outcome.end == "finished", outcome.reason
+    assert held
+    assert "halted" in diary.reasons()
+    ticks = np.array(diary.joints)[round((near_s[0] + 0.6) * 25) : round(near_s[1] * 25)]
+    assert np.ptp(ticks, axis=0).max() < 1e-3, "the arm stands while the hand is near"

@@ -8,7 +8,9 @@ from enum import Enum
 import numpy as np
 from py_trees.common import Status
 
+from cell.interfaces.perception import PartsView
 from cell.interfaces.pose import Array
+from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
 from trees.nodes.watching import SeenAction
 from trees.ports import InputPort
@@ -41,12 +43,15 @@ class WaitForAction(CellNode):
         return Status.SUCCESS
 
 
-class WaitForHandClear(CellNode):
-    """Wait while the hand is near the way to a position, or while nothing is known of the hand."""
+class HandWatch(CellNode):
+    """Base of the nodes that wait while the hand is near the way to something, or while nothing is known of it."""
 
-    position = InputPort(str, "position that the arm goes to")
     distance_m = InputPort(float, "how near is too near", default=0.20)
     stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5)
+
+    def target(self) -> tuple[str, Array]:
+        """What the arm goes to, in words, and where it is on the bench, (2,)."""
+        raise NotImplementedError
 
     def update(self) -> Status:
         view = self.services.observation.bench
@@ -55,20 +60,36 @@ class WaitForHandClear(CellNode):
             return Status.RUNNING
         if view.hand is None:
             return Status.SUCCESS
-        way = (np.array(self.services.tool_on_bench_m()), self._hole_m())
-        if (
-            min(_distance_m(point, *way) for point in (view.hand.fingertips_m, view.hand.palm_m))
-            >= self.distance_m.get()
-        ):
+        name, target_m = self.target()
+        way = (np.array(self.services.tool_on_bench_m()), target_m)
+        nearest_m = min(_distance_m(point, *way) for point in (view.hand.fingertips_m, view.hand.palm_m))
+        if nearest_m >= self.distance_m.get():
             return Status.SUCCESS
-        self.feedback_message = f"the hand is near the way to {self.position.get()}"
+        self.feedback_message = f"the hand is near the way to {name}"
         self.services.show(message=f"waiting: {self.feedback_message}")
         return Status.RUNNING
 
-    def _hole_m(self) -> Array:
-        """The position's hole on the bench, (2,)."""
-        hole = np.array([*self.services.product.bracket.holes_m[self.position.get()], 0.0])
-        return self.services.bench.bracket.pose.transform(hole)[:2]
+
+class WaitForHandClear(HandWatch):
+    """Wait while the hand is near the way to a position, or while nothing is known of the hand."""
+
+    position = InputPort(str, "position that the arm goes to")
+
+    def target(self) -> tuple[str, Array]:
+        position = self.position.get()
+        hole = np.array([*self.services.product.bracket.holes_m[position], 0.0])
+        return position, self.services.bench.bracket.pose.transform(hole)[:2]
+
+
+class WaitForHandClearOfPart(HandWatch):
+    """Wait while the hand is near the way to a part in the tray, or while nothing is known of the hand."""
+
+    parts = InputPort(PartsView, "parts seen in the tray")
+    index = InputPort(int, "number of the part among the seen ones")
+
+    def target(self) -> tuple[str, Array]:
+        part, _ = part_and_others(self.parts.get(), self.index.get())
+        return f"{part.part} in the tray", np.array(part.world_from_part.position_m[:2])
 
 
 class AskForHelp(CellNode):

@@ -25,7 +25,7 @@ from tests.trees.nodes.rig import (
 )
 from trees.errors import NodeError
 from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
-from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear
+from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear, WaitForHandClearOfPart
 from trees.nodes.planning import ChoosePosition, InferGoal
 from trees.nodes.watching import SeenAction
 
@@ -98,6 +98,19 @@ def test_the_arm_waits_for_a_near_hand_and_for_a_fresh_view() -> None:
     assert node.update() is Status.SUCCESS
     at.observation = replace(at.observation, time_s=3.0)
     assert node.update() is Status.RUNNING
+
+
+def test_the_arm_waits_for_a_hand_near_the_part_that_it_goes_to() -> None:
+    at = services()
+    node = WaitForHandClearOfPart("clear")
+    node.setup(services=at)
+    node.parts.entry.value, node.index.entry.value = seen_parts("o1", "o2"), 1  # type: ignore[union-attr]
+    x, y, _ = seen_parts("o1", "o2").detections[1].world_from_part.position_m
+    assert node.update() is Status.RUNNING
+    for offset_m, expected in ((0.05, Status.RUNNING), (0.35, Status.SUCCESS)):
+        see(at, 1.0, hand=hand_at(x + offset_m, y))
+        assert node.update() is expected
+    assert node.feedback_message == "the hand is near the way to o2 in the tray"
 
 
 def test_looking_waits_for_an_answer_to_an_image_taken_after_the_question() -> None:

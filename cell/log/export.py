@@ -8,9 +8,7 @@ import json
 import struct
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
-from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import cv2
@@ -129,7 +127,7 @@ def _video(log: Log, path: Path) -> int:
         raise LogError(
             log.path, f"holds {len(times_ns)} overhead frames; a video needs 2 (configuration: camera_frames)"
         )
-    frames, rate_hz = Frames(log), 1e9 / median(b - a for a, b in pairwise(times_ns))
+    frames, rate_hz = Frames(log), 1e9 * (len(times_ns) - 1) / max(1, times_ns[-1] - times_ns[0])
     starts = [tick.time_s for tick in log.ticks]
     rows = list(table(log))
     writer: cv2.VideoWriter | None = None

@@ -103,6 +103,8 @@ def test_video_has_every_overhead_frame(assembly_log: Log, tmp_path: Path) -> No
     assert count == sum(message.topic == "/camera/overhead" for message in assembly_log.messages)
     video = cv2.VideoCapture(str(path))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == count
+    times_ns = [message.time_ns for message in assembly_log.messages if message.topic == "/camera/overhead"]
+    assert (count - 1) / video.get(cv2.CAP_PROP_FPS) == pytest.approx((times_ns[-1] - times_ns[0]) / 1e9, rel=1e-3)
     assert video.read()[0]
 
 

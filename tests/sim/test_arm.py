@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.errors import DeviceFault
 from cell.interfaces.pose import Array
-from sim.arm import SPEED_LIMITS_RAD_S, STOP_DECELERATION_RAD_S2
+from sim.arm import KEPT_SAMPLES, SPEED_LIMITS_RAD_S, STOP_DECELERATION_RAD_S2
+from sim.settings import PhysicsSettings
 from tests.sim.conftest import MakeRig
 from tests.sim.rig import Rig
 
@@ -110,3 +112,49 @@ def test_an_arm_that_is_held_back_stops_and_says_why(make_rig: MakeRig, bench: B
     rig.wait(3.2)
     with pytest.raises(DeviceFault, match=r"protective stop: .* rad from its trajectory, limit"):
         rig.cell.arm.state()
+
+
+def test_joints_are_measured_at_500_hz_and_handed_out_once(make_rig: MakeRig, bench: Bench) -> None:
+    rig = make_rig()
+    arm = rig.cell.arm
+    arm.follow(ramp(rig, np.array(bench.arm_look_rad), 3.0))
+    found = []
+    for _ in range(5):
+        rig.wait(0.04)
+        found.append(arm.samples())
+        assert found[-1].positions_rad[-1].tolist() == list(arm.state().positions_rad)
+        assert found[-1].times_s[-1] == pytest.approx(arm.state().time_s)
+    assert [one.positions_rad.shape for one in found] == [(20, 6)] * 5
+    times_s = np.concatenate([one.times_s for one in found])
+    np.testing.assert_allclose(np.diff(times_s), 0.002, atol=1e-9)
+    positions = np.concatenate([one.positions_rad for one in found])
+    speeds = np.concatenate([one.velocities_rad_s for one in found])
+    np.testing.assert_allclose(np.diff(positions, axis=0)[50:] / 0.002, speeds[51:], atol=0.02)
+    assert np.abs(found[-1].efforts_nm).max() > 0.1
+    assert len(arm.samples().times_s) == 0
+
+
+def test_samples_that_nobody_takes_are_bounded_and_the_newest_stay(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    for number in range(KEPT_SAMPLES + 10):
+        rig.cell.arm.observe(float(number))
+    kept = rig.cell.arm.samples().times_s
+    assert kept.tolist() == [float(number) for number in range(10, KEPT_SAMPLES + 10)]
+
+
+def test_measuring_within_a_control_period_changes_no_motion(make_rig: MakeRig) -> None:
+    one, other = make_rig().cell.world, make_rig().cell.world
+    for world in (one, other):
+        world.data.ctrl[world.arm_ctrl] += 0.05
+    for _ in range(50):
+        one.step_period()
+        for _ in range(4):
+            other.step_sample()
+    assert (one.data.qpos == other.data.qpos).all()
+    assert (one.data.qvel == other.data.qvel).all()
+
+
+@pytest.mark.parametrize("sample_s", [0.0015, 0.003, 0.0002])
+def test_a_sample_period_that_does_not_fit_is_refused(sample_s: float) -> None:
+    with pytest.raises(ValidationError, match=r"sample_period_s .* must be a whole number of steps of 0\.001 s"):
+        PhysicsSettings(sample_period_s=sample_s)

@@ -154,6 +154,9 @@ def test_what_a_monitor_did_to_nodes_is_replayed(tmp_path: Path, monkeypatch: py
     assert (comparison.identical, comparison.ticks) == (True, len(log.ticks)), comparison.first
     deaf = tuple(dataclasses.replace(tick, inputs=()) for tick in log.ticks)
     assert not Replay(dataclasses.replace(log, ticks=deaf)).run().identical
+    another = Replay(log, Changes(tree=COMMISSION))
+    assert not another.run().identical
+    assert another.remarks[0].startswith("an order of a monitor at 0.24 s is left out")
 
 
 def test_a_log_that_leads_out_of_its_folder_is_refused(commission_log: Log) -> None:

@@ -1,6 +1,6 @@
 """Compares the grasp planner's labels with physics: simulated grasps without margins, judged by contacts.
 
-python -m tests.benchmarks.grasp_labels --scenes 600
+python -m tests.benchmarks.grasp_labels --scenes 600 --speed 0.08
 
 Scenes are drawn as for training; in each, one random part is grasped by every option that the stroke allows, at its
 true pose. A grasp is good where the part is lifted and no neighbour was touched or moved by more than half a
@@ -26,7 +26,7 @@ from learned.grasp.settings import GripperOutline
 from skills.grip import Grip, possible_grips
 from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, PRODUCT
-from tests.integration.grasp_trial import Standing, Verdict, try_grasp
+from tests.integration.grasp_trial import Descent, Standing, Verdict, try_grasp
 
 OUTLINE = GripperOutline()
 OPTIONS = {Grip.WIDTH: "width", Grip.LENGTH: "length"}
@@ -58,17 +58,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=600)
     parser.add_argument("--seed", type=int, default=0, help="of the scenes; those of the test split")
+    parser.add_argument("--speed", type=float, help="of the descent [m/s]; the skills' own by default")
     options = parser.parse_args()
+    descent = Descent(OUTLINE.clearance_m, OUTLINE.grasp_depth_m, options.speed)
     scenes = draw_scenes(PRODUCT, options.seed, options.scenes, "test")
     console = Console(stderr=True)
     trials: list[Trial] = []
     for number, scene in track(enumerate(scenes), total=options.scenes, description="grasps", console=console):
         part = int(np.random.default_rng([options.seed, number]).integers(len(scene.boxes)))
-        trials += try_part(scene, number, part)
+        trials += try_part(scene, number, part, descent)
     report(trials)
 
 
-def try_part(scene: Scene, number: int, part: int) -> Iterator[Trial]:
+def try_part(scene: Scene, number: int, part: int, descent: Descent) -> Iterator[Trial]:
     """Grasp one part of a scene by every option that the stroke allows."""
     boxes = scene.boxes
     room = clearance_m(boxes, OUTLINE)
@@ -76,7 +78,7 @@ def try_part(scene: Scene, number: int, part: int) -> Iterator[Trial]:
     for grip in possible_grips(PRODUCT.parts[boxes.types[part]], OUTLINE.clearance_m):
         option = OPTIONS[grip]
         where = f"scene {number}, part {part} ({boxes.types[part]}), {option}"
-        verdict = try_grasp(standing_in_tray(scene), part, grip, OUTLINE.clearance_m, where)
+        verdict = try_grasp(standing_in_tray(scene), part, grip, descent, where)
         room_m = float(room[part, list(OPTIONS).index(grip), neighbours].min(initial=np.inf))
         yield Trial(where, option, can_grasp(boxes, part, option, OUTLINE), room_m, verdict)
 

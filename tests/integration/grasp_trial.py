@@ -30,6 +30,21 @@ Standing = tuple[str, tuple[float, float], float]  # type, (x, y) in the world, 
 
 
 @dataclass(frozen=True)
+class Descent:
+    """How the fingers come down.
+
+    Attributes:
+        clearance_m: gap between each finger and the body.
+        depth_m: fingertips end this far below the body's top.
+        speed_m_s: on the way down; the skills' own by default.
+    """
+
+    clearance_m: float
+    depth_m: float
+    speed_m_s: float | None = None
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What happened.
 
@@ -70,16 +85,17 @@ class GripperContacts:
 class BlindGrasp(PhasedSkill):
     """Straight down on a part, close, and lift, whatever stands beside it."""
 
-    def __init__(self, planner: MotionPlanner, part: PartDetection, grip: Grip, clearance_m: float) -> None:
+    def __init__(self, planner: MotionPlanner, part: PartDetection, grip: Grip, descent: Descent) -> None:
         super().__init__()
-        self._planner, self._part, self._grip, self._clearance_m = planner, part, grip, clearance_m
+        self._planner, self._part, self._grip, self._descent = planner, part, grip, descent
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Choose the half turn with the shorter way."""
-        planner, part, settings = self._planner, self._part, self._planner.settings
+        planner, part = self._planner, self._part
+        settings = planner.settings.model_copy(update={"grasp_depth_m": self._descent.depth_m})
         kind = planner.product.parts[part.part]
         options = grasps(part, kind, settings, self._grip)
-        load = Load(opening_for(kind, self._grip, self._clearance_m), close=True)
+        load = Load(opening_for(kind, self._grip, self._descent.clearance_m), close=True)
         found = planner.reach([option.world_from_tool for option in options], joints_of(observation), load)
         if isinstance(found, str):
             return found
@@ -90,13 +106,13 @@ class BlindGrasp(PhasedSkill):
     def _phases_for(self, target: Pose, above_rad: Array, load: Load) -> list[Phase]:
         planner, settings = self._planner, self._planner.settings
         speed, force = settings.gripper_speed_m_s, settings.grip_force_n
-        lifted_m = target.position_m[2] + LIFT_M
+        down_m_s, lifted_m = self._descent.speed_m_s, target.position_m[2] + LIFT_M
         return [
             Activate(),
             SetGripper("opening", GripperCommand(load.opening_m, speed, force), settings, wait=False),
             Move("moving above", lambda start: planner.free_move(start, above_rad, load), settings),
             FingersRest("opening", settings),
-            Move("going down", lambda start: planner.straight_move(start, target, load), settings),
+            Move("going down", lambda start: planner.straight_move(start, target, load, down_m_s), settings),
             SetGripper("grasping", GripperCommand(0.0, speed, force), settings, must_hold=True),
             Move("lifting", lambda start: planner.rise(start, lifted_m, load.opening_m), settings, holding="it"),
         ]
@@ -107,11 +123,10 @@ class BlindGrasp(PhasedSkill):
         return "lifted"
 
 
-def try_grasp(parts: Sequence[Standing], target: int, grip: Grip, clearance_m: float, channel: str) -> Verdict:
+def try_grasp(parts: Sequence[Standing], target: int, grip: Grip, descent: Descent, channel: str) -> Verdict:
     """Stand the parts up, grasp one of them, and judge by contacts and by where the others are afterwards.
 
     Args:
-        clearance_m: gap between each finger and the body on the way down.
         channel: name of a virtual CAN bus.
     """
     watches: list[GripperContacts] = []
@@ -129,7 +144,7 @@ def try_grasp(parts: Sequence[Standing], target: int, grip: Grip, clearance_m: f
         before = [robot.world.part_pose(body).position_m for body in others]
         height_m = robot.world.part_pose(wanted).position_m[2]
         seen = robot.detection(wanted, np.random.default_rng(0), 0.0, 0.0)
-        progress = robot.run(BlindGrasp(robot.planner, seen, grip, clearance_m))
+        progress = robot.run(BlindGrasp(robot.planner, seen, grip, descent))
         after = [robot.world.part_pose(body).position_m for body in others]
         moved_m = max((math.dist(a, b) for a, b in zip(before, after, strict=True)), default=0.0)
         held = progress.status is SkillStatus.SUCCESS

@@ -101,6 +101,7 @@ def test_onnx_answers_as_torch_does_on_states_it_never_saw(kind: str, tmp_path: 
         assert set(found) == set(expected._fields)
         for name, value in expected._asdict().items():
             assert np.abs(found[name] - value.numpy()).max() <= 1e-5, name
+            assert np.allclose(found[name], value.numpy(), rtol=1e-4, atol=1e-30), name
 
 
 @pytest.mark.parametrize("kind", ["paper", "factored"])
@@ -144,6 +145,157 @@ def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> 
     assert torch.allclose(two.table, one.table[:, parts][:, :, positions], atol=1e-4)
     assert torch.allclose(two.filled_next.own, one.filled_next.own[:, positions], atol=1e-3)
     assert torch.allclose(two.filled_first.part, one.filled_first.part[parts], atol=1e-3)
+
+
+def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
+    import torch
+
+    from learned.semantic.bayes import BayesPosterior
+    from learned.semantic.factored import FactoredNetwork, FactoredSettings
+    from learned.semantic.noise import Noise
+    from learned.semantic.posterior import Likelihood, UnknownGoal, posterior
+    from learned.semantic.scenarios import DETECTION_ERROR, misdetect
+
+    network = FactoredNetwork(LAYOUT, FactoredSettings())
+    with torch.no_grad():
+        network.table.copy_(100.0 * torch.tensor(LAYOUT.wanted))
+    exact = BayesPosterior(LAYOUT)
+    unknown = UnknownGoal(LAYOUT, Noise.of(LAYOUT, DETECTION_ERROR))
+    for edges in one_hot(misdetect(LAYOUT, scenarios(LAYOUT, 0), np.random.default_rng(0), 0.3).seen, 3):
+        with torch.no_grad():
+            goals, still_open, wanted, prior, usual, _ = (value.numpy() for value in network(torch.tensor(edges)))
+        found = posterior(edges, Likelihood(goals, still_open, wanted, prior, float(usual)), unknown)
+        assert np.isclose(usual, 1.0)
+        assert np.allclose(found.belief, exact(edges).belief, atol=1e-9)
+        assert np.allclose(found.placements, exact(edges).placements, atol=1e-9)
+
+
+def test_habits_that_are_shown_are_learned() -> None:
+    from learned.semantic.dataset import states_of
+    from learned.semantic.evaluate import Answers
+    from learned.semantic.experiments.models import planner_of
+    from learned.semantic.experiments.scores import exact_scores, optimal_scores
+    from learned.semantic.optimum import exact_joint, run_states
+    from learned.semantic.people import HabitSettings, People, whole_demonstrations
+
+    rng = np.random.default_rng(2)
+    people = People.drawn(LAYOUT, HabitSettings(strength=2.0), rng)
+    train = states_of(LAYOUT, whole_demonstrations(people, 200, rng))
+    joint = exact_joint(LAYOUT, run_states(LAYOUT, 5, people), 0.045)
+    learned, fixed = (
+        exact_scores(Answers(planner_of(kind, DEFAULT, train, 0), LAYOUT), joint) for kind in ("factored", "bayes")
+    )
+    best = optimal_scores(joint)
+    assert fixed["goal_accuracy"] < learned["goal_accuracy"] <= best["goal_accuracy"]
+    assert learned["goal_accuracy"] > best["goal_accuracy"] - 0.004
+    assert learned["goal_nll"] < fixed["goal_nll"] - 0.005
+    assert learned["wrong_always"] < fixed["wrong_always"]
+
+
+@pytest.mark.parametrize("kind", ["paper", "factored"])
+def test_a_fit_that_was_interrupted_ends_as_if_it_had_not_been(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import torch
+
+    from learned.semantic import fit as module
+
+    train, _ = split(scenarios(LAYOUT, 0), 0.3, 0)
+    checkpoint = tmp_path / "some.checkpoint"
+    whole = module.fit(LAYOUT, train, short(kind), 1)
+    monkeypatch.setattr(module, "CHECKPOINT_STEPS", 30)
+    save, steps = module._Keeper.save, []
+
+    def interrupted(self: module._Keeper, step: int) -> None:
+        save(self, step)
+        steps.append(step)
+        if step == 60:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module._Keeper, "save", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            module.fit(LAYOUT, train, short(kind), 1, checkpoint=checkpoint)
+        assert steps == [30, 60]
+    restored: list[int] = []
+    restore = module._Keeper.restore
+
+    def counted(self: module._Keeper) -> int:
+        restored.append(restore(self))
+        return restored[-1]
+
+    monkeypatch.setattr(module._Keeper, "restore", counted)
+    again = module.fit(LAYOUT, train, short(kind), 1, checkpoint=checkpoint)
+    assert restored == [60]
+    assert not checkpoint.exists()
+    for name, value in whole.state_dict().items():
+        assert torch.equal(value, again.state_dict()[name]), name
+
+
+def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
+    from learned.semantic.dataset import save_demonstrations
+    from learned.semantic.people import generated_demonstrations
+    from learned.semantic.train import train_semantic
+
+    data, out = tmp_path / "some.jsonl", tmp_path / "planner"
+    save_demonstrations(data, DEFAULT, generated_demonstrations(DEFAULT, 40, 1.0, 0), "a test")
+    for kind in ("factored", "and_or"):
+        settings = short(kind) if kind == "factored" else None
+        scores = train_semantic(DEFAULT, out, 0, kind, data=data, settings=settings, quiet=True)
+        planner = load_semantic_planner(kind, out, DEFAULT)
+        assert f"--data {data}" in planner.card.command  # type: ignore[attr-defined]
+        assert scores["consistent_success_held_out"] > (0.99 if kind == "factored" else 0.6)
+    data.write_text("\n".join(data.read_text().splitlines()[:2]))
+    with pytest.raises(InputError, match="too few to hold any out"):
+        train_semantic(DEFAULT, out, 0, "factored", data=data)
+
+
+def test_finished_cells_are_not_measured_again(tmp_path: Path) -> None:
+    from learned.semantic.experiments.store import Cell, Store
+
+    asked: list[int] = []
+
+    def measure(number: int) -> dict[str, int]:
+        asked.append(number)
+        if number == 2 and asked.count(2) == 1:
+            raise KeyboardInterrupt
+        return {"square": number**2}
+
+    cells = [Cell({"number": number}, lambda number=number: measure(number)) for number in range(4)]  # type: ignore[misc]
+    path = tmp_path / "cells.jsonl"
+    with pytest.raises(KeyboardInterrupt):
+        Store(path).run("a test", cells, quiet=True)
+    assert asked == [0, 1, 2]
+    found = Store(path).run("a test", cells, quiet=True)
+    assert asked == [0, 1, 2, 2, 3]
+    assert [values["square"] for _, values in found] == [0, 1, 4, 9]
+    path.write_text("no JSON\n")
+    with pytest.raises(InputError, match=r"cells\.jsonl:1: no finished cell"):
+        Store(path)
+
+
+def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One page of all sections, from cells that are not really measured."""
+    from learned.semantic.experiments import report, store
+
+    small = {"goal_accuracy": 0.9, "curve": [[0.5, 0.0], [1.0, 0.01]]}
+    names = ["goal_nll", "goal_calibration_error", "next_calibration_error", "wrong_always", "coverage_at_act"]
+    small |= dict.fromkeys([*names, "wrong_at_act", "best_coverage", *(f"goal_accuracy_{k}" for k in range(1, 6))], 0.5)
+    success = dict.fromkeys(["success", "bound", "unique_success", "consistent_success"], 0.75)
+    both = {f"{name}_{where}": value for name, value in success.items() for where in ("all", "held_out")}
+    parts = dict.fromkeys(("uniform", "runs_0.0", "runs_0.045", "runs_0.1"), small)
+    unknown = {"unknown_goals": {f"unknown_goal_auc_{k}": 0.5 for k in range(1, 6)}}
+    values = {**small, **success, **both, **parts, **unknown, "train_s": 1.0, "plan_s": 1e-3}
+
+    monkeypatch.setattr(store.Store, "run", lambda _self, _title, cells: [(cell.key, values) for cell in cells])
+    page = tmp_path / "semantic.md"
+    report.write_report(list(report.EXPERIMENTS), DEFAULT, store.Store(tmp_path / "none"), page, {"seeds": "1"})
+    text = page.read_text()
+    assert "| seeds | 1 |" in text
+    assert "| factored | 0.2 | .750 | .750 |" in text
+    for picture in ("ratios", "coverage", "habits"):
+        assert f"semantic_{picture}.png" in text
+        assert (tmp_path / f"semantic_{picture}.png").stat().st_size > 1000
 
 
 def test_no_training_for_what_is_not_learned(tmp_path: Path) -> None:

@@ -120,17 +120,17 @@ class MeddlingMonitor(Monitor):
     """A monitor whose clients hold up a node for a while and then answer for another one."""
 
     asked = 0
-    look, pick = 15, 30  # uids in the commissioning tree
-    orders: ClassVar[dict[int, tuple[str, dict[str, object]]]] = {
-        5: ("I", {"uid": look, "position": 0}),
-        80: ("U", {"uid": look, "position": 0, "desired_status": "SKIPPED", "remove_when_done": True}),
-        81: ("I", {"uid": pick, "mode": 1, "once": True, "desired_status": "FAILURE", "position": 0}),
+    orders: ClassVar[dict[int, tuple[str, str, dict[str, object]]]] = {
+        5: ("I", "LookAtTray", {"position": 0}),
+        80: ("U", "LookAtTray", {"position": 0, "desired_status": "SKIPPED", "remove_when_done": True}),
+        81: ("I", "PickPart", {"mode": 1, "once": True, "desired_status": "FAILURE", "position": 0}),
     }
 
     def serve(self) -> None:
         if self.asked in self.orders:
-            kind, body = self.orders[self.asked]
-            head, *_ = self.answer([HEADER.pack(PROTOCOL, ord(kind), 1), json.dumps(body).encode()])
+            kind, name, body = self.orders[self.asked]
+            uid = next(node.uid for node in self._tree.nodes if node.full_path.split("/")[-1].startswith(name))
+            head, *_ = self.answer([HEADER.pack(PROTOCOL, ord(kind), 1), json.dumps({**body, "uid": uid}).encode()])
             assert head != b"error"
         self.asked += 1
 

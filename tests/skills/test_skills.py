@@ -79,6 +79,18 @@ def test_a_part_held_across_its_length_is_placed_with_the_tool_turned(
     assert np.cos(headings[0] - headings[1]) == pytest.approx(0.0, abs=1e-3)
 
 
+def test_fingers_come_down_slowly_where_there_is_little_room(
+    planner: MotionPlanner, product: Product, bench: Bench
+) -> None:
+    durations = []
+    for gap_m in (0.021, 0.017):
+        robot = IdealRobot(bench.arm_look_rad, part_m=0.042)
+        beside = [seen(product, "o3", 0.55, -0.4 + 0.042 + gap_m, 0.0)]
+        assert robot.run(Pick(planner, seen(product, "o3", 0.55, -0.4, 0.0), beside)).status is SkillStatus.SUCCESS
+        durations.append(robot.trajectories[1].duration_s)
+    assert durations[1] > 1.3 * durations[0]
+
+
 def test_all_motions_keep_the_limits_and_start_where_the_arm_is(
     planner: MotionPlanner, product: Product, robot: IdealRobot, bench: Bench
 ) -> None:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
-from cell.log.commands import log_app, replay, report
+from cell.log.commands import log_app, report
+from cell.log.replay_command import replay
 from cell.model_commands import data_app, eval_app, train_app
 from cell.terminal import CONFIGURATION, ROOT, ConfigOption, JsonOption, SeedOption, console, print_json, table
 

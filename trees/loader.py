@@ -11,7 +11,7 @@ from cell.interfaces.errors import InputError, Place, Problem
 from trees.blackboard import Scope
 from trees.builder import Builder
 from trees.dataflow import check_dataflow
-from trees.library import Library, read_library
+from trees.library import PROBLEM_LIMIT, Library, read_library
 from trees.node import Runtime
 from trees.order import check_order
 from trees.reach import check_reach
@@ -81,9 +81,9 @@ def build(library: Library, registry: Registry, main: str, provided: Mapping[str
 
 
 def in_order(problems: list[Problem]) -> list[Problem]:
-    """Problems by file, as first named, then by line and column."""
+    """Problems by file, as first named, then by line and column; the first hundred, as nobody reads more."""
     files = list(dict.fromkeys(problem.place.file for problem in problems))
     return sorted(
         dict.fromkeys(problems),
         key=lambda problem: (files.index(problem.place.file), problem.place.line or 0, problem.place.column or 0),
-    )
+    )[:PROBLEM_LIMIT]

@@ -19,6 +19,8 @@ from trees.errors import NodeError
 from trees.operators import combine, compares, truth, unary
 
 DEPTH_LIMIT = 30
+# Nobody reads more, and a hostile file could hold a million.
+LENGTH_LIMIT, TOKEN_LIMIT = 10_000, 400
 
 Evaluate = Callable[[], Any]
 
@@ -255,6 +257,8 @@ _LEVELS: tuple[tuple[str, ...], ...] = (
 
 
 def _tokens(source: str) -> list[_Token]:
+    if len(source) > LENGTH_LIMIT:
+        raise ScriptError(f"{len(source)} characters are too many", 0, f"at most {LENGTH_LIMIT}; use several Scripts")
     tokens: list[_Token] = []
     position = 0
     while not tokens or tokens[-1].kind != "end":
@@ -264,6 +268,8 @@ def _tokens(source: str) -> list[_Token]:
             offset = position + len(rest) - len(rest.lstrip())
             legal = "close the string with '" if source[offset] == "'" else "see docs/trees.md for the operators"
             raise ScriptError(f"'{source[offset]}' has no meaning here", offset, legal)
+        if len(tokens) == TOKEN_LIMIT:
+            raise ScriptError(f"more than {TOKEN_LIMIT} names, numbers and operators", position, "use several Scripts")
         kind = found.lastgroup or "end"
         tokens.append(_Token(kind, found[kind], found.start(kind)))
         position = found.end()

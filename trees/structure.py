@@ -19,8 +19,9 @@ from trees.words import hint
 from trees.xml_file import EXPLICIT, Attribute, Element
 from trees.xml_file import node_tag as node_tag
 
-NODE_LIMIT = 10_000
+NODE_LIMIT = 5_000
 LEVEL_LIMIT = 1_000
+SCRIPTS_LIMIT = 200_000
 CONDITIONS = ("_failureIf", "_successIf", "_skipIf", "_while")
 SCRIPTS_AFTER = ("_onSuccess", "_onFailure", "_onHalted", "_post")
 # Attributes that Groot2 writes for itself.
@@ -45,9 +46,10 @@ def entry_name(value: object, port: str, bare: bool = False) -> str | None:
 def check_structure(library: Library, registry: Registry) -> list[Problem]:
     """All problems of all trees, those that nothing runs included."""
     problems: list[Problem] = []
+    checker = _Checker(library, registry, problems)
     for tree in library.trees.values():
         for child in tree.children:
-            _Checker(library, registry, problems).check(child)
+            checker.check(child)
     if not problems and not library.problems:
         problems += _check_expansion(library)
         if not problems:
@@ -62,6 +64,7 @@ class _Checker:
         self._library = library
         self._registry = registry
         self._problems = problems
+        self._script_length = 0
 
     def check(self, element: Element) -> None:
         waiting = [element]
@@ -155,6 +158,12 @@ class _Checker:
             self._literal(attribute, port.kind)
 
     def _script(self, attribute: Attribute) -> None:
+        before, self._script_length = self._script_length, self._script_length + len(attribute.value)
+        if self._script_length > SCRIPTS_LIMIT:
+            if before <= SCRIPTS_LIMIT:
+                what = f"all scripts together have more than {SCRIPTS_LIMIT} characters"
+                self._report(attribute.place, what, "leave such work to a node in Python")
+            return
         try:
             parse_script(attribute.value, Scope(), self._registry.enums)
         except ScriptError as error:
@@ -197,26 +206,24 @@ def _check_expansion(library: Library) -> Iterator[Problem]:
 
 def _measure(library: Library, identifier: str, sizes: dict[str, tuple[int, int]]) -> Problem | None:
     """Nodes and levels of a tree and of all below it; an explicit stack, as files may nest deeply."""
-    stack: list[str] = [identifier]
+    stack = [(identifier, _subtrees(library.trees[identifier]))]
     while stack:
-        current = stack[-1]
-        uses = list(_subtrees(library.trees[current]))
-        missing = [use for use in uses if use.get("ID") not in sizes]
-        if current in sizes or not missing:
-            sizes.setdefault(current, _size(library.trees[current], sizes))
+        current, uses = stack[-1]
+        use = next((use for use in uses if use.get("ID") not in sizes), None)
+        if use is None:
             stack.pop()
-            nodes, levels = sizes[current]
+            nodes, levels = sizes[current] = _size(library.trees[current], sizes)
             if nodes > NODE_LIMIT or levels > LEVEL_LIMIT:
                 what = f"BehaviorTree '{current}' grows to {nodes} nodes on {levels} levels"
                 place = library.trees[current].place
                 return Problem(place, what, f"at most {NODE_LIMIT} nodes on {LEVEL_LIMIT} levels")
             continue
-        for use in missing:
-            name = use.get("ID") or ""
-            if name in stack:
-                round_trip = " > ".join([*stack[stack.index(name) :], name])
-                return Problem(use.place, f"this SubTree contains itself: {round_trip}", "break the circle")
-        stack.append(missing[0].get("ID") or "")
+        names, name = [opened for opened, _ in stack], use.get("ID") or ""
+        if name in names:
+            circle = [*names[names.index(name) :], name]
+            round_trip = " > ".join(circle if len(circle) < 10 else [*circle[:5], "...", *circle[-3:]])
+            return Problem(use.place, f"this SubTree contains itself: {round_trip}", "break the circle")
+        stack.append((name, _subtrees(library.trees[name])))
     return None
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import stat
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from xml.parsers import expat
 
@@ -13,7 +14,8 @@ from cell.interfaces.errors import InputError, Place, Problem
 SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 1_000
 ATTRIBUTE_LIMIT = 100
-ELEMENT_LIMIT = 20_000
+ELEMENT_LIMIT = 10_000
+ATTRIBUTES_LIMIT = 30_000  # in all elements together
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 
 _TAG = re.compile(rb"<[^\s/>]+")
@@ -38,8 +40,10 @@ class Attribute:
 
     def place_at(self, offset: int) -> Place:
         """Where the character `offset` of the value stands."""
-        characters = [found[0] for found in _CHARACTER.finditer(self.source)]
-        return _after(self.value_place, "".join(characters[:offset]))
+        if "&" not in self.source and "\r" not in self.source:
+            return _after(self.value_place, self.source[:offset])
+        characters = islice(_CHARACTER.finditer(self.source), offset)
+        return _after(self.value_place, "".join(found[0] for found in characters))
 
 
 @dataclass
@@ -105,7 +109,7 @@ class _Reader:
         self._path = path
         self._data = text.encode()
         self._open: list[Element] = []
-        self._count = 0
+        self._count = self._attribute_count = 0
         self._root: Element | None = None
         self._parser = parser = expat.ParserCreate("utf-8")
         parser.ordered_attributes = True
@@ -141,8 +145,7 @@ class _Reader:
         self._open.pop()
 
     def _text(self, text: str) -> None:
-        described = any(element.tag == "TreeNodesModel" for element in self._open)
-        if (word := text.strip()) and not described:
+        if (word := text.strip()) and not any(element.tag == "TreeNodesModel" for element in self._open):
             shown = word if len(word) <= 20 else word[:20] + "..."
             what = f"text '{shown}' stands between elements"
             place = _after(self._here(), text[: text.index(word[0])])
@@ -160,6 +163,9 @@ class _Reader:
         """Scans the tag's source, which expat has found well-formed, for where its attributes stand."""
         if len(pairs) > 2 * ATTRIBUTE_LIMIT:
             raise InputError(Problem(start, f"{len(pairs) // 2} attributes are too many", f"at most {ATTRIBUTE_LIMIT}"))
+        self._attribute_count += len(pairs) // 2
+        if self._attribute_count > ATTRIBUTES_LIMIT:
+            raise InputError(Problem(start, f"there are more than {ATTRIBUTES_LIMIT} attributes", "use SubTrees"))
         attributes = {}
         position = self._parser.CurrentByteIndex
         tag = _TAG.match(self._data, position)

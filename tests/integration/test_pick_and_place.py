@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import SkillStatus
 from sim.world import WorldPart
+from skills.grasp_pose import hole_pose
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
 from skills.pick import Pick
@@ -155,6 +157,25 @@ def test_a_part_that_is_not_there_is_not_held(robot: RobotAlone) -> None:
     progress = robot.run(Pick(robot.planner, seen))
     assert progress.status is SkillStatus.FAILURE
     assert "nothing between the fingers" in progress.reason
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_part_held_by_its_ends_is_placed_between_filled_holes(robot: RobotAlone, number: int) -> None:
+    part = robot.parts[number]
+    neighbours = [other for other in robot.parts if other is not part]
+    for other, position in zip(neighbours, ("p2", "p4"), strict=True):
+        robot.world.place(other, hole_pose(robot.product, robot.bench, position))
+    robot.stand(part, (0.55, -0.40), 0.4)
+    robot.wait(0.4)
+    seen = robot.detection(part, np.random.default_rng(0), 0.0, 0.0)
+    width_m = robot.product.parts[part.part].size_m[1]
+    phantom = replace(seen, world_from_part=seen.world_from_part @ Pose((0.0, width_m + 0.005, 0.0)))
+    assert robot.run(Pick(robot.planner, seen, [phantom])).status is SkillStatus.SUCCESS
+    before = [robot.world.part_pose(other).position_m for other in neighbours]
+    assert robot.run(Place(robot.planner, "p3", part.part)).status is SkillStatus.SUCCESS
+    assert robot.seated(part, "p3") is None
+    after = [robot.world.part_pose(other).position_m for other in neighbours]
+    np.testing.assert_allclose(after, before, atol=2e-4)
 
 
 def test_fingers_that_meet_a_part_lying_unseen_stop_and_rise_again(robot: RobotAlone) -> None:

@@ -8,7 +8,7 @@ SHELL := /bin/bash
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
-SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri libopengl0 libosmesa6
+SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri libopengl0 libosmesa6 fonts-dejavu-core
 # pytest's exit status where no test is marked so
 NO_TESTS := 5
 RUN_ARGS ?= --goal random --seed 1
@@ -56,6 +56,7 @@ check: .venv/tests
 
 bench: .venv/tests .venv/system
 	$(BIN)/python -m tests.benchmarks.tree_ticks
+	$(BIN)/python -m tests.benchmarks.planning
 	$(BIN)/python -m tests.benchmarks.perception_accuracy
 	$(BIN)/python -m tests.benchmarks.robot_alone pick_and_place
 	$(BIN)/python -m tests.benchmarks.robot_alone clutter

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import sys
 from datetime import date
@@ -112,8 +113,10 @@ def _experiment(experiment: Experiment, out: Path | None, product: Product) -> N
     facts = {
         "command": f"`cell eval semantic --experiment {experiment.value} --out {out}`",
         "date": date.today().isoformat(),
-        "machine": f"{platform.machine()}, {platform.system()}, one thread, Python {sys.version.split()[0]}",
-        "product": product.name,
+        "machine": f"{os.cpu_count()} cores ({platform.machine()}), one thread used, Python {sys.version.split()[0]}",
+        "seeds": "1 to 5 where nothing else is said; 1000 to 1002 for the choice of settings",
+        "product": f"{product.name}: {len(product.positions)} positions, {len(product.parts)} types, "
+        f"{len(product.goals)} goals",
     }
     write_report(names, product, Store(KEPT / f"experiments_{Layout.of(product).sha256[:12]}.jsonl"), out, facts)
     console().print(f"{', '.join(names)} in {out}")

@@ -1,0 +1,38 @@
+"""`cell data semantic` and what `cell eval semantic` refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cell.commands import main
+from learned.semantic.dataset import load_demonstrations
+from tests.learned.products import DEFAULT
+
+
+def test_generated_demonstrations_are_written(tmp_path: Path) -> None:
+    path = tmp_path / "some.jsonl"
+    assert main(["data", "semantic", "--out", str(path), "--count", "30", "--strength", "2", "--seed", "4"]) == 0
+    assert len(load_demonstrations(path, DEFAULT)) == 30
+    assert '"source":"cell data semantic --count 30 --strength 2 --seed 4"' in path.read_text().splitlines()[0]
+    assert main(["data", "semantic", "--out", str(path), "--scenarios"]) == 0
+    assert len(load_demonstrations(path, DEFAULT)) == 186
+
+
+def test_demonstrations_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["data", "semantic", "--out", str(tmp_path), "--count", "1"]) == 2
+    assert "cannot write the demonstrations" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--experiment", "ratios"], "--experiment needs --out FILE"),
+        (["--out", "page.md"], "--out is for --experiment"),
+        (["--kind", "magic"], "no semantic planner 'magic'; there are paper, factored, and_or, bayes"),
+    ],
+)
+def test_bad_options(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["eval", "semantic", *arguments]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())

@@ -25,7 +25,7 @@ class LogFiles:
     """
 
     def __init__(self, path: Path, settings: LogSettings, context: foxglove.Context, heading: Heading) -> None:
-        """Open the first file; parts of an earlier log with this name are removed.
+        """Open the first file; a rotated log removes an earlier one of its name, with all its parts.
 
         Raises:
             OSError: it cannot be opened.
@@ -39,8 +39,8 @@ class LogFiles:
         self._lost_error = self._opening_error = ""
         self._began_s, self._retry_s = 0.0, float("-inf")
         if self.rotates:
-            for old in parts_of(path):
-                old.unlink()
+            for old in (path, *parts_of(path)):
+                old.unlink(missing_ok=True)
         self._file = LogFile(first, context, heading)
         if self.rotates:
             self._file.note("part", {"number": "1", "first_tick": "0"})

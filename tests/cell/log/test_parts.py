@@ -119,6 +119,7 @@ def test_keeping_parts_of_a_log_in_one_file_is_a_mistake() -> None:
 
 
 def test_parts_of_an_earlier_log_do_not_mix_with_a_new_one(path: Path) -> None:
+    path.write_bytes(b"of an earlier run in one file")
     recorded(path, rotate_s=1.0)
     assert len(parts_of(path)) == 2
     assert len(read_log(path).ticks) == TICKS

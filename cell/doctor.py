@@ -35,7 +35,7 @@ class Finding:
 
 def examine(path: Path = DEFAULT_CONFIGURATION) -> list[Finding]:
     """Look at everything that `cell run` needs."""
-    findings = [_python(), *_packages(), _rendering()]
+    findings = [_python(), *_packages(), _rendering(), _font()]
     try:
         configuration = load_configuration(path)
         product = load_product(configuration, path)
@@ -75,6 +75,14 @@ def _rendering() -> Finding:
         return Finding(f"rendering by {backend}", True)
     other = " (or: export MUJOCO_GL=osmesa)" if backend != "osmesa" and renders("osmesa") else ""
     return Finding(f"rendering by {backend}", False, f"apt-get install -y {GL_PACKAGES}{other}")
+
+
+def _font() -> Finding:
+    """Only `cell show --png` needs it, so that a run begins without."""
+    from trees.picture import FONT_PACKAGE, draws_text
+
+    what = "a font for pictures of trees (cell show --png)"
+    return Finding(what, True) if draws_text() else Finding(what, False, f"apt-get install -y {FONT_PACKAGE}")
 
 
 def _weights(name: str, configuration: Configuration, product: Product) -> Finding:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import escape
 
+from cell.interfaces.errors import InputError
 from trees.decorators import SubTree
 from trees.registry import Registry
 from trees.show import connections, read_checked, reading_order
@@ -18,6 +19,7 @@ BOX_PX = 34
 GAP_PX = 34
 MARGIN_PX = 16
 PNG_ZOOM = 1
+FONT, FONT_PACKAGE = "DejaVu Sans", "fonts-dejavu-core"
 TITLE_PX = 34
 LETTER_PX = 6.7
 LETTERS_MAX = 56
@@ -59,10 +61,26 @@ def picture(path: Path, registry: Registry) -> str:
 
 
 def to_png(svg: str) -> bytes:
-    """A picture in pixels."""
+    """A picture in pixels.
+
+    Raises:
+        InputError: no font is installed, so the boxes would be empty.
+    """
+    if not draws_text():
+        raise InputError(f"no font is installed for pictures; apt-get install -y {FONT_PACKAGE}, or use --svg")
+    return _rendered(svg)
+
+
+def draws_text() -> bool:
+    """Whether this machine has a font for pictures in pixels."""
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="20" height="20" font-family="sans-serif">'
+    return _rendered(f'{head}<text x="2" y="15">M</text></svg>') != _rendered(f"{head}</svg>")
+
+
+def _rendered(svg: str) -> bytes:
     from resvg_py import svg_to_bytes  # only who wants pixels pays for the import
 
-    return bytes(svg_to_bytes(svg_string=svg, background="white", zoom=PNG_ZOOM, sans_serif_family="DejaVu Sans"))
+    return bytes(svg_to_bytes(svg_string=svg, background="white", zoom=PNG_ZOOM, sans_serif_family=FONT))
 
 
 def _tree(tree: Element, title: str, registry: Registry, top: float) -> tuple[list[str], float, float]:

@@ -13,6 +13,7 @@ import pytest
 
 from cell.commands import TREE, main
 from cell.terminal import CONFIGURATION
+from trees.picture import draws_text
 
 ROOT = Path(__file__).parents[2]
 
@@ -127,6 +128,18 @@ def test_show_prints_the_tree(capsys: pytest.CaptureFixture[str]) -> None:
     assert "DetectAction" in capsys.readouterr().out
 
 
+def test_a_missing_font_is_told_instead_of_drawing_empty_boxes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trees.picture._rendered", lambda _: b"the same with and without text")
+    assert "apt-get install -y fonts-dejavu-core" in complaint(capsys, "show", TREE, "--png", tmp_path / "tree.png")
+    assert not (tmp_path / "tree.png").exists()
+    main(["doctor", "--json"])
+    findings = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
+    assert [finding["what"] for finding in findings if "fonts-dejavu-core" in finding["remedy"]]
+
+
+@pytest.mark.skipif(not draws_text(), reason="no font is installed")
 def test_trees_are_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     svg, png = tmp_path / "tree.svg", tmp_path / "tree.png"
     assert main(["show", str(TREE), "--svg", str(svg), "--png", str(png)]) == 0

@@ -27,11 +27,11 @@ def from_logs(
         return
     if not logs or out is None:
         raise InputError("name logs by --from LOG and a new folder by --out DIR, or a data set: semantic, grasp")
-    from cell.log.reader import read_log
+    from cell.log.terminal import read
     from cell.log.training_data import write_training_data
 
     command = shlex.join(["cell", "data", *(word for log in logs for word in ("--from", str(log))), "--out", str(out)])
-    manifest = write_training_data((read_log(log) for log in logs), out, command)
+    manifest = write_training_data((read([log]) for log in logs), out, command)
     console().print(table(str(out), manifest["counts"]))
     for log in manifest["logs"]:
         if log["no_demonstration_because"]:

@@ -11,13 +11,13 @@ from rich.console import Console
 
 from cell.interfaces.planning import GraspPlanner
 from cell.interfaces.product import Product
-from learned.grasp.planner import PairwisePlanner
+from learned.grasp.planner import PairwisePlanner, PaperPlanner
 from learned.grasp.reference import AveragingPlanner
 from learned.grasp.relations import RelationNet
 from learned.grasp.rule import RulePlanner
 from learned.grasp.scenes import Scene
 from learned.grasp.settings import DetectionNoise, GripperGeometry, SceneSettings
-from learned.grasp.torch_planners import PaperInBulk, RelationPlanner, TorchNetwork
+from learned.grasp.torch_planners import RelationPlanner, TorchNetwork
 from learned.grasp.train import train_pairwise, train_paper, train_relations, training_scenes
 from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
 
@@ -103,7 +103,7 @@ class Trainer:
             return lambda noise: PairwisePlanner(TorchNetwork(net, ("logits",)), self.product, noise)
         if isinstance(settings, PaperSettings):
             graph = settings.edges, settings.filter_m, settings.data.crops
-            return lambda _: PaperInBulk(TorchNetwork(net, ("verdict", "words")), self.product, *graph)
+            return lambda _: PaperPlanner(TorchNetwork(net, ("verdict", "words")), self.product, *graph)
         assert isinstance(net, RelationNet)
         return lambda _: RelationPlanner(net, self.product)
 

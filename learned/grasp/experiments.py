@@ -23,9 +23,9 @@ from cell.interfaces.planning import GraspPlanner
 from cell.interfaces.product import Product
 from learned.grasp.contenders import CONTENDERS, SEEDS, Trainer
 from learned.grasp.evaluate import SCENE_SIZES, evaluate_scenes, iterative_scores
+from learned.grasp.planner import PaperPlanner
 from learned.grasp.scenes import Scene, draw_scenes
 from learned.grasp.settings import TRAY_SCENES, DetectionNoise, SceneSettings
-from learned.grasp.torch_planners import PaperInBulk
 
 Experiment = Literal["table2", "table3", "noise", "curve"]
 EXPERIMENTS: tuple[Experiment, ...] = ("table2", "table3", "noise", "curve")
@@ -126,7 +126,8 @@ _CELLS = {"table2": _table2, "table3": _table3, "noise": _noise, "curve": _curve
 
 def _identity(cell: Cell) -> str:
     settings = CONTENDERS[cell.contender].settings
-    text = json.dumps([_VERSION, asdict(cell), settings.model_dump(mode="json") if settings else None], sort_keys=True)
+    learning = settings.model_dump(mode="json", exclude={"scenes", "test_scenes"}) if settings else None
+    text = json.dumps([_VERSION, asdict(cell), learning], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
@@ -140,7 +141,7 @@ def _scores(cell: Cell, trainer: Trainer, product: Product) -> dict[str, float]:
     scenes = _test_scenes(product.model_dump_json(), cell.noise, cell.tray, crops)[
         : 50 if cell.what == "fifty" else None
     ]
-    if isinstance(planner, PaperInBulk):
+    if isinstance(planner, PaperPlanner):
         planner.prepare([scene.parts for scene in scenes])
     return evaluate_scenes(planner, scenes, TEST_SEED)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -28,6 +28,7 @@ from learned.grasp.solution import Solution, nearest_first, solve
 from learned.onnx_model import OnnxModel
 
 _OUTLINE = GripperOutline()
+_BULK = 512  # graphs at once
 KINDS = ("pairwise", "paper", "rule")
 
 
@@ -146,33 +147,62 @@ class PaperPlanner:
         self._edges: EdgeKind = edges
         self._filter_m = filter_m
         self._crops = crops
-        self._answer(self._graph(_side_by_side(product), 0))
+        self._views: dict[int, _Answers] = {}
+        self.prepare([_side_by_side(product)])
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
-        """A plan for `parts[required]`.
+        """A plan for `parts[required]`; plans for further parts of the same view cost little.
 
         Raises:
             ModelError: the network answered NaN or words that are no solution.
         """
-        graph = self._graph(parts, required)
-        return self.worded(graph, self._answer(graph))
-
-    def worded(self, graph: SceneGraph, answer: Mapping[str, NDArray[Any]]) -> GraspPlan:
-        """The plan that the network's outputs mean.
-
-        Raises:
-            ModelError: the words are no solution.
-        """
-        graspable = 1.0 / (1.0 + math.exp(-float(answer["verdict"][0])))
+        if id(parts) not in self._views:
+            self.prepare([parts])
+        view = self._views[id(parts)]
+        graspable = 1.0 / (1.0 + math.exp(-float(view.verdicts[required])))
         if graspable >= 0.5:
             return Solution().plan(graspable)
-        return decode([int(word) for word in answer["words"][0]], graph.order).plan(graspable)
+        return decode([int(word) for word in view.words[required]], view.graphs[required].order).plan(graspable)
+
+    def prepare(self, views: Sequence[tuple[PartDetection, ...]]) -> None:
+        """Answer every question about these views in one go, and forget those before."""
+        graphs = [[self._graph(parts, required) for required in range(len(parts))] for parts in views]
+        every = [graph for own in graphs for graph in own]
+        found = [self._answer(every[first : first + _BULK]) for first in range(0, len(every), _BULK)]
+        verdicts = np.concatenate([answer["verdict"] for answer in found])
+        words = np.concatenate([answer["words"] for answer in found])
+        self._views = {}
+        first = 0
+        for parts, own in zip(views, graphs, strict=True):
+            rows = slice(first, first + len(own))
+            self._views[id(parts)] = _Answers(parts, tuple(own), verdicts[rows], words[rows])
+            first += len(own)
 
     def _graph(self, parts: tuple[PartDetection, ...], required: int) -> SceneGraph:
         return scene_graph(parts, required, self._product, self._edges, self._filter_m, self._crops)
 
-    def _answer(self, graph: SceneGraph) -> dict[str, NDArray[Any]]:
-        """Verdict and words of the network."""
+    def _answer(self, graphs: Sequence[SceneGraph]) -> dict[str, NDArray[Any]]:
+        """Verdicts and words of the network."""
         return self._network.run(
-            {"nodes": graph.nodes[None], "weights": graph.weights[None], "present": graph.present[None]}
+            {
+                "nodes": np.stack([graph.nodes for graph in graphs]),
+                "weights": np.stack([graph.weights for graph in graphs]),
+                "present": np.stack([graph.present for graph in graphs]),
+            }
         )
+
+
+@dataclass(frozen=True)
+class _Answers:
+    """What the network said about one set of detections, every part being the required one.
+
+    Attributes:
+        parts: kept, so that no other set has the same identity.
+        verdicts: (n,) logits that the part is graspable.
+        words: (n, MAX_WORDS).
+    """
+
+    parts: tuple[PartDetection, ...]
+    graphs: tuple[SceneGraph, ...]
+    verdicts: NDArray[Any]
+    words: NDArray[Any]

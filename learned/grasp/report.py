@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from learned.grasp.contenders import CONTENDERS, SEEDS
 from learned.grasp.evaluate import REQUIRED_TYPES, SCENE_SIZES
-from learned.grasp.experiments import CURVE, NOISES, PAPER_SCENES, Cell, Experiment
+from learned.grasp.experiments import CURVE, NOISES, PAPER_SCENES, TEST_SEED, Cell, Experiment
 from learned.grasp.tally import half_width
 
 Scores = Mapping[Cell, Mapping[str, float]]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,15 +14,10 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan
 from cell.interfaces.product import Product
 from learned.grasp.boxes import boxes_of
-from learned.grasp.graph import SceneGraph
 from learned.grasp.options import available, graspable, mark_missing
-from learned.grasp.planner import PaperPlanner
 from learned.grasp.relations import RelationNet, pair_graph
 from learned.grasp.settings import GripperOutline
 from learned.grasp.solution import nearest_first, solve
-
-_BULK = 512  # graphs
-_Answered = tuple[SceneGraph, dict[str, NDArray[Any]]]
 
 
 class TorchNetwork:
@@ -39,34 +33,6 @@ class TorchNetwork:
             found = self._net(*(torch.from_numpy(values) for values in inputs.values()))
         values = found if isinstance(found, tuple) else (found,)
         return {name: value.numpy() for name, value in zip(self._outputs, values, strict=True)}
-
-
-class PaperInBulk(PaperPlanner):
-    """The paper's planner, which can be asked about many scenes at once beforehand."""
-
-    _views: Sequence[tuple[PartDetection, ...]] = ()
-    _known: Mapping[tuple[int, int], _Answered] = MappingProxyType({})
-
-    def prepare(self, views: Sequence[tuple[PartDetection, ...]]) -> None:
-        """Answer every question about these views now; `plan` then only looks the answers up."""
-        self._views = views  # kept, so that the identities below stay theirs
-        asked = [(id(parts), required) for parts in views for required in range(len(parts))]
-        graphs = [self._graph(parts, required) for parts in views for required in range(len(parts))]
-        answered: dict[tuple[int, int], _Answered] = {}
-        for first in range(0, len(asked), _BULK):
-            some = graphs[first : first + _BULK]
-            found = self._network.run(
-                {name: np.stack([getattr(graph, name) for graph in some]) for name in ("nodes", "weights", "present")}
-            )
-            for k, graph in enumerate(some):
-                own = {name: values[k : k + 1] for name, values in found.items()}
-                answered[asked[first + k]] = graph, own
-        self._known = answered
-
-    def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
-        """As prepared, or worked out now."""
-        known = self._known.get((id(parts), required))
-        return super().plan(parts, required) if known is None else self.worded(*known)
 
 
 class RelationPlanner:

@@ -151,18 +151,17 @@ def train_relations(
 
 def export_pairwise(net: PairNet) -> onnx.ModelProto:
     """ONNX: `pairs` (p, PAIR_FEATURES) to `logits` (p,)."""
-    pairs = torch.export.Dim("pairs", min=1)
-    return _export(net, {"pairs": torch.zeros(4, PAIR_FEATURES)}, ["logits"], {"pairs": {0: pairs}})
+    return _export(net, {"pairs": torch.zeros(4, PAIR_FEATURES)}, ["logits"])
 
 
 def export_paper(net: PaperNet) -> onnx.ModelProto:
-    """ONNX: one padded scene graph to `verdict` (1,), a logit, and `words` (1, MAX_WORDS)."""
-    graph = {
-        "nodes": torch.zeros(1, MAX_PARTS, net.features),
-        "weights": torch.zeros(1, MAX_PARTS, MAX_PARTS),
-        "present": torch.ones(1, MAX_PARTS),
+    """ONNX: padded scene graphs to `verdict` (b,), logits, and `words` (b, MAX_WORDS)."""
+    graphs = {
+        "nodes": torch.zeros(3, MAX_PARTS, net.features),
+        "weights": torch.zeros(3, MAX_PARTS, MAX_PARTS),
+        "present": torch.ones(3, MAX_PARTS),
     }
-    return _export(net, graph, ["verdict", "words"], None)
+    return _export(net, graphs, ["verdict", "words"])
 
 
 def _trained_model(
@@ -204,8 +203,8 @@ def _export(
     net: nn.Module,
     inputs: dict[str, Tensor],
     outputs: list[str],
-    dynamic: dict[str, dict[int, torch.export.Dim]] | None,
 ) -> onnx.ModelProto:
+    """A network whose inputs and outputs have any number of rows."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the exporter warns about its own internals
         program = torch.onnx.export(
@@ -213,7 +212,7 @@ def _export(
             tuple(inputs.values()),
             input_names=list(inputs),
             output_names=outputs,
-            dynamic_shapes=dynamic,
+            dynamic_shapes={name: {0: torch.export.Dim.DYNAMIC} for name in inputs},
             dynamo=True,
             opset_version=_OPSET,
             verbose=False,

@@ -41,8 +41,7 @@ class PairwiseSettings(TrainingSettings):
     """The pairwise planner: how many perceptrons its committee has."""
 
     scenes: int = Field(default=2000, gt=0)
-    observations: int = Field(default=8, gt=0)
-    epochs: int = Field(default=14, gt=0)
+    epochs: int = Field(default=12, gt=0)
     batch: int = Field(default=256, gt=0)
     peak_rate: float = Field(default=0.006, gt=0)
     hidden: int = Field(default=48, gt=0)
@@ -59,7 +58,7 @@ class PaperSettings(TrainingSettings):
         attention: the decoder attends to the nodes.
     """
 
-    scenes: int = Field(default=4000, gt=0)
+    scenes: int = Field(default=2000, gt=0)
     observations: int = Field(default=1, gt=0)
     epochs: int = Field(default=20, gt=0)
     batch: int = Field(default=128, gt=0)

@@ -17,7 +17,9 @@ from cell.configuration import LogSettings
 from cell.interfaces.errors import LogError
 from cell.log.mcap_file import HEAD, MAGIC, McapContent, read_mcap
 from cell.log.reader import read_log
-from cell.log.recover import Salvage, recover, salvage
+from cell.log.recover import recover
+from cell.log.salvage import salvage
+from cell.log.salvaged import Salvage
 from cell.recorder import Heading, McapRecorder
 from tests.cell.fakes import frame
 from tests.cell.test_recorder import OUTCOME, record

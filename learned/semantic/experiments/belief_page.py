@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from learned.semantic.experiments.belief import ERRORS, OPTIMUM
-from learned.semantic.experiments.habits import DEMONSTRATIONS, STRENGTHS
+from learned.semantic.experiments.habits import DEMONSTRATIONS, SEEDS, STRENGTHS
 from learned.semantic.experiments.models import KINDS
 from learned.semantic.experiments.tables import Cells, markdown, score_of, shown, values_of
 from learned.semantic.scenarios import DETECTION_ERROR
@@ -88,7 +88,7 @@ def habit_section(cells: Cells) -> str:
         "Four people prefer positions, types, and for each goal certain slots first; strength is the standard "
         f"deviation of their log-preferences. {DEMONSTRATIONS} demonstrations, then their own assemblies with 4.5 % "
         "misdetections, expected values by enumeration. `optimum` knows the habits exactly. Intervals are wide because "
-        "people differ between seeds; planners share them.\n\n"
+        f"people differ between seeds ({SEEDS[0]} to {SEEDS[-1]}); planners share them.\n\n"
         + markdown([*head, "wrong at .9", "best coverage at .3 %"], rows)
         + "\n\n"
         + _gain(cells)

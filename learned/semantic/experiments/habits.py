@@ -18,7 +18,7 @@ from learned.semantic.optimum import exact_joint, run_states
 from learned.semantic.people import HabitSettings, People, whole_demonstrations
 from learned.semantic.scenarios import DETECTION_ERROR
 
-SEEDS = (1, 2, 3, 4, 5)
+SEEDS = tuple(range(1, 11))
 STRENGTHS = (0.0, 0.5, 1.0, 2.0)
 DEMONSTRATIONS = 200
 

@@ -75,5 +75,6 @@ def _head(facts: Mapping[str, str]) -> str:
         "exact inference under noise; `paper` the graph network and LSTM; `and_or` an AND/OR graph of the states that "
         "were demonstrated; `bayes` exact inference for people without habits, which learns nothing. Numbers are means "
         "over seeds; `+-` is the half width of the 95 % confidence interval over seeds (Student's t), and is left out "
-        f"where it rounds to nothing.\n\n| | |\n|---|---|\n{rows}"
+        "where it rounds to nothing. Finished cells are kept under `data/semantic` and not measured again: remove the "
+        f"file there after a change of the code.\n\n| | |\n|---|---|\n{rows}"
     )

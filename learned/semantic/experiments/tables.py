@@ -8,7 +8,7 @@ from statistics import fmean, stdev
 from learned.semantic.experiments.store import Key, Values
 
 Cells = Sequence[tuple[Key, Values]]
-STUDENT_T = {2: 12.706, 3: 4.303, 4: 3.182, 5: 2.776}  # two-sided 95 %, by number of seeds
+STUDENT_T = {2: 12.706, 3: 4.303, 4: 3.182, 5: 2.776, 10: 2.262}  # two-sided 95 %, by number of seeds
 
 
 def values_of(cells: Cells, pick: Callable[[Values], float], **wanted: object) -> list[float]:

@@ -10,18 +10,17 @@ from typing import Any
 import foxglove
 from foxglove import messages
 from foxglove.channels import CompressedImageChannel, LogChannel
-from py_trees.common import Status
 
 from cell import joint_samples
 from cell.configuration import LogSettings
-from cell.interfaces.command import Display
 from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.log_file import Heading as Heading  # who opens a recorder needs it
 from cell.log_images import ImageEncoder
 from cell.log_rotation import LogFiles
-from cell.log_schemas import TOPICS, asked_of_devices, json_bytes, plain, plain_or_text, schema, tick_json
+from cell.log_schemas import TOPICS, asked_of_devices, json_bytes, plain, schema, tick_json
+from cell.log_snapshot import Snapshot
 from cell.scene_frames import timestamp
 from cell.scene_log import CellModel, SceneLog
 from cell.witness import Level, Outcome, TickRecord
@@ -68,7 +67,7 @@ class McapRecorder:
         """
         self.context = foxglove.Context()
         self._settings = settings
-        self._alarm, self._blackboard = alarm, blackboard
+        self._alarm = alarm
         self._alarmed = ""
         self._files = _open(path, settings, self.context, heading)
         self._limit_bytes = round(settings.buffer_mb * 1e6)
@@ -86,8 +85,7 @@ class McapRecorder:
         self._encoder = ImageEncoder(settings.jpeg_quality)
         self._bench: BenchView | None = None
         self._parts: PartsView | None = None
-        self._display: Display | None = None
-        self._statuses: dict[str, str] = {}
+        self._snapshot = Snapshot(blackboard)
         self._can: list[CanFrame] = []
         self._tick = 0
         self._closed = False
@@ -149,7 +147,7 @@ class McapRecorder:
         if self.scene is not None:
             self.scene.tick(record, stamp_ns)
         if self._files.rotates:
-            self._remember(record)
+            self._snapshot.follow(record)
         self._files.flush()
 
     def can_frame(self, frame: CanFrame) -> None:
@@ -165,7 +163,7 @@ class McapRecorder:
 
     def edited(self, texts: Mapping[str, str], time_s: float) -> None:
         """An edited tree takes over in the tick under way; texts by the files' names."""
-        self._statuses.clear()
+        self._snapshot.forget_nodes()
         self._write("/edit", _nanoseconds(time_s), {"tick": self._tick, "files": dict(texts)})
 
     def hooked(self, order: str, body: object, time_s: float) -> None:
@@ -223,19 +221,7 @@ class McapRecorder:
                 self._write(topic, stamp_ns, plain(view))
         if self.scene is not None:
             self.scene.repeat_all(stamp_ns)
-        values = {name: plain_or_text(value) for name, value in self._blackboard().items()}
-        shown = plain(self._display)
-        self._write(
-            "/snapshot", stamp_ns, {"tick": tick, "statuses": self._statuses, "blackboard": values, "display": shown}
-        )
-
-    def _remember(self, record: TickRecord) -> None:
-        self._display = record.command.display or self._display
-        for change in record.changes:
-            if change.new is Status.INVALID:
-                self._statuses.pop(change.path, None)
-            else:
-                self._statuses[change.path] = change.new.name
+        self._write("/snapshot", stamp_ns, self._snapshot.fields(tick))
 
     def _observe(self, seen: Observation, stamp_ns: int) -> None:
         """What the tick saw; answers of detectors only where they are new."""

@@ -1,7 +1,8 @@
 """Hot reload: an edited tree file takes the place of the running tree, at a safe point (`cell run --watch`).
 
 Safe is a point between two ticks at which no node that moves arm or gripper is RUNNING, the arm stands and nothing is
-held. There the old tree is halted, and the new one begins at its root with the old blackboard.
+held. There the old tree is halted, and the new one begins at its root with the old blackboard and with what the old
+nodes remembered, so that the work goes on: `StartGraph` keeps the graph that it finds.
 """
 
 from __future__ import annotations
@@ -122,6 +123,7 @@ def take_over(old: Tree, new: Tree, services: Observed, clock: Clock) -> list[st
     """Halt the old tree and make the new one ready; names of entries that were not carried over."""
     old.halt()
     new.setup(services, clock)
+    hand_on_memories(old, new)
     return carry_over(old, new)
 
 
@@ -134,9 +136,19 @@ def carry_over(old: Tree, new: Tree) -> list[str]:
             continue
         if key in list(new.blackboard) and fits(value, new.blackboard.entry(key).kind):
             new.blackboard.entry(key).write(value)
+            new.blackboard.entry(key).carried = True
         else:
             lost.append(key)
     return lost
+
+
+def hand_on_memories(old: Tree, new: Tree) -> None:
+    """Give the nodes of every class what those of the same class remembered, in order, where there are as many."""
+    for kind in {type(node) for node in new.nodes if node.remembers}:
+        before, after = ([node for node in tree.nodes if type(node) is kind] for tree in (old, new))
+        if len(before) == len(after):
+            for one, other in zip(before, after, strict=True):
+                vars(other).update({name: getattr(one, name) for name in kind.remembers})
 
 
 def _stamp(file: Path) -> Stamp:

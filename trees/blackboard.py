@@ -19,15 +19,17 @@ class Entry:
         value: UNSET until the first write.
         kind: type locked by the ports connected to it, Any where only scripts use it.
         revision: number of writes so far.
+        carried: the value comes from the tree that this one took over from in mid-run; until the next write.
     """
 
-    __slots__ = ("kind", "name", "revision", "value")
+    __slots__ = ("carried", "kind", "name", "revision", "value")
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.value: Any = UNSET
         self.kind: Any = Any
         self.revision = 0
+        self.carried = False
 
     def read(self, kind: Any = Any) -> Any:
         """The value as a port of type `kind` sees it.
@@ -60,6 +62,7 @@ class Entry:
                 ) from None
         self.value = value
         self.revision += 1
+        self.carried = False
 
     def assign(self, value: Any) -> None:
         """Write from a script: where no port has locked a type, the first value does.

@@ -78,6 +78,7 @@ class TreeNode(behaviour.Behaviour):
         tag: element name in XML, the class name unless given.
         needs_guard: a tree file must let a guard be asked in every tick while this node runs.
         guards: SUCCESS means that what needs a guard may go on.
+        remembers: names of attributes that outlive an edit of the running tree, such as what was answered last.
         uid: number in the tree, counted from 1 in the order of the file.
         full_path: names from the main tree to this node.
     """
@@ -88,6 +89,7 @@ class TreeNode(behaviour.Behaviour):
     tag: ClassVar[str] = ""
     needs_guard: ClassVar[bool] = False
     guards: ClassVar[bool] = False
+    remembers: ClassVar[tuple[str, ...]] = ()
 
     uid = 0
     full_path = ""

@@ -86,6 +86,11 @@ class Connection:
         """Number of writes to the entry so far."""
         return 0 if self.entry is None else self.entry.revision
 
+    @property
+    def carried(self) -> bool:
+        """Whether the value comes from the tree that this one took over from, and was not written since."""
+        return self.entry is not None and self.entry.carried
+
 
 class Input(Connection, Generic[T]):
     """What a node reads."""

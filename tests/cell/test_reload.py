@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from io import StringIO
 from pathlib import Path
@@ -12,17 +12,21 @@ import pytest
 from py_trees.common import Status
 from rich.console import Console
 
+from cell.configuration import ROOT
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.journal import ListJournal
 from cell.interfaces.observation import GripperState, ObjectStatus, Observation
+from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Progress, Skill, SkillStatus
 from cell.log.reader import read_log
 from cell.log.replay import Replay
-from cell.reload import WatchedTree
+from cell.node_library import node_registry
+from cell.reload import WatchedTree, take_over
 from cell.run import RunOptions, run
 from cell.tally import Tally
 from cell.witness import TickRecord
 from tests.cell.fakes import FakeServices, FakeWitness, Rig
+from tests.trees.nodes.rig import services
 from trees.loader import load_tree
 from trees.node import Node
 from trees.nodes.skill_node import SkillNode
@@ -66,7 +70,18 @@ class Drive(SkillNode):
         return EndlessSkill()
 
 
-REGISTRY = Registry([Wait, Drive])
+class Remembers(Node):
+    """Counts its ticks, also those of the tree before."""
+
+    remembers = ("ticks",)
+    ticks = 0
+
+    def update(self) -> Status:
+        self.ticks += 1
+        return Status.RUNNING
+
+
+REGISTRY = Registry([Wait, Drive, Remembers])
 
 
 class Bench:
@@ -86,10 +101,12 @@ class Bench:
     def load(self) -> Tree:
         return load_tree(self.path, REGISTRY)
 
-    def edit(self, nodes: str) -> None:
+    def edit(self, nodes: str, inputs: Sequence[str] = ()) -> None:
         self._edits += 1
+        ports = "".join(f'<input_port name="{name}"/>' for name in inputs)
+        model = f'<TreeNodesModel><SubTree ID="Main">{ports}</SubTree></TreeNodesModel>'
         self.path.write_text(
-            f'<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>{nodes}</Sequence></BehaviorTree></root>'
+            f'<root BTCPP_format="4">{model}<BehaviorTree ID="Main"><Sequence>{nodes}</Sequence></BehaviorTree></root>'
         )
         os.utime(self.path, ns=(self._edits, self._edits))  # two edits may fall into one tick of the file system
 
@@ -106,13 +123,40 @@ def moving(observation: Observation) -> Observation:
 def test_an_edit_takes_over_with_the_blackboard(make: Callable[[str], Bench]) -> None:
     bench = make("<Script code=\"count := 3; word := 'x'\"/><Wait/>")
     bench.watched.tick()
-    begin = '<Fallback><ScriptCondition code="count == 3"/><Script code="count := 0"/></Fallback>'
-    bench.edit(f"{begin}<Wait/>")
+    bench.edit('<ScriptCondition code="count == 3"/><Wait/>', inputs=("count",))
     assert bench.watched.tick() is Status.RUNNING
     assert bench.swaps == [bench.watched.tree]
     assert bench.watched.tree is not bench.first
     assert bench.watched.tree.blackboard.values() == {"count": 3}
     assert "not carried over: word" in bench.witness.messages[-1]
+
+
+def test_nodes_remember_where_as_many_stand_in_the_edited_tree(make: Callable[[str], Bench]) -> None:
+    bench = make("<Remembers/>")
+    for nodes in ("<Wait/>", "<AlwaysSuccess/><Remembers/>", "<Remembers/><Remembers/>"):
+        bench.watched.tick()
+        bench.edit(nodes)
+    bench.watched.tick()
+    ticks = [node.ticks for tree in (bench.first, *bench.swaps) for node in tree.nodes if isinstance(node, Remembers)]
+    assert ticks == [1, 1, 1, 0]
+
+
+def test_the_assembly_graph_outlives_an_edit_and_begins_anew_afterwards(tmp_path: Path) -> None:
+    path = tmp_path / "tree.xml"
+    start = '<StartGraph state="{state}"/>'
+    path.write_text(WHOLE.format(f"{start}<Sleep msec='1'/>"))
+    old, new = load_tree(path, node_registry()), load_tree(path, node_registry())
+    rig = services()
+    old.setup(rig, rig.clock)
+    old.tick()
+    old.blackboard.entry("state").write(AssemblyState({"p2": "o1"}))
+    assert take_over(old, new, rig, rig.clock) == []
+    new.tick()
+    assert new.blackboard.values() == {"state": AssemblyState({"p2": "o1"})}
+    assert "goes on with 1 parts" in [node.feedback_message for node in new.nodes]
+    new.halt()
+    new.tick()
+    assert new.blackboard.values() == {"state": AssemblyState({})}
 
 
 def test_the_old_tree_is_halted_once(make: Callable[[str], Bench]) -> None:
@@ -218,3 +262,46 @@ def test_an_edit_takes_over_in_the_simulated_cell(tmp_path: Path, monkeypatch: p
     assert b"Sleep" in read.attachments["tree/tree.xml"]
     comparison = Replay(read).run()
     assert (comparison.identical, comparison.ticks) == (True, len(read.ticks)), comparison.first
+
+
+class ImpatientTally(Tally):
+    """Edits the running assembly: another order of work while watching, and another retry in the tray."""
+
+    folder: Path
+
+    def tick(self, record: TickRecord) -> None:
+        super().tick(record)
+        if record.observation.time_s >= 20.0 and not (self.folder / "edited").exists():
+            swap(self.folder / "assemble.xml", "<ReconcileGraph", "<InferGoal")
+            tray = self.folder / "clear_and_grasp.xml"
+            tray.write_text(tray.read_text().replace('num_attempts="8"', 'num_attempts="6"'))
+            (self.folder / "edited").touch()
+
+
+def swap(path: Path, one: str, other: str) -> None:
+    """Exchange the lines on which two nodes stand."""
+    lines = path.read_text().splitlines(keepends=True)
+    here, there = (next(i for i, line in enumerate(lines) if name in line) for name in (one, other))
+    lines[here], lines[there] = lines[there], lines[here]
+    path.write_text("".join(lines))
+
+
+@pytest.mark.slow
+def test_an_assembly_goes_on_with_its_graph_when_its_tree_is_edited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("assemble.xml", "clear_and_grasp.xml"):
+        (tmp_path / name).write_text((ROOT / "trees" / name).read_text())
+    monkeypatch.setattr(ImpatientTally, "folder", tmp_path, raising=False)
+    monkeypatch.setattr("cell.run.Tally", ImpatientTally)
+    log, told = tmp_path / "log.mcap", StringIO()
+    options = RunOptions(tree=tmp_path / "assemble.xml", seed=3, goal="g1", log=log, watch=True)
+    result = run(options, Console(file=told, width=200))
+    assert (result.outcome.end, result.summary["correct"]) == ("finished", True), told.getvalue()
+    read = read_log(log)
+    edits = [tick.time_s for tick in read.ticks for kind, _ in tick.inputs if kind == "edit"]
+    assert len(edits) == 1
+    notes = [fields for tick in read.ticks for topic, fields in tick.notes if topic == "belief" and "edge" in fields]
+    placed = [tuple(fields["edge"]) for fields in notes]
+    assert len(placed) == len(set(placed)), "the graph was built again after the edit"
+    assert Replay(read).run().identical

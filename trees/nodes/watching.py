@@ -25,12 +25,14 @@ class SeenAction:
 
 
 class StartGraph(CellNode):
-    """Begin with an assembly graph without edges."""
+    """Begin with an assembly graph without edges; after an edit of the running tree, go on with the graph so far."""
 
     state = OutputPort(AssemblyState, "what is placed so far")
 
     def update(self) -> Status:
-        self.state.set(AssemblyState({}))
+        kept = self.state.entry.value if self.state.carried and self.state.entry else AssemblyState({})
+        self.state.set(kept)
+        self.feedback_message = f"goes on with {len(kept.placed)} parts" if kept.placed else ""
         return Status.SUCCESS
 
 
@@ -38,6 +40,7 @@ class DetectAction(CellNode):
     """Wait for the next answer of the action detector (Alg. 1 lines 2-4)."""
 
     action = OutputPort(SeenAction, "what the person does, and since when")
+    remembers = ("_sequence", "_seen")
 
     _sequence = -1
     _seen: SeenAction | None = None
@@ -80,6 +83,7 @@ class ReconcileGraph(CellNode):
 
     state = InOutPort(AssemblyState, "what is placed so far")
     settle_s = InputPort(float, "how long a hole must look otherwise", default=1.5)
+    remembers = ("_differs",)
 
     def prepare(self) -> None:
         self._differs: dict[str, tuple[str | None, float]] = {}

@@ -2,6 +2,7 @@
 
 DIR/demonstrations.jsonl  ordered placements with their goal        cell train semantic --data
 DIR/scenes.jsonl          parts in the tray, look by look           cell train grasp --data
+DIR/grasps.jsonl          grasps that were tried in these scenes, and whether they came off
 DIR/segments.jsonl        45 frames of hand track with the action
 DIR/crops.jsonl, crops/   hands and parts as PNG files
 DIR/scenes/000001.png     the image of each scene, by its number
@@ -27,7 +28,7 @@ from cell.log.demonstrations import SURE, demonstration_of
 from cell.log.logged_tree import logged_product
 from cell.log.reader import Log
 from cell.log.segments import STRIDE_FRAMES, bench_views, segments
-from cell.log.tray_scenes import looks, scene_records
+from cell.log.tray_scenes import attempts, looks, scene_records
 from cell.log_parts import whole_path
 from learned.grasp.dataset import SceneRecord, write_records
 from learned.semantic.dataset import Demonstration, save_demonstrations
@@ -46,6 +47,7 @@ LABELS = {
     "crops.part": "machine: hand tracker (what the hand holds) or part detector of the run",
     "crops.confirmed": "machine: for hands, the part that the hole reader saw after this carry; else null",
     "crops.world_from_part": "machine: part detector of the run",
+    "grasps.succeeded": "machine: the skill's own check that the gripper holds the part",
     "scenes.detections": "machine: part detector of the run",
     "scenes.truth": "machine: mean of all looks of the log at a part that nobody moved; nothing was measured",
 }
@@ -57,6 +59,7 @@ class Collected:
 
     demonstrations: list[Demonstration] = field(default_factory=list)
     scenes: list[SceneRecord] = field(default_factory=list)
+    grasps: list[dict[str, Any]] = field(default_factory=list)
     segments: list[dict[str, Any]] = field(default_factory=list)
     crops: list[dict[str, Any]] = field(default_factory=list)
     logs: list[dict[str, Any]] = field(default_factory=list)
@@ -110,7 +113,7 @@ def _collect(log: Log, product: Product, folder: Path, collected: Collected) -> 
     crops = list(cropper.hands(views, {segment.views[-1].sequence for segment in found}))
     by_frame = {crop["frame"]: crop["file"] for crop in crops}
     rows = [segment.row(name, by_frame.get(segment.views[-1].sequence)) for segment in found]
-    crops += _scenes(log, folder, cropper, collected)
+    crops += _scenes(log, name, folder, cropper, collected)
     collected.segments += rows
     collected.crops += crops
     collected.logs.append(
@@ -130,19 +133,20 @@ def _collect(log: Log, product: Product, folder: Path, collected: Collected) -> 
     )
 
 
-def _scenes(log: Log, folder: Path, cropper: Cropper, collected: Collected) -> list[dict[str, Any]]:
-    """Add the scenes of a log; returns the rows of their crops."""
+def _scenes(log: Log, name: str, folder: Path, cropper: Cropper, collected: Collected) -> list[dict[str, Any]]:
+    """Add the scenes of a log and the grasps that were tried in them; returns the rows of their crops."""
     views = [view for view in looks(log) if view.detections]
-    crops = []
+    crops, numbers = [], {}
     for view, record in zip(views, scene_records(views), strict=True):
         collected.scenes.append(record)
-        number = len(collected.scenes)
+        number = numbers[view.sequence] = len(collected.scenes)
         crops += list(cropper.parts(view, number))
         image = cropper.image("wrist", view.time_s)
         if image is not None:
             path = folder / "scenes" / f"{number:06d}.png"
             path.parent.mkdir(exist_ok=True)
             path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
+    collected.grasps += [one.row(name, numbers[one.view.sequence]) for one in attempts(log)]
     return crops
 
 
@@ -151,6 +155,7 @@ def _write(collected: Collected, product: Product, folder: Path, command: str) -
         save_demonstrations(folder / "demonstrations.jsonl", product, collected.demonstrations, command)
     if collected.scenes:
         write_records(folder / "scenes.jsonl", collected.scenes, product, command)
+    _lines(folder / "grasps.jsonl", "cell.grasps", collected.grasps, command)
     _lines(folder / "segments.jsonl", "cell.segments", collected.segments, command)
     _lines(folder / "crops.jsonl", "cell.crops", collected.crops, command)
     manifest = {
@@ -182,6 +187,8 @@ def _counts(collected: Collected) -> dict[str, Any]:
         "crops_of_hands": sum(row["kind"] == "hand" for row in collected.crops),
         "crops_of_parts": sum(row["kind"] == "part" for row in collected.crops),
         "scenes": len(collected.scenes),
+        "grasps": len(collected.grasps),
+        "grasps_that_failed": sum(not row["succeeded"] for row in collected.grasps),
     }
 
 

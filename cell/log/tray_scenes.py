@@ -1,9 +1,11 @@
-"""Scenes from a log: what the wrist camera's detector saw in the tray, look by look."""
+"""Scenes from a log: what the wrist camera's detector saw in the tray, look by look, and which grasps came off."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,54 @@ from cell.interfaces.perception import PartDetection, PartsView
 from cell.log.reader import Log
 from learned.grasp.dataset import DetectionRecord, SceneRecord, StandingRecord
 
+GRASP, PICK, ENDS = "grasp", "PickPart", ("success", "failure")
 SAME_PLACE_M, SAME_HEADING_RAD = 0.010, math.radians(10)  # between looks at a part that nobody moved
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A grasp that was tried on a part that the planner held for free.
+
+    Attributes:
+        view: what was seen before it.
+        number: of the part in that view.
+        graspable: probability that the planner gave.
+        reason: what the skill said at its end.
+    """
+
+    view: PartsView
+    number: int
+    graspable: float
+    succeeded: bool
+    reason: str
+    time_s: float
+
+    def row(self, log: str, scene: int) -> dict[str, Any]:
+        """As a line of grasps.jsonl."""
+        return {
+            "log": log,
+            "scene": scene,
+            "number": self.number,
+            "part": self.view.detections[self.number].part,
+            "graspable": self.graspable,
+            "succeeded": self.succeeded,
+            "reason": self.reason,
+            "time_s": self.time_s,
+        }
+
+
+def attempts(log: Log) -> Iterator[Attempt]:
+    """Grasps as they ended; those that were halted in between tell nothing of the part and are left out."""
+    planned: tuple[PartsView, int, float] | None = None
+    for tick in log.ticks:
+        view = tick.observation.parts
+        for topic, fields in tick.notes:
+            if topic == "plan" and "required" in fields:
+                free = fields["solution"] == GRASP and view is not None and fields["required"] < len(view.detections)
+                planned = (view, fields["required"], fields["graspable"]) if free and view is not None else None
+            elif topic == "skill" and fields["node"] == PICK and fields["status"] in ENDS and planned is not None:
+                yield Attempt(*planned, fields["status"] == "success", fields["reason"], tick.time_s)
+                planned = None
 
 
 def looks(log: Log) -> list[PartsView]:

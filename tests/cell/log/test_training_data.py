@@ -23,7 +23,7 @@ from cell.log.logged_tree import logged_product
 from cell.log.reader import Log
 from cell.log.segments import bench_views, carried_parts, segments
 from cell.log.training_data import write_training_data
-from cell.log.tray_scenes import scene_records
+from cell.log.tray_scenes import attempts, scene_records
 from learned.grasp.dataset import read_scenes
 from learned.semantic.dataset import load_demonstrations
 
@@ -79,6 +79,21 @@ def test_scenes_are_read_back_for_training(tray_log: Log, folder: Path) -> None:
     view = next(tick.observation.parts for tick in tray_log.ticks if tick.observation.parts is not None)
     assert [part.part for part in scene.parts] == [part.part for part in view.detections]
     assert cv2.imread(str(folder / "scenes" / "000001.png")) is not None
+
+
+def test_grasps_are_told_with_their_scene_and_end(tray_log: Log) -> None:
+    plan = ("plan", {"required": 1, "graspable": 0.8, "solution": "grasp"})
+    moved = ("plan", {"required": 0, "graspable": 0.1, "solution": "move b"})
+    ended = [
+        ("skill", {"node": "PickPart", "status": s, "reason": r}) for s, r in (("failure", "missed"), ("success", ""))
+    ]
+    begin = next(place for place, tick in enumerate(tray_log.ticks) if tick.observation.parts is not None)
+    log = replace(tray_log, ticks=tray_log.ticks[begin:])
+    [one, other] = attempts(changed(log, plan, ended[0], plan, ended[1], moved, ended[0]))
+    assert (one.number, one.succeeded, one.reason, one.graspable) == (1, False, "missed", 0.8)
+    assert other.succeeded
+    assert one.row("x", 4)["part"] == one.view.detections[1].part
+    assert not list(attempts(changed(log, ended[0]))), "a grasp of which no plan told"
 
 
 def test_the_manifest_counts_and_says_whose_labels(tray_log: Log, folder: Path) -> None:

@@ -140,7 +140,7 @@ def _tiles(
     """(caption, value, mood) of the summary's tiles."""
     end = log.outcome.get("end", "cut off")
     late = sum(tick.overrun for tick in log.ticks)
-    alarms = sum(line.level != "info" for line in said)
+    alarms = sum(line.count for line in said if line.level != "info")
     helps = sum(topic == "help" for tick in log.ticks for topic, _ in tick.notes)
     new = [one for one in placed if not one.confirms]
     robot = sum(one.source == "robot" for one in placed)

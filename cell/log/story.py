@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from statistics import median
 
@@ -104,11 +104,12 @@ class Wait:
 
 @dataclass(frozen=True)
 class Line:
-    """What the controller said; `level` is info, warning or error."""
+    """What the controller said; `level` is info, warning or error, `count` how often it said so in a row."""
 
     time_s: float
     level: str
     text: str
+    count: int = 1
 
 
 @dataclass(frozen=True)
@@ -221,17 +222,21 @@ def waits(log: Log, rows: list[NodeRow]) -> list[Wait]:
 
 
 def lines(log: Log) -> list[Line]:
-    """What the controller said, in order.
+    """What the controller said, in order; what it repeats is one line, from the first time on.
 
     Raises:
         LogError: a line of the log is damaged.
     """
-    found = []
+    found: list[Line] = []
     for message in log.messages:
-        if message.topic == LINES:
-            said = decoded(log.path, message, LINE)
-            level = LEVELS.get(said.level, "error")
-            found.append(Line(message.time_ns / 1e9, level, said.message))
+        if message.topic != LINES:
+            continue
+        said = decoded(log.path, message, LINE)
+        line = Line(message.time_ns / 1e9, LEVELS.get(said.level, "error"), said.message)
+        if found and (found[-1].level, found[-1].text) == (line.level, line.text):
+            found[-1] = replace(found[-1], count=found[-1].count + 1)
+        else:
+            found.append(line)
     return found
 
 

@@ -205,8 +205,9 @@ def test_alarms_and_overruns_are_told(assembly_log: Log) -> None:
     line = Message("/log", "protobuf", 2_000_000_000, said.encode())
     late = replace(assembly_log.ticks[7], overrun=True, wall_s=0.0777)
     ticks = (*assembly_log.ticks[:7], late, *assembly_log.ticks[8:])
-    page = report_html(replace(assembly_log, ticks=ticks, messages=(*assembly_log.messages, line)))
-    assert "no space" in page
+    page = report_html(replace(assembly_log, ticks=ticks, messages=(*assembly_log.messages, line, line)))
+    assert page.count("no space") == 1
+    assert "(2 times)" in page
     assert "77.7 ms" in page
     assert '<span class="badge error">error</span>' in page
 

@@ -43,6 +43,11 @@ class Use:
     needs: bool = False
     turn: int = 0
 
+    @property
+    def begins(self) -> bool:
+        """It writes whether or not there is a value."""
+        return self.writes and not self.needs
+
 
 class Builder:
     """Makes nodes in the order of the file.

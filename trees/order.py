@@ -1,7 +1,8 @@
 """Entries that are read before anything can have written them, in the order in which a tick visits the nodes.
 
 Only what is certain is a problem: nothing that writes the entry stands before the reader, and no node around both
-ticks the reader again after the writer. The root is ticked until it ends, once.
+ticks the reader again after the writer. What needs the value itself in order to write (`n += 1`, a port that is both
+read and written) begins nothing. The root is ticked until it ends, once.
 """
 
 from __future__ import annotations
@@ -61,12 +62,13 @@ class _Order:
 
     def problems(self, group: list[Use]) -> list[Problem]:
         """Of the users of one entry."""
-        writers = sorted({use.uid for use in group if use.writes})
-        first = min((use for use in group if use.writes), key=self._moment)
-        earliest = self._moment(first)
+        first = min((use for use in group if use.begins), key=self._moment, default=None)
         readers = [use for use in group if use.needs and use.attribute != "_onHalted"]
-        late = [use for use in readers if use is first or self._moment(use) < earliest]
-        return [_problem(use, first) for use in late if not self._comes_back(use.uid, writers)]
+        if first is None:
+            return [_problem(use, None) for use in readers]
+        beginners = sorted({use.uid for use in group if use.begins})
+        late = [use for use in readers if self._moment(use) < self._moment(first)]
+        return [_problem(use, first) for use in late if not self._comes_back(use.uid, beginners)]
 
     def _moment(self, use: Use) -> Moment:
         """A node's scripts before, its ports, everything below it, its scripts after.
@@ -89,9 +91,9 @@ class _Order:
         return following < len(writers) and writers[following] <= self._last[back]
 
 
-def _problem(use: Use, first: Use) -> Problem:
+def _problem(use: Use, first: Use | None) -> Problem:
     what = f"{use.user} reads {{{use.entry.name}}} before anything has written it"
-    if first is use:
+    if first is None:
         return Problem(use.place, what, "give it a first value before, by := or by a node that only writes it")
     return Problem(use.place, what, f"{first.user} at {first.place} is the first to write it; put that before")
 

@@ -181,6 +181,10 @@ BAD_NODES = [
         "'_while' of Inverter reads {n} before anything has written it; 'code' of Script at ",
     ),
     (
+        '<Sequence><Repeat num_cycles="9"><Script code="^n += 1"/></Repeat><Script code="n := 0"/></Sequence>',
+        "'code' of Script reads {n} before anything has written it; 'code' of Script at ",
+    ),
+    (
         '<Fallback><Repeat num_cycles="3"><Go ^place="{p}"/></Repeat><Sequence><See place="{p}"/><Go place="{p}"/>'
         "</Sequence></Fallback>",
         "port 'place' of Go reads {p} before",

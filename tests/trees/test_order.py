@@ -110,11 +110,10 @@ def run_to_the_end(path: Path) -> list[Problem]:
 
 
 def reader(path: Path, problem: Problem) -> str:
-    """Name of the node whose port is the problem."""
+    """Name of the node whose port is the problem; none for a script, which stands without a name."""
     assert (problem.place.line, problem.place.file) == (1, path)
     found = re.match(r'value="{\w}" name="(\w+)"', path.read_text()[(problem.place.column or 0) - 1 :])
-    assert found
-    return found[1]
+    return found[1] if found else ""
 
 
 @pytest.mark.parametrize("name", ["assemble", "clear_and_grasp", "commission", "eager"])

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import torch
 from rich.console import Console
@@ -18,7 +20,15 @@ from learned.grasp.rule import RulePlanner
 from learned.grasp.scenes import Scene
 from learned.grasp.settings import DetectionNoise, GripperGeometry, SceneSettings
 from learned.grasp.torch_planners import RelationPlanner, TorchNetwork
-from learned.grasp.train import train_pairwise, train_paper, train_relations, training_scenes
+from learned.grasp.train import (
+    new_pairwise,
+    new_paper,
+    new_relations,
+    train_pairwise,
+    train_paper,
+    train_relations,
+    training_scenes,
+)
 from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
 
 _QUIET = Console(quiet=True)
@@ -83,9 +93,10 @@ def _for(settings: TrainingSettings, scenes: int) -> TrainingSettings:
 
 @dataclass
 class Trainer:
-    """Trains contenders once for each number of scenes and seed, and keeps them."""
+    """Trains contenders once for each number of scenes and seed, and keeps them, in files where a folder is given."""
 
     product: Product
+    folder: Path | None = None
     _kept: dict[tuple[str, int, int], torch.nn.Module] = field(default_factory=dict)
 
     def planner(self, name: str, scenes: int, seed: int) -> PlannerFor:
@@ -110,9 +121,31 @@ class Trainer:
     def _net(self, name: str, settings: TrainingSettings, seed: int) -> torch.nn.Module:
         key = (name, settings.scenes, seed)
         if key not in self._kept:
-            scenes = training_scenes(self.product, seed, settings, _QUIET)
-            self._kept[key] = self._trained(settings, scenes, seed)
+            self._kept[key] = self._from_file(settings, seed)
         return self._kept[key]
+
+    def _from_file(self, settings: TrainingSettings, seed: int) -> torch.nn.Module:
+        """The network as it was trained before, or trained now."""
+        identity = hashlib.sha256(f"{type(settings).__name__} {settings.model_dump_json()} {seed}".encode())
+        path = None if self.folder is None else self.folder / f"{identity.hexdigest()[:24]}.pt"
+        if path is not None and path.exists():
+            net = self._untrained(settings)
+            net.load_state_dict(torch.load(path, weights_only=True))
+            return net.eval()
+        net = self._trained(settings, training_scenes(self.product, seed, settings, _QUIET), seed)
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            torch.save(net.state_dict(), path.with_suffix(".partial"))
+            path.with_suffix(".partial").replace(path)
+        return net
+
+    def _untrained(self, settings: TrainingSettings) -> torch.nn.Module:
+        if isinstance(settings, PairwiseSettings):
+            return new_pairwise(settings)
+        if isinstance(settings, PaperSettings):
+            return new_paper(self.product, settings)
+        assert isinstance(settings, RelationSettings)
+        return new_relations(self.product, settings)
 
     def _trained(self, settings: TrainingSettings, scenes: list[Scene], seed: int) -> torch.nn.Module:
         if isinstance(settings, PairwiseSettings):

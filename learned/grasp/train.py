@@ -114,7 +114,7 @@ def train_pairwise(
     """A trained pairwise network; the same arguments give the same weights."""
     torch.manual_seed(seed)
     data = pair_data(list(observed_again(scenes, seed, settings)), product)
-    net = PairNet(settings.hidden, settings.members)
+    net = new_pairwise(settings)
     fit(net, len(data), lambda chosen: data.loss(net, chosen), settings, seed, console, checkpoint)
     return net.eval()
 
@@ -131,9 +131,7 @@ def train_paper(
     torch.manual_seed(seed)
     seen = list(observed_again(scenes, seed, settings))
     data = graph_data(seen, product, settings.edges, settings.filter_m, settings.data.crops)
-    own = settings.edges != "gcn"
-    features = feature_count(product, settings.data.crops)
-    net = PaperNet(features, settings.hidden, settings.layers, own, settings.attention)
+    net = new_paper(product, settings)
     fit(net, len(data), lambda chosen: data.loss(net, chosen), settings, seed, console, checkpoint)
     return net.eval()
 
@@ -144,9 +142,25 @@ def train_relations(
     """A trained network of GVMRN-RF; the same arguments give the same weights."""
     torch.manual_seed(seed)
     data = relation_data(list(observed_again(scenes, seed, settings)), product)
-    net = RelationNet(relation_features(product), settings.hidden)
+    net = new_relations(product, settings)
     fit(net, len(data), lambda chosen: data.loss(net, chosen), settings, seed, console)
     return net.eval()
+
+
+def new_pairwise(settings: PairwiseSettings) -> PairNet:
+    """An untrained network."""
+    return PairNet(settings.hidden, settings.members)
+
+
+def new_paper(product: Product, settings: PaperSettings) -> PaperNet:
+    """An untrained network."""
+    features = feature_count(product, settings.data.crops)
+    return PaperNet(features, settings.hidden, settings.layers, settings.edges != "gcn", settings.attention)
+
+
+def new_relations(product: Product, settings: RelationSettings) -> RelationNet:
+    """An untrained network."""
+    return RelationNet(relation_features(product), settings.hidden)
 
 
 def export_pairwise(net: PairNet) -> onnx.ModelProto:

@@ -143,6 +143,8 @@ def _take_models(library: Library, element: Element) -> None:
         ports = library.models.setdefault(identifier, {})
         for port in model.children:
             name = port.get("name")
+            if port.tag == "MetadataFields":
+                continue
             if port.tag not in ("input_port", "output_port", "inout_port") or not name:
                 library.problems.append(
                     Problem(port.place, f"<{port.tag}> is no port", 'like <input_port name="part"/>')

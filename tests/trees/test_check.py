@@ -380,6 +380,20 @@ def test_declared_inputs_of_the_main_tree_come_from_outside(write: Write) -> Non
     assert check([write(model + '<BehaviorTree ID="Main"><Go place="{place}"/></BehaviorTree>')], REGISTRY) == []
 
 
+def test_what_groot2_adds_when_it_saves_is_no_mistake(write: Write) -> None:
+    path = write(
+        '<?xml version="1.0" encoding="UTF-8"?><root BTCPP_format="4" main_tree_to_execute="M" project_name="cell">'
+        '<BehaviorTree ID="M" _fullpath="" _description="the cell"><Sequence name="all" _uid="1"><See place="{p}"'
+        ' _description="look"/><SubTree ID="Drive" p="{p}" _autoremap="false" name="away" _fullpath="away"/></Sequence>'
+        '</BehaviorTree><BehaviorTree ID="Drive"><Go place="{p}"/></BehaviorTree>'
+        '<!-- Description of Node Models (used by Groot) --><TreeNodesModel><Action ID="Go" editable="true"><input_port '
+        'name="place" type="Place">where to</input_port><MetadataFields><Metadata a="b"/></MetadataFields></Action>'
+        '<SubTree ID="Drive" editable="true"><MetadataFields><Metadata a="b"/></MetadataFields><input_port name="p"/>'
+        "</SubTree></TreeNodesModel></root>"
+    )
+    assert check([path], REGISTRY) == []
+
+
 def test_a_file_for_inclusion_needs_no_main_tree(write: Write) -> None:
     path = write(MAIN.format("<AlwaysSuccess/>"))
     assert check([path], REGISTRY) == []

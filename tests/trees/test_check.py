@@ -386,7 +386,7 @@ def test_what_groot2_adds_when_it_saves_is_no_mistake(write: Write) -> None:
         '<BehaviorTree ID="M" _fullpath="" _description="the cell"><Sequence name="all" _uid="1"><See place="{p}"'
         ' _description="look"/><SubTree ID="Drive" p="{p}" _autoremap="false" name="away" _fullpath="away"/></Sequence>'
         '</BehaviorTree><BehaviorTree ID="Drive"><Go place="{p}"/></BehaviorTree>'
-        '<!-- Description of Node Models (used by Groot) --><TreeNodesModel><Action ID="Go" editable="true"><input_port '
+        '<!-- Description of Node Models (Groot) --><TreeNodesModel><Action ID="Go" editable="true"><input_port '
         'name="place" type="Place">where to</input_port><MetadataFields><Metadata a="b"/></MetadataFields></Action>'
         '<SubTree ID="Drive" editable="true"><MetadataFields><Metadata a="b"/></MetadataFields><input_port name="p"/>'
         "</SubTree></TreeNodesModel></root>"

@@ -17,7 +17,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.grasp.boxes import Blocks, Boxes, bodies_overlap, boxes_of
+from learned.grasp.boxes import Blocks, Boxes, boxes_of, rectangles_overlap
 from learned.grasp.options import graspable
 from learned.grasp.pairs import as_in_catalogue
 from learned.grasp.physics import touching
@@ -61,8 +61,20 @@ class AveragingPlanner:
             )
             for _ in range(_TRIES_FOR_EACH * self._draws)
         ]
-        overlaps: Array = np.array([bodies_overlap(b, b, self._gap_m).sum() for b in drawn])
+        overlaps = _overlaps(drawn, self._gap_m)
         return [touching(drawn[k], self._outline) for k in np.argsort(overlaps, kind="stable")[: self._draws]]
+
+
+def _overlaps(drawn: Sequence[Boxes], gap_m: float) -> Array:
+    """(draws,) how many bodies come nearer to each other than a gap; all draws have the same bodies."""
+    centre = np.stack([boxes.centre_m for boxes in drawn])
+    yaw = np.stack([boxes.yaw_rad for boxes in drawn])
+    half = drawn[0].size_m[:, :2] / 2
+    overlap = rectangles_overlap(
+        centre[:, :, None], yaw[:, :, None], half[:, None] + gap_m, centre[:, None], yaw[:, None], half
+    )
+    found: Array = overlap.sum(axis=(1, 2))
+    return found
 
 
 def _votes(solution: Solution, possible: Sequence[Blocks], required: int) -> int:

@@ -90,7 +90,8 @@ def evaluate(
     kind: Annotated[str, typer.Option(help="paper, pairwise or rule.")] = "pairwise",
     weights: Annotated[Path | None, typer.Option(help="ONNX file; the shipped one by default.")] = None,
     experiment: Annotated[
-        Experiment | None, typer.Option(help="Compare all planners instead; finished cells are kept under data/.")
+        list[Experiment] | None,
+        typer.Option(help="Compare all planners instead; may be repeated; finished cells are kept under data/."),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
     config: ConfigOption = CONFIGURATION,
@@ -100,7 +101,7 @@ def evaluate(
 ) -> None:
     """Score the grasp planner, or run an experiment with all of them."""
     product = product_of(config)
-    if experiment is not None:
+    if experiment:
         _experiment(experiment, out, product)
         return
     if out is not None:
@@ -112,7 +113,7 @@ def evaluate(
     report_scores("grasp", evaluate_grasp(planner, product, seed, scenes), as_json)
 
 
-def _experiment(experiment: Experiment, out: Path | None, product: Product) -> None:
+def _experiment(experiments: list[Experiment], out: Path | None, product: Product) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
     need_torch()
@@ -122,11 +123,12 @@ def _experiment(experiment: Experiment, out: Path | None, product: Product) -> N
     from learned.grasp.report import write_report
 
     torch.set_num_threads(1)
-    chosen = [name for name in EXPERIMENTS if experiment in (Experiment.ALL, name)]
+    chosen = [name for name in EXPERIMENTS if Experiment.ALL in experiments or Experiment(name) in experiments]
+    typed = " ".join(f"--experiment {experiment.value}" for experiment in experiments)
     cells = [cell for name in chosen for cell in cells_of(name)]
     scores = run_cells(cells, product, KEPT / "cells", console())
     facts = {
-        "command": f"`cell eval grasp --experiment {experiment.value} --out {out}`",
+        "command": f"`cell eval grasp {typed} --out {out}`",
         "date": date.today().isoformat(),
         "machine": f"{platform.machine()}, one thread, Python {platform.python_version()}, torch {torch.__version__}",
     }

@@ -22,7 +22,7 @@ from cell.log_rotation import LogFiles
 from cell.log_schemas import TOPICS, asked_of_devices, json_bytes, plain, schema, tick_json
 from cell.log_snapshot import Snapshot
 from cell.scene_frames import timestamp
-from cell.scene_log import CellModel, SceneLog
+from cell.scene_log import CAMERAS, CellModel, SceneLog
 from cell.witness import Level, Outcome, TickRecord
 from skills.can_gripper import CanFrame
 
@@ -81,7 +81,7 @@ class McapRecorder:
             joint_samples.TOPIC, schema=joint_samples.schema(), message_encoding="protobuf", context=self.context
         )
         self.scene = None if cell is None else SceneLog(self.context, cell)
-        self._images: dict[str, CompressedImageChannel] = {}
+        self._images = {camera: CompressedImageChannel(f"/camera/{camera}", context=self.context) for camera in CAMERAS}
         self._encoder = ImageEncoder(settings.jpeg_quality)
         self._bench: BenchView | None = None
         self._parts: PartsView | None = None
@@ -119,8 +119,6 @@ class McapRecorder:
         if self.scene is not None:
             self.scene.frame(frame, _nanoseconds(frame.time_s))
         if self._settings.camera_frames:
-            if frame.camera not in self._images:
-                self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self.context)
             self._encoder.submit(frame)
 
     def tick(self, record: TickRecord) -> None:
@@ -263,6 +261,8 @@ class McapRecorder:
             self._write("/can", _nanoseconds(can.time_s), values)
         self._can.clear()
         for frame, jpeg in self._encoder.take():
+            if frame.camera not in self._images:
+                self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self.context)
             stamp_ns = _nanoseconds(frame.time_s)
             image = messages.CompressedImage(
                 timestamp=timestamp(stamp_ns), frame_id=f"camera_{frame.camera}", data=jpeg, format="jpeg"

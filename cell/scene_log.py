@@ -38,6 +38,7 @@ SCENE_OF_PARTS, SCENE_OF_ASSEMBLY = "/scene/parts", "/scene/assembly"
 CALIBRATION = "/camera/{}/calibration"
 HAND, HOLES, PARTS = "/camera/overhead/hand", "/camera/overhead/holes", "/camera/wrist/parts"
 JOINT_STATES = "/joint_states"
+CAMERAS = ("overhead", "wrist")
 ARM_STEP_RAD, OPENING_STEP_M = 1e-5, 1e-5  # smaller motions are not worth a message
 
 
@@ -90,7 +91,9 @@ class SceneLog:
         self._put(FRAMES_OF_BENCH, still_frames(0, frames), 0)
         self._put(SCENE_OF_BENCH, bench_scene(0, self._product, bench), 0)
         self._put(SCENE_OF_ROBOT, robot, 0)
-        for name, setup in (("overhead", bench.overhead), ("wrist", bench.wrist)):
+        for name, setup in zip(CAMERAS, (bench.overhead, bench.wrist), strict=True):
+            pose = FRAME_OF_CAMERA.format(name)
+            self._channels[pose] = FrameTransformChannel(pose, context=self._context)
             topic = CALIBRATION.format(name)
             self._channels[topic] = CameraCalibrationChannel(topic, context=self._context)
             self._put(topic, _calibration(name, setup), 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -21,6 +22,7 @@ from cell.interfaces.pose import Array, Pose
 PROTOCOL = Subprotocol("foxglove.sdk.v1")
 MESSAGE = struct.Struct("<BIQ")  # opcode, subscription, log time
 MESSAGE_DATA = 1
+UNKNOWN = re.compile(r"[Uu]nknown channel.*?(\d+)")
 
 
 def decoded(path: Path) -> dict[str, list[Any]]:
@@ -95,5 +97,8 @@ class LiveViewer:
             return None
 
     def _take(self, told: dict[str, Any]) -> None:
+        if told["op"] == "status" and (unknown := UNKNOWN.search(told["message"])):
+            # The server tells of a channel a moment before it takes subscriptions of it.
+            self.subscribe(*(topic for topic, one in self.channels.items() if one["id"] == int(unknown[1])))
         if told["op"] == "advertise":
             self.channels |= {channel["topic"]: channel for channel in told["channels"]}

@@ -189,7 +189,6 @@ def test_habits_that_are_shown_are_learned() -> None:
     assert fixed["goal_accuracy"] < learned["goal_accuracy"] <= best["goal_accuracy"]
     assert learned["goal_accuracy"] > best["goal_accuracy"] - 0.004
     assert learned["goal_nll"] < fixed["goal_nll"] - 0.005
-    assert learned["wrong_always"] < fixed["wrong_always"]
 
 
 @pytest.mark.parametrize("kind", ["paper", "factored"])

@@ -1,0 +1,76 @@
+"""`cell data|train|eval grasp`: files in, files out, and mistakes named before anything is trained."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cell.commands import main
+from learned.grasp.dataset import read_scenes
+from tests.learned.grasp.layouts import PRODUCT
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    monkeypatch.setattr("sys.argv", ["cell", *words])
+    return main()
+
+
+def test_drawn_scenes_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "scenes.jsonl"
+    assert (
+        run(monkeypatch, "data", "grasp", "--scenes", "4", "--clutter", "tray", "--seed", "2", "--out", str(out)) == 0
+    )
+    assert len(read_scenes(out, PRODUCT)) == 4
+    assert json.loads(out.read_text().splitlines()[0])["source"].startswith("cell data grasp --scenes 4")
+
+
+def test_a_planner_is_scored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(monkeypatch, "eval", "grasp", "--kind", "rule", "--scenes", "12", "--json") == 0
+    scores = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert 0.0 < scores["object_accuracy_1"] <= 1.0
+    assert "needless_moves_6" in scores
+
+
+def test_an_experiment_needs_a_page_and_a_page_an_experiment(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(monkeypatch, "eval", "grasp", "--experiment", "table2") == 2
+    assert run(monkeypatch, "eval", "grasp", "--out", "page.md") == 2
+
+
+@pytest.mark.torch
+def test_damaged_scenes_are_named_before_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = tmp_path / "scenes.jsonl"
+    assert run(monkeypatch, "data", "grasp", "--scenes", "2", "--out", str(data)) == 0
+    data.write_text(data.read_text().replace('"confidence"', '"certainty"', 1))
+    out = tmp_path / "grasp.onnx"
+    assert run(monkeypatch, "train", "grasp", "--data", str(data), "--out", str(out)) == 2
+    assert "scenes.jsonl:2: detections.0.confidence" in capsys.readouterr().err.replace("\n", "")
+    assert not out.exists()
+
+
+@pytest.mark.torch
+def test_scenes_from_a_file_train_a_planner(tmp_path: Path) -> None:
+    from learned.grasp.dataset import write_scenes
+    from learned.grasp.scenes import draw_scenes
+    from learned.grasp.train import train_grasp
+    from learned.grasp.training_settings import PairwiseSettings
+    from learned.onnx_model import OnnxModel
+
+    data = tmp_path / "scenes.jsonl"
+    write_scenes(data, draw_scenes(PRODUCT, 8, 30, "train"), PRODUCT, "a test")
+    settings = PairwiseSettings(epochs=8, hidden=12, members=1, batch=32)
+    scores = train_grasp(
+        PRODUCT,
+        tmp_path / "grasp.onnx",
+        0,
+        "pairwise",
+        settings=settings,
+        scenes=read_scenes(data, PRODUCT),
+        quiet=True,
+    )
+    card = OnnxModel.load(tmp_path / "grasp.onnx", "grasp.pairwise").card
+    assert card.config["split"] == "24 given scenes; scores on 6 others of them"
+    assert card.scores == scores

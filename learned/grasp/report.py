@@ -38,8 +38,8 @@ def _head(facts: Mapping[str, str]) -> str:
         "once. What is right is decided by the gripper's true outline touching a neighbour or not "
         "(`learned/grasp/physics.py`), compared with simulated grasps by `python -m tests.benchmarks.grasp_labels`. "
         f"One set of test scenes, seed {TEST_SEED}, by which nothing was "
-        "chosen. `+-` is the half width of the 95 % interval (Wilson) of one run; where three seeds were "
-        "trained (1, 2, 3), the mean and the lowest and highest.\n\n"
+        "chosen. `+-` is the half width of the 95 % interval (Wilson) of one run; where several seeds were "
+        "trained, from 1 on, the mean and the lowest and highest.\n\n"
         f"| | |\n|---|---|\n{rows}"
     )
 

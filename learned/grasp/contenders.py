@@ -69,7 +69,7 @@ CONTENDERS = {
     "default": Contender("default: pairwise, signed distances", PairwiseSettings(observations=8, epochs=30), SEEDS),
     "rule": Contender("rule: analytic, with the skills' margins"),
     "rule0": Contender("rule without margins"),
-    "average": Contender("upper reference: average over the known noise"),
+    "average": Contender("reference: average over the known noise"),
     "paper": Contender(
         "WL-GNN + LSTM_Att, Eq. 4 normalised", _PAPER, SEEDS, (0.91, 0.891, 0.882), (0.91, 0.874, 0.782, 0.684)
     ),

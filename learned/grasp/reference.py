@@ -1,8 +1,9 @@
-"""How well any planner could do: votes over what the scene may truly be, given its noisy detections.
+"""What geometry alone can reach: votes over what the scene may truly be, given its noisy detections.
 
-The reference knows everything: sizes from the product, the noise's standard deviations, the gripper's outline and
-that bodies do not overlap. It draws scenes that the detections allow and takes the answer that is right in most of
-them. It is too slow to plan with.
+The reference knows the product's sizes, the noise's standard deviations, the gripper's outline and that bodies do
+not overlap. It draws scenes that the detections allow and takes the answer that is right in most of them. It does
+not know how parts are strewn, which under much noise tells more than the detections, and it is too slow to plan
+with.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _TRIES_FOR_EACH = 8  # draws for each scene that is kept, the most possible ones
 
 
 class AveragingPlanner:
-    """Upper reference: a Monte Carlo average over the known noise."""
+    """A Monte Carlo average over the known noise."""
 
     def __init__(self, product: Product, noise: DetectionNoise, draws: int = 40, nearest_gap_m: float = 0.003) -> None:
         self._product = product

@@ -13,7 +13,7 @@ from learned.semantic.graph import Layout
 from learned.semantic.scenarios import TRAIN_RATIO, scenarios, split, sub_demonstrations
 
 RATIOS = (0.2, 0.3, 0.4, 0.6, TRAIN_RATIO, 0.9)
-FEW_RATIOS = (0.2, TRAIN_RATIO)  # with fewer goals, and with sub-demonstrations
+FEW_RATIOS = (0.2, 0.4, TRAIN_RATIO)  # with fewer goals, and with sub-demonstrations
 SEEDS = (1, 2, 3, 4, 5)
 
 

@@ -11,7 +11,7 @@ from rich.progress import track
 from rich.table import Table
 
 from cell.configuration import Configuration
-from cell.interfaces.pose import Pose
+from learned.grasp.boxes import Boxes
 from learned.grasp.physics import touching
 from learned.grasp.scenes import draw_scenes, standing_boxes
 from learned.grasp.settings import GripperOutline
@@ -22,6 +22,7 @@ from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Diary, lifted, robot_alone, run_tree
 
 SIZES = (3, 4, 5, 6)
+MOST_DRAWS = 1000
 PAPER = {3: 0.91, 4: 0.874, 5: 0.782, 6: 0.684}  # Table 3, on its own images
 BAR = {3: 0.95, 4: 0.93, 5: 0.91, 6: 0.88}
 
@@ -68,10 +69,22 @@ def tray_scene(size: int, seed: int) -> tuple[tuple[ScenePart, ...], str]:
 def dense_scene(size: int, seed: int) -> tuple[tuple[ScenePart, ...], str]:
     """A scene as the grasp planners are tested on: every part within 20 mm of another one."""
     scene = next(draw_scenes(PRODUCT, seed, 1, "test", sizes=(size, size)))
-    boxes, middle = scene.boxes, np.array(BENCH.tray.centre_m[:2])
-    rows = zip(boxes.types, boxes.centre_m + middle, boxes.yaw_rad, strict=True)
-    parts = tuple(standing(PRODUCT, BENCH.tray, name, centre, float(yaw)) for name, centre, yaw in rows)
-    return parts, boxes.types[int(np.random.default_rng(seed).integers(size))]
+    return in_tray(scene.boxes), scene.boxes.types[int(np.random.default_rng(seed).integers(size))]
+
+
+def blocked_scene(size: int, seed: int) -> tuple[tuple[ScenePart, ...], str]:
+    """The first such scene in which a type is within reach only after one move or more, and that type."""
+    for scene in draw_scenes(PRODUCT, seed, MOST_DRAWS, "test", sizes=(size, size)):
+        for part in sorted(set(scene.boxes.types)):
+            if fewest_moves(scene.boxes, part):
+                return in_tray(scene.boxes), part
+    raise AssertionError(f"no scene of {size} parts among {MOST_DRAWS} needs a move")
+
+
+def in_tray(boxes: Boxes) -> tuple[ScenePart, ...]:
+    """Boxes, whose origin is the middle of the tray, as parts in the simulator's tray."""
+    rows = zip(boxes.types, boxes.centre_m + np.array(BENCH.tray.centre_m[:2]), boxes.yaw_rad, strict=True)
+    return tuple(standing(PRODUCT, BENCH.tray, name, centre, float(yaw)) for name, centre, yaw in rows)
 
 
 def run_scenes(draw: Draw, scenes: int, first_seed: int, configuration: Configuration) -> list[Case]:
@@ -86,17 +99,20 @@ def fetch(draw: Draw, size: int, seed: int, configuration: Configuration) -> Cas
     """Fetch the required part of one scene."""
     scene, part = draw(size, seed)
     with robot_alone(scene, seed) as cell:
-        fewest = fewest_moves(cell, part)
+        fewest = fewest_moves(true_boxes(cell), part)
         outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": part}, configuration=configuration)
         fetched = lifted(cell, part)
     moves = sum(reason.endswith("moved aside") for reason in diary.reasons())
     return Case(size, seed, fetched, fewest, moves, f"{part} ({outcome.reason}): {last_words(diary)}")
 
 
-def fewest_moves(cell: SimCell, part: str) -> int | None:
-    """Moves that free the easiest part of a type, by the true poses and the gripper's true outline."""
-    poses: list[tuple[str, Pose]] = [(body.part, cell.world.part_pose(body)) for body in cell.world.bodies]
-    boxes = standing_boxes(PRODUCT, poses)
+def true_boxes(cell: SimCell) -> Boxes:
+    """The parts as they stand in the simulator."""
+    return standing_boxes(PRODUCT, [(body.part, cell.world.part_pose(body)) for body in cell.world.bodies])
+
+
+def fewest_moves(boxes: Boxes, part: str) -> int | None:
+    """Moves that free the easiest part of a type, by the gripper's true outline; None where no sequence does."""
     blocks = touching(boxes, GripperOutline())
     candidates = [index for index, name in enumerate(boxes.types) if name == part]
     solutions = [solve(blocks, index, nearest_first(boxes, index)) for index in candidates]

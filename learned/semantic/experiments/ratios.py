@@ -13,7 +13,7 @@ from learned.semantic.graph import Layout
 from learned.semantic.scenarios import TRAIN_RATIO, scenarios, split, sub_demonstrations
 
 RATIOS = (0.2, 0.3, 0.4, 0.6, TRAIN_RATIO, 0.9)
-FEW_RATIOS = (0.2, 0.4, TRAIN_RATIO)  # with fewer goals, and with sub-demonstrations
+FEW_RATIOS = (0.2, 0.4, TRAIN_RATIO)  # with sub-demonstrations
 SEEDS = (1, 2, 3, 4, 5)
 
 
@@ -24,7 +24,7 @@ def ratio_cells(product: Product) -> list[Cell]:
     for augment in (False, True):
         for count in range(most, most - 1 if augment else 0, -1):
             some = first_goals(product, count)
-            ratios = RATIOS if count == most and not augment else FEW_RATIOS
+            ratios = FEW_RATIOS if augment else RATIOS
             for kind, ratio, seed in product_of(KINDS, ratios, SEEDS):
                 key = {"experiment": "ratios", "kind": kind, "goals": count, "ratio": ratio, "seed": seed}
                 if kind != "bayes" or not augment:

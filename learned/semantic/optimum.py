@@ -21,11 +21,13 @@ class Joint:
 
     Attributes:
         seen: (R, m) rows of part types, EMPTY where nothing is reported.
+        taken: (R, m) holes that count as filled: those reported, or those that a camera sees filled.
         goals: (R, z) probability of the row together with each goal; sums to 1.
     """
 
     layout: Layout
     seen: Ints
+    taken: Bools
     goals: Floats
 
     @property
@@ -45,27 +47,34 @@ class Joint:
         return float(-(self.goals[some] * np.log(posterior[some])).sum())
 
     def next_beliefs(self) -> Floats:
-        """(R, n, m) exact probability that a type is right at a position; zero where it is seen to be filled."""
+        """(R, n, m) exact probability that a type is right at a position; zero where the hole is taken."""
         placements = np.einsum("rg,gnm->rnm", self.goals, self.layout.wanted) / self.weights[:, None, None]
-        still: Floats = placements * (self.seen == EMPTY)[:, None, :]
+        still: Floats = placements * ~self.taken[:, None, :]
         return still
 
 
-def exact_joint(layout: Layout, states: Mapping[tuple[int, ...], Floats], error: float) -> Joint:
+def exact_joint(
+    layout: Layout, states: Mapping[tuple[int, ...], Floats], error: float, *, holes_seen: bool = False
+) -> Joint:
     """The joint distribution from that of the true states.
 
     Args:
         states: by filled position (ones and zeros), (z,) probability of the state and each goal; sums to 1.
         error: share of misdetections, as `learned.semantic.scenarios.misdetect` makes them.
+        holes_seen: a camera sees which holes are filled, not with what: reports of open holes are dropped.
     """
-    rows: dict[tuple[int, ...], Floats] = {}
+    rows: dict[tuple[tuple[int, ...], tuple[bool, ...]], Floats] = {}
     pairs = action_pairs(layout)
     for mask, probabilities in states.items():
         for goal, probability in enumerate(probabilities):
             types = tuple(np.where(np.array(mask) == 1, layout.types[goal], EMPTY).tolist())
             for seen, share in _reports(types, pairs, error).items():
-                rows.setdefault(seen, np.zeros(len(layout.goals)))[goal] += probability * share
-    return Joint(layout, np.array(list(rows)), np.array(list(rows.values())))
+                if holes_seen:
+                    seen = tuple(part if filled else EMPTY for part, filled in zip(seen, mask, strict=True))
+                taken = tuple(map(bool, mask)) if holes_seen else tuple(part != EMPTY for part in seen)
+                rows.setdefault((seen, taken), np.zeros(len(layout.goals)))[goal] += probability * share
+    seen_rows, taken_rows = (np.array(column) for column in zip(*rows, strict=True))
+    return Joint(layout, seen_rows, taken_rows, np.array(list(rows.values())))
 
 
 def uniform_states(layout: Layout) -> dict[tuple[int, ...], Floats]:

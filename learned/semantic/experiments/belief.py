@@ -35,6 +35,8 @@ def _measure(product: Product, kind: str, seed: int) -> Values:
     depth = len(layout.positions) - 1
     joints = {f"runs_{error}": exact_joint(layout, run_states(layout, depth), error) for error in ERRORS}
     joints["uniform"] = exact_joint(layout, uniform_states(layout), DETECTION_ERROR)
+    joints["uniform_seen"] = exact_joint(layout, uniform_states(layout), DETECTION_ERROR, holes_seen=True)
+    joints["runs_seen"] = exact_joint(layout, run_states(layout, depth), DETECTION_ERROR, holes_seen=True)
     if kind == OPTIMUM:
         return {name: optimal_scores(joint) for name, joint in joints.items()}
     train, _ = split(scenarios(layout, seed), TRAIN_RATIO, seed)

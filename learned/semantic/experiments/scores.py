@@ -7,7 +7,7 @@ import numpy as np
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan
 from learned.semantic.evaluate import CALIBRATION_BINS, LEAST_PROBABILITY, Answers
 from learned.semantic.experiments.store import Values
-from learned.semantic.graph import EMPTY, Floats, Layout
+from learned.semantic.graph import Bools, Floats, Layout
 from learned.semantic.optimum import Joint, best_coverage, trade_off
 
 WRONG_LIMIT = 0.003  # the bar: at most so many wrong placements ...
@@ -15,12 +15,12 @@ ACT = 0.9  # ... at this threshold of the posterior
 
 
 def exact_scores(answers: Answers, joint: Joint) -> Values:
-    """Goal accuracy (also by number of reports), calibration, and wrong placements against coverage."""
+    """Goal accuracy (also by number of filled holes), calibration, and wrong placements against coverage."""
     layout = joint.layout
     plans = [answers(row) for row in joint.seen]
     believed = np.array([[plan.goal_belief[goal] for goal in layout.goals] for plan in plans])
     unknown = np.array([plan.goal_belief.get(UNKNOWN_GOAL, 0.0) for plan in plans])
-    best = np.array([_best_placement(plan, layout) for plan in plans])
+    best = np.array([_best_placement(plan, layout, taken) for plan, taken in zip(plans, joint.taken, strict=True)])
     return score(joint, believed, unknown, best)
 
 
@@ -42,7 +42,7 @@ def score(joint: Joint, believed: Floats, unknown: Floats, best: Floats) -> Valu
     rows = np.arange(len(joint.seen))
     weights = joint.weights
     right = joint.goals[rows, believed.argmax(axis=1)]
-    count = (joint.seen != EMPTY).sum(axis=1)
+    count = joint.taken.sum(axis=1)
     exact = joint.next_beliefs().reshape(len(rows), -1)
     wrong = 1.0 - exact[rows, best[:, 1].astype(int)]
     coverage, mistakes = trade_off(best[:, 0], wrong, weights)
@@ -66,12 +66,14 @@ def score(joint: Joint, believed: Floats, unknown: Floats, best: Floats) -> Valu
     }
 
 
-def _best_placement(plan: AssemblyPlan, layout: Layout) -> tuple[float, int]:
-    """Belief in the best placement and its index; a plan without any believes nothing."""
-    if not plan.next_belief:
-        return 0.0, 0
-    (part, position), belief = max(plan.next_belief.items(), key=lambda item: item[1])
-    return belief, layout.parts.index(part) * len(layout.positions) + layout.positions.index(position)
+def _best_placement(plan: AssemblyPlan, layout: Layout, taken: Bools) -> tuple[float, int]:
+    """Belief in the best placement into a hole that is not taken (m,), and its index; without any, no belief."""
+    positions = layout.positions
+    possible = {key: belief for key, belief in plan.next_belief.items() if not taken[positions.index(key[1])]}
+    if not possible:
+        return 0.0, int(np.argmin(taken))
+    (part, position), belief = max(possible.items(), key=lambda item: item[1])
+    return belief, layout.parts.index(part) * len(positions) + positions.index(position)
 
 
 def _calibration_error(believed: Floats, right: Floats, weights: Floats) -> float:

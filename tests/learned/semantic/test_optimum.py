@@ -79,3 +79,12 @@ def test_runs_are_states_of_their_goals() -> None:
     assert ((states.seen != EMPTY).sum(axis=1) == steps).all()
     assert ((states.seen == EMPTY) | (states.seen == LAYOUT.types[states.goals])).all()
     assert (states.seen[np.arange(len(states)), states.following] == EMPTY).all()
+
+
+def test_a_camera_that_sees_which_holes_are_filled_takes_false_reports_away() -> None:
+    states = uniform_states(LAYOUT)
+    reported, seen = (exact_joint(LAYOUT, states, 0.1, holes_seen=camera) for camera in (False, True))
+    assert np.isclose(seen.weights.sum(), 1.0)
+    assert not ((seen.seen != EMPTY) & ~seen.taken).any()
+    assert {tuple(row) for row in seen.taken.astype(int).tolist()} == set(states)
+    assert seen.goal_accuracy() > reported.goal_accuracy()

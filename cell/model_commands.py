@@ -11,6 +11,7 @@ eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated 
 data_app = typer.Typer()
 data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)
+data_app.command("grasp")(grasp_commands.data)
 
 for name, commands in (("semantic", semantic_commands), ("grasp", grasp_commands)):
     train_app.command(name)(commands.train)

@@ -25,7 +25,7 @@ from learned.grasp.contenders import CONTENDERS, SEEDS, Trainer
 from learned.grasp.evaluate import SCENE_SIZES, evaluate_scenes, iterative_scores
 from learned.grasp.planner import PaperPlanner
 from learned.grasp.scenes import Scene, draw_scenes
-from learned.grasp.settings import TRAY_SCENES, DetectionNoise, SceneSettings
+from learned.grasp.settings import TRAY_SCENES, DetectionNoise, GripperGeometry, SceneSettings
 
 Experiment = Literal["table2", "table3", "noise", "curve"]
 EXPERIMENTS: tuple[Experiment, ...] = ("table2", "table3", "noise", "curve")
@@ -33,7 +33,7 @@ EXPERIMENTS: tuple[Experiment, ...] = ("table2", "table3", "noise", "curve")
 PAPER_SCENES = 427
 TEST_SEED = 2026  # of all test scenes; nothing was ever chosen by their scores
 CURVE = (100, 427, 1000, 3000, 10000)
-_VERSION = 1  # of labels, scenes and scores; a new one makes all cells anew
+_VERSION = 1  # of the code behind labels and scores; a new one makes all cells anew
 
 _MM, _DEG = 0.001, math.pi / 180
 NOISES = {
@@ -124,9 +124,10 @@ _CELLS = {"table2": _table2, "table3": _table3, "noise": _noise, "curve": _curve
 
 
 def _identity(cell: Cell) -> str:
-    settings = CONTENDERS[cell.contender].settings
-    learning = settings.model_dump(mode="json", exclude={"scenes", "test_scenes"}) if settings else None
-    text = json.dumps([_VERSION, asdict(cell), learning], sort_keys=True)
+    trained = CONTENDERS[cell.contender].settings
+    learning = trained.model_dump(mode="json", exclude={"scenes", "test_scenes"}) if trained else None
+    geometry = [settings.model_dump(mode="json") for settings in (SceneSettings(), TRAY_SCENES, GripperGeometry())]
+    text = json.dumps([_VERSION, asdict(cell), learning, geometry], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 

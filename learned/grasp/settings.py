@@ -32,8 +32,8 @@ class GripperOutline(Model):
     palm_size_m: tuple[float, float] = (0.100, 0.062)
     palm_above_tip_m: float = Field(default=0.079, gt=0)
     stroke_m: float = Field(default=0.085, gt=0)
-    clearance_m: float = Field(default=0.004, gt=0)
-    grasp_depth_m: float = Field(default=0.030, gt=0)
+    clearance_m: float = Field(default=0.003, gt=0)
+    grasp_depth_m: float = Field(default=0.022, gt=0)
     bottom_gap_m: float = Field(default=0.003, ge=0)
     fitting_m: float = Field(default=0.003, ge=0)
 
@@ -57,11 +57,11 @@ class GripperGeometry(Model):
     finger_width_m: float = Field(default=0.025, gt=0)
     finger_thickness_m: float = Field(default=0.012, gt=0)
     stroke_m: float = Field(default=0.085, gt=0)
-    clearance_m: float = Field(default=0.004, gt=0)
-    margin_m: float = Field(default=0.002, ge=0)
-    grasp_depth_m: float = Field(default=0.030, gt=0)
+    clearance_m: float = Field(default=0.003, gt=0)
+    margin_m: float = Field(default=0.001, ge=0)
+    grasp_depth_m: float = Field(default=0.022, gt=0)
     bottom_gap_m: float = Field(default=0.003, ge=0)
-    below_gap_m: float = Field(default=0.004, ge=0)
+    below_gap_m: float = Field(default=0.002, ge=0)
     finger_length_m: float = Field(default=0.079, gt=0)
     hand_size_m: tuple[float, float] = (0.104, 0.076)
 
@@ -102,8 +102,8 @@ class SceneSettings(Model):
     parts: tuple[int, int] = (3, 6)
     neighbour_share: float = Field(default=1.0, ge=0, le=1)
     nearest_gap_m: float = Field(default=0.003, ge=0)
-    farthest_gap_m: float = Field(default=0.012, gt=0)
-    crowding: int = Field(default=8, ge=1)
+    farthest_gap_m: float = Field(default=0.008, gt=0)
+    crowding: int = Field(default=16, ge=1)
     tray_m: tuple[float, float] = (0.32, 0.40)
     crops: bool = False
     outline: GripperOutline = GripperOutline()
@@ -111,5 +111,5 @@ class SceneSettings(Model):
 
 
 TRAY_SCENES = SceneSettings(neighbour_share=0.6, nearest_gap_m=0.004, farthest_gap_m=0.030, crowding=1)
-"""As loose as the simulator's tray (sim/settings.py), where one part in twenty-five cannot be grasped at once; the
-default scenes are dense, so that two parts in five cannot."""
+"""As loose as the simulator's tray (sim/settings.py): one part in seventy cannot be grasped at once. The default scenes
+are dense, so that two parts in five cannot."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -22,6 +23,7 @@ COLOURS = {
     "bayes": "tab:purple",
     OPTIMUM: "black",
 }
+MARKERS: dict[str, dict[str, Any]] = {"factored": {"marker": "s", "markersize": 10, "markerfacecolor": "none"}}
 PAPER_SUCCESS = 0.963  # at TRAIN_RATIO, on the paper's own recordings
 LEAST_WRONG = 1e-4  # lower end of the axis of wrong placements
 
@@ -47,12 +49,17 @@ def plot_ratios(cells: Cells, out: Path) -> None:
 
 def plot_coverage(cells: Cells, out: Path) -> None:
     """Wrong placements against coverage as the threshold moves; the first seed of every kind."""
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, name, title in zip(
-        panels,
-        ("uniform", f"runs_{DETECTION_ERROR}"),
-        ("all scenarios alike", "after 1 to 5 actions, each number alike"),
+        panels.flat,
+        ("uniform", f"runs_{DETECTION_ERROR}", "uniform_seen", "runs_seen"),
+        (
+            "all scenarios alike, reports alone",
+            "after 1 to 5 actions, reports alone",
+            "all scenarios alike, filled holes seen",
+            "after 1 to 5 actions, filled holes seen",
+        ),
         strict=True,
     ):
         for kind in (*KINDS, OPTIMUM):
@@ -63,8 +70,9 @@ def plot_coverage(cells: Cells, out: Path) -> None:
         axes.plot([0.94], [0.003], "r*", markersize=11, label="the aim")
         axes.set(title=f"{title}, 4.5 % misdetections", xlabel="coverage", yscale="log", xlim=(0.2, 1.01))
         axes.grid(alpha=0.3, which="both")
-    panels[0].set_ylabel("share of wrong placements")
-    panels[0].legend()
+    for axes in panels[:, 0]:
+        axes.set_ylabel("share of wrong placements")
+    panels[0, 0].legend()
     figure.savefig(out, dpi=110)
 
 
@@ -93,4 +101,6 @@ def _line(axes: Axes, x: Sequence[float], rows: Sequence[Sequence[float]], kind:
     known = [(place, *mean_and_half_width(row)) for place, row in zip(x, rows, strict=True) if row]
     if known:
         places, means, halves = zip(*known, strict=True)
-        axes.errorbar(places, means, yerr=halves, color=COLOURS[kind], label=kind, marker="o", capsize=2)
+        axes.errorbar(
+            places, means, yerr=halves, color=COLOURS[kind], label=kind, capsize=2, **MARKERS.get(kind, {"marker": "o"})
+        )

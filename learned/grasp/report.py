@@ -79,7 +79,7 @@ def _table3(scores: Scores, out: Path) -> str:  # noqa: ARG001
         "## Table 3: iterative solving, in geometry\n"
         "250 scenes of each size; the first required part at random; after every grasp all is seen anew. Success: the "
         "required part is grasped without touching another, or help is asked for where nothing else would do. The "
-        f"executed series is `python -m tests.benchmarks.clearing`.\n\n{_markdown(head, rows)}"
+        f"executed series is `python -m tests.benchmarks.robot_alone clutter`.\n\n{_markdown(head, rows)}"
     )
 
 
@@ -100,7 +100,7 @@ def _noise(scores: Scores, out: Path) -> str:
         "Object accuracy for one required type; standard deviations of position (x and y each) and heading, and of "
         "heights and sizes. The detector's own: .4 mm, .25 deg, heights and sizes from the product. `default` is told "
         "the level; told nothing, it believes in the detector's own. `rule` trusts the detected sizes; `default` has "
-        "the product's beside them, which is why noise of heights does not touch it; a rule that read the product's "
+        "the product's beside them, which is why noise of heights hardly touches it; a rule that read the product's "
         "sizes would keep its score there as well. "
         "The reference averages over scenes that the detections allow, without knowing how parts are strewn; what is "
         "learned knows, and passes it under much noise.\n\n"

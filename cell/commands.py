@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
     except typer.Abort:
         return _complain("interrupted", 1)
     except typer.TyperException as error:
-        return _complain(str(error), BAD_INPUT)
+        return _complain(error.format_message(), BAD_INPUT)
     except KeyboardInterrupt:
         return _complain("interrupted", 1)
     return status if isinstance(status, int) else 0

@@ -95,6 +95,7 @@ def test_a_factory_that_is_not_there_is_named_by_line(tmp_path: Path, capsys: py
         (["frobnicate"], "frobnicate"),
         (["check", "no/such/file.xml"], "no/such/file.xml: cannot be read"),
         (["eval", "grasp", "--kind", "magic"], "magic"),
+        (["run", "--live-port", "99999"], "--live-port"),
     ],
 )
 def test_other_bad_input(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:

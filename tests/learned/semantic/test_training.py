@@ -282,7 +282,8 @@ def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatc
     small |= dict.fromkeys([*names, "wrong_at_act", "best_coverage", *(f"goal_accuracy_{k}" for k in range(1, 6))], 0.5)
     success = dict.fromkeys(["success", "bound", "unique_success", "consistent_success"], 0.75)
     both = {f"{name}_{where}": value for name, value in success.items() for where in ("all", "held_out")}
-    parts = dict.fromkeys(("uniform", "runs_0.0", "runs_0.045", "runs_0.1"), small)
+    joints = ("uniform", "uniform_seen", "runs_0.0", "runs_0.045", "runs_0.1", "runs_seen")
+    parts = dict.fromkeys(joints, small)
     unknown = {"unknown_goals": {f"unknown_goal_auc_{k}": 0.5 for k in range(1, 6)}}
     values = {**small, **success, **both, **parts, **unknown, "train_s": 1.0, "plan_s": 1e-3}
 

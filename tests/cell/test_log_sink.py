@@ -33,10 +33,11 @@ class Disk:
         self._pwrite = os.pwrite
 
     def pwrite(self, descriptor: int, data: Any, offset: int) -> int:
-        if self.error is None:
+        error = self.error  # once: the log's thread writes while the test repairs the disk
+        if error is None:
             return self._pwrite(descriptor, data, offset)
         self._pwrite(descriptor, data[: len(data) // 2], offset)
-        raise OSError(self.error, os.strerror(self.error))
+        raise OSError(error, os.strerror(error))
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import sys
 
 def main() -> None:
     """Run the command line."""
-    from cell.commands import main as command_line
+    from cell.commands.main import main as command_line
 
     sys.exit(command_line())
 

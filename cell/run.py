@@ -15,28 +15,28 @@ from typing import Any, Literal
 from rich.console import Console
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration, load_configuration, load_product
-from cell.contact_sheet import ContactSheet
-from cell.controller import Controller
-from cell.detectors import lock_step, worker_processes
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError, Problem
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import place_of
-from cell.live_server import LiveServer
-from cell.monitor import Monitor
-from cell.node_library import node_registry
-from cell.progress import LiveProgress
-from cell.recorder import Heading, McapRecorder
-from cell.reload import WatchedTree
-from cell.scene_log import CellModel
-from cell.services import TickClock, make_services
-from cell.tally import Tally
-from cell.witness import Level, Outcome, Witness
+from cell.observer import Level, Outcome, Witness
+from cell.recording.recorder import Heading, McapRecorder
+from cell.recording.scene import CellModel
+from cell.running.controller import Controller
+from cell.running.detectors import lock_step, worker_processes
+from cell.running.node_library import node_registry
+from cell.running.reload import WatchedTree
+from cell.running.services import TickClock, make_services
+from cell.running.statistics import Tally
+from cell.viewing.contact_sheet import ContactSheet
+from cell.viewing.live_server import LiveServer
+from cell.viewing.monitor import Monitor
+from cell.viewing.progress import LiveProgress
 from skills.can_gripper import CanGripper, Tap, open_bus
 from skills.planner import MotionPlanner
-from trees.loader import load_tree
-from trees.tree import Tree
+from trees.engine.tree import Tree
+from trees.files.loader import load_tree
 
 Pace = Literal["fast", "real"]
 RECORDED_VERSIONS = ("cell", "mujoco", "placo", "py-trees", "onnxruntime", "opencv-python-headless", "numpy")

@@ -15,12 +15,12 @@ from typing import Any
 from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
-from trees.blackboard import Entry
-from trees.loader import load_tree
-from trees.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node, Runtime
-from trees.ports import Port
-from trees.registry import BUILT_IN, Registry, is_leaf, tag_of
-from trees.tree import Tree
+from trees.engine.blackboard import Entry
+from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node, Runtime
+from trees.engine.ports import Port
+from trees.engine.tree import Tree
+from trees.files.loader import load_tree
+from trees.files.registry import BUILT_IN, Registry, is_leaf, tag_of
 
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 WORDS = {status: letter for letter, status in LETTERS.items()}

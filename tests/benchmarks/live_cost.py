@@ -23,11 +23,11 @@ from typing import Any
 from rich.console import Console
 from websockets.exceptions import ConnectionClosed
 
-from cell.live_server import LiveServer
-from cell.log.reader import read_log
-from cell.recorder import McapRecorder
+from cell.log.reading.reader import read_log
+from cell.recording.recorder import McapRecorder
 from cell.run import RunOptions, run
-from tests.cell.viewer import live_viewer
+from cell.viewing.live_server import LiveServer
+from tests.cell.viewing.viewer import live_viewer
 
 MODES = ("off", "no viewer", "one viewer")
 SUBSCRIBED = (

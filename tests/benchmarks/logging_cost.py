@@ -21,13 +21,13 @@ from rich.console import Console
 from rich.table import Table
 
 import cell.run
-from cell import joint_samples
-from cell.controller import Controller
 from cell.interfaces.observation import JointSamples
 from cell.interfaces.perception import Frame
-from cell.recorder import McapRecorder
+from cell.observer import Level, TickRecord
+from cell.recording import joint_samples
+from cell.recording.recorder import McapRecorder
 from cell.run import RunOptions, run
-from cell.witness import Level, TickRecord
+from cell.running.controller import Controller
 from sim.arm import SimArm
 from skills.can_gripper import CanFrame
 

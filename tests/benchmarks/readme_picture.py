@@ -10,7 +10,7 @@ from pathlib import Path
 
 import cv2
 
-from cell.witness import TickRecord
+from cell.observer import TickRecord
 from sim.portrait import portrait
 from sim.world import World
 from tests.integration.cell_rig import ASSEMBLE, Diary, run_tree, with_person

@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cell.configuration import load_configuration, load_product
-from cell.log.reader import read_log
+from cell.log.reading.reader import read_log
 
 LONGEST_S = 600.0
 FAULT_AFTER_S = 20.0
@@ -40,7 +40,7 @@ def update_or_fall_silent(self, time_s, dt_s):
         self.silence()
     update(self, time_s, dt_s)
 GripperNode.update = update_or_fall_silent
-from cell.commands import main
+from cell.commands.main import main
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -17,11 +17,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cell.commands import main as cell_main
+from cell.commands.main import main as cell_main
 from cell.interfaces.errors import LogError
-from cell.log.reader import read_log
-from cell.recorder import McapRecorder
-from cell.witness import TickRecord
+from cell.log.reading.reader import read_log
+from cell.observer import TickRecord
+from cell.recording.recorder import McapRecorder
 
 
 def main() -> None:

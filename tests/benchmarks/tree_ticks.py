@@ -18,11 +18,11 @@ import py_trees
 from py_trees.common import ParallelPolicy, Status
 
 from cell.interfaces.clock import ManualClock
-from cell.log_schemas import tick_json
-from trees.loader import load_tree
-from trees.node import Node
-from trees.registry import Registry
-from trees.tree import Tree
+from cell.recording.schemas import tick_json
+from trees.engine.node import Node
+from trees.engine.tree import Tree
+from trees.files.loader import load_tree
+from trees.files.registry import Registry
 
 ROUNDS = 25
 ROUND_S = 0.02

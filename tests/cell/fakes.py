@@ -9,16 +9,16 @@ import numpy as np
 from py_trees.common import Status
 
 from cell.configuration import ControllerSettings
-from cell.controller import Controller
-from cell.inference import LockStep
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices
 from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
-from cell.witness import Level, Outcome, TickRecord
-from trees.node import StatusChange
+from cell.observer import Level, Outcome, TickRecord
+from cell.running.controller import Controller
+from cell.running.inference import LockStep
+from trees.engine.node import StatusChange
 
 PARKED = (0.0,) * 6
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 from cell.configuration import ROOT, Configuration, load_configuration, load_product
 from cell.interfaces.perception import Frame
-from cell.node_library import node_registry
+from cell.observer import Level, Outcome, TickRecord
 from cell.run import Files, drive
-from cell.witness import Level, Outcome, TickRecord
+from cell.running.node_library import node_registry
 from sim.cell import SimCell
 from sim.clutter import ScenePart
 from skills.planner import MotionPlanner
-from trees.loader import load_tree
+from trees.files.loader import load_tree
 
 ASSEMBLE = ROOT / "trees" / "assemble.xml"
 COMMISSION = ROOT / "trees" / "commission.xml"

@@ -10,12 +10,12 @@ import pytest
 
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.errors import InputError
-from trees.library import read_library
-from trees.loader import build, load_tree
-from trees.node import Node
-from trees.registry import Registry
-from trees.structure import check_structure
-from trees.tree import Tree
+from trees.engine.node import Node
+from trees.engine.tree import Tree
+from trees.files.library import read_library
+from trees.files.loader import build, load_tree
+from trees.files.registry import Registry
+from trees.files.structure import check_structure
 
 Load = Callable[..., Tree]
 

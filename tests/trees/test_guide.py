@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from cell.configuration import ROOT
-from cell.node_library import node_registry
-from trees.check import check
+from cell.running.node_library import node_registry
+from trees.files.check import check
 
 GUIDE = (ROOT / "docs" / "authoring.md").read_text()
 BLOCK = re.compile(r"```(xml|python)\n(.*?)```", re.DOTALL)

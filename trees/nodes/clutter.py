@@ -5,9 +5,9 @@ from __future__ import annotations
 from py_trees.common import Status
 
 from cell.interfaces.perception import PartDetection, PartsView
-from trees.errors import NodeError
+from trees.engine.errors import NodeError
+from trees.engine.ports import InputPort, OutputPort
 from trees.nodes.services import CellNode
-from trees.ports import InputPort, OutputPort
 
 
 class LookAtTray(CellNode):

@@ -11,11 +11,11 @@ from py_trees.common import Status
 
 from cell.interfaces.perception import PartsView
 from cell.interfaces.skill import Skill
-from trees.errors import NodeError
+from trees.engine.errors import NodeError
+from trees.engine.ports import InputPort
 from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
-from trees.ports import InputPort
 
 
 class NamedPose(Enum):

@@ -10,10 +10,10 @@ from py_trees.common import Status
 
 from cell.interfaces.perception import PartsView
 from cell.interfaces.pose import Array
+from trees.engine.ports import InputPort
 from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
 from trees.nodes.watching import SeenAction
-from trees.ports import InputPort
 
 
 class PersonAction(Enum):

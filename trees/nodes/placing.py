@@ -6,9 +6,9 @@ from py_trees.common import Status
 
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Skill
+from trees.engine.ports import InOutPort, InputPort
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
-from trees.ports import InOutPort, InputPort
 
 
 class PlacePart(SkillNode):

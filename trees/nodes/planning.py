@@ -5,9 +5,9 @@ from __future__ import annotations
 from py_trees.common import Status
 
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
+from trees.engine.ports import InputPort, OutputPort
 from trees.guard import Verdict
 from trees.nodes.services import CellNode, Services
-from trees.ports import InputPort, OutputPort
 
 
 class InferGoal(CellNode):

@@ -16,8 +16,8 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
+from trees.engine.node import Node
 from trees.guard import Guard
-from trees.node import Node
 
 # Skills load kinematics and collision checking; who only checks or shows a tree file does not wait for them.
 if TYPE_CHECKING:

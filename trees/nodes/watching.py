@@ -8,8 +8,8 @@ from py_trees.common import Status
 
 from cell.interfaces.perception import Action, HoleView
 from cell.interfaces.planning import AssemblyState
+from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.nodes.services import CellNode
-from trees.ports import InOutPort, InputPort, OutputPort
 
 
 @dataclass(frozen=True)

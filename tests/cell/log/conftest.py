@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, ROOT
-from cell.log.reader import Log, read_log
+from cell.log.reading.reader import Log, read_log
 from cell.run import RunOptions, run
 
 COMMISSION = ROOT / "trees" / "commission.xml"

@@ -13,13 +13,13 @@ import pytest
 from rich.console import Console
 from websockets.exceptions import ConnectionClosed
 
-from cell.commands import main
+from cell.commands.main import main
 from cell.configuration import DEFAULT_TREE
-from cell.log.question import diff
-from cell.log.reader import Log, read_log
+from cell.log.reading.reader import Log, read_log
+from cell.log.telling.query import diff
 from cell.run import RunOptions, run
 from tests.cell.log.conftest import changed_configuration
-from tests.cell.viewer import live_viewer
+from tests.cell.viewing.viewer import live_viewer
 
 WATCHED = ("/camera/overhead", "/camera/overhead/hand", "/tick", "/observation", "/joint_states", "/tf/robot")
 

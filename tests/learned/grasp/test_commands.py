@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands import main
+from cell.commands.main import main
 from learned.grasp.dataset import read_scenes
 from tests.learned.grasp.layouts import PRODUCT
 

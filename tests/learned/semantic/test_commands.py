@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands import main
+from cell.commands.main import main
 from learned.semantic.dataset import load_demonstrations
 from tests.learned.products import DEFAULT
 

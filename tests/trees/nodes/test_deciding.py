@@ -23,7 +23,7 @@ from tests.trees.nodes.rig import (
     seen_parts,
     services,
 )
-from trees.errors import NodeError
+from trees.engine.errors import NodeError
 from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
 from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear, WaitForHandClearOfPart
 from trees.nodes.planning import ChoosePosition, InferGoal

@@ -1,0 +1,40 @@
+"""`cell data --from LOG`: training data from recorded runs."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.terminal import JsonOption, console, print_json, table
+from cell.interfaces.errors import InputError
+
+
+def from_logs(
+    context: typer.Context,
+    logs: Annotated[
+        list[Path] | None, typer.Option("--from", metavar="LOG", help="Log of a run; may be repeated.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="New folder for what the logs give.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make training data: from recorded runs (--from LOG --out DIR), or drawn by chance (semantic, grasp)."""
+    if context.invoked_subcommand is not None:
+        if logs or out:
+            raise InputError(f"--from and --out before `{context.invoked_subcommand}` have no meaning; see its --help")
+        return
+    if not logs or out is None:
+        raise InputError("name logs by --from LOG and a new folder by --out DIR, or a data set: semantic, grasp")
+    from cell.commands.log_terminal import read
+    from cell.log.training.manifest import write_training_data
+
+    command = shlex.join(["cell", "data", *(word for log in logs for word in ("--from", str(log))), "--out", str(out)])
+    manifest = write_training_data((read([log]) for log in logs), out, command)
+    console().print(table(str(out), manifest["counts"]))
+    for log in manifest["logs"]:
+        if log["no_demonstration_because"]:
+            console().print(f"{log['name']}: no demonstration: {log['no_demonstration_because']}", highlight=False)
+    if as_json:
+        print_json(manifest)

@@ -1,0 +1,145 @@
+"""`cell data grasp`, `cell train grasp` and `cell eval grasp`."""
+
+from __future__ import annotations
+
+import platform
+from datetime import date
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.terminal import (
+    CONFIGURATION,
+    ROOT,
+    ConfigOption,
+    JsonOption,
+    SeedOption,
+    console,
+    product_of,
+    report_scores,
+)
+from cell.commands.weights import need_torch, shipped_weights
+from cell.interfaces.errors import InputError
+from cell.interfaces.product import Product
+
+KEPT = ROOT / "data" / "grasp"  # cells of experiments, and trainings that were interrupted
+
+
+class Clutter(StrEnum):
+    """How close parts stand in drawn scenes."""
+
+    DENSE = "dense"
+    TRAY = "tray"
+
+
+class Experiment(StrEnum):
+    """Which tables `cell eval grasp --experiment` makes."""
+
+    TABLE2 = "table2"
+    TABLE3 = "table3"
+    NOISE = "noise"
+    CURVE = "curve"
+    ALL = "all"
+
+
+def data(
+    out: Annotated[Path, typer.Option(help="File to write (JSON lines, learned/grasp/dataset.py).")],
+    scenes: Annotated[int, typer.Option(min=1, help="Number of scenes.")] = 1000,
+    clutter: Annotated[Clutter, typer.Option(help="How close parts stand.")] = Clutter.DENSE,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+) -> None:
+    """Draw cluttered trays with detections, truth and labels."""
+    from rich.progress import track
+
+    from learned.grasp.dataset import write_scenes
+    from learned.grasp.scenes import draw_scenes
+    from learned.grasp.settings import TRAY_SCENES, SceneSettings
+
+    product = product_of(config)
+    settings = TRAY_SCENES if clutter is Clutter.TRAY else SceneSettings()
+    drawn = track(draw_scenes(product, seed, scenes, "train", settings), "drawing", scenes, console=console())
+    source = f"cell data grasp --scenes {scenes} --clutter {clutter.value} --seed {seed}"
+    try:
+        count = write_scenes(out, drawn, product, source)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror}") from error
+    console().print(f"{count} scenes in {out}")
+
+
+def train(
+    kind: Annotated[str, typer.Option(help="paper or pairwise.")] = "pairwise",
+    data: Annotated[Path | None, typer.Option(help="Scenes to learn from; drawn ones by default.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; the shipped one by default.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Train the planner that judges graspability in clutter; goes on where an interrupted training stopped."""
+    need_torch()
+    from learned.grasp.dataset import read_scenes
+    from learned.grasp.train import train_grasp
+
+    product = product_of(config)
+    scores = train_grasp(
+        product,
+        out or shipped_weights("grasp", kind),
+        seed,
+        kind,
+        scenes=None if data is None else read_scenes(data, product),
+        checkpoints=KEPT,
+        command=f"cell train grasp --kind {kind} --seed {seed}" + ("" if data is None else f" --data {data}"),
+    )
+    report_scores("grasp", scores, as_json)
+
+
+def evaluate(
+    kind: Annotated[str, typer.Option(help="paper, pairwise or rule.")] = "pairwise",
+    weights: Annotated[Path | None, typer.Option(help="ONNX file; the shipped one by default.")] = None,
+    experiment: Annotated[
+        list[Experiment] | None,
+        typer.Option(help="Compare all planners instead; may be repeated; finished cells are kept under data/."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    scenes: Annotated[int, typer.Option(min=4, help="Number of test scenes.")] = 1000,
+    as_json: JsonOption = False,
+) -> None:
+    """Score the grasp planner, or run an experiment with all of them."""
+    product = product_of(config)
+    if experiment:
+        _experiment(experiment, out, product)
+        return
+    if out is not None:
+        raise InputError("--out is for --experiment; scores of one planner go to the terminal, or --json")
+    from learned.grasp.evaluate import evaluate_grasp
+    from learned.grasp.planner import load_grasp_planner
+
+    planner = load_grasp_planner(kind, weights or shipped_weights("grasp", kind), product)
+    report_scores("grasp", evaluate_grasp(planner, product, seed, scenes), as_json)
+
+
+def _experiment(experiments: list[Experiment], out: Path | None, product: Product) -> None:
+    if out is None:
+        raise InputError("--experiment needs --out FILE, the page to write")
+    need_torch()
+    import torch
+
+    from learned.grasp.experiments import EXPERIMENTS, cells_of, run_cells
+    from learned.grasp.report import write_report
+
+    torch.set_num_threads(1)
+    chosen = [name for name in EXPERIMENTS if Experiment.ALL in experiments or Experiment(name) in experiments]
+    typed = " ".join(f"--experiment {experiment.value}" for experiment in experiments)
+    cells = [cell for name in chosen for cell in cells_of(name)]
+    scores = run_cells(cells, product, KEPT / "cells", console())
+    facts = {
+        "command": f"`cell eval grasp {typed} --out {out}`",
+        "date": date.today().isoformat(),
+        "machine": f"{platform.machine()}, one thread, Python {platform.python_version()}, torch {torch.__version__}",
+    }
+    write_report(out, chosen, scores, facts)
+    console().print(f"{len(cells)} results in {out}")

@@ -1,0 +1,184 @@
+"""`cell log ...` and `cell report`: each command imports what it needs by itself."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.log_terminal import (
+    DIFFERS,
+    FromOption,
+    JsonOption,
+    LogArgument,
+    UntilOption,
+    beside,
+    read,
+    say,
+    tell_comparison,
+    tell_entries,
+    tell_json,
+)
+from cell.interfaces.errors import InputError
+
+LOSSY = 3
+LONGEST_VALUE = 200
+
+
+class ExportFormat(StrEnum):
+    """What a log can be written as."""
+
+    csv = "csv"
+    parquet = "parquet"
+    btlog = "btlog"
+    video = "video"
+
+
+log_app = typer.Typer(no_args_is_help=True, help="Question and compare logs.")
+
+
+def report(
+    log: LogArgument,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file; beside the log by default.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one HTML page about a run; it needs no network."""
+    from cell.log.telling.report import write_report
+
+    page = out or beside(log, ".html")
+    size = write_report(read(log), page)
+    if as_json:
+        tell_json({"report": str(page), "bytes": size})
+    else:
+        say(f"{page}: {size / 1e6:.2f} MB")
+
+
+@log_app.command()
+def info(log: LogArgument, as_json: JsonOption = False) -> None:
+    """Say what is in a log."""
+    from cell.log.telling import query as question
+    from cell.log.telling.text import info_lines
+
+    answer = question.info(read(log))
+    if as_json:
+        tell_json(answer)
+    else:
+        say(*info_lines(answer))
+
+
+@log_app.command()
+def ticks(
+    log: LogArgument,
+    from_s: FromOption = 0.0,
+    until_s: UntilOption = float("inf"),
+    everything: Annotated[bool, typer.Option("--all", help="Also ticks in which nothing was decided.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """List ticks with what was noted, commanded and shown; with --json one object a line."""
+    from cell.log.telling import query as question
+    from cell.log.telling.text import tick_lines
+
+    tell_entries(
+        question.ticks(read(log), from_s, until_s, everything), as_json, lambda tick: "\n".join(tick_lines(tick))
+    )
+
+
+@log_app.command()
+def query(
+    log: LogArgument,
+    node: Annotated[str | None, typer.Option(help="Part of a node's path.")] = None,
+    status: Annotated[str | None, typer.Option(help="RUNNING, SUCCESS, FAILURE or INVALID.")] = None,
+    key: Annotated[str | None, typer.Option(help="Key that the entry has at any depth.")] = None,
+    topic: Annotated[str | None, typer.Option(help="Part of the topic, as belief or command.")] = None,
+    from_s: FromOption = 0.0,
+    until_s: UntilOption = float("inf"),
+    as_json: JsonOption = False,
+) -> None:
+    """Find status changes of nodes, or messages by topic and key; with --json one object a line."""
+    from cell.log.telling import query as question
+
+    legal = ("RUNNING", "SUCCESS", "FAILURE", "INVALID")
+    if status is not None and status not in legal:
+        raise InputError(f"--status {status} is no status; legal: {', '.join(legal)}")
+    asked = question.Query(node, status, key, topic, from_s, until_s)
+    from cell.log.telling.text import short
+
+    tell_entries(question.query(read(log), asked), as_json, lambda entry: short(entry, LONGEST_VALUE))
+
+
+@log_app.command()
+def diff(
+    one: Annotated[Path, typer.Argument(metavar="A", help="Log.")],
+    other: Annotated[Path, typer.Argument(metavar="B", help="Log to compare with.")],
+    as_json: JsonOption = False,
+) -> int:
+    """Compare what two logs saw and decided, tick by tick; 0 where all is the same, 1 where it differs."""
+    from cell.log.telling import query as question
+
+    logs = read([one]), read([other])
+    unfinished = "; ".join(log.unfinished for log in logs if log.unfinished)
+    return tell_comparison(
+        question.diff(*logs), unfinished, as_json, (one.name, other.name) if one.name != other.name else ("A", "B")
+    )
+
+
+@log_app.command()
+def recover(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a run (MCAP), or one part of it.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="New file; LOG.recovered.mcap by default.")] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Salvage a truncated or damaged log into a complete file; 0 where nothing is lost, 3 where something is."""
+    from cell.log.reading import recover as recovery
+
+    target = out or log.with_suffix(".recovered.mcap")
+    loss = recovery.recover(log, target)
+    if as_json:
+        tell_json({"recovered": str(target), "lossy": loss.lossy, **vars(loss)})
+    else:
+        say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}", *(f"  {line}" for line in loss.lines()))
+    return LOSSY if loss.lossy else 0
+
+
+@log_app.command("export")
+def export_log(
+    log: LogArgument,
+    to: Annotated[ExportFormat, typer.Option(help="Format.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; beside the log by default.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a log for other tools: a table of ticks, transitions for Groot2, or a video of the overhead camera."""
+    from cell.log.telling.export import export
+
+    target = out or beside(log, ".mp4" if to is ExportFormat.video else f".{to.value}")
+    count = export(read(log), to.value, target)
+    what = {ExportFormat.btlog: "transitions", ExportFormat.video: "frames"}.get(to, "rows")
+    if as_json:
+        tell_json({"file": str(target), what: count})
+    else:
+        say(f"{target}: {count} {what}")
+
+
+@log_app.command("to-test")
+def to_test(
+    log: LogArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the case.")] = Path("tests/cases"),
+    name: Annotated[str | None, typer.Option(help="Name of the case; the log's by default.")] = None,
+    until_s: UntilOption = float("inf"),
+    as_json: JsonOption = False,
+) -> int:
+    """Turn a log into a regression case under 1 MB; `make test` replays those in tests/cases. 1 if it differs now."""
+    from cell.log.replaying.case import check_case, write_case
+    from cell.log.telling.text import difference_lines
+
+    case = out / f"{name or beside(log, '').name}.mcap"
+    size = write_case(read(log), case, until_s)
+    differing = check_case(case)
+    if as_json:
+        first = vars(differing[0]) if differing else None
+        tell_json({"case": str(case), "bytes": size, "differences": len(differing), "first": first})
+    else:
+        say(f"{case}: {size} bytes", *(line for one in differing[:1] for line in ("differs:", *difference_lines(one))))
+    return DIFFERS if differing else 0

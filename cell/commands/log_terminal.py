@@ -1,0 +1,85 @@
+"""What the commands about logs share: arguments, reading with a word about what is missing, and answers."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from cell.log.reading.reader import Log
+    from cell.log.replaying.compare import Comparison
+
+DIFFERS = 1
+SHOWN_NODES = 15
+
+LogArgument = Annotated[
+    list[Path], typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; the first one brings all.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]
+FromOption = Annotated[float, typer.Option("--from", help="From this time on [s].")]
+UntilOption = Annotated[float, typer.Option("--until", help="Up to this time [s].")]
+
+
+def read(paths: Sequence[Path]) -> Log:
+    """A log; what it lacks is said on standard error."""
+    from cell.log.reading.reader import read_log
+
+    log = read_log(paths[0] if len(paths) == 1 else paths)
+    if log.unfinished:
+        sys.stderr.write(f"cell: {log.path}: {log.unfinished}\n")
+    return log
+
+
+def beside(paths: Sequence[Path], suffix: str) -> Path:
+    """A file beside a log, named as the log is; as the part is where a later part was named alone."""
+    from cell.log.reading.reader import files_of
+    from cell.recording.parts import whole_path
+
+    alone = len(paths) == 1 and files_of(paths[0]) == [paths[0]]
+    return (paths[0] if alone else whole_path(paths[0])).with_suffix(suffix)
+
+
+def tell_comparison(
+    comparison: Comparison, unfinished: str, as_json: bool, names: tuple[str, str] = ("was", "now")
+) -> int:
+    """Say how two runs compare; returns the exit status."""
+    from cell.log.telling.text import difference_lines
+
+    if as_json:
+        tell_json({**comparison.as_json(), "unfinished": unfinished})
+    elif comparison.identical:
+        say(f"identical: {comparison.ticks} ticks")
+    else:
+        assert comparison.first is not None
+        say(f"{comparison.differing_ticks} of {comparison.ticks} ticks differ", "first:")
+        say(*difference_lines(comparison.first, names), "by what differs (number of ticks, first one):")
+        for aspect, first in comparison.first_by_aspect.items():
+            say(f"  {aspect}: {comparison.ticks_by_aspect[aspect]}", *difference_lines(first, names))
+        if comparison.ticks_by_node:
+            say("by node (ticks):")
+            say(*(f"  {count:6d} {node}" for node, count in comparison.ticks_by_node.most_common(SHOWN_NODES)))
+    return 0 if comparison.identical else DIFFERS
+
+
+def tell_entries(entries: Iterable[Mapping[str, Any]], as_json: bool, text: Callable[[Mapping[str, Any]], str]) -> None:
+    """Entries one after the other, in words or an object a line; that there are none is said on standard error."""
+    count = 0
+    for count, entry in enumerate(entries, 1):  # noqa: B007 - counted to say where nothing was found
+        sys.stdout.write((json.dumps(entry) if as_json else text(entry)) + "\n")
+    if not count:
+        sys.stderr.write("cell: nothing of that is in the log\n")
+
+
+def tell_json(answer: Mapping[str, object]) -> None:
+    """One line of JSON."""
+    sys.stdout.write(json.dumps(answer) + "\n")
+
+
+def say(*lines: str) -> None:
+    """Lines on standard output."""
+    sys.stdout.writelines(f"{line}\n" for line in lines)

@@ -1,0 +1,219 @@
+"""The command line; every command imports what it needs by itself, so that `cell check` answers at once."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cell.commands.log import log_app, report
+from cell.commands.models import data_app, eval_app, train_app
+from cell.commands.replay import replay
+from cell.commands.terminal import CONFIGURATION, ROOT, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
+
+if TYPE_CHECKING:
+    from cell.interfaces.errors import Problem
+
+TREE = ROOT / "trees" / "assemble.xml"
+BAD_INPUT, SAFE_STOP = 2, 3
+MONITOR_PORT = 1667
+LIVE_PORT = 8765
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Behaviour-tree controller for a human-robot assembly cell.",
+)
+app.add_typer(train_app, name="train")
+app.add_typer(eval_app, name="eval")
+app.add_typer(data_app, name="data")
+app.add_typer(log_app, name="log")
+app.command()(replay)
+app.command()(report)
+
+
+class Pace(StrEnum):
+    """How fast simulated time passes."""
+
+    fast = "fast"
+    real = "real"
+
+
+class NodeFormat(StrEnum):
+    """How the nodes are listed."""
+
+    text = "text"
+    json = "json"
+    groot = "groot"
+
+
+PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
+    try:
+        status = app(args=arguments, prog_name="cell", standalone_mode=False)
+    except (InputError, LogError, ModelError) as error:
+        return _complain(str(error), BAD_INPUT)
+    except DeviceFault as error:
+        return _complain(str(error), SAFE_STOP)
+    except CellError as error:
+        return _complain(str(error), 1)
+    except typer.Abort:
+        return _complain("interrupted", 1)
+    except typer.TyperException as error:
+        return _complain(error.format_message(), BAD_INPUT)
+    except KeyboardInterrupt:
+        return _complain("interrupted", 1)
+    return status if isinstance(status, int) else 0
+
+
+@app.command()
+def run(
+    tree: Annotated[Path, typer.Option(help="Tree file to run.")] = TREE,
+    config: ConfigOption = CONFIGURATION,
+    goal: Annotated[str, typer.Option(help="What the simulated person assembles: a goal's name or random.")] = "random",
+    seed: SeedOption = 0,
+    pace: Annotated[Pace, typer.Option(help="fast: as fast as it goes; real: tied to the wall clock.")] = Pace.fast,
+    log: Annotated[Path | None, typer.Option(help="Log file (MCAP); a new one in runs/ by default.")] = None,
+    monitor: Annotated[bool, typer.Option("--monitor", help="Let Groot2 watch, on this machine only.")] = False,
+    monitor_port: PortOption = MONITOR_PORT,
+    monitor_hooks: Annotated[
+        bool, typer.Option("--monitor-hooks", help="Let it put breakpoints and overrides on nodes, too.")
+    ] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Take over edits of the tree file while it runs.")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Serve the log's channels to Foxglove, on this machine.")
+    ] = False,
+    live_port: Annotated[int, typer.Option(min=0, max=65535, help="Port for --live; 0: any free one.")] = LIVE_PORT,
+    as_json: JsonOption = False,
+) -> int:
+    """Assemble one product."""
+    from cell import run as running
+
+    screen = console()
+    port = monitor_port if monitor or monitor_hooks else None
+    options = running.RunOptions(
+        tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch, live_port if live else None
+    )
+    result = running.run(options, screen)
+    screen.print(table("run", result.summary))
+    if as_json:
+        print_json(result.summary)
+    return result.outcome.exit_status
+
+
+@app.command()
+def monitor(port: PortOption = MONITOR_PORT) -> None:
+    """Watch the tree of a `cell run --monitor` that runs on this machine."""
+    from cell.viewing.live_view import live_view
+
+    live_view(port, console())
+
+
+@app.command()
+def check(
+    files: Annotated[list[Path], typer.Argument(help="Tree files.")],
+    as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
+) -> int:
+    """Say everything that is wrong with tree files."""
+    from cell.running.node_library import node_registry
+    from trees.files.check import check as problems_of
+
+    problems = problems_of(files, node_registry())
+    if as_json:
+        print_json({"problems": [_problem_data(problem) for problem in problems]})
+        return BAD_INPUT if problems else 0
+    if problems:
+        raise InputError(*problems)
+    console().print(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong", highlight=False)
+    return 0
+
+
+@app.command()
+def show(
+    file: Annotated[Path, typer.Argument(help="Tree file.")],
+    svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
+) -> None:
+    """Print the trees of a file, or draw them."""
+    from cell.running.node_library import node_registry
+    from trees.views.show import show_file
+
+    if svg is None and png is None:
+        sys.stdout.write(show_file(file, node_registry()))
+        return
+    from trees.views.picture import picture, to_png
+
+    drawing = picture(file, node_registry())
+    if svg is not None:
+        _write(svg, drawing.encode())
+    if png is not None:
+        _write(png, to_png(drawing))
+
+
+@app.command()
+def nodes(
+    style: Annotated[
+        NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
+    ] = NodeFormat.text,
+    groot: Annotated[Path | None, typer.Option(help="Write the palette for Groot2 into this file.")] = None,
+) -> None:
+    """List the nodes that tree files may name, with their ports."""
+    from cell.running.node_library import node_registry
+    from trees.views import palette
+
+    registry = node_registry()
+    if groot is not None:
+        _write(groot, palette.groot_model(registry).encode())
+        return
+    writers: Mapping[NodeFormat, Callable[[], str]] = {
+        NodeFormat.text: lambda: palette.palette_text(registry),
+        NodeFormat.json: lambda: json.dumps(palette.palette_list(registry)) + "\n",
+        NodeFormat.groot: lambda: palette.groot_model(registry),
+    }
+    sys.stdout.write(writers[style]())
+
+
+@app.command()
+def doctor(as_json: JsonOption = False) -> int:
+    """Say what is missing on this machine and how to get it."""
+    from cell.commands.doctor import examine
+
+    screen = console()
+    findings = examine()
+    for finding in findings:
+        screen.print(f"{'ok     ' if finding.ok else 'MISSING'} {finding.what}", highlight=False, markup=False)
+        if not finding.ok and finding.remedy:
+            screen.print(f"        {finding.remedy}", highlight=False, markup=False)
+    healthy = all(finding.ok for finding in findings)
+    if as_json:
+        print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
+    return 0 if healthy else 1
+
+
+def _problem_data(problem: Problem) -> dict[str, object]:
+    place = problem.place
+    where = {"file": str(place.file), "line": place.line, "column": place.column}
+    return {**where, "what": problem.what, "legal": problem.legal}
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _complain(text: str, status: int) -> int:
+    if text:  # none where the help was printed
+        sys.stderr.write(f"cell: {text}\n")
+    return status

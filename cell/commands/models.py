@@ -1,0 +1,20 @@
+"""`cell train`, `cell eval` and `cell data`: one module of commands for each planner, and one for recorded runs."""
+
+from __future__ import annotations
+
+import typer
+
+from cell.commands import data as data_commands
+from cell.commands import grasp as grasp_commands
+from cell.commands import semantic as semantic_commands
+
+train_app = typer.Typer(no_args_is_help=True, help="Train a planner on generated scenarios and write its ONNX file.")
+eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
+data_app = typer.Typer()
+data_app.callback(invoke_without_command=True)(data_commands.from_logs)
+data_app.command("semantic")(semantic_commands.data)
+data_app.command("grasp")(grasp_commands.data)
+
+for name, commands in (("semantic", semantic_commands), ("grasp", grasp_commands)):
+    train_app.command(name)(commands.train)
+    eval_app.command(name)(commands.evaluate)

@@ -1,0 +1,131 @@
+"""`cell data semantic`, `cell train semantic` and `cell eval semantic`."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from datetime import date
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.terminal import (
+    CONFIGURATION,
+    ROOT,
+    ConfigOption,
+    JsonOption,
+    SeedOption,
+    console,
+    product_of,
+    report_scores,
+)
+from cell.commands.weights import need_torch, shipped_weights
+from cell.interfaces.errors import InputError
+from cell.interfaces.product import Product
+
+KEPT = ROOT / "data" / "semantic"  # finished cells of experiments, a file for each product
+TRAIN_RATIO = 0.77  # 143 of the 186 scenarios of the default product, as in the paper
+
+
+class Experiment(StrEnum):
+    """Which sections `cell eval semantic --experiment` writes."""
+
+    SETTINGS = "settings"
+    RATIOS = "ratios"
+    BELIEF = "belief"
+    HABITS = "habits"
+    SIZES = "sizes"
+    ALL = "all"
+
+
+def data(
+    out: Annotated[Path, typer.Option(help="File to write (JSON lines, learned/semantic/dataset.py).")],
+    scenarios: Annotated[
+        bool, typer.Option("--scenarios", help="The paper's scenarios: every partial state, and what followed it.")
+    ] = False,
+    count: Annotated[int, typer.Option(min=1, help="Whole assemblies by people with habits.")] = 500,
+    strength: Annotated[float, typer.Option(min=0, help="Of their habits; 0 is any order alike.")] = 1.0,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+) -> None:
+    """Generate demonstrations: whole assemblies, or the paper's scenarios."""
+    from learned.semantic.dataset import save_demonstrations
+    from learned.semantic.people import generated_demonstrations, scenario_demonstrations
+
+    product = product_of(config)
+    if scenarios:
+        drawn = scenario_demonstrations(product, seed)
+        source = f"cell data semantic --scenarios --seed {seed}"
+    else:
+        drawn = generated_demonstrations(product, count, strength, seed)
+        source = f"cell data semantic --count {count} --strength {strength:g} --seed {seed}"
+    save_demonstrations(out, product, drawn, source)
+    console().print(f"{len(drawn)} demonstrations in {out}")
+
+
+def train(
+    kind: Annotated[str, typer.Option(help="paper, factored or and_or.")] = "factored",
+    data: Annotated[Path | None, typer.Option(help="Demonstrations to learn from; generated ones by default.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; the shipped one by default.")] = None,
+    ratio: Annotated[float, typer.Option(min=0.01, max=0.99, help="Share that is trained on.")] = TRAIN_RATIO,
+    augment: Annotated[bool, typer.Option("--augment", help="Learn from sub-demonstrations too.")] = False,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Train the planner that infers the goal and what remains to be done; goes on where a training stopped."""
+    need_torch()
+    from learned.semantic.train import train_semantic
+
+    path = out or shipped_weights("semantic", kind)
+    scores = train_semantic(product_of(config), path, seed, kind, ratio=ratio, augment=augment, data=data)
+    report_scores("semantic", scores, as_json)
+
+
+def evaluate(
+    kind: Annotated[str, typer.Option(help="paper, factored, and_or or bayes.")] = "factored",
+    weights: Annotated[Path | None, typer.Option(help="File of weights; the shipped one by default.")] = None,
+    experiment: Annotated[
+        Experiment | None, typer.Option(help="Compare all kinds instead; finished cells are kept under data/.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Score the semantic planner, or run an experiment with all of them."""
+    product = product_of(config)
+    if experiment is not None:
+        _experiment(experiment, out, product)
+        return
+    if out is not None:
+        raise InputError("--out is for --experiment; scores of one planner go to the terminal, or --json")
+    from learned.semantic.evaluate import evaluate_semantic
+    from learned.semantic.planner import load_semantic_planner
+
+    planner = load_semantic_planner(kind, weights or shipped_weights("semantic", kind), product)
+    report_scores("semantic", evaluate_semantic(planner, product, seed), as_json)
+
+
+def _experiment(experiment: Experiment, out: Path | None, product: Product) -> None:
+    if out is None:
+        raise InputError("--experiment needs --out FILE, the page to write")
+    need_torch()
+    from learned.semantic.experiments.report import EXPERIMENTS, write_report
+    from learned.semantic.experiments.store import Store
+    from learned.semantic.graph import Layout
+
+    names = list(EXPERIMENTS) if experiment is Experiment.ALL else [experiment.value]
+    facts = {
+        "command": f"`cell eval semantic --experiment {experiment.value} --out {out}`",
+        "date": date.today().isoformat(),
+        "machine": f"{os.cpu_count()} cores ({platform.machine()}), one thread used, Python {sys.version.split()[0]}",
+        "seeds": "1 to 5 where nothing else is said; 1000 to 1002 for the choice of settings",
+        "product": f"{product.name}: {len(product.positions)} positions, {len(product.parts)} types, "
+        f"{len(product.goals)} goals",
+    }
+    write_report(names, product, Store(KEPT / f"experiments_{Layout.of(product).sha256[:12]}.jsonl"), out, facts)
+    console().print(f"{', '.join(names)} in {out}")

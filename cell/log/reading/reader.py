@@ -1,0 +1,158 @@
+"""A log as the run that it tells of: ticks with what each one saw and decided, attachments and metadata."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cell.interfaces.errors import LogError
+from cell.log.reading.mcap_file import McapContent, Message, read_mcap
+from cell.log.reading.ticks import SNAPSHOT, Gap, TickBuilder
+from cell.log.reading.ticks import LoggedTick as LoggedTick  # who reads a log needs them
+from cell.log.reading.ticks import Note as Note
+from cell.recording.parts import part_number, parts_of, whole_path
+
+
+@dataclass(frozen=True)
+class Log:
+    """A run from its log.
+
+    Attributes:
+        path: the file; of several parts the first.
+        attachments: content by name: configuration.yaml, product.yaml, tree/*.xml.
+        metadata: seed, versions, hashes of weights and the like.
+        outcome: how the run ended; empty where the log was cut off.
+        ticks: in order; from 0 but where the first parts are not there.
+        messages: everything in the order of writing, cameras and CAN frames included; what parts repeat at their
+            beginning only once.
+        unfinished: what is missing, in words: ticks in the middle, or the end of a log that was not closed; else empty.
+        gaps: ticks that are missing in the middle.
+        parts: the files that were read.
+    """
+
+    path: Path
+    attachments: Mapping[str, bytes]
+    metadata: Mapping[str, str]
+    outcome: Mapping[str, str]
+    ticks: tuple[LoggedTick, ...]
+    messages: tuple[Message, ...]
+    unfinished: str = ""
+    gaps: tuple[Gap, ...] = ()
+    parts: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A file of a log.
+
+    Attributes:
+        number: 0 for a log in one file.
+        follows: it goes on where the file before it ended.
+    """
+
+    path: Path
+    content: McapContent
+    number: int
+    follows: bool
+
+
+def read_log(path: Path | Sequence[Path]) -> Log:
+    """Read a whole log; one of a killed process is read up to its last whole tick and says so in `unfinished`.
+
+    Args:
+        path: a file; the first part of a rotated log, or the name without a part's number, for all its parts; another
+            part for that part alone; or several parts in their order.
+
+    Raises:
+        LogError: a file cannot be read, is no log of a run, is damaged or lacks a message in its middle.
+    """
+    paths = files_of(path) if isinstance(path, Path) else list(path)
+    parts = list(_parts(paths))
+    first, last = parts[0], parts[-1]
+    lossy = any(name in part.content.metadata for part in parts for name in ("recovered", "dropped"))
+    ticks = TickBuilder(first.path, lossy, 0 if first.number <= 1 else None)
+    messages: list[Message] = []
+    told: list[str] = []
+    for part in parts:
+        new = _beyond_head(part.content.messages) if part.follows else part.content.messages
+        for message in new:
+            if message.encoding == "json":
+                ticks.take(message)
+        messages += new
+        if part is not last:
+            told += _broken_off(part, ticks)
+    return Log(
+        path=first.path,
+        attachments=first.content.attachments,
+        metadata=first.content.metadata.get("run", {}),
+        outcome=last.content.metadata.get("outcome", {}),
+        ticks=tuple(ticks.done),
+        messages=tuple(messages),
+        unfinished="; ".join([*told, *_missing(last, ticks)]),
+        gaps=tuple(ticks.gaps),
+        parts=tuple(paths),
+    )
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files that a name stands for: itself, or all parts where it is the first part or has no part's number."""
+    if part_number(path) is None:
+        return [path] if path.exists() else parts_of(path) or [path]
+    parts = parts_of(whole_path(path))
+    return parts if parts and path == parts[0] else [path]
+
+
+def _parts(paths: Sequence[Path]) -> Iterator[_Part]:
+    before: _Part | None = None
+    for path in paths:
+        content = read_mcap(path)
+        number = _number(path, content)
+        if before is not None:
+            if not (number and before.number):
+                raise LogError(path, "is no part of a rotated log: it cannot be read together with others")
+            if number <= before.number:
+                raise LogError(path, f"is part {number} and stands after part {before.number}")
+            if content.metadata.get("run") != before.content.metadata.get("run"):
+                raise LogError(path, f"is a part of another run than {before.path.name}")
+        part = _Part(path, content, number, before is not None and number == before.number + 1)
+        yield part
+        before = part
+
+
+def _number(path: Path, content: McapContent) -> int:
+    text = content.metadata.get("part", {}).get("number", "0")
+    if not (text.isascii() and text.isdigit()):
+        raise LogError(path, f"has the part number {text!r}")
+    return int(text)
+
+
+def _beyond_head(messages: list[Message]) -> list[Message]:
+    """Without what a part repeats at its beginning, up to the snapshot."""
+    head = next((place for place, message in enumerate(messages) if message.topic == SNAPSHOT), -1)
+    return messages[head + 1 :]
+
+
+def _broken_off(part: _Part, ticks: TickBuilder) -> list[str]:
+    """What is missing at the end of a part that others follow."""
+    if not part.content.unfinished:
+        if ticks.pending is not None:
+            raise LogError(part.path, f"tick {ticks.pending} is not whole")
+        return []
+    ticks.break_off()
+    return [f"{part.path.name} {part.content.unfinished}"]
+
+
+def _missing(last: _Part, ticks: TickBuilder) -> list[str]:
+    told = [str(gap) for gap in ticks.gaps]
+    if ticks.blind:
+        told.append(f"{ticks.blind} ticks saw answers of detectors that are missing")
+    if last.content.unfinished:
+        told.append(last.content.unfinished)
+    elif "outcome" not in last.content.metadata:
+        told.append("the run's end is not in it")
+    if ticks.pending is not None:
+        if not told:
+            raise LogError(last.path, f"tick {ticks.pending} is not whole")
+        told.append(f"tick {ticks.pending} is not whole and left out")
+    return told

@@ -1,0 +1,261 @@
+"""Searches truncated and damaged logs for every record whose checksum or whole layout is right."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from mcap.opcode import Opcode
+
+from cell.interfaces.errors import LogError
+from cell.log.reading.mcap_file import HEAD, MAGIC, MESSAGE, Damage, Fields, inflate
+from cell.log.reading.recovered import (
+    Attachment,
+    Channel,
+    Loss,
+    Salvage,
+    Salvaged,
+    Schema,
+    missing_messages,
+    missing_ticks,
+)
+
+# An opcode and a length below 4 GiB: what the beginning of a record looks like.
+RECORD_BEGIN = re.compile(rb"[\x01-\x0f][\s\S]{4}\x00\x00\x00\x00")
+# Searching damaged stretches may unpack and checksum this often the file's own size, and no more.
+SEARCH_EFFORT = 8
+LEAST_EFFORT_BYTES = 128 * 1024 * 1024
+
+
+def salvage(path: Path) -> Salvage:
+    """Find every whole record of a file, whatever stands between them.
+
+    Raises:
+        LogError: the file cannot be read or holds no record.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise LogError(path, f"cannot be read: {error.strerror or error}") from None
+    found = _Salvager(path, data).run()
+    if not (found.messages or found.attachments or found.metadata):
+        raise LogError(path, "holds nothing that can be salvaged")
+    return found
+
+
+class _Salvager:
+    def __init__(self, path: Path, data: bytes) -> None:
+        self._data = data
+        self._view = memoryview(data)
+        self._effort_bytes = max(LEAST_EFFORT_BYTES, SEARCH_EFFORT * len(data))
+        self._found = Salvage(path)
+        self._remarks: list[str] = []
+        self._skipped = 0
+        self._closed = self._unchecked = False
+        self._counted: dict[str, int] = {}  # by the writer
+
+    def run(self) -> Salvage:
+        at = len(MAGIC) if self._data.startswith(MAGIC) else 0
+        if not at:
+            self._remarks.append("the file does not begin as an MCAP file")
+        while at < len(self._data) and not self._closed:
+            try:
+                at = self._record(at)
+            except Damage as damage:
+                at = self._resume(at, damage)
+        self._found.loss = self._loss()
+        known = [one for one in self._found.messages if one.channel in self._found.channels]
+        self._found.messages = known
+        return self._found
+
+    def _resume(self, at: int, damage: Damage) -> int:
+        """Place of the next record that can be taken, past damage."""
+        begin = at + 1
+        while (match := RECORD_BEGIN.search(self._data, begin)) is not None:
+            if self._effort_bytes <= 0:
+                self._remarks.append(f"search given up at byte {begin}: too many things look like records")
+                break
+            if self._plausible(match.start()):
+                self._skip(at, match.start(), damage)
+                return match.start()
+            begin = match.start() + 1
+        self._skip(at, len(self._data), damage)
+        return len(self._data)
+
+    def _skip(self, begin: int, end: int, damage: Damage) -> None:
+        self._skipped += end - begin
+        self._remarks.append(f"{end - begin} bytes skipped at byte {begin}: {damage}")
+
+    def _plausible(self, at: int) -> bool:
+        """Whether a record that can be told from noise begins here: by checksum, or by text that fits exactly."""
+        try:
+            opcode, body = self._cut(at)
+            self._effort_bytes -= 64
+            if opcode == Opcode.CHUNK:
+                self._chunk(body)
+            elif opcode == Opcode.ATTACHMENT:
+                self._effort_bytes -= len(body)
+                if not _attachment(body)[1]:
+                    return False
+            elif opcode == Opcode.METADATA:
+                _metadata(body)
+            elif opcode == Opcode.DATA_END:
+                return self._ends_here(at, body)
+            else:
+                return False
+        except Damage:
+            return False
+        return True
+
+    def _ends_here(self, at: int, body: memoryview) -> bool:
+        follows = at + HEAD.size + len(body)
+        return len(body) == 4 and self._data[follows : follows + 1] in (b"\x02", b"\x03", b"\x04", b"\x08", b"\x0b")
+
+    def _cut(self, at: int) -> tuple[int, memoryview]:
+        if at + HEAD.size > len(self._data):
+            raise Damage("the file ends in mid-record")
+        opcode, length = HEAD.unpack_from(self._data, at)
+        begin = at + HEAD.size
+        if begin + length > len(self._data):
+            raise Damage("a record runs over the end of the file")
+        return opcode, self._view[begin : begin + length]
+
+    def _record(self, at: int) -> int:
+        opcode, body = self._cut(at)
+        if opcode == Opcode.CHUNK:
+            self._take(self._chunk(body))
+        elif opcode == Opcode.ATTACHMENT:
+            attachment, right = _attachment(body)
+            if not right:
+                raise Damage(f"attachment {attachment.name} does not match its checksum")
+            self._found.attachments.append(attachment)
+        elif opcode == Opcode.METADATA:
+            self._found.metadata.append(_metadata(body))
+        elif opcode == Opcode.DATA_END:
+            self._end(at, body)
+        elif opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
+            self._take([(opcode, body)])
+        elif opcode == Opcode.MESSAGE_INDEX:
+            fields = Fields(body)
+            fields.take(2)  # channel
+            fields.take(fields.number("I"))
+            fields.end()
+        elif opcode != Opcode.HEADER or at != len(MAGIC):
+            raise Damage(f"a record of type {opcode:#04x} stands where none may")
+        return at + HEAD.size + len(body)
+
+    def _chunk(self, body: memoryview) -> list[tuple[int, memoryview]]:
+        fields = Fields(body)
+        fields.take(16)  # first and last time
+        size, checksum = fields.number("Q"), fields.number("I")
+        compression, packed = fields.text(), fields.take(fields.number("Q"))
+        fields.end()
+        data = inflate(compression, bytes(packed), size)
+        self._effort_bytes -= len(data) + len(packed)
+        if len(data) != size or (checksum and zlib.crc32(data) != checksum):
+            raise Damage("a chunk does not match its checksum")
+        return list(_inner(memoryview(data)))
+
+    def _take(self, records: list[tuple[int, memoryview]]) -> None:
+        for opcode, body in records:
+            fields = Fields(body)
+            if opcode == Opcode.SCHEMA:
+                number = fields.number("H")
+                name, encoding = fields.text(), fields.text()
+                text = bytes(fields.take(fields.number("I")))
+                self._found.schemas.setdefault(number, Schema(name, encoding, text))  # the index comes last
+            elif opcode == Opcode.CHANNEL:
+                number, schema = fields.number("H"), fields.number("H")
+                topic, encoding = fields.text(), fields.text()
+                self._found.channels.setdefault(number, Channel(schema, topic, encoding, fields.mapping()))
+            elif opcode == Opcode.MESSAGE:
+                channel, sequence = fields.number("H"), fields.number("I")
+                times_ns = fields.number("Q"), fields.number("Q")
+                data = bytes(fields.take(fields.left))
+                self._found.messages.append(Salvaged(channel, sequence, *times_ns, data))
+
+    def _end(self, at: int, body: memoryview) -> None:
+        """The data's checksum, and channels from the index for chunks that lost theirs."""
+        fields = Fields(body)
+        checksum = fields.number("I")
+        fields.end()
+        self._closed = self._data.endswith(MAGIC)
+        self._unchecked = bool(checksum) and zlib.crc32(self._view[:at]) != checksum
+        begin = at + HEAD.size + len(body)
+        try:
+            while begin < len(self._data) - len(MAGIC):
+                opcode, record = self._cut(begin)
+                if opcode == Opcode.STATISTICS:
+                    self._counted = _statistics(record)
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._take([(opcode, record)])
+                begin += HEAD.size + len(record)
+        except Damage as damage:
+            self._remarks.append(f"the index is damaged: {damage}")
+        self._closed = True
+
+    def _loss(self) -> Loss:
+        found = self._found
+        remarks = list(self._remarks)
+        homeless = sum(one.channel not in found.channels for one in found.messages)
+        if homeless:
+            remarks.append(f"{homeless} messages whose channel is lost")
+        kept = {
+            "messages": len(found.messages) - homeless,
+            "attachments": len(found.attachments),
+            "metadata": len(found.metadata),
+        }
+        for what, count in self._counted.items():
+            if kept[what] != count:
+                remarks.append(f"{kept[what]} of {count} {what} are there")
+        return Loss(
+            bytes_skipped=self._skipped,
+            ticks_missing=tuple(missing_ticks(found)),
+            messages_missing=missing_messages(found),
+            unclosed=not self._closed or not self._data.endswith(MAGIC),
+            unchecked=self._unchecked,
+            remarks=tuple(remarks),
+        )
+
+
+def _inner(data: memoryview) -> Iterator[tuple[int, memoryview]]:
+    at = 0
+    while at < len(data):
+        if at + HEAD.size > len(data):
+            raise Damage("a chunk ends in mid-record")
+        opcode, length = HEAD.unpack_from(data, at)
+        body = data[at + HEAD.size : at + HEAD.size + length]
+        if len(body) != length or (opcode == Opcode.MESSAGE and length < MESSAGE.size):
+            raise Damage("a chunk ends in mid-record")
+        yield opcode, body
+        at += HEAD.size + length
+
+
+def _attachment(body: memoryview) -> tuple[Attachment, bool]:
+    """An attachment, and whether it matches its checksum."""
+    fields = Fields(body)
+    times_ns = fields.number("Q"), fields.number("Q")
+    name, media_type = fields.text(), fields.text()
+    content = bytes(fields.take(fields.number("Q")))
+    checksum = fields.number("I")
+    fields.end()
+    return Attachment(*times_ns, name, media_type, content), zlib.crc32(body[:-4]) == checksum
+
+
+def _metadata(body: memoryview) -> tuple[str, dict[str, str]]:
+    fields = Fields(body)
+    name = fields.text()
+    values = fields.mapping()
+    fields.end()
+    if not name:
+        raise Damage("metadata without a name")
+    return name, values
+
+
+def _statistics(body: memoryview) -> dict[str, int]:
+    fields = Fields(body)
+    messages = fields.number("Q")
+    fields.take(6)  # schemas and channels
+    return {"messages": messages, "attachments": fields.number("I"), "metadata": fields.number("I")}

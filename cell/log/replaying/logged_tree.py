@@ -1,0 +1,69 @@
+"""The tree, the product and the bench that a log was recorded with, loaded from the log itself."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TypeVar
+
+from cell.configuration import Configuration
+from cell.interfaces.bench import Bench
+from cell.interfaces.errors import LogError
+from cell.interfaces.model import Model
+from cell.interfaces.product import Product
+from cell.interfaces.yaml_file import load_yaml
+from cell.log.reading.reader import Log
+from cell.running.node_library import node_registry
+from trees.engine.tree import Tree
+from trees.files.loader import load_tree
+
+FOLDER = "tree/"
+PRODUCT, CONFIGURATION = "product.yaml", "configuration.yaml"
+
+AnyModel = TypeVar("AnyModel", bound=Model)
+
+
+def logged_tree(log: Log) -> Tree:
+    """Load it with the nodes of this version.
+
+    Raises:
+        LogError: the log holds no tree.
+        InputError: this version cannot load it.
+    """
+    name = log.metadata.get("tree")
+    files = {Path(one).name: text for one, text in log.attachments.items() if one.startswith(FOLDER)}
+    if name is None or name not in files:
+        raise LogError(log.path, f"holds no tree; it holds: {', '.join(log.attachments) or 'nothing'}")
+    with tempfile.TemporaryDirectory(prefix="cell-tree-") as folder:
+        for file, text in files.items():
+            (Path(folder) / file).write_bytes(text)
+        return load_tree(Path(folder) / name, node_registry())
+
+
+def logged_bench(log: Log) -> Bench:
+    """The bench as it was measured.
+
+    Raises:
+        LogError: the log holds none.
+        InputError: this version cannot read it.
+    """
+    return _read(log, CONFIGURATION, Configuration).bench
+
+
+def logged_product(log: Log) -> Product:
+    """The product that was assembled.
+
+    Raises:
+        LogError: the log holds none.
+        InputError: this version cannot read it.
+    """
+    return _read(log, PRODUCT, Product)
+
+
+def _read(log: Log, name: str, kind: type[AnyModel]) -> AnyModel:
+    if name not in log.attachments:
+        raise LogError(log.path, f"holds no {name}; it holds: {', '.join(log.attachments) or 'nothing'}")
+    with tempfile.TemporaryDirectory(prefix="cell-log-") as folder:
+        path = Path(folder) / name
+        path.write_bytes(log.attachments[name])
+        return load_yaml(path, kind)

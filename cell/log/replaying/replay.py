@@ -1,0 +1,231 @@
+"""Ticks the tree of a log on what the log says that it saw, and compares what it decides; no devices, no simulator."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cell.configuration import Configuration, load_configuration, load_product
+from cell.interfaces.clock import ManualClock
+from cell.interfaces.command import Command
+from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.journal import ListJournal
+from cell.interfaces.product import Product
+from cell.interfaces.yaml_file import load_yaml
+from cell.log.reading.reader import Log, LoggedTick
+from cell.log.replaying.compare import Comparison, Decisions, Difference, decided, differences, logged
+from cell.running.node_library import node_registry
+from cell.running.reload import take_over
+from cell.running.services import TickClock, make_services
+from skills.planner import MotionPlanner
+from trees.engine.hooks import ORDERS, Hooks
+from trees.engine.tree import Tree
+from trees.files.loader import load_tree
+
+PLANNERS = ("semantic", "grasp")
+ENDS = ("SUCCESS", "FAILURE", "ERROR")
+MID_TICK = "interrupted in mid-tick"
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What is to be other than in the log.
+
+    Attributes:
+        weights: ONNX file by planner, "semantic" or "grasp".
+    """
+
+    tree: Path | None = None
+    configuration: Path | None = None
+    weights: Mapping[str, Path] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One tick, as it was and as it is when replayed.
+
+    Attributes:
+        blackboard: of the main tree after the replayed tick.
+        differences: empty where both are the same.
+    """
+
+    logged: LoggedTick
+    now: Decisions
+    blackboard: Mapping[str, Any]
+    differences: list[Difference]
+
+
+class Replay:
+    """The tree of a log, or a changed one, ready to be ticked again.
+
+    Edits that took over during the run and what a monitor did to nodes are done again in the ticks in which they were.
+
+    Attributes:
+        remarks: what of the log was not replayed, and why, for people; whole after `run`.
+
+    Raises:
+        LogError: the log lacks what a replay needs, or was recorded with other weights than these.
+        InputError, ModelError: a changed file cannot be used.
+    """
+
+    def __init__(self, log: Log, changes: Changes | None = None) -> None:
+        changes = changes or Changes()
+        _refuse_without_beginning(log)
+        self.log = log
+        self.remarks: list[str] = []
+        self._by_name = changes.tree is not None
+        configuration, product, self.tree = _load(log, changes)
+        self._journal = ListJournal()
+        self._services = make_services(
+            configuration,
+            product,
+            MotionPlanner(product, configuration.bench, configuration.motion),
+            ManualClock(log.ticks[0].time_s),
+            self._journal,
+            log.ticks[0].observation,
+        )
+        self._clock = TickClock(self._services)
+        self.tree.setup(self._services, self._clock)
+        self._hooks = Hooks(self.tree, _nobody)
+
+    def run(
+        self,
+        from_s: float = 0.0,
+        until_s: float = float("inf"),
+        watch: Callable[[Step], bool | None] = lambda _: None,
+    ) -> Comparison:
+        """Tick all logged ticks up to a time, comparing from another time on; once for each Replay.
+
+        Args:
+            watch: sees every compared tick; ends the replay by answering False.
+        """
+        comparison = Comparison()
+        for place, tick in enumerate(self.log.ticks):
+            if tick.time_s > until_s or self._cut_short(place, tick):
+                break
+            now = self._tick(tick)
+            if tick.time_s >= from_s:
+                found = differences(tick.number, tick.time_s, logged(tick), now, self._by_name)
+                comparison.add(found)
+                if watch(Step(tick, now, self.tree.blackboard.values(), found)) is False:
+                    break
+            if now.status in ENDS or tick.status in ENDS:
+                break
+        return comparison
+
+    def _cut_short(self, place: int, tick: LoggedTick) -> bool:
+        """Not to be compared: what follows missing ticks, and a last tick that a second signal stopped anywhere."""
+        if tick.number != place:
+            gap = self.log.gaps[0]
+            self.remarks.append(f"{gap}: the replay ends before, as nodes remember what they saw")
+            return True
+        return tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK
+
+    def _tick(self, tick: LoggedTick) -> Decisions:
+        self._services.observation, self._services.command = tick.observation, Command()
+        for kind, fields in tick.inputs:
+            self._take(kind, fields, tick)
+        error = ""
+        try:
+            status = self.tree.tick().name
+        except Exception as problem:  # as in the controller's loop: a tick that raises is a result to compare
+            status, error = "ERROR", f"{type(problem).__name__}: {problem}"
+        return decided(status, self.tree.status_changes, self._journal.take(), self._services.command, error)
+
+    def _take(self, kind: str, fields: Mapping[str, Any], tick: LoggedTick) -> None:
+        """Do again what came from outside, where nodes are those of the log."""
+        if self._by_name:
+            what = "an edit" if kind == "edit" else "an order of a monitor"
+            self.remarks.append(f"{what} at {tick.time_s:.2f} s is left out, as another tree is replayed")
+        elif kind == "edit":
+            self._exchange(fields["files"])
+        else:
+            try:
+                ORDERS[fields["order"]](self._hooks, fields["body"])
+            except (ValueError, KeyError, TypeError) as error:
+                raise LogError(self.log.path, f"an order of a monitor cannot be repeated: {error!r}") from None
+
+    def _exchange(self, texts: Mapping[str, str]) -> None:
+        """Let an edited tree take over as it did in the run."""
+        with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
+            _write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
+            following = load_tree(Path(folder) / "tree" / self.log.metadata["tree"], node_registry())
+        take_over(self.tree, following, self._services, self._clock)
+        self.tree, self._hooks = following, Hooks(following, _nobody)
+
+
+def _refuse_without_beginning(log: Log) -> None:
+    if not log.ticks:
+        raise LogError(log.path, "holds no tick that could be replayed")
+    if first := log.ticks[0].number:
+        what = f"begins with tick {first}; nodes remember what they saw, so a replay needs the run from tick 0 on"
+        raise LogError(log.path, f"{what}: name the first part")
+
+
+def _nobody(_: int) -> None:
+    """Nobody waits for news of breakpoints."""
+
+
+def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Tree]:
+    with tempfile.TemporaryDirectory(prefix="cell-replay-") as name:
+        folder = Path(name)
+        _unpack(log, folder)
+        if changes.configuration is None:
+            configuration = load_configuration(folder / "configuration.yaml")
+            product = load_yaml(folder / "product.yaml", Product)
+        else:
+            configuration = load_configuration(changes.configuration)
+            product = load_product(configuration, changes.configuration)
+        tree = load_tree(changes.tree or folder / "tree" / log.metadata["tree"], node_registry())
+    return _with_weights(log, configuration, changes), product, tree
+
+
+def _unpack(log: Log, folder: Path) -> None:
+    if "tree" not in log.metadata:
+        raise LogError(log.path, "does not name the tree that ran")
+    for needed in ("configuration.yaml", "product.yaml", f"tree/{log.metadata['tree']}"):
+        if needed not in log.attachments:
+            raise LogError(log.path, f"has no attachment {needed}; it has: {', '.join(log.attachments) or 'none'}")
+    _write_files(log, log.attachments, folder)
+
+
+def _write_files(log: Log, files: Mapping[str, bytes], folder: Path) -> None:
+    for name, content in files.items():
+        target = (folder / name).resolve()
+        if not target.is_relative_to(folder.resolve()):
+            raise LogError(log.path, f"has an attachment that leads out of its folder: {name}")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
+
+
+def _with_weights(log: Log, configuration: Configuration, changes: Changes) -> Configuration:
+    """The configuration with weights as asked; where nothing else was asked, they must be those of the log."""
+    if unknown := sorted(set(changes.weights) - set(PLANNERS)):
+        raise InputError(f"--weights names unknown planners {unknown}; legal: {', '.join(PLANNERS)}")
+    updates = {}
+    for name, planner in configuration.planners:
+        weights = changes.weights.get(name)
+        if weights is None and changes.configuration is None:
+            weights = recorded_weights(log, name, planner.weights)
+        updates[name] = planner if weights is None else planner.model_copy(update={"weights": weights})
+    return configuration.model_copy(update={"planners": configuration.planners.model_copy(update=updates)})
+
+
+def recorded_weights(log: Log, name: str, found: Path | None) -> Path | None:
+    """A file with the weights that the log was recorded with; None where that planner had none."""
+    expected = log.metadata.get(f"weights.{name}.sha256")
+    if expected is None:
+        return None
+    recorded = log.metadata.get(f"weights.{name}.file")
+    candidates = [path for path in (found, recorded and Path(recorded)) if path and path.is_file()]
+    hashes = {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in candidates}
+    for path, sha256 in hashes.items():
+        if sha256 == expected:
+            return path
+    here = ", ".join(f"{path} is {sha256[:12]}" for path, sha256 in hashes.items()) or "there is no such file here"
+    what = f"was recorded with other {name} weights: {expected[:12]}, but {here}"
+    raise LogError(log.path, f"{what}; name a file to see what it would have done: --weights {name}=FILE")

@@ -1,0 +1,135 @@
+"""The files of one log: a single one, or parts that follow one another by size and by time, each readable alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import foxglove
+
+from cell.configuration import LogSettings
+from cell.recording.file import Heading, LogFile
+from cell.recording.parts import part_path, parts_of
+
+SLACK_S = 1e-6  # times of ticks are sums of periods
+FAR_BEHIND_BYTES = 1_000_000
+RETRY_S = 1.0  # of clock time, where no next part could be opened
+PATIENCE_S = 0.005  # how long the loop waits for the disk between two ticks
+
+
+class LogFiles:
+    """Opens one part after the other, and takes old ones away where only so many are to be kept.
+
+    Attributes:
+        rotates: whether there are parts at all.
+        number: of the part that is written, from 1.
+    """
+
+    def __init__(self, path: Path, settings: LogSettings, context: foxglove.Context, heading: Heading) -> None:
+        """Open the first file; a rotated log removes an earlier one of its name, with all its parts.
+
+        Raises:
+            OSError: it cannot be opened.
+        """
+        self.rotates = settings.rotate_mb is not None or settings.rotate_s is not None
+        self.number = 1
+        first = part_path(path, 1) if self.rotates else path
+        self._whole, self._settings, self._context, self._heading = path, settings, context, heading
+        self._retired: list[LogFile] = []
+        self._kept: dict[Path, int] = {}  # bytes of the parts before this one
+        self._lost_error = self._opening_error = ""
+        self._began_s, self._retry_s = 0.0, float("-inf")
+        if self.rotates:
+            for old in (path, *parts_of(path)):
+                old.unlink(missing_ok=True)
+        self._file = LogFile(first, context, heading)
+        if self.rotates:
+            self._file.note("part", {"number": "1", "first_tick": "0"})
+
+    @property
+    def path(self) -> Path:
+        """The file that the log begins with, of those that are kept."""
+        return next(iter(self._kept), self._file.path)
+
+    @property
+    def error(self) -> str:
+        """Why the disk refuses, or refused for good; empty where all is well."""
+        return self._refused or self._lost_error or self._opening_error
+
+    @property
+    def _refused(self) -> str:
+        return next((file.sink.error for file in (self._file, *self._retired) if file.sink.error), "")
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Written, but not on the disk yet."""
+        return sum(file.sink.waiting_bytes for file in (self._file, *self._retired))
+
+    def due(self, time_s: float) -> bool:
+        """Whether the next tick begins a new part; never while the disk refuses or is far behind."""
+        if not self.rotates or time_s < self._retry_s or self.waiting_bytes > FAR_BEHIND_BYTES or self._refused:
+            return False
+        most_mb, most_s = self._settings.rotate_mb, self._settings.rotate_s
+        large = most_mb is not None and self._file.sink.size_bytes >= most_mb * 1e6
+        return large or (most_s is not None and time_s - self._began_s >= most_s - SLACK_S)
+
+    def turn(self, time_s: float, tick: int) -> bool:
+        """Open the next part, which begins with this tick; false where the disk refuses, and the old one goes on."""
+        try:
+            following = LogFile(part_path(self._whole, self.number + 1), self._context, self._heading)
+        except OSError as error:
+            self._opening_error = f"no next part: {error.strerror or error}"
+            self._retry_s = time_s + RETRY_S
+            return False
+        self._opening_error = ""
+        self._file.retire()
+        self._retired.append(self._file)
+        self._kept[self._file.path] = self._file.sink.size_bytes
+        self._file, self.number, self._began_s = following, self.number + 1, time_s
+        following.note("part", {"number": str(self.number), "first_tick": str(tick)})
+        self._sweep()
+        self._retain()
+        return True
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record into the part that is open."""
+        self._file.note(name, values)
+
+    def flush(self) -> None:
+        """End a tick: hand it to the thread that writes it."""
+        self._file.flush()
+
+    def settle(self) -> None:
+        """Wait until everything is on the disk, but not for ever."""
+        self._file.sink.settle(PATIENCE_S)
+
+    def close(self) -> None:
+        """Close what is open and wait for the disk."""
+        self._file.close()
+        for file in self._retired:
+            file.sink.close()
+
+    def remove(self) -> None:
+        """Leave nothing behind."""
+        self.close()
+        for path in (*self._kept, self._file.path):
+            path.unlink(missing_ok=True)
+
+    def _sweep(self) -> None:
+        """Forget parts that are whole on the disk; what one lost for good is remembered."""
+        ended = [file for file in self._retired if file.sink.ended]
+        self._lost_error = next((file.sink.error for file in ended if file.sink.error), self._lost_error)
+        self._retired = [file for file in self._retired if file not in ended]
+
+    def _retain(self) -> None:
+        """Remove the oldest parts beyond what is kept; the one that is written always stays."""
+        most, most_mb = self._settings.keep_parts, self._settings.keep_mb
+        while self._kept and (
+            (most is not None and len(self._kept) + 1 > most)
+            or (most_mb is not None and sum(self._kept.values()) > most_mb * 1e6)
+        ):
+            oldest = next(iter(self._kept))
+            del self._kept[oldest]
+            try:
+                oldest.unlink(missing_ok=True)
+            except OSError as error:
+                self._opening_error = f"an old part cannot be removed: {error.strerror or error}"

@@ -1,0 +1,151 @@
+"""What the log's JSON channels hold: one small JSON schema for each topic, and plain data of our own types."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+
+from cell.interfaces.command import Command
+from trees.engine.node import StatusChange
+
+Convert = Callable[[Any], Any]
+
+NUMBER = {"type": "number"}
+INTEGER = {"type": "integer"}
+TEXT = {"type": "string"}
+FLAG = {"type": "boolean"}
+LIST = {"type": "array"}
+OBJECT = {"type": "object"}
+
+_FIELDS: dict[str, dict[str, dict[str, str]]] = {
+    "/tick": {"tick": INTEGER, "status": TEXT, "changes": LIST},
+    "/timing": {"tick": INTEGER, "wall_s": NUMBER, "overrun": FLAG},
+    "/observation": {"tick": INTEGER, "time_s": NUMBER, "arm": OBJECT, "gripper": OBJECT, "bench": INTEGER},
+    "/bench": {"sequence": INTEGER, "time_s": NUMBER, "hand": OBJECT, "holes": OBJECT, "action": OBJECT},
+    "/parts": {"sequence": INTEGER, "time_s": NUMBER, "detections": LIST},
+    "/command": {"tick": INTEGER, "stop_arm": FLAG, "look": FLAG, "follow": OBJECT, "gripper": OBJECT},
+    "/display": {"tick": INTEGER, "guidance": OBJECT, "goal_belief": OBJECT, "message": TEXT, "help_request": TEXT},
+    "/note/belief": {"tick": INTEGER},
+    "/note/plan": {"tick": INTEGER},
+    "/note/verdict": {"tick": INTEGER, "subject": TEXT, "decision": TEXT, "reason": TEXT},
+    "/note/help": {"tick": INTEGER, "text": TEXT},
+    "/note/skill": {"tick": INTEGER, "node": TEXT, "status": TEXT, "reason": TEXT},
+    "/edit": {"tick": INTEGER, "files": OBJECT},
+    "/hook": {"tick": INTEGER, "order": TEXT, "body": OBJECT},
+    "/snapshot": {"tick": INTEGER, "statuses": OBJECT, "blackboard": OBJECT, "display": OBJECT},
+    "/can": {"id": INTEGER, "sent": FLAG, "data_hex": TEXT},
+}
+TOPICS = tuple(_FIELDS)
+
+
+def schema(topic: str) -> dict[str, Any]:
+    """JSON schema of a topic; messages may hold more than it names."""
+    title = "cell." + "".join(word.capitalize() for word in topic.strip("/").split("/"))
+    return {"type": "object", "title": title, "properties": _FIELDS[topic]}
+
+
+def plain(value: object) -> Any:
+    """Data that JSON can hold, from dataclasses, mappings, sequences, arrays and enumerations.
+
+    Numbers that are not finite become text: JSON has no word for them.
+
+    Raises:
+        TypeError: a log cannot hold it.
+    """
+    kind = type(value)
+    convert = _CONVERTERS.get(kind)
+    if convert is None:
+        convert = _CONVERTERS[kind] = _converter(kind)
+    return convert(value)
+
+
+def plain_or_text(value: object) -> Any:
+    """Plain data, or the text of what has none."""
+    try:
+        return plain(value)
+    except TypeError:
+        return str(value)
+
+
+def json_bytes(value: object) -> bytes:
+    """Plain data as JSON; what the fast encoder cannot hold (huge integers, half characters) the slow one can."""
+    try:
+        return orjson.dumps(value)
+    except orjson.JSONEncodeError:
+        return json.dumps(value, allow_nan=False).encode()
+
+
+def tick_json(tick: int, status: str, changes: Iterable[StatusChange]) -> bytes:
+    """The message of `/tick`; a change that was told before is not encoded again."""
+    told = ",".join([change.json for change in changes])
+    return f'{{"tick":{tick},"status":"{status}","changes":[{told}]}}'.encode()
+
+
+def asked_of_devices(command: Command) -> dict[str, Any] | None:
+    """What a tick asked of arm, gripper and wrist camera, as plain data; None for nothing."""
+    moves = command.follow is not None or command.gripper is not None
+    if not (moves or command.stop_arm or command.look or command.activate_gripper):
+        return None
+    return {
+        "stop_arm": command.stop_arm,
+        "look": command.look,
+        "activate_gripper": command.activate_gripper,
+        "follow": plain(command.follow),
+        "gripper": plain(command.gripper),
+    }
+
+
+def _converter(kind: type) -> Convert:
+    """How values of a type become plain data; worked out once for each type, as a tick converts hundreds."""
+    if issubclass(kind, Enum):
+        return lambda value: value.name
+    if issubclass(kind, int | np.integer):
+        return int
+    if issubclass(kind, float | np.floating):
+        return lambda value: float(value) if math.isfinite(value) else str(value)
+    if dataclasses.is_dataclass(kind):
+        return _record_converter(tuple(field.name for field in dataclasses.fields(kind)))
+    if issubclass(kind, Mapping):
+        return lambda value: {_key(key): plain(item) for key, item in value.items()}
+    if issubclass(kind, np.ndarray):
+        return _array
+    if issubclass(kind, list | tuple):
+        return _listed
+    if issubclass(kind, str | Path):
+        return str
+    raise TypeError(f"a log cannot hold a {kind.__name__}")
+
+
+def _record_converter(names: tuple[str, ...]) -> Convert:
+    return lambda value: {name: plain(getattr(value, name)) for name in names}
+
+
+def _listed(values: Sequence[Any]) -> list[Any]:
+    """Rows of finite numbers, which most lists are, pass as they are."""
+    if all(type(value) is float for value in values) and math.isfinite(sum(values)):
+        return list(values)
+    return [plain(value) for value in values]
+
+
+def _array(values: Any) -> Any:
+    finite = values.dtype.kind == "f" and np.isfinite(values).all()
+    return values.tolist() if finite else plain(values.tolist())
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
+_CONVERTERS: dict[type, Convert] = dict.fromkeys((type(None), str, bool, int), _as_it_is)
+
+
+def _key(key: object) -> str:
+    return " ".join(str(part) for part in key) if isinstance(key, tuple) else str(key)

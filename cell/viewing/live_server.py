@@ -1,0 +1,94 @@
+"""The channels of the log, live over a WebSocket on this machine, for Foxglove, Lichtblick and the like.
+
+The server lives in threads of its own and drops what a slow viewer does not take; the cell never waits for it.
+"""
+
+from __future__ import annotations
+
+from queue import Empty, SimpleQueue
+
+import foxglove
+from foxglove.websocket import Capability, ChannelView, Client, ServerListener
+
+from cell.interfaces.errors import InputError
+from cell.interfaces.perception import Frame
+from cell.observer import Level, Outcome, TickRecord
+from cell.recording.scene import SceneLog
+
+DEFAULT_PORT = 8765  # where viewers look first
+LOOPBACK = "127.0.0.1"
+BACKLOG = 256  # messages that wait for one viewer; the oldest are dropped
+
+
+class LiveServer:
+    """A witness that serves what a recorder writes.
+
+    Attributes:
+        port: where it listens.
+    """
+
+    def __init__(self, context: foxglove.Context, scene: SceneLog | None, port: int = DEFAULT_PORT) -> None:
+        """Begin to serve.
+
+        Args:
+            context: of the recorder's channels.
+            scene: says again to new viewers what stands still and is written once.
+            port: 0 for any that is free.
+
+        Raises:
+            InputError: the port is taken.
+        """
+        self._scene = scene
+        self._newcomers = _Newcomers()
+        try:
+            self._server = foxglove.start_server(
+                name="cell",
+                host=LOOPBACK,
+                port=port,
+                capabilities=[Capability.Time],
+                server_listener=self._newcomers,
+                context=context,
+                message_backlog_size=BACKLOG,
+            )
+        except (OSError, RuntimeError) as error:
+            raise InputError(f"port {port} cannot be used: {error}; choose another by --live-port") from None
+        self.port = self._server.port
+
+    def frame(self, frame: Frame) -> None:
+        """Served through the recorder's channel."""
+
+    def tick(self, record: TickRecord) -> None:
+        stamp_ns = round(record.observation.time_s * 1e9)
+        self._server.broadcast_time(stamp_ns)
+        topics = self._newcomers.take()
+        if topics and self._scene is not None:
+            self._scene.repeat(topics, stamp_ns)
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        """Served through the recorder's channel."""
+
+    def close(self, outcome: Outcome) -> None:  # noqa: ARG002 - viewers see the connection end
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Stop serving; harmless when repeated."""
+        self._server.stop()
+
+
+class _Newcomers(ServerListener):
+    """Remembers what was subscribed to since the last tick; called from the server's threads."""
+
+    def __init__(self) -> None:
+        self._topics: SimpleQueue[str] = SimpleQueue()
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002 - all get the same
+        self._topics.put(channel.topic)
+
+    def take(self) -> set[str]:
+        """Topics that somebody subscribed to."""
+        found = set()
+        while True:
+            try:
+                found.add(self._topics.get_nowait())
+            except Empty:
+                return found

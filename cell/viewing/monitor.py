@@ -1,0 +1,196 @@
+"""A running tree for Groot2 and other monitors, over its live protocol on loopback (`cell run --monitor`).
+
+Requests are answered between two ticks, in the thread of the loop and without waiting, so that a run with a monitor
+decides as one without; only hooks, which must be asked for, change what nodes answer.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import time
+import uuid
+from collections.abc import Callable
+from typing import Any
+
+import msgpack
+import zmq
+from pydantic import ValidationError
+
+from cell.interfaces.errors import InputError
+from cell.interfaces.perception import Frame
+from cell.observer import Level, Outcome, TickRecord
+from cell.recording.schemas import plain
+from trees.engine.hooks import ORDERS, Hooks
+from trees.engine.tree import Tree
+from trees.files.registry import Registry
+from trees.views.groot2 import StatusBoard, blackboards, tree_xml
+
+DEFAULT_PORT = 1667
+PROTOCOL = 2
+LOOPBACK = "tcp://127.0.0.1"
+REQUESTS_A_TICK = 16  # so that a flood of requests does not hold up the loop
+REQUEST_BYTES = 64 * 1024
+HOOKS_REST_AFTER_S = 5.0  # of wall time without a request: nobody is there to unlock a breakpoint
+HEADER = struct.Struct("<BBI")
+
+
+class RefusedError(Exception):
+    """A request that cannot be answered; its text is the answer."""
+
+
+class Monitor:
+    """A witness that answers monitors after each tick.
+
+    Args:
+        with_hooks: let monitors put breakpoints and overrides on nodes.
+        hooked: told (kind, body) of every order about hooks that was carried out; a log needs it to tick again.
+
+    Raises:
+        InputError: the port is taken.
+    """
+
+    def __init__(
+        self,
+        tree: Tree,
+        registry: Registry,
+        port: int = DEFAULT_PORT,
+        with_hooks: bool = False,
+        hooked: Callable[[str, Any], None] = lambda *_: None,
+    ) -> None:
+        self._registry = registry
+        self._with_hooks = with_hooks
+        self._hooked = hooked
+        self._time_s = 0.0
+        self._asked_s = time.monotonic()
+        self._context = zmq.Context()
+        self._replies = self._bound(zmq.REP, port)
+        self._news = self._bound(zmq.PUB, port + 1)
+        self.watch(tree)
+        self._answers: dict[str, Callable[[bytes], bytes | None]] = {
+            "T": lambda _: self._xml,
+            "S": lambda _: self._board.statuses(),
+            "B": self._blackboard,
+            "r": self._record,
+            "t": lambda _: self._board.take_transitions(),
+        }
+
+    def watch(self, tree: Tree) -> None:
+        """Show this tree from now on; a monitor sees by the new identity that it must ask for the tree anew."""
+        self._tree = tree
+        self._identity = uuid.uuid4().bytes
+        self._xml = tree_xml(tree, self._registry).encode()
+        self._board = StatusBoard(len(tree.nodes))
+        self._hooks = Hooks(tree, self._tell_breakpoint)
+
+    def frame(self, frame: Frame) -> None:
+        """Images are not shown."""
+
+    def tick(self, record: TickRecord) -> None:
+        self._time_s = record.observation.time_s
+        self._board.update(record.changes, self._time_s)
+        self.serve()
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        """What the controller says is not part of the protocol."""
+
+    def close(self, outcome: Outcome) -> None:  # noqa: ARG002 - monitors see the connection end
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Close the sockets; harmless where they are closed."""
+        self._context.destroy(linger=0)
+
+    def serve(self) -> None:
+        """Answer what was asked since the last time."""
+        for _ in range(REQUESTS_A_TICK):
+            try:
+                request = self._replies.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                break
+            self._asked_s = time.monotonic()
+            self._replies.send_multipart(self.answer(request), zmq.NOBLOCK)
+        if self._with_hooks and time.monotonic() - self._asked_s > HOOKS_REST_AFTER_S and self._hooks.act:
+            self._order("X", {})
+
+    def answer(self, request: list[bytes]) -> list[bytes]:
+        """The frames that answer a request's frames; an error is an answer, too."""
+        try:
+            if len(request[0]) != HEADER.size:
+                raise RefusedError(f"the header has {len(request[0])} bytes, not {HEADER.size}")
+            protocol, kind, _ = HEADER.unpack(request[0])
+            if protocol != PROTOCOL:
+                raise RefusedError(f"this is protocol {PROTOCOL}, not {protocol}")
+            body = self._body(chr(kind), b"".join(request[1:]))
+        except RefusedError as error:
+            return [b"error", str(error).encode()]
+        head = request[0] + self._identity
+        return [head] if body is None else [head, body]
+
+    def _body(self, kind: str, body: bytes) -> bytes | None:
+        if kind in self._answers:
+            return self._answers[kind](body)
+        if kind not in ORDERS and kind != "D":
+            raise RefusedError(f"unknown request {kind!r}; known: {' '.join([*self._answers, *ORDERS, 'D'])}")
+        if not self._with_hooks:
+            raise RefusedError("breakpoints and overrides are off; cell run --monitor-hooks turns them on")
+        if kind == "D":
+            return json.dumps(self._hooks.dump()).encode()
+        try:
+            self._order(kind, json.loads(body) if body else {})
+        except (ValidationError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise RefusedError(f"{type(error).__name__}: {error}") from None
+        return None
+
+    def _blackboard(self, names: bytes) -> bytes:
+        wanted = (
+            names.decode(errors="replace").split(";")
+            if names
+            else [scope.name or self._tree.name for scope in self._tree.scopes]
+        )
+        values = {
+            name: entries and {key: _packable(value) for key, value in entries.items()}
+            for name, entries in blackboards(self._tree, wanted).items()
+        }
+        packed: bytes = msgpack.packb(values)
+        return packed
+
+    def _record(self, order: bytes) -> bytes | None:
+        if order == b"start":
+            self._board.record(self._time_s)
+            return str(time.time_ns() // 1000).encode()
+        if order != b"stop":
+            raise RefusedError("start or stop must follow")
+        self._board.stop_recording()
+        return None
+
+    def _order(self, kind: str, body: Any) -> None:
+        """Carry out an order about hooks and tell of it."""
+        ORDERS[kind](self._hooks, body)
+        self._hooked(kind, body)
+
+    def _tell_breakpoint(self, uid: int) -> None:
+        head = HEADER.pack(PROTOCOL, ord("N"), 0) + self._identity
+        self._news.send_multipart([head, str(uid).encode()], zmq.NOBLOCK)
+
+    def _bound(self, kind: int, port: int) -> zmq.Socket[bytes]:
+        socket = self._context.socket(kind)
+        socket.setsockopt(zmq.MAXMSGSIZE, REQUEST_BYTES)
+        try:
+            socket.bind(f"{LOOPBACK}:{port}")
+        except zmq.ZMQError as error:
+            self._context.destroy(linger=0)
+            raise InputError(
+                f"port {port} cannot be used: {error.strerror}; choose another by --monitor-port"
+            ) from None
+        return socket
+
+
+def _packable(value: object) -> Any:
+    """What msgpack can hold of an entry: plain data, or its text."""
+    try:
+        found = plain(value)
+        msgpack.packb(found)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        return str(value)
+    return found

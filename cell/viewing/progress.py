@@ -1,0 +1,115 @@
+"""Live progress of a run on standard error: a panel on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+from rich.console import Console
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from cell.interfaces.command import Display
+from cell.interfaces.perception import Frame
+from cell.observer import Level, Outcome, TickRecord
+
+REFRESH_S = 0.1  # of wall time
+LOOK_BACK_TICKS = 50  # the tick rate is a mean over these
+STYLES = {"info": "default", "warning": "yellow", "error": "bold red"}
+
+
+class LiveProgress:
+    """A witness that shows what the person at the bench and the robot do."""
+
+    def __init__(self, console: Console, period_s: float) -> None:
+        self._console = console
+        self._period_s = period_s
+        self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
+        self._display = Display()
+        self._hand = "nothing seen yet"
+        self._alarm = ""
+        self._said: dict[str, str] = {}
+        self._refreshed_s = 0.0
+        self._stamps: list[float] = []
+        if self._live is not None:
+            self._live.start()
+
+    def frame(self, frame: Frame) -> None:
+        """Images are not shown."""
+
+    def tick(self, record: TickRecord) -> None:
+        now_s = time.monotonic()
+        self._stamps = [*self._stamps[-LOOK_BACK_TICKS:], now_s]
+        if record.command.display is not None:
+            self._display = record.command.display
+        view = record.observation.bench
+        if view is not None:
+            self._hand = str(view.action) if view.hand is not None else "no hand in view"
+        if self._live is None:
+            self._tell_changes(record.observation.time_s)
+        elif now_s - self._refreshed_s >= REFRESH_S:
+            self._refreshed_s = now_s
+            self._live.update(self._panel(record), refresh=True)
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        self._console.print(_line(time_s, "cell", text.splitlines()[-1]), style=STYLES[level], markup=False)
+
+    def alarm(self, text: str) -> None:
+        """Show a trouble of the cell until another text comes; an empty one takes it away."""
+        self._alarm = text
+
+    def close(self, outcome: Outcome) -> None:  # noqa: ARG002 - its message has been shown
+        if self._live is not None:
+            self._live.stop()
+
+    def _tick_rate_hz(self) -> float:
+        elapsed_s = self._stamps[-1] - self._stamps[0]
+        return (len(self._stamps) - 1) / elapsed_s if elapsed_s > 0 else 0.0
+
+    def _panel(self, record: TickRecord) -> Panel:
+        table = Table.grid(padding=(0, 2))
+        rate_hz = self._tick_rate_hz()
+        table.add_row("time", f"{record.observation.time_s:6.1f} s, {rate_hz:.0f} ticks/s, {self._pace(rate_hz)}")
+        table.add_row("hand", self._hand)
+        table.add_row("goal", belief_text(self._display.goal_belief))
+        for part, positions in self._display.guidance.items():
+            table.add_row(f"guidance {part}", " ".join(positions) or "done")
+        table.add_row("robot", self._display.message)
+        if self._display.help_request:
+            table.add_row("[bold yellow]help", self._display.help_request)
+        if self._alarm:
+            table.add_row("[bold red]alarm", Text(self._alarm, style="bold red"))
+        return Panel(table, title="cell", title_align="left")
+
+    def _pace(self, rate_hz: float) -> str:
+        return f"{rate_hz * self._period_s:.1f} x real time"
+
+    def _tell_changes(self, time_s: float) -> None:
+        told = {
+            "hand": self._hand,
+            "goal": belief_text(self._display.goal_belief),
+            "guidance": guidance_text(self._display.guidance),
+            "robot": self._display.message,
+            "help": self._display.help_request or "",
+        }
+        for name, text in told.items():
+            if text and text != self._said.get(name):
+                self._console.print(_line(time_s, name, text), markup=False, highlight=False)
+        self._said = told
+
+
+def belief_text(belief: Mapping[str, float]) -> str:
+    """Goals by probability, for people."""
+    ranked = sorted(belief.items(), key=lambda item: -item[1])
+    return ", ".join(f"{goal} {probability:.2f}" for goal, probability in ranked)
+
+
+def guidance_text(guidance: Mapping[str, tuple[str, ...]]) -> str:
+    """What remains for every part type, for people."""
+    return "; ".join(f"{part} -> {' '.join(positions) or 'done'}" for part, positions in guidance.items())
+
+
+def _line(time_s: float, who: str, text: str) -> str:
+    return f"{time_s:7.2f} s  {who:<9} {text}"

@@ -1,0 +1,198 @@
+"""The command line: exit statuses, clear messages, nothing moved on bad input."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import cv2
+import pytest
+
+from cell.commands.main import TREE, main
+from cell.commands.terminal import CONFIGURATION
+from trees.views.picture import draws_text
+
+ROOT = Path(__file__).parents[2]
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """Standard error of a command that must end with status 2 and without a traceback."""
+    status = main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    assert status == 2
+    assert captured.out == ""
+    assert "Traceback" not in captured.err
+    return captured.err
+
+
+def test_a_broken_tree_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "broken.xml"
+    path.write_text('<root BTCPP_format="4">\n  <BehaviorTree ID="A">\n    <Sequence>\n  </BehaviorTree>\n</root>\n')
+    for command in (["check", path], ["run", "--tree", path], ["show", path]):
+        assert f"{path}:4:" in complaint(capsys, *command)
+
+
+def test_an_unknown_node_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "unknown.xml"
+    path.write_text('<root BTCPP_format="4">\n <BehaviorTree ID="A">\n  <MakeTea/>\n </BehaviorTree>\n</root>')
+    for command in (["check", path], ["run", "--tree", path]):
+        message = complaint(capsys, *command)
+        assert f"{path}:3:" in message
+        assert "MakeTea" in message
+
+
+def test_a_product_that_disagrees_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    product = CONFIGURATION.with_name("products.yaml").read_text().replace("quantity: 3", "quantity: 4")
+    (tmp_path / "products.yaml").write_text(product)
+    (tmp_path / "cell.yaml").write_text(CONFIGURATION.read_text())
+    message = complaint(capsys, "run", "--config", tmp_path / "cell.yaml")
+    line = next(i for i, text in enumerate(product.splitlines(), 1) if text.strip().startswith("g0:"))
+    assert f"{tmp_path / 'products.yaml'}:{line}:" in message
+    assert "quantities are 4 x o1" in message
+
+
+def test_a_log_that_cannot_be_written_moves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("in the way")
+    message = complaint(capsys, "run", "--log", tmp_path / "file" / "log.mcap")
+    assert f"{tmp_path / 'file' / 'log.mcap'}: the log cannot be written" in message
+
+
+def test_an_unknown_goal_leaves_no_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    message = complaint(capsys, "run", "--goal", "g9", "--log", tmp_path / "log.mcap")
+    assert "unknown goal 'g9'; legal: g0, g1, g2, random" in message
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_weights_that_are_no_model_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "products.yaml").write_text(CONFIGURATION.with_name("products.yaml").read_text())
+    (tmp_path / "bad.onnx").write_bytes(b"no model")
+    text = CONFIGURATION.read_text().replace("  semantic:\n", "  semantic:\n    weights: bad.onnx\n")
+    (tmp_path / "cell.yaml").write_text(text)
+    message = complaint(capsys, "run", "--config", tmp_path / "cell.yaml", "--log", tmp_path / "log.mcap")
+    assert f"{tmp_path / 'bad.onnx'}: not an ONNX file, or damaged" in message
+    assert not (tmp_path / "log.mcap").exists()
+
+
+def test_a_factory_that_is_not_there_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "products.yaml").write_text(CONFIGURATION.with_name("products.yaml").read_text())
+    text = CONFIGURATION.read_text().replace("sim.cell:open_cell", "sim.cell:open_sesame")
+    (tmp_path / "cell.yaml").write_text(text)
+    line = next(i for i, text in enumerate(text.splitlines(), 1) if "open_sesame" in text)
+    message = complaint(capsys, "run", "--config", tmp_path / "cell.yaml", "--log", tmp_path / "log.mcap")
+    assert f"{tmp_path / 'cell.yaml'}:{line}:" in message
+    assert "open_sesame" in message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "--nonsense"], "--nonsense"),
+        (["run", "--pace", "slow"], "slow"),
+        (["run", "--seed", "-1"], "0"),
+        (["frobnicate"], "frobnicate"),
+        (["check", "no/such/file.xml"], "no/such/file.xml: cannot be read"),
+        (["eval", "grasp", "--kind", "magic"], "magic"),
+        (["run", "--live-port", "99999"], "--live-port"),
+    ],
+)
+def test_other_bad_input(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert words in complaint(capsys, *arguments)
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("planner", ["semantic", "grasp"])
+def test_a_planner_that_cannot_be_trained_is_bad_input(planner: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "magic" in complaint(capsys, "train", planner, "--kind", "magic")
+
+
+def test_the_shipped_trees_have_no_mistakes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", *map(str, sorted(TREE.parent.glob("*.xml")))]) == 0
+    assert "nothing wrong" in capsys.readouterr().err
+
+
+def test_nodes_are_listed_for_people_programs_and_groot(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["nodes"]) == 0
+    assert "DetectAction" in capsys.readouterr().out
+    assert main(["nodes", "--format", "json"]) == 0
+    names = [node["name"] for node in json.loads(capsys.readouterr().out)]
+    assert {"DetectAction", "InferGoal", "PlacePart", "Sequence"} <= set(names)
+    assert not {"Node", "CellNode", "SkillNode"} & set(names)
+    assert main(["nodes", "--format", "groot"]) == 0
+    assert "<TreeNodesModel>" in capsys.readouterr().out
+
+
+def test_show_prints_the_tree(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", str(TREE)]) == 0
+    assert "DetectAction" in capsys.readouterr().out
+
+
+def test_a_missing_font_is_told_instead_of_drawing_empty_boxes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trees.views.picture._rendered", lambda _: b"the same with and without text")
+    assert "apt-get install -y fonts-dejavu-core" in complaint(capsys, "show", TREE, "--png", tmp_path / "tree.png")
+    assert not (tmp_path / "tree.png").exists()
+    main(["doctor", "--json"])
+    findings = json.loads(capsys.readouterr().out.splitlines()[-1])["findings"]
+    assert [finding["what"] for finding in findings if "fonts-dejavu-core" in finding["remedy"]]
+
+
+@pytest.mark.skipif(not draws_text(), reason="no font is installed")
+def test_trees_are_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    svg, png = tmp_path / "tree.svg", tmp_path / "tree.png"
+    assert main(["show", str(TREE), "--svg", str(svg), "--png", str(png)]) == 0
+    assert capsys.readouterr().out == ""
+    assert ">InferGoal<" in svg.read_text()
+    image = cv2.imread(str(png))
+    assert image is not None
+    assert min(image.shape[:2]) > 500
+    assert (image < 128).any()
+    assert "cannot be written" in complaint(capsys, "show", TREE, "--png", tmp_path)
+
+
+def test_check_tells_editors_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "tree.xml"
+    path.write_text('<root BTCPP_format="4">\n <BehaviorTree ID="A">\n  <Sequense/>\n </BehaviorTree>\n</root>')
+    assert main(["check", "--json", str(path)]) == 2
+    (problem,) = json.loads(capsys.readouterr().out)["problems"]
+    assert (problem["file"], problem["line"], problem["column"]) == (str(path), 3, 3)
+    assert "Sequense" in problem["what"]
+    assert "Sequence" in problem["legal"]
+    assert main(["check", "--json", str(TREE)]) == 0
+    assert json.loads(capsys.readouterr().out) == {"problems": []}
+
+
+def test_the_palette_for_groot_names_ports(tmp_path: Path) -> None:
+    path = tmp_path / "palette.xml"
+    assert main(["nodes", "--groot", str(path)]) == 0
+    model = ElementTree.parse(path).getroot().find("TreeNodesModel/Action[@ID='PickPart']")
+    assert model is not None
+    assert [port.get("name") for port in model.iter("input_port")] == ["parts", "index"]
+
+
+def test_check_does_not_load_kinematics() -> None:
+    script = (
+        f"import sys; from cell.commands import main; main(['check', {str(TREE)!r}]); "
+        "sys.exit(' '.join(name for name in ('placo', 'coal', 'mujoco', 'onnxruntime', 'cv2') if name in sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.stderr.strip() == "1 file: nothing wrong"
+
+
+def test_the_last_line_of_the_doctor_is_json(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["doctor", "--json"])
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert {"what", "ok", "remedy"} == set(answer["findings"][0])
+    assert all(finding["ok"] or finding["remedy"] for finding in answer["findings"])
+
+
+def test_a_run_never_imports_torch() -> None:
+    script = (
+        "import sys, cell.run, cell.commands, cell.doctor, sim.cell; "
+        "sys.exit(' '.join(name for name in ('torch', 'triton', 'torchvision') if name in sys.modules) or 0)"
+    )
+    result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stderr) == (0, "")

@@ -1,0 +1,93 @@
+"""Progress, contact sheet and tally show what happened."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rich.console import Console
+
+from cell.interfaces.command import Command, Display
+from cell.interfaces.perception import Action
+from cell.observer import Outcome
+from cell.running.statistics import Tally
+from cell.viewing.contact_sheet import CAPTION_PX, COLUMNS, MOST_FRAMES, THUMBNAIL_PX, ContactSheet, Shot, compose
+from cell.viewing.progress import LiveProgress
+from tests.cell.fakes import frame, idle_view
+from tests.cell.recording.test_recorder import record
+
+OUTCOME = Outcome("finished", "the tree succeeded", 3, 0, 1.0, 0.5)
+DISPLAY = Display(
+    guidance={"o1": ("p2",), "o2": ()}, goal_belief={"g0": 0.25, "g1": 0.75}, message="waiting", help_request="place o1"
+)
+
+
+def shot(number: int) -> Shot:
+    """A thumbnail of one grey level."""
+    return Shot(np.full((THUMBNAIL_PX[1], THUMBNAIL_PX[0], 3), number, np.uint8), float(number), f"shot {number}")
+
+
+def test_plain_progress_tells_each_change_once() -> None:
+    text = io.StringIO()
+    progress = LiveProgress(Console(file=text, width=200), 0.04)
+    for tick in range(3):
+        progress.tick(record(tick, Command(display=DISPLAY)))
+    progress.close(OUTCOME)
+    lines = [line.split(maxsplit=3)[2:] for line in text.getvalue().splitlines()]
+    assert lines == [
+        ["hand", "no hand in view"],
+        ["goal", "g1 0.75, g0 0.25"],
+        ["guidance", "o1 -> p2; o2 -> done"],
+        ["robot", "waiting"],
+        ["help", "place o1"],
+    ]
+
+
+def test_a_terminal_shows_a_panel() -> None:
+    text = io.StringIO()
+    progress = LiveProgress(Console(file=text, width=100, force_terminal=True), 0.04)
+    progress.tick(record(0, Command(display=DISPLAY)))
+    progress.close(OUTCOME)
+    for words in ("ticks/s", "g1 0.75", "guidance o1", "waiting", "place o1"):
+        assert words in text.getvalue()
+
+
+def test_the_sheet_shows_begin_screw_belief_and_end(tmp_path: Path) -> None:
+    sheet = ContactSheet(tmp_path / "sheet.png")
+    sheet.frame(frame(4))
+    seen = record(0)
+    sheet.tick(seen)
+    screwing = replace(idle_view(frame(4)), action=Action("screw", 1.0))
+    sheet.tick(replace(seen, observation=replace(seen.observation, bench=screwing), notes=(("help", {"text": "o1"}),)))
+    sheet.close(OUTCOME)
+    image = cv2.imread(str(tmp_path / "sheet.png"))
+    assert image is not None
+    assert image.shape == (THUMBNAIL_PX[1] + CAPTION_PX, 4 * THUMBNAIL_PX[0], 3)  # begin, screw, help, end
+
+
+def test_a_run_without_frames_makes_no_sheet(tmp_path: Path) -> None:
+    ContactSheet(tmp_path / "sheet.png").close(OUTCOME)
+    assert not (tmp_path / "sheet.png").exists()
+
+
+def test_of_too_many_shots_first_and_last_are_kept() -> None:
+    sheet = compose([shot(number) for number in range(100)])
+    rows = MOST_FRAMES // COLUMNS
+    assert sheet.shape == (rows * (THUMBNAIL_PX[1] + CAPTION_PX), COLUMNS * THUMBNAIL_PX[0], 3)
+    assert (sheet[0, 0, 0], sheet[-CAPTION_PX - 1, -1, 0]) == (0, 99)
+
+
+def test_the_tally_keeps_the_last_belief_and_counts_calls_for_help() -> None:
+    tally = Tally()
+    tally.tick(record(0, Command(display=DISPLAY)))
+    tally.tick(record(1, Command(display=Display(message="nothing known"))))
+    tally.tick(replace(record(2), notes=(("help", {"text": "o1"}), ("plan", {}), ("help", {"text": "o2"}))))
+    tally.tick(replace(record(3), notes=(("verdict", {"decision": "refused"}), ("verdict", {"decision": "act"}))))
+    assert (tally.inferred_goal, tally.help_requests, tally.plans_refused) == ("g1", 2, 1)
+
+
+def test_without_a_belief_no_goal_is_inferred() -> None:
+    assert Tally().inferred_goal is None

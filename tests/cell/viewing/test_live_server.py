@@ -1,0 +1,103 @@
+"""A viewer that connects to a run gets what the log gets."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+
+from cell.configuration import LogSettings
+from cell.interfaces.errors import InputError
+from cell.recording.recorder import Heading, McapRecorder
+from cell.recording.scene import CellModel
+from cell.viewing.live_server import LiveServer
+from tests.cell.fakes import frame
+from tests.cell.recording.test_recorder import OUTCOME, record
+from tests.cell.recording.test_scene import cell  # noqa: F401 - a fixture
+from tests.cell.viewing.viewer import LiveViewer, live_viewer
+
+STREAMS = ("/camera/overhead", "/tick", "/observation", "/joint_states")
+STILL = ("/scene/robot", "/scene/bench", "/tf/bench", "/camera/overhead/calibration")
+
+
+@pytest.fixture
+def recorder(tmp_path: Path, cell: CellModel) -> Iterator[McapRecorder]:  # noqa: F811
+    made = McapRecorder(tmp_path / "log.mcap", LogSettings(), Heading(), cell)
+    yield made
+    made.abandon()
+
+
+@pytest.fixture
+def live(recorder: McapRecorder) -> Iterator[LiveServer]:
+    made = LiveServer(recorder.context, recorder.scene, 0)
+    yield made
+    made.abandon()
+
+
+def run_until_seen(recorder: McapRecorder, live: LiveServer, viewer: LiveViewer, wanted: set[str]) -> dict[str, bytes]:
+    """Tick until every wanted topic has brought a message; returns the first of each."""
+    found: dict[str, bytes] = {}
+    for number in range(500):
+        recorder.frame(frame(number, number * 0.04))
+        recorder.tick(record(number))
+        live.tick(record(number))
+        while (message := viewer.message()) is not None:
+            topic, time_ns, data = message
+            assert time_ns <= number * 40_000_000
+            found.setdefault(topic, data)
+        if found.keys() >= wanted:
+            break
+    return found
+
+
+def test_a_viewer_receives_images_ticks_and_joint_states(recorder: McapRecorder, live: LiveServer) -> None:
+    recorder.frame(frame(0, 0.0))
+    with live_viewer(live.port) as viewer:
+        viewer.learn(*STREAMS)
+        assert viewer.channels["/camera/overhead"]["schemaName"] == "foxglove.CompressedImage"
+        viewer.subscribe(*STREAMS)
+        found = run_until_seen(recorder, live, viewer, set(STREAMS))
+    assert b"\xff\xd8" in found["/camera/overhead"]
+    assert json.loads(found["/tick"])["changes"][0]["path"] == "Assemble/park"
+    assert json.loads(found["/observation"])["arm"]["positions_rad"] == list(record().observation.arm.positions_rad)
+    assert b"shoulder_pan" in found["/joint_states"]
+
+
+def test_a_viewer_that_comes_late_sees_what_stands_still(recorder: McapRecorder, live: LiveServer) -> None:
+    for number in range(3):
+        recorder.frame(frame(number, number * 0.04))
+        recorder.tick(record(number))
+        live.tick(record(number))
+    with live_viewer(live.port) as viewer:
+        viewer.learn(*STILL)
+        viewer.subscribe(*STILL)
+        assert run_until_seen(recorder, live, viewer, set(STILL)).keys() == set(STILL)
+
+
+def test_it_listens_on_this_machine_only(live: LiveServer) -> None:
+    listening = [line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    listening += [line.split()[1] for line in Path("/proc/net/tcp6").read_text().splitlines()[1:]]
+    hosts = {address.split(":")[0] for address in listening if int(address.split(":")[1], 16) == live.port}
+    assert hosts == {"0100007F"}
+
+
+def test_a_taken_port_is_refused_by_its_number(recorder: McapRecorder) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=rf"port {port} cannot be used: .*--live-port"):
+            LiveServer(recorder.context, recorder.scene, port)
+
+
+def test_the_end_of_a_run_ends_the_connection(live: LiveServer) -> None:
+    with live_viewer(live.port) as viewer:
+        viewer.learn("/tick")
+        live.close(OUTCOME)
+        with pytest.raises(ConnectionClosed):
+            viewer.message(10.0)
+    live.abandon()

@@ -1,0 +1,324 @@
+"""The monitor, asked by clients: our own bytes, btview (a client from outside this project), BehaviorTree.CPP."""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from io import StringIO
+from pathlib import Path
+from typing import Any, TypeVar
+from xml.etree import ElementTree
+
+import msgpack
+import pytest
+import zmq
+from btview.client import Groot2Client
+from py_trees.common import Status
+from rich.console import Console
+
+from cell.interfaces.clock import ManualClock
+from cell.interfaces.command import Command
+from cell.interfaces.errors import InputError
+from cell.observer import Sent, TickRecord
+from cell.running.node_library import node_registry
+from cell.viewing.live_view import MonitorClient, view
+from cell.viewing.monitor import Monitor
+from tests.cell.fakes import Rig
+from trees.engine.node import Node
+from trees.engine.ports import InputPort
+from trees.engine.tree import Tree
+from trees.files.loader import load_tree
+from trees.files.registry import Registry
+
+T = TypeVar("T")
+HEADER = struct.Struct("<BBI")
+TREE = (
+    '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence name="job">'
+    "<Script code=\"a := 3; text := 'x'\"/>"
+    '<SubTree ID="Inner" name="first" p="{a}" q="7"/><Count steps="{a}"/></Sequence></BehaviorTree>'
+    '<BehaviorTree ID="Inner"><Sequence><ScriptCondition code="p == 3 &amp;&amp; q == 7"/><Count steps="2"/>'
+    "</Sequence></BehaviorTree></root>"
+)
+JOB, SCRIPT, INNER, CONDITION, FIRST, LAST = 1, 2, 3, 5, 6, 7
+
+
+class Count(Node):
+    """Count ticks."""
+
+    steps = InputPort(int, "ticks until it succeeds")
+
+    begun = 0
+    ended = 0
+
+    def initialise(self) -> None:
+        self.begun += 1
+        self._left = self.steps.get()
+
+    def update(self) -> Status:
+        self._left -= 1
+        return Status.SUCCESS if self._left <= 0 else Status.RUNNING
+
+    def terminate(self, new_status: Status) -> None:  # noqa: ARG002
+        self.ended += 1
+
+
+class Bench:
+    """A monitored tree that is ticked by hand."""
+
+    def __init__(self, path: Path, hooks: bool) -> None:
+        self.port = free_port()
+        self.tree: Tree = load_tree(path, Registry([Count]))
+        self.tree.setup(None, ManualClock())
+        self.monitor = Monitor(self.tree, Registry([Count]), self.port, hooks)
+        self.observation = Rig().services.observation
+        self._thread = ThreadPoolExecutor(1)
+
+    def tick(self) -> Status:
+        status = self.tree.tick()
+        changes = tuple(self.tree.status_changes)
+        self.monitor.tick(TickRecord(self.observation, status.name, changes, (), Command(), Sent(), 0.0, False))
+        return status
+
+    def ask(self, kind: str, body: bytes | None = None, protocol: int = 2) -> list[bytes]:
+        frames = [HEADER.pack(protocol, ord(kind), 77)] + ([] if body is None else [body])
+        return self.monitor.answer(frames)
+
+    def served(self, request: Callable[[], T]) -> T:
+        """What a client's blocking request gets while the monitor serves."""
+        future: Future[T] = self._thread.submit(request)
+        while not future.done():
+            self.monitor.serve()
+        return future.result()
+
+    def statuses(self) -> dict[int, int]:
+        return dict(struct.iter_unpack("<HB", self.ask("S")[1]))
+
+    def close(self) -> None:
+        self.monitor.abandon()
+        self._thread.shutdown()
+
+
+def free_port() -> int:
+    """A port that is free together with the next one."""
+    while True:
+        with socket.socket() as one, socket.socket() as two:
+            one.bind(("127.0.0.1", 0))
+            port: int = one.getsockname()[1]
+            try:
+                two.bind(("127.0.0.1", port + 1))
+            except OSError:
+                continue
+            return port
+
+
+@pytest.fixture
+def make(tmp_path: Path) -> Iterator[Callable[..., Bench]]:
+    benches: list[Bench] = []
+
+    def make_bench(hooks: bool = False) -> Bench:
+        path = tmp_path / "tree.xml"
+        path.write_text(TREE)
+        benches.append(Bench(path, hooks))
+        return benches[-1]
+
+    yield make_bench
+    for bench in benches:
+        bench.close()
+
+
+def test_the_answer_repeats_the_header_and_names_the_tree(make: Callable[..., Bench]) -> None:
+    bench = make()
+    head, xml = bench.ask("T")
+    assert head[:6] == HEADER.pack(2, ord("T"), 77)
+    assert len(head) == 22
+    assert bench.ask("S")[0][6:] == head[6:]
+    root = ElementTree.fromstring(xml)
+    uids = [
+        int(element.get("_uid", 0))
+        for tree in root.iter("BehaviorTree")
+        for element in tree.iter()
+        if element is not tree
+    ]
+    assert sorted(uids) == list(range(1, len(bench.tree.nodes) + 1))
+    assert [tree.get("_fullpath") for tree in root.iter("BehaviorTree")] == ["", "first"]
+    models = {model.get("ID") for model in root.find("TreeNodesModel") or ()}
+    assert {"Count", "Sequence", "ScriptCondition"} <= models
+
+
+def test_statuses_follow_the_ticks(make: Callable[..., Bench]) -> None:
+    bench = make()
+    assert set(bench.statuses().values()) == {0}
+    bench.tick()
+    running, success = 1, 2
+    found = bench.statuses()
+    assert (found[JOB], found[INNER], found[FIRST]) == (running, running, running)
+    assert (found[SCRIPT], found[CONDITION], found[LAST]) == (success, success, 0)
+    bench.tick()
+    found = bench.statuses()
+    assert (found[SCRIPT], found[INNER], found[LAST]) == (success, success, running)
+    assert found[FIRST] == 10 + success  # idle again, and what it was before
+    while bench.tick() is Status.RUNNING:
+        pass
+    assert bench.statuses()[JOB] == 10 + success
+
+
+def test_a_remapped_entry_stands_only_in_the_outer_tree(make: Callable[..., Bench]) -> None:
+    bench = make()
+    bench.tick()
+    assert msgpack.unpackb(bench.ask("B", b"Main;first;nowhere")[1]) == {
+        "Main": {"a": 3, "text": "x"},
+        "first": {"q": 7},
+        "nowhere": None,
+    }
+
+
+def test_transitions_are_recorded_between_start_and_stop(make: Callable[..., Bench]) -> None:
+    bench = make()
+    assert bench.ask("t")[1] == b""
+    assert bench.ask("r", b"start")[1].isdigit()
+    bench.tick()
+    bench.ask("r", b"stop")
+    bench.tick()
+    records = bench.ask("t")[1]
+    assert len(records) % 9 == 0
+    told = [struct.unpack("<HB", records[i + 6 : i + 9]) for i in range(0, len(records), 9)]
+    assert told[0] == (JOB, 1)
+    assert (SCRIPT, 2) in told
+    assert LAST not in [uid for uid, _ in told]
+    assert bench.ask("t")[1] == b""
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [
+        ([b""], b"0 bytes"),
+        ([b"\x02S"], b"2 bytes"),
+        ([HEADER.pack(3, ord("S"), 1)], b"not 3"),
+        ([HEADER.pack(2, ord("?"), 1)], b"unknown request"),
+        ([HEADER.pack(2, 255, 1)], b"unknown request"),
+        ([HEADER.pack(2, ord("r"), 1), b"now"], b"start or stop"),
+        ([HEADER.pack(2, ord("I"), 1), b"{}"], b"uid"),
+        ([HEADER.pack(2, ord("I"), 1), b'{"uid": 99}'], b"no node 99"),
+        ([HEADER.pack(2, ord("I"), 1), b"[" * 30_000], b"Error"),
+        ([HEADER.pack(2, ord("R"), 1), b"\xff\xfe"], b"Error"),
+        ([HEADER.pack(2, ord("R"), 1), b'{"uid": 1, "position": 0}'], b"no hook"),
+        ([HEADER.pack(2, ord("U"), 1), b'{"uid": 1}'], b"KeyError"),
+        ([HEADER.pack(2, ord("R"), 1), b"[]"], b"TypeError"),
+    ],
+)
+def test_a_malformed_request_gets_an_error(make: Callable[..., Bench], frames: list[bytes], words: bytes) -> None:
+    bench = make(hooks=True)
+    head, text = bench.monitor.answer(frames)
+    assert head == b"error"
+    assert words in text
+    assert len(bench.ask("S")) == 2
+
+
+@pytest.mark.parametrize("kind", list("IRUAXD"))
+def test_hooks_are_refused_unless_asked_for(make: Callable[..., Bench], kind: str) -> None:
+    head, text = make().ask(kind, b'{"uid": 6, "mode": 1, "desired_status": "FAILURE"}')
+    assert head == b"error"
+    assert b"--monitor-hooks" in text
+
+
+def test_a_replaced_node_is_not_ticked(make: Callable[..., Bench]) -> None:
+    bench = make(hooks=True)
+    first = bench.tree.nodes[FIRST - 1]
+    assert isinstance(first, Count)
+    order = {"uid": FIRST, "mode": 1, "once": True, "desired_status": "FAILURE", "position": 0}
+    assert len(bench.ask("I", json.dumps(order).encode())) == 1
+    assert json.loads(bench.ask("D")[1])[0]["uid"] == FIRST
+    assert bench.tick() is Status.FAILURE
+    assert first.begun == 0
+    assert json.loads(bench.ask("D")[1]) == []
+    assert bench.tick() is Status.RUNNING
+    assert first.begun == 1
+
+
+def test_a_breakpoint_waits_and_the_loop_goes_on(make: Callable[..., Bench]) -> None:
+    bench = make(hooks=True)
+    first = bench.tree.nodes[FIRST - 1]
+    assert isinstance(first, Count)
+    context = zmq.Context()
+    news = context.socket(zmq.SUB)
+    news.setsockopt(zmq.RCVTIMEO, 5000)
+    news.subscribe(b"")
+    news.connect(f"tcp://127.0.0.1:{bench.port + 1}")
+    try:
+        while not news.poll(10):  # a subscription takes a moment to arrive: reach the breakpoint until it is heard
+            bench.tree.halt()
+            bench.ask("I", json.dumps({"uid": FIRST, "position": 0}).encode())
+            assert bench.tick() is Status.RUNNING
+        assert news.recv_multipart()[1] == str(FIRST).encode()
+        assert first.begun == 0
+        unlock = {"uid": FIRST, "position": 0, "desired_status": "SKIPPED", "remove_when_done": True}
+        assert len(bench.ask("U", json.dumps(unlock).encode())) == 1
+        bench.tick()
+        assert first.begun == 1
+        bench.tree.halt()
+        assert first.ended == 1
+    finally:
+        context.destroy(linger=0)
+
+
+def test_a_client_from_outside_shows_the_tree(make: Callable[..., Bench]) -> None:
+    bench = make()
+    bench.tick()
+    client: Any = Groot2Client(port=bench.port, timeout_ms=10_000)
+    try:
+        tree = bench.served(client.fetch_tree)
+        shown = {node.uid: node.name for node in tree.walk()}
+        assert shown == {node.uid: node.name for node in bench.tree.nodes}
+        states = bench.served(client.poll).statuses
+        assert {uid for uid, state in states.items() if state.status.name == "RUNNING"} == {JOB, INNER, 4, FIRST}
+        assert bench.served(lambda: client.fetch_blackboard(["Main"])) == {"Main": {"a": 3, "text": "x"}}
+    finally:
+        client.close()
+
+
+def test_the_terminal_view_names_every_node(make: Callable[..., Bench]) -> None:
+    bench = make()
+    bench.tick()
+    client = MonitorClient(bench.port)
+    try:
+        shown = view(bench.served(client.tree), bench.served(client.statuses), bench.served(client.blackboards))
+    finally:
+        client.close()
+    console = Console(file=StringIO(), width=100, record=True)
+    console.print(shown)
+    text = console.export_text()
+    assert "▶ job" in text
+    assert "✔ Script" in text
+    assert "first  (Inner)" in text
+    assert "▶ Count" in text
+    assert "text" in text
+
+
+def test_behaviortree_cpp_loads_what_is_served(make: Callable[..., Bench]) -> None:
+    behaviortreepy = pytest.importorskip("behaviortreepy")
+    factory = behaviortreepy.BehaviorTreeFactory()
+    factory.register_simple_action("Count", lambda *_: behaviortreepy.NodeStatus.SUCCESS)
+    xml = make().ask("T")[1].decode()
+    factory.register_behavior_tree_from_text(xml)
+    assert set(factory.registered_behavior_trees()) == {"Main", "Inner"}
+
+
+def test_the_assembly_tree_is_served_whole() -> None:
+    registry = node_registry()
+    tree = load_tree(Path(__file__).parents[2] / "trees" / "assemble.xml", registry)
+    monitor = Monitor(tree, registry, free_port())
+    try:
+        root = ElementTree.fromstring(monitor.answer([HEADER.pack(2, ord("T"), 1)])[1])
+    finally:
+        monitor.abandon()
+    uids = [element.get("_uid") for element in root.iter() if element.get("_uid")]
+    assert sorted(map(int, uids)) == list(range(1, len(tree.nodes) + 1))  # type: ignore[arg-type]
+
+
+def test_a_port_in_use_is_bad_input(make: Callable[..., Bench]) -> None:
+    bench = make()
+    with pytest.raises(InputError, match="--monitor-port"):
+        Monitor(bench.tree, Registry([Count]), bench.port)

@@ -1,0 +1,307 @@
+"""One case in BehaviorTree.CPP itself and in this engine: what leaves did, all statuses and the blackboard."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Protocol
+
+import behaviortreepy
+from py_trees.common import Status
+
+from cell.interfaces.clock import ManualClock
+from cell.interfaces.errors import InputError
+from tests.trees.conftest import load_whatever_is_reached
+from tests.trees.engine.random_trees import VARIABLES, Case
+from trees.engine.blackboard import UNSET
+from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
+from trees.engine.tree import Tree
+from trees.files.registry import Registry
+
+OURS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
+THEIRS = {
+    "S": behaviortreepy.NodeStatus.SUCCESS,
+    "F": behaviortreepy.NodeStatus.FAILURE,
+    "R": behaviortreepy.NodeStatus.RUNNING,
+    "K": behaviortreepy.NodeStatus.SKIPPED,
+}
+WORDS = {status.name: letter for letter, status in THEIRS.items()} | {"IDLE": "K"}
+CHANGE = re.compile(rb"\[[\d.]+\]: (\S+) +\x1b\[\d+m(\w+)\x1b\[0m -> \x1b\[\d+m(\w+)\x1b\[0m")
+IDLE_NAME = "IDLE"
+
+Change = tuple[str, str, str]
+
+
+@dataclass
+class Step:
+    """What one tick, or one halt, did.
+
+    Attributes:
+        status: letter of the root's answer, "-" for a halt.
+        events: starts, polls and halts of leaves, in order.
+        changes: (node, old status, new status), in order.
+        values: of the variables of the main tree, None where unset.
+        skipped: nodes whose last answer was SKIPPED; only this engine tells.
+    """
+
+    status: str = "-"
+    events: list[str] = field(default_factory=list)
+    changes: list[Change] = field(default_factory=list)
+    values: tuple[float | None, ...] = ()
+    skipped: frozenset[str] = frozenset()
+
+
+class Side(Protocol):
+    """One of the two engines with the tree of a case."""
+
+    def tick(self) -> Step: ...
+
+    def halt(self) -> Step: ...
+
+
+class Refused(Exception):
+    """The engine does not take the tree."""
+
+
+class Answers:
+    """The leaves' answers in turn, and what happened to the leaves."""
+
+    def __init__(self, case: Case) -> None:
+        self._answers = case.answers
+        self._turns = dict.fromkeys(case.answers, 0)
+        self.events: list[str] = []
+
+    def letter(self, name: str, event: str) -> str:
+        """The next answer; a leaf that runs cannot be skipped, so it succeeds instead."""
+        self.events.append(f"{event} {name}")
+        answers = self._answers[name]
+        letter = answers[self._turns[name] % len(answers)]
+        self._turns[name] += 1
+        return "S" if letter == "K" and event == "poll" else letter
+
+    def take(self) -> list[str]:
+        events, self.events = self.events, []
+        return events
+
+
+class Original:
+    """The original library; its log of statuses goes to standard output, where it is read.
+
+    Attributes:
+        late: changes that its timers made since the last step.
+    """
+
+    def __init__(self, case: Case, output: IO[bytes]) -> None:
+        """Load the tree.
+
+        Raises:
+            Refused: the library does not.
+        """
+        self._answers = answers = Answers(case)
+        self._output = output
+        self._factory = factory = behaviortreepy.BehaviorTreeFactory()
+        factory.register_simple_stateful_action(
+            "Leaf",
+            lambda node: THEIRS[answers.letter(node.name(), "start")],
+            lambda node: THEIRS[answers.letter(node.name(), "poll")],
+            lambda node: answers.events.append(f"halt {node.name()}"),
+        )
+        factory.register_simple_condition("Check", lambda node: THEIRS[answers.letter(node.name(), "start")])
+        try:
+            factory.register_behavior_tree_from_text(case.their_xml)
+            self._tree = factory.create_tree("Main")
+        except RuntimeError as error:
+            raise Refused(str(error)) from None
+        self._board = self._tree.root_blackboard()
+        self._logger = behaviortreepy.StdCoutLogger(self._tree)
+        self.late: list[Change] = []
+
+    def tick(self) -> Step:
+        return self._step(WORDS[self._tree.tick_exactly_once().name])
+
+    def halt(self) -> Step:
+        self._tree.halt_tree()
+        return self._step("-")
+
+    def close(self) -> None:
+        """What the library's destructor still halts is not compared."""
+        self._logger.set_enabled(False)
+
+    def _step(self, letter: str) -> Step:
+        self._logger.flush()
+        changes = [*self.late, *read_changes(self._output)]
+        self.late = []
+        return Step(letter, self._answers.take(), changes, tuple(map(self._value, VARIABLES)))
+
+    def _value(self, name: str) -> float | None:
+        try:
+            return float(self._board.get_double(name))
+        except RuntimeError:
+            return None
+
+
+class Ours:
+    """This engine."""
+
+    def __init__(self, case: Case, path: Path, clock: ManualClock) -> None:
+        """Load the tree.
+
+        Raises:
+            Refused: this engine does not.
+        """
+        self._answers = answers = Answers(case)
+
+        class Leaf(Node):
+            """Answers what the case says."""
+
+            def update(self) -> Status:
+                return OURS[answers.letter(self.name, "poll" if self.status is RUNNING else "start")]
+
+            def terminate(self, new_status: Status) -> None:
+                if new_status is Status.INVALID and self.status is RUNNING:
+                    answers.events.append(f"halt {self.name}")
+
+        class Check(Leaf):
+            """The same, as a condition."""
+
+        path.write_text(case.xml)
+        try:
+            self._tree = load_whatever_is_reached(path, Registry([Leaf, Check]))
+        except InputError as error:
+            raise Refused(str(error)) from None
+        self._tree.setup(None, clock)
+        self._skipped: set[str] = set()
+        _note_skips(self._tree, self._skipped)
+
+    def tick(self) -> Step:
+        status = self._tree.tick()
+        return self._step({value: letter for letter, value in OURS.items()}[status])
+
+    def halt(self) -> Step:
+        self._tree.halt()
+        return self._step("-")
+
+    def _step(self, letter: str) -> Step:
+        names = [node.name for node in self._tree.nodes]
+        changes = [
+            (names[one.uid - 1], _word(one.old), _word(one.new))
+            for one in self._tree.status_changes
+            if one.old is not one.new
+        ]
+        values = tuple(map(self._value, VARIABLES))
+        return Step(letter, self._answers.take(), changes, values, frozenset(self._skipped))
+
+    def _value(self, name: str) -> float | None:
+        value = self._tree.blackboard.entry(name).value
+        return None if value is UNSET else float(value)
+
+
+def differences(one: Step, other: Step, mine: dict[str, str], theirs: dict[str, str], in_order: bool) -> list[str]:
+    """Where this engine's step differs from the library's.
+
+    Args:
+        mine, theirs: statuses of all nodes so far by name, brought up to date here.
+        in_order: every single change is compared, too, in order.
+    """
+    found = [
+        f"{name}: {a} here, {b} there"
+        for name, a, b in (
+            ("status", one.status, other.status),
+            ("leaves", one.events, other.events),
+            ("blackboard", one.values, other.values),
+            ("changes", one.changes if in_order else None, other.changes if in_order else None),
+        )
+        if a != b
+    ]
+    mine |= {name: new for name, _, new in one.changes}
+    theirs |= {name: new for name, _, new in other.changes}
+    for name in mine.keys() | theirs.keys():
+        here, there = mine.get(name, IDLE_NAME), theirs.get(name, IDLE_NAME)
+        # The library leaves a control RUNNING that was skipped; here it is idle.
+        skipped = here == IDLE_NAME and there == "RUNNING" and name in one.skipped
+        if here != there and not skipped:
+            found.append(f"{name} is {here} here, {there} there")
+    return found
+
+
+def read_changes(output: IO[bytes]) -> list[Change]:
+    """What the library logged since this was last asked, but for the nodes that are only there."""
+    found = CHANGE.findall(output.read())
+    return [(name.decode(), old.decode(), new.decode()) for name, old, new in found if not name.startswith(b"~")]
+
+
+@contextmanager
+def standard_output() -> Iterator[IO[bytes]]:
+    """What anything in this process writes to standard output meanwhile can be read from here."""
+    with tempfile.TemporaryFile(buffering=0) as output, Path(f"/proc/self/fd/{output.fileno()}").open("rb") as reader:
+        before = os.dup(1)
+        os.dup2(output.fileno(), 1)
+        try:
+            yield reader
+        finally:
+            os.dup2(before, 1)
+            os.close(before)
+
+
+def compare(case: Case, path: Path, in_order: bool) -> list[str] | None:
+    """Differences in the first step that has any; None where both sides refuse the tree."""
+    with standard_output() as output:
+        ours, theirs, refusals = both(case, path, ManualClock(), output)
+        if ours is None or theirs is None:
+            return refusals if len(refusals) == 1 else None
+        try:
+            return _first_difference(case, ours, theirs, in_order)
+        finally:
+            theirs.close()
+
+
+def both(
+    case: Case, path: Path, clock: ManualClock, output: IO[bytes]
+) -> tuple[Ours | None, Original | None, list[str]]:
+    """The case in both engines, None where one refuses it, and why."""
+    refusals: list[str] = []
+    ours = theirs = None
+    try:
+        theirs = Original(case, output)
+    except Refused as error:
+        refusals.append(f"refused there: {error}")
+    try:
+        ours = Ours(case, path, clock)
+    except Refused as error:
+        refusals.append(f"refused here: {error}")
+    return ours, theirs, refusals
+
+
+def _first_difference(case: Case, ours: Side, theirs: Side, in_order: bool) -> list[str]:
+    here: dict[str, str] = {}
+    there: dict[str, str] = {}
+    for turn in range(case.ticks):
+        if turn in case.halts and (found := differences(ours.halt(), theirs.halt(), here, there, in_order)):
+            return [f"halt before tick {turn}", *found]
+        if found := differences(ours.tick(), theirs.tick(), here, there, in_order):
+            return [f"tick {turn}", *found]
+    return []
+
+
+def _note_skips(tree: Tree, skipped: set[str]) -> None:
+    """Keep the names of the nodes whose last answer was SKIPPED."""
+    for node in tree.nodes:
+        vars(node)["execute"] = _noting(node.name, node.execute, skipped)
+
+
+def _noting(name: str, execute: Callable[[], Status], skipped: set[str]) -> Callable[[], Status]:
+    def noted() -> Status:
+        status = execute()
+        (skipped.add if status is SKIPPED else skipped.discard)(name)
+        return status
+
+    return noted
+
+
+def _word(status: Status) -> str:
+    return IDLE_NAME if status is Status.INVALID else status.name

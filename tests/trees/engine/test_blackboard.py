@@ -1,0 +1,170 @@
+"""Entries, remapping, constants and types."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import pytest
+from py_trees.common import Status
+
+from cell.interfaces.errors import InputError
+from tests.trees.conftest import Load
+from trees.engine.node import Node
+from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.files.registry import Registry
+
+
+class Colour(Enum):
+    """An enum of ports."""
+
+    RED = "red"
+    BLUE = "blue"
+
+
+class Take(Node):
+    """Notes what it reads."""
+
+    number = InputPort(int, "", default=7)
+    ratio = InputPort(float, "", default=0.5)
+    on = InputPort(bool, "", default=False)
+    text = InputPort(str, "", default="none")
+    colour = InputPort(Colour, "", default=Colour.RED)
+    items = InputPort(list[str], "", default=[])
+    sizes = InputPort(tuple[float, ...], "", default=())
+
+    def update(self) -> Status:
+        self.seen = {
+            "number": self.number.get(),
+            "ratio": self.ratio.get(),
+            "on": self.on.get(),
+            "text": self.text.get(),
+            "colour": self.colour.get(),
+            "items": self.items.get(),
+            "sizes": self.sizes.get(),
+        }
+        return Status.SUCCESS
+
+
+class Count(Node):
+    """Writes, and counts its ticks in an entry."""
+
+    total = InOutPort(int, "", unset_ok=True)
+    out = OutputPort(str, "")
+
+    def update(self) -> Status:
+        self.total.set(self.total.get_or(0) + 1)
+        self.out.set(f"n{self.total.get()}")
+        return Status.SUCCESS
+
+
+def seen(load: Load, attributes: str) -> dict[str, object]:
+    tree = load(f"<Take {attributes}/>", Take)
+    assert tree.tick() is Status.SUCCESS
+    leaf = tree.nodes[0]
+    assert isinstance(leaf, Take)
+    return leaf.seen
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"),
+    [
+        ('number="-3"', -3),
+        ('ratio="2"', 2.0),
+        ('ratio="1e-3"', 0.001),
+        ('on="true"', True),
+        ('on="0"', False),
+        ('text="a;b"', "a;b"),
+        ('text=""', ""),
+        ('colour="BLUE"', Colour.BLUE),
+        ('items="a;b"', ["a", "b"]),
+        ('items=""', []),
+        ('sizes="1;2.5"', (1.0, 2.5)),
+    ],
+)
+def test_literals_take_the_type_of_the_port(load: Load, attribute: str, value: object) -> None:
+    name = attribute.split("=")[0]
+    read = seen(load, attribute)[name]
+    assert read == value
+    assert type(read) is type(value)
+
+
+def test_defaults_hold_where_the_file_is_silent(load: Load) -> None:
+    assert seen(load, "")["number"] == 7
+
+
+def test_an_unset_entry_fails_the_node_with_a_reason(load: Load) -> None:
+    tree = load('<Sequence><UnsetBlackboard key="n"/><Script code="m := n" _skipIf="false"/></Sequence>')
+    assert tree.tick() is Status.FAILURE
+    assert tree.nodes[2].feedback_message == "nothing has been written to {n} yet"
+
+
+def test_subtrees_have_entries_of_their_own(load: Load) -> None:
+    nodes = '<Sequence><Script code="n := 1"/><SubTree ID="Inner"/><ScriptCondition code="n == 1"/></Sequence>'
+    more = '<BehaviorTree ID="Inner"><Script code="n := 2"/></BehaviorTree>'
+    assert load(nodes, more=more).tick() is Status.SUCCESS
+
+
+def test_remapping_joins_entries(load: Load) -> None:
+    nodes = '<Sequence><Script code="a := 1; n := 5"/><SubTree ID="Inner" x="{a}" n="{=}" c="2" t="up"/></Sequence>'
+    more = '<BehaviorTree ID="Inner"><Script code="x += c; n = 6; s := t .. \'!\'; @top := s"/></BehaviorTree>'
+    tree = load(nodes, more=more)
+    assert tree.tick() is Status.SUCCESS
+    assert tree.blackboard.values() == {"a": 3, "n": 6, "top": "up!"}
+
+
+def test_autoremap_joins_all_names_but_private_ones(load: Load) -> None:
+    nodes = '<Sequence><Script code="a := 1; _p := 1"/><SubTree ID="Inner" _autoremap="true"/></Sequence>'
+    more = '<BehaviorTree ID="Inner"><Script code="a := 2; b := 3; _p := 4"/></BehaviorTree>'
+    tree = load(nodes, more=more)
+    tree.tick()
+    assert tree.blackboard.values() == {"a": 2, "_p": 1, "b": 3}
+
+
+def test_models_give_subtrees_defaults(load: Load) -> None:
+    model = '<TreeNodesModel><SubTree ID="Inner"><input_port name="speed" default="3"/></SubTree></TreeNodesModel>'
+    more = model + '<BehaviorTree ID="Inner"><Script code="@seen := speed"/></BehaviorTree>'
+    tree = load('<SubTree ID="Inner"/>', more=more)
+    tree.tick()
+    assert tree.blackboard.values() == {"seen": 3}
+
+
+def test_ports_pass_values_through_subtrees(load: Load) -> None:
+    inner = '<SubTree ID="Inner" n="{total}"/>'
+    nodes = f'<Sequence>{inner}{inner}<Take number="{{total}}"/></Sequence>'
+    more = '<BehaviorTree ID="Inner"><Count total="{n}"/></BehaviorTree>'
+    tree = load(nodes, Count, Take, more=more)
+    tree.tick()
+    assert tree.blackboard.values() == {"total": 2}
+
+
+def test_two_trees_share_nothing(load: Load) -> None:
+    first, second = load('<Script code="n := 1"/>'), load('<Script code="m := 1"/>')
+    first.tick()
+    assert second.blackboard.values() == {}
+
+
+def test_ports_of_different_types_cannot_share_an_entry(load: Load) -> None:
+    with pytest.raises(InputError, match=r"takes \{n\} as float; port 'total' of Count at .* has it as int"):
+        load('<Sequence><Count total="{n}"/><Take ratio="{n}"/></Sequence>', Count, Take)
+
+
+def test_strings_convert_where_they_are_read(load: Load) -> None:
+    tree = load('<Sequence><Count total="{n}" out="{s}"/><Take number="{s}"/></Sequence>', Count, Take)
+    assert tree.tick() is Status.FAILURE
+    assert "'n1' is not an int" in tree.nodes[2].feedback_message
+
+
+def test_a_script_cannot_break_the_type_of_a_port(load: Load) -> None:
+    tree = load('<Sequence><Count total="{n}"/><Script code="n = \'many\'"/></Sequence>', Count)
+    assert tree.tick() is Status.FAILURE
+    assert tree.nodes[2].feedback_message.startswith("{n} holds a int and cannot be written")
+
+
+def test_set_and_unset_take_bare_names(load: Load) -> None:
+    nodes = '<Sequence><SetBlackboard value="4" output_key="n"/><ScriptCondition code="n == \'4\'"/></Sequence>'
+    assert load(nodes).tick() is Status.SUCCESS
+
+
+def test_two_classes_cannot_have_one_name() -> None:
+    with pytest.raises(ValueError, match="two node classes are named Take"):
+        Registry([Take, Take])

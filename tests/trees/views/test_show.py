@@ -1,0 +1,121 @@
+"""What people and editors are told about trees and nodes; the test kit."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from py_trees.common import Status
+
+from tests.trees.conftest import Load
+from trees.engine.node import Node
+from trees.engine.ports import InputPort, OutputPort
+from trees.files.registry import BUILT_IN, Registry
+from trees.testing import TreeBench, alone, assert_ticks
+from trees.views.palette import groot_model, palette_list, palette_text
+from trees.views.picture import picture
+from trees.views.show import show_file, show_tree
+
+
+class Fetch(Node):
+    """Fetch a part & wait (Alg. 1 line 9).
+
+    More about it.
+    """
+
+    part = InputPort(str, "its type")
+    tries = InputPort(int, "attempts", default=2)
+    pose = OutputPort(tuple[float, ...], "where it was")
+
+    def update(self) -> Status:
+        self.pose.set((1.0, 2.0))
+        self.feedback_message = f"has {self.part.get()}"
+        return Status.SUCCESS
+
+
+SVG = "{http://www.w3.org/2000/svg}"
+XML = (
+    '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Inner"><Fetch part="{p}"/></BehaviorTree>'
+    '<BehaviorTree ID="Main"><Sequence name="job"><SubTree ID="Inner" p="o1"/><AlwaysFailure/></Sequence>'
+    "</BehaviorTree></root>"
+)
+
+
+def test_a_file_is_shown_main_tree_first(write: Callable[[str], Path]) -> None:
+    assert show_file(write(XML), Registry([Fetch])).splitlines() == [
+        "Main  (main tree)",
+        '└─ Sequence "job"',
+        "   ├─ SubTree Inner  p=o1",
+        "   └─ AlwaysFailure",
+        "",
+        "Inner",
+        "└─ Fetch  part={p}",
+    ]
+
+
+def test_a_running_tree_is_shown_with_feedback(load: Load) -> None:
+    tree = load('<Parallel><Fetch part="o1"/><Sleep msec="5"/></Parallel>', Fetch)
+    tree.tick()
+    assert show_tree(tree).splitlines() == ["[*] Parallel", "[+] ├─ Fetch  -- has o1", "[*] └─ Sleep"]
+
+
+def test_the_picture_holds_every_node_once_and_none_overlap(write: Callable[[str], Path]) -> None:
+    root = ElementTree.fromstring(picture(write(XML), Registry([Fetch])))
+    words = [text.text for text in root.iter(SVG + "text")]
+    assert words == ["Main", "Sequence: job", "Inner", "p=o1", "AlwaysFailure", "Inner", "Fetch", "part={p}"]
+    boxes = [[float(rect.get(key, "0")) for key in ("x", "y", "width", "height")] for rect in root.iter(SVG + "rect")]
+    for one in range(len(boxes)):
+        for other in range(one):
+            (x, y, width, height), (x2, y2, width2, height2) = boxes[one], boxes[other]
+            assert x >= x2 + width2 or x2 >= x + width or y >= y2 + height2 or y2 >= y + height
+
+
+def test_the_palette_tells_name_meaning_and_ports() -> None:
+    text = palette_text(Registry([Fetch]))
+    assert text.index("Fetch  [Action]") < text.index("Sequence  [Control]")
+    assert "    Fetch a part & wait (Alg. 1 line 9).\n    <- part: str, mandatory  (its type)\n" in text
+    assert "    <- tries: int = 2  (attempts)\n    -> pose: tuple[float, ...]  (where it was)\n" in text
+
+
+def test_every_node_of_the_language_says_what_it_means() -> None:
+    for entry in palette_list(Registry()):
+        assert entry["meaning"]
+        assert all(port["meaning"] for port in entry["ports"])  # type: ignore[attr-defined]
+    assert len(BUILT_IN) == 41  # SubTree is the 42nd node of BehaviorTree.CPP
+
+
+def test_groot_model_is_read_back_and_leaves_built_in_nodes_out(write: Callable[[str], Path]) -> None:
+    root = ElementTree.fromstring(groot_model(Registry([Fetch])))
+    (model,) = root.iter("TreeNodesModel")
+    assert [(node.tag, node.get("ID")) for node in model] == [("Action", "Fetch")]
+    ports = {port.get("name"): (port.tag, port.get("type"), port.get("default")) for port in model[0][1:]}
+    assert ports["tries"] == ("input_port", "int", "2")
+    assert ports["pose"] == ("output_port", "tuple[float, ...]", None)
+    assert "BehaviorTree" not in show_file(write(groot_model(Registry([Fetch]))), Registry())
+
+
+def test_bench_runs_a_tree_with_scripted_leaves(write: Callable[[str], Path]) -> None:
+    bench = TreeBench(write(XML), Registry([Fetch]), {"Fetch": "RRS"}, {"Fetch": {"pose": (0.0,)}})
+    assert_ticks(bench, "RRFF")
+    assert bench.events[:4] == ["start Fetch", "tick Fetch", "tick Fetch", "tick Fetch"]
+    assert bench.started("Fetch") == 2
+    with pytest.raises(AssertionError, match="answered F, not S"):
+        assert_ticks(bench, "S")
+
+
+def test_a_node_can_be_tested_alone() -> None:
+    node = alone(Fetch("fetch"), part="o2")
+    assert node.execute() is Status.SUCCESS
+    assert node.feedback_message == "has o2"
+
+
+def test_loading_a_tree_is_light() -> None:
+    heavy = "numpy,cv2,mujoco,torch,onnxruntime,placo,lark"
+    modules = "sys, trees.check, trees.show, trees.palette"
+    code = f"import {modules}; print([m for m in '{heavy}'.split(',') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

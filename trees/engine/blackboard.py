@@ -1,0 +1,122 @@
+"""The blackboard: entries in scopes, one scope for each SubTree, joined by remapping when the tree is loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from trees.engine.errors import NodeError
+from trees.engine.literals import LiteralError, converted, type_name
+
+UNSET: Any = object()
+
+
+class Entry:
+    """One value that nodes share.
+
+    Attributes:
+        name: its name in the scope that owns it.
+        value: UNSET until the first write.
+        kind: type locked by the ports connected to it, Any where only scripts use it.
+        revision: number of writes so far.
+        carried: the value comes from the tree that this one took over from in mid-run; until the next write.
+    """
+
+    __slots__ = ("carried", "kind", "name", "revision", "value")
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.value: Any = UNSET
+        self.kind: Any = Any
+        self.revision = 0
+        self.carried = False
+
+    def read(self, kind: Any = Any) -> Any:
+        """The value as a port of type `kind` sees it.
+
+        Raises:
+            NodeError: nothing has been written yet, or what was does not fit.
+        """
+        value = self.value
+        if value is UNSET:
+            raise NodeError(f"nothing has been written to {{{self.name}}} yet")
+        if type(value) is kind:
+            return value
+        try:
+            return converted(value, kind)
+        except LiteralError as error:
+            raise NodeError(f"{{{self.name}}} cannot be read: {error}; {error.legal}") from None
+
+    def write(self, value: Any) -> None:
+        """Replace the value, within the locked type.
+
+        Raises:
+            NodeError: the value does not fit the type.
+        """
+        if type(value) is not self.kind:
+            try:
+                value = converted(value, self.kind)
+            except LiteralError as error:
+                raise NodeError(
+                    f"{{{self.name}}} holds a {type_name(self.kind)} and cannot be written: {error}"
+                ) from None
+        self.value = value
+        self.revision += 1
+        self.carried = False
+
+    def assign(self, value: Any) -> None:
+        """Write from a script: where no port has locked a type, the first value does.
+
+        Raises:
+            NodeError: the value does not fit the type.
+        """
+        if self.kind is Any and self.value is not UNSET and isinstance(self.value, bool | int | float | str):
+            try:
+                value = converted(value, type(self.value))
+            except LiteralError as error:
+                raise NodeError(f"{{{self.name}}} holds {self.value!r} and cannot be assigned: {error}") from None
+        self.write(value)
+
+    def clear(self) -> None:
+        """Forget the value; who reads it next fails."""
+        self.value = UNSET
+        self.revision += 1
+
+
+class Scope:
+    """The entries that one tree or SubTree sees by their names.
+
+    Args:
+        name: path of the SubTree, empty for the main tree.
+        parent: scope around it, None for the main tree.
+        autoremap: names that are not remapped mean the parent's, unless they begin with `_`.
+    """
+
+    def __init__(self, name: str = "", parent: Scope | None = None, autoremap: bool = False) -> None:
+        self.name = name
+        self.root: Scope = parent.root if parent else self
+        self._parent = parent
+        self._autoremap = autoremap
+        self._entries: dict[str, Entry] = {}
+
+    def entry(self, key: str) -> Entry:
+        """The entry that `key` means here, made when first named; `@key` is the main tree's."""
+        if key.startswith("@"):
+            return self.root.entry(key[1:])
+        if key not in self._entries:
+            if self._parent and self._autoremap and not key.startswith("_"):
+                self._entries[key] = self._parent.entry(key)
+            else:
+                self._entries[key] = Entry(key)
+        return self._entries[key]
+
+    def remap(self, key: str, entry: Entry) -> None:
+        """Let `key` mean an entry of another scope."""
+        self._entries[key] = entry
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def values(self) -> dict[str, Any]:
+        """What is set, by name."""
+        return {key: entry.value for key, entry in self._entries.items() if entry.value is not UNSET}

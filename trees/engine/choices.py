@@ -1,0 +1,180 @@
+"""Controls that choose one of their children: by a condition, a value, or after a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Children
+from enum import Enum
+from typing import Any, ClassVar, cast
+
+from py_trees.common import Status
+
+from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
+from trees.engine.ports import Input, InputPort
+
+
+class IfThenElse(Control):
+    """The first child decides once whether the second or the third is ticked until it finishes."""
+
+    children_min = 2
+    children_max = 3
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._chosen = 0
+
+    def run(self) -> Status:
+        self.become(RUNNING)
+        if self._chosen == 0:
+            status = self._child(0)
+            if status is RUNNING or status is SKIPPED:
+                return status
+            self._chosen = 1 if status is SUCCESS else 2
+        if self._chosen == len(self.children):
+            self._chosen = 0
+            return FAILURE  # the condition keeps its result until this node is halted, as in BehaviorTree.CPP
+        status = self._child(self._chosen)
+        if status is not RUNNING:
+            self.rest()
+        return status
+
+    def rest(self) -> None:
+        self._chosen = 0
+        self.reset_children()
+
+    def _child(self, index: int) -> Status:
+        self.current_child = child = self.children[index]
+        return child.execute()
+
+
+class WhileDoElse(Control):
+    """The first child decides in every tick whether the second or the third goes on; the other is halted."""
+
+    children_min = 2
+    children_max = 3
+
+    def run(self) -> Status:
+        self.become(RUNNING)
+        condition, *branches = self.children
+        status = condition.execute()
+        if status is SUCCESS or status is FAILURE:
+            status = self._branch(branches, 0 if status is SUCCESS else 1)
+        if status is not RUNNING:
+            self.reset_children()
+        return status
+
+    def _branch(self, branches: list[TreeNode], chosen: int) -> Status:
+        if len(branches) > 1:
+            branches[1 - chosen].reset()
+        if chosen == len(branches):
+            return FAILURE
+        self.current_child = child = branches[chosen]
+        return child.execute()
+
+
+class TryCatch(Control):
+    """All children but the last in order; where one fails, the last cleans up, and this node fails."""
+
+    children_min = 2
+
+    catch_on_halt = InputPort(bool, "clean up after a halt, too, in one tick", default=False)
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._index = 0
+        self._skipped = 0
+        self._cleaning = False
+
+    def run(self) -> Status:
+        if self.status is not RUNNING:
+            self._forget()
+            self.become(RUNNING)
+        work = self.children[:-1]
+        while not self._cleaning and self._index < len(work):
+            self.current_child = child = work[self._index]
+            status = child.execute()
+            if status is RUNNING:
+                return RUNNING
+            if status is FAILURE:
+                self.reset_children()
+                self._cleaning = True
+            self._skipped += status is SKIPPED
+            self._index += 1
+        if self._cleaning:
+            return self._clean()
+        result = SKIPPED if self._skipped == len(work) else SUCCESS
+        self._forget()
+        self.reset_children()
+        return result
+
+    def rest(self) -> None:
+        cleaned = self._cleaning
+        self._forget()
+        self.reset_children()
+        if not cleaned and self.catch_on_halt.get():
+            self.children[-1].execute()
+            self.children[-1].reset()
+
+    def _clean(self) -> Status:
+        self.current_child = child = self.children[-1]
+        if child.execute() is RUNNING:
+            return RUNNING
+        self._forget()
+        self.reset_children()
+        return FAILURE
+
+    def _forget(self) -> None:
+        self._index = self._skipped = 0
+        self._cleaning = False
+
+
+class _Switch(Control):
+    """Ticks the child whose case equals the variable, else the last one; another that runs is halted."""
+
+    cases: ClassVar[int]
+    variable: Input[Any]
+
+    def run(self) -> Status:
+        chosen = self.children[self._match()]
+        for child in self.children:
+            if child is not chosen and child.status is not IDLE:
+                child.reset()
+        self.current_child = chosen
+        status = chosen.execute()
+        if status is not RUNNING:
+            self.reset_children()
+        return status
+
+    def _match(self) -> int:
+        value = self.variable.get_or(None)
+        if value is not None:
+            for index in range(self.cases):
+                case: Input[Any] = getattr(self, f"case_{index + 1}")
+                if self._equal(value, case.get_or(None)):
+                    return index
+        return self.cases
+
+    def _equal(self, value: Any, case: Any) -> bool:
+        """As strings, as enum names, or as numbers."""
+        if value == case or (isinstance(value, Enum) and value.name == case):
+            return True
+        numbers = [self._number(value), self._number(case)]
+        return None not in numbers and numbers[0] == numbers[1]
+
+    def _number(self, value: Any) -> float | None:
+        value = self.runtime.enums.get(value, value) if isinstance(value, str) else value
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            return None
+
+
+def _switch(cases: int) -> type[_Switch]:
+    """Switch2 to Switch6 differ only in their number of cases."""
+    ports: dict[str, Any] = {"variable": InputPort(cast(Any, Any), "what is compared", unset_ok=True)}
+    for number in range(1, cases + 1):
+        ports[f"case_{number}"] = InputPort(str, f"value for which child {number} is ticked", unset_ok=True)
+    words = {"cases": cases, "children_min": cases + 1, "children_max": cases + 1, "__doc__": _Switch.__doc__}
+    return type(f"Switch{cases}", (_Switch,), {**ports, **words, "__module__": __name__})
+
+
+SWITCHES = tuple(_switch(cases) for cases in range(2, 7))

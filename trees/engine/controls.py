@@ -1,0 +1,141 @@
+"""Controls that tick their children in order: Sequence, Fallback and their kin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Children
+
+from py_trees import composites
+from py_trees.common import Status
+
+from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
+
+
+class _Ordered(Control):
+    """Children one after the other until one ends the round; a RUNNING one is resumed.
+
+    Attributes:
+        goes_on: a child with this result passes on to the next one; the other result ends the round.
+        breathes: RUNNING is answered after each child that finished at once, so that the tree can be interrupted.
+        keeps_place: after the round was ended, the next one begins at the child that ended it.
+    """
+
+    goes_on = SUCCESS
+    breathes = False
+    keeps_place = False
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._index = 0
+        self._skipped = 0
+
+    def run(self) -> Status:
+        if self.status is not RUNNING:
+            self._skipped = 0
+            self.become(RUNNING)
+        children = self.children
+        while self._index < len(children):
+            self.current_child = child = children[self._index]
+            was_idle = child.status is IDLE
+            status = child.execute()
+            if status is RUNNING:
+                return RUNNING
+            if status is SKIPPED:
+                self._skipped += 1
+            elif status is not self.goes_on:
+                return self._ended(status)
+            self._index += 1
+            if self.breathes and was_idle and status is not SKIPPED and self._index < len(children):
+                return RUNNING
+        all_skipped = self._skipped == len(children)
+        self._index = self._skipped = 0
+        self.reset_children()
+        return SKIPPED if all_skipped else self.goes_on
+
+    def rest(self) -> None:
+        if not self.keeps_place:
+            self._index = 0
+        self.reset_children()
+
+    def _ended(self, status: Status) -> Status:
+        if self.keeps_place:
+            for child in self.children[self._index :]:
+                child.reset()
+        else:
+            self._index = 0
+            self.reset_children()
+        return status
+
+
+class Sequence(_Ordered, composites.Sequence):
+    """All children in order; fails with the first that fails and resumes a RUNNING one."""
+
+    memory = True
+
+
+class AsyncSequence(Sequence):
+    """A Sequence that can be interrupted after every child, also where each finishes at once."""
+
+    breathes = True
+
+
+class SequenceWithMemory(Sequence):
+    """A Sequence that, after a failure, begins again at the child that failed."""
+
+    breathes = True
+    keeps_place = True
+
+
+class Fallback(_Ordered, composites.Selector):
+    """Children in order until one succeeds; resumes a RUNNING one."""
+
+    goes_on = FAILURE
+    memory = True
+
+
+class AsyncFallback(Fallback):
+    """A Fallback that can be interrupted after every child, also where each finishes at once."""
+
+    breathes = True
+
+
+class _Reactive(Control):
+    """Children from the first one on in every tick; whatever else is RUNNING is halted."""
+
+    goes_on = SUCCESS
+
+    def run(self) -> Status:
+        self.become(RUNNING)
+        all_skipped = True
+        for child in self.children:
+            self.current_child = child
+            status = child.execute()
+            if status is RUNNING:
+                self._reset_others(child)
+                return RUNNING
+            if status is SKIPPED:
+                child.reset()
+            elif status is self.goes_on:
+                all_skipped = False
+            else:
+                self.reset_children()
+                return status
+        self.reset_children()
+        return SKIPPED if all_skipped else self.goes_on
+
+    def _reset_others(self, running: TreeNode) -> None:
+        for child in self.children:
+            if child is not running and child.status is not IDLE:
+                child.reset()
+
+
+class ReactiveSequence(_Reactive, composites.Sequence):
+    """Checks all earlier children again in every tick; fails, and halts the rest, with the first that fails."""
+
+    memory = False
+
+
+class ReactiveFallback(_Reactive, composites.Selector):
+    """Checks all earlier children again in every tick; the first that succeeds or runs halts the rest."""
+
+    goes_on = FAILURE
+    memory = False

@@ -1,0 +1,183 @@
+"""BehaviorTree.CPP's decorators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Children
+from typing import ClassVar
+
+from py_trees.common import Status
+
+from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Decorator, TreeNode
+from trees.engine.ports import EntryPort, InputPort
+from trees.engine.script import Script as Code
+
+Results = dict[Status, Status]
+
+
+class SubTree(Decorator):
+    """Another tree of the file, with a blackboard of its own joined by its attributes."""
+
+    node_type = "SubTree"
+
+    def run(self) -> Status:
+        self.become(RUNNING)
+        return reset_if_done(self.decorated, self.decorated.execute())
+
+
+class _Mapped(Decorator):
+    """Changes the child's result."""
+
+    results: ClassVar[Results]
+
+    def run(self) -> Status:
+        self.become(RUNNING)
+        status = self.decorated.execute()
+        return self.results[reset_if_done(self.decorated, status)]
+
+
+class Inverter(_Mapped):
+    """Turns SUCCESS into FAILURE and FAILURE into SUCCESS."""
+
+    results: ClassVar[Results] = {SUCCESS: FAILURE, FAILURE: SUCCESS, RUNNING: RUNNING, SKIPPED: SKIPPED}
+
+
+class ForceSuccess(_Mapped):
+    """Succeeds whatever the child's result is."""
+
+    results: ClassVar[Results] = {SUCCESS: SUCCESS, FAILURE: SUCCESS, RUNNING: RUNNING, SKIPPED: SKIPPED}
+
+
+class ForceFailure(_Mapped):
+    """Fails whatever the child's result is."""
+
+    results: ClassVar[Results] = {SUCCESS: FAILURE, FAILURE: FAILURE, RUNNING: RUNNING, SKIPPED: SKIPPED}
+
+
+class KeepRunningUntilFailure(_Mapped):
+    """Begins the child again in the next tick until it fails."""
+
+    results: ClassVar[Results] = {SUCCESS: RUNNING, FAILURE: FAILURE, RUNNING: RUNNING, SKIPPED: RUNNING}
+
+
+class Timeout(Decorator):
+    """Halts a child that still runs when the time is up, and fails."""
+
+    msec = InputPort(int, "time in [ms], counted from the first tick")
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._deadline_s: float | None = None
+
+    def run(self) -> Status:
+        now_s = self.runtime.clock.now_s()
+        if self.status is not RUNNING or self._deadline_s is None:
+            limit_ms = self.msec.get()
+            self._deadline_s = now_s + limit_ms / 1000 if limit_ms > 0 else None
+        self.become(RUNNING)
+        if self._deadline_s is not None and now_s >= self._deadline_s:
+            self.feedback_message = f"time is up after {self.msec.get()} ms"
+            self._deadline_s = None
+            self.decorated.reset()
+            return FAILURE
+        self.feedback_message = ""
+        return reset_if_done(self.decorated, self.decorated.execute())
+
+
+class Delay(Decorator):
+    """Waits before it ticks the child."""
+
+    delay_msec = InputPort(int, "time in [ms] before the child's first tick")
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._start_s = 0.0
+
+    def run(self) -> Status:
+        now_s = self.runtime.clock.now_s()
+        if self.status is not RUNNING:
+            self._start_s = now_s + self.delay_msec.get() / 1000
+            self.become(RUNNING)
+        if now_s < self._start_s:
+            return RUNNING
+        return reset_if_done(self.decorated, self.decorated.execute())
+
+
+class RunOnce(Decorator):
+    """Ticks the child to its end once in the tree's life; afterwards it is skipped, or its result repeated."""
+
+    then_skip = InputPort(bool, "answer SKIPPED afterwards instead of the first result", default=True)
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._result: Status | None = None
+
+    def run(self) -> Status:
+        if self._result is not None:
+            return SKIPPED if self.then_skip.get() else self._result
+        self.become(RUNNING)
+        status = self.decorated.execute()
+        if status is SUCCESS or status is FAILURE:
+            self._result = status
+            self.decorated.reset()
+        return status
+
+
+class Precondition(Decorator):
+    """Ticks the child only where a script is true; not asked again while the child runs."""
+
+    if_ = InputPort(Code, "script that must be true", name="if")
+    else_ = InputPort(Status, "answer where it is not", default=FAILURE, name="else")
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._begun = False
+
+    def run(self) -> Status:
+        self._begun = self._begun or self.if_.get().true()
+        if not self._begun:
+            return self.else_.get()
+        status = reset_if_done(self.decorated, self.decorated.execute())
+        self._begun = status is RUNNING or status is SKIPPED
+        return status
+
+    def rest(self) -> None:
+        self._begun = False
+        super().rest()
+
+
+class _Updated(Decorator):
+    """Ticks the child where an entry was written since this node last looked; `otherwise` where it was not."""
+
+    otherwise: ClassVar[Status]
+
+    entry = EntryPort("the entry", "input")
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._seen = 0
+
+    def run(self) -> Status:
+        if self.decorated.status is not RUNNING:
+            if self.entry.revision == self._seen:
+                return self.otherwise
+            self._seen = self.entry.revision
+        return reset_if_done(self.decorated, self.decorated.execute())
+
+
+class SkipUnlessUpdated(_Updated):
+    """Skips the child until the entry is written, and again until it is written anew."""
+
+    otherwise = SKIPPED
+
+
+class WaitValueUpdate(_Updated):
+    """Runs until the entry is written, then ticks the child."""
+
+    otherwise = RUNNING
+
+
+def reset_if_done(child: TreeNode, status: Status) -> Status:
+    """Forget the result of a child that has finished."""
+    if status is SUCCESS or status is FAILURE:
+        child.reset()
+    return status

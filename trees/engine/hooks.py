@@ -1,0 +1,207 @@
+"""Breakpoints and overrides that a monitor puts on single nodes of a running tree.
+
+A breakpoint never holds up the loop: its node answers RUNNING until it is unlocked, and the rest is ticked on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from enum import IntEnum
+from typing import Any
+
+from py_trees.common import Status
+from pydantic import Field
+
+from cell.interfaces.model import Model
+from trees.engine.literals import STATUS_WORDS
+from trees.engine.node import FAILURE, RUNNING, SUCCESS, TreeNode
+from trees.engine.tree import Tree
+
+
+class Mode(IntEnum):
+    """What a hook does."""
+
+    BREAKPOINT = 0
+    REPLACE = 1
+
+
+class Position(IntEnum):
+    """When it does so."""
+
+    PRE = 0
+    POST = 1
+
+
+class Hook(Model):
+    """One hook, in the words of the protocol.
+
+    Attributes:
+        once: remove it when it has acted.
+        desired_status: SUCCESS or FAILURE replaces the node's answer; anything else lets it answer by itself.
+    """
+
+    uid: int = Field(ge=1)
+    enabled: bool = True
+    mode: Mode = Mode.BREAKPOINT
+    once: bool = False
+    desired_status: str = "SKIPPED"
+    position: Position = Position.PRE
+
+    @property
+    def status(self) -> Status:
+        return STATUS_WORDS.get(self.desired_status, Status.INVALID)
+
+
+class Hooks:
+    """The hooks of one tree.
+
+    Args:
+        reached: called with the uid when a node waits at a breakpoint, once for each time.
+    """
+
+    def __init__(self, tree: Tree, reached: Callable[[int], None]) -> None:
+        self._tree = tree
+        self._reached = reached
+        self._hooks: dict[tuple[int, Position], Hook] = {}
+        self._waiting: dict[tuple[int, Position], Status] = {}
+        self._unlocked: dict[tuple[int, Position], Status] = {}
+
+    def insert(self, hook: Hook) -> None:
+        """Add or replace the hook of a node.
+
+        Raises:
+            ValueError: there is no such node.
+        """
+        node = self._node(hook.uid)
+        self._hooks[hook.uid, hook.position] = hook
+        self._waiting.pop((hook.uid, Position.PRE), None)  # whoever waits there is told of anew
+        if "execute" not in vars(node):
+            vars(node)["execute"] = _Hooked(node, self)
+
+    def remove(self, uid: int, position: Position) -> None:
+        """Take a hook away; a node that waits there goes on.
+
+        Raises:
+            ValueError: there is no such hook.
+        """
+        key = (uid, position)
+        if key not in self._hooks:
+            raise ValueError(f"node {uid} has no hook there")
+        self._drop(key)
+
+    def clear(self) -> None:
+        """Take all hooks away."""
+        for key in list(self._hooks):
+            self._drop(key)
+
+    def disable(self) -> None:
+        """Let all hooks rest; nodes that wait go on."""
+        self._hooks = {key: hook.model_copy(update={"enabled": False}) for key, hook in self._hooks.items()}
+
+    def unlock(self, uid: int, position: Position, answer: Status, remove: bool) -> None:
+        """Let a node that waits at a breakpoint go on.
+
+        Args:
+            answer: SUCCESS or FAILURE in place of its own answer.
+
+        Raises:
+            ValueError: it does not wait.
+        """
+        key = (uid, position)
+        if key not in self._waiting:
+            raise ValueError(f"node {uid} does not wait at a breakpoint")
+        self._unlocked[key] = answer
+        if remove:
+            self._hooks[key] = self._hooks[key].model_copy(update={"once": True})
+
+    @property
+    def act(self) -> bool:
+        """Whether any hook may act."""
+        return any(hook.enabled for hook in self._hooks.values())
+
+    def dump(self) -> list[dict[str, Any]]:
+        """All hooks as plain data."""
+        return [hook.model_dump(mode="json") for hook in self._hooks.values()]
+
+    def at(self, node: TreeNode, position: Position, answer: Status) -> Status | None:
+        """What a hook answers in a node's place, or None.
+
+        Args:
+            answer: the node's own, kept for a breakpoint behind it.
+        """
+        key = (node.uid, position)
+        hook = self._hooks.get(key)
+        if hook is None or not hook.enabled:
+            self._waiting.pop(key, None)
+            return None
+        if hook.mode is Mode.BREAKPOINT and key not in self._unlocked:
+            if key not in self._waiting:
+                self._reached(node.uid)
+            self._waiting[key] = answer
+            return RUNNING
+        self._waiting.pop(key, None)
+        status = self._unlocked.pop(key, hook.status)
+        if hook.once:
+            self._drop(key)
+        return status if status in (SUCCESS, FAILURE) else None
+
+    def held(self, node: TreeNode) -> Status | None:
+        """The answer of a node that waits behind its end; none where it was reset meanwhile."""
+        held = self._waiting.get((node.uid, Position.POST))
+        return held if held is node.status else None
+
+    def _drop(self, key: tuple[int, Position]) -> None:
+        """A node that waits sees in the next tick that its hook is gone."""
+        del self._hooks[key]
+        self._unlocked.pop(key, None)
+
+    def _node(self, uid: int) -> TreeNode:
+        if uid > len(self._tree.nodes):
+            raise ValueError(f"there is no node {uid}; the last one is {len(self._tree.nodes)}")
+        return self._tree.nodes[uid - 1]
+
+
+class _Hooked:
+    """Stands in the place of a node's `execute`."""
+
+    def __init__(self, node: TreeNode, hooks: Hooks) -> None:
+        self._node = node
+        self._hooks = hooks
+
+    def __call__(self) -> Status:
+        node, hooks = self._node, self._hooks
+        held = hooks.held(node)
+        if held is None:
+            replaced = hooks.at(node, Position.PRE, Status.INVALID)
+            if replaced is RUNNING:
+                return RUNNING  # not begun, or begun and not ticked: the node keeps its status
+            if replaced is not None:
+                return _answer(node, replaced)
+            held = type(node).execute(node)
+            if held is RUNNING:
+                return RUNNING
+        replaced = hooks.at(node, Position.POST, held)
+        if replaced is None or replaced is RUNNING:
+            return replaced or held
+        return _answer(node, replaced)
+
+
+def _answer(node: TreeNode, status: Status) -> Status:
+    node.reset()
+    node.become(status)
+    return status
+
+
+def _unlock(hooks: Hooks, order: Any) -> None:
+    answer = STATUS_WORDS[order["desired_status"]]
+    hooks.unlock(int(order["uid"]), Position(order["position"]), answer, bool(order["remove_when_done"]))
+
+
+# Orders about hooks by their letters in Groot2's protocol.
+ORDERS: Mapping[str, Callable[[Hooks, Any], None]] = {
+    "I": lambda hooks, order: hooks.insert(Hook.model_validate(order)),
+    "R": lambda hooks, order: hooks.remove(int(order["uid"]), Position(order["position"])),
+    "U": _unlock,
+    "A": lambda hooks, _: hooks.clear(),
+    "X": lambda hooks, _: hooks.disable(),
+}

@@ -1,0 +1,133 @@
+"""Decorators that tick their child in rounds: a number of times, or once for every item of a queue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Children
+from typing import Any, cast
+
+from py_trees.common import Status
+
+from trees.engine.decorators import reset_if_done
+from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Decorator, TreeNode
+from trees.engine.ports import InputPort, OutputPort
+
+
+class _Rounds(Decorator):
+    """Rounds of the child until one ends with another result than `goes_on`, or their number is reached."""
+
+    goes_on = SUCCESS
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._round = 0
+
+    def run(self) -> Status:
+        limit = self.limit()
+        self.become(RUNNING)
+        child = self.decorated
+        while self._round < limit or limit == -1:
+            was_idle = child.status is IDLE
+            status = child.execute()
+            if status is RUNNING:
+                return RUNNING
+            child.reset()
+            if status is not self.goes_on:
+                self._round = 0
+                return status
+            self._round += 1
+            if was_idle and (self._round < limit or limit == -1):
+                return RUNNING
+        self._round = 0
+        return self.goes_on
+
+    def limit(self) -> int:
+        """Number of rounds, -1 for no limit."""
+        raise NotImplementedError
+
+    def rest(self) -> None:
+        self._round = 0
+        super().rest()
+
+
+class Repeat(_Rounds):
+    """Ticks the child to its end so many times, one round a tick at most; fails as soon as it fails."""
+
+    num_cycles = InputPort(int, "rounds, -1 for no limit")
+
+    def limit(self) -> int:
+        return self.num_cycles.get()
+
+
+class RetryUntilSuccessful(_Rounds):
+    """Begins a failed child again, one attempt a tick at most, until it succeeds or the attempts are used up."""
+
+    goes_on = FAILURE
+
+    num_attempts = InputPort(int, "attempts, -1 for no limit")
+
+    def limit(self) -> int:
+        return self.num_attempts.get()
+
+
+class _Loop(Decorator):
+    """Ticks the child once for every item of a queue, written to an entry before each round."""
+
+    if_empty = InputPort(Status, "answer where the queue is empty", default=SUCCESS)
+    queue: Any
+    value: Any
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._child_runs = False
+        self._own: list[Any] | None = None
+
+    def run(self) -> Status:
+        if self.status is not RUNNING:
+            self._child_runs = False
+            self._own = None
+        if not self._child_runs:
+            queue = self._items()
+            if not queue:
+                return self.if_empty.get()
+            self.value.set(queue.pop(0))
+        self.become(RUNNING)
+        status = reset_if_done(self.decorated, self.decorated.execute())
+        self._child_runs = status is RUNNING
+        return FAILURE if status is FAILURE else RUNNING
+
+    def _items(self) -> list[Any]:
+        """The list in the entry itself, so that items are used up; a copy of a queue that the file spells out."""
+        if self._own is None:
+            queue = self.queue.get()
+            if not self.queue.constant and queue is self.queue.entry.value:
+                return cast(list[Any], queue)
+            self._own = list(queue)
+        return self._own
+
+
+class LoopInt(_Loop):
+    """Ticks the child once for every whole number of a queue."""
+
+    queue = InputPort(list[int], "the items, used up from the front")
+    value = OutputPort(int, "the item of this round")
+
+
+class LoopBool(_Loop):
+    """Ticks the child once for every true or false of a queue."""
+
+    queue = InputPort(list[bool], "the items, used up from the front")
+    value = OutputPort(bool, "the item of this round")
+
+
+class LoopDouble(_Loop):
+    """Ticks the child once for every number of a queue."""
+
+    queue = InputPort(list[float], "the items, used up from the front")
+    value = OutputPort(float, "the item of this round")
+
+
+class LoopString(_Loop):
+    """Ticks the child once for every string of a queue."""
+
+    queue = InputPort(list[str], "the items, used up from the front")
+    value = OutputPort(str, "the item of this round")

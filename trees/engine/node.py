@@ -1,0 +1,303 @@
+"""Base classes of all nodes: BehaviorTree.CPP's life cycle on py_trees' behaviours."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, Protocol
+
+from py_trees import behaviour, composites, decorators
+from py_trees.common import Status
+
+from cell.interfaces.clock import Clock, ManualClock
+from trees.engine.errors import NodeError as NodeError  # node modules import it from here
+
+IDLE = Status.INVALID
+RUNNING = Status.RUNNING
+SUCCESS = Status.SUCCESS
+FAILURE = Status.FAILURE
+# What a tick answers when the node was skipped; the node itself stays idle. py_trees has no fifth status.
+SKIPPED = Status.INVALID
+
+
+@dataclass(frozen=True)
+class StatusChange:
+    """One change of one node in a tick; `old` equals `new` where only the feedback changed."""
+
+    path: str
+    uid: int
+    old: Status
+    new: Status
+    feedback: str
+
+    @cached_property
+    def json(self) -> str:
+        """As a log writes it; worked out once, as a tree tells the same change of the same node by the same object."""
+        return json.dumps({**vars(self), "old": self.old.name, "new": self.new.name})
+
+
+@dataclass
+class Runtime:
+    """What all nodes of one tree share while it runs.
+
+    Attributes:
+        enums: values by the enum names that scripts and cases know.
+        changes: (node, old status, new status, feedback) since the tick began; bare, as every tick fills it and
+            only a log or a monitor reads it.
+    """
+
+    clock: Clock = field(default_factory=ManualClock)
+    enums: Mapping[str, Any] = field(default_factory=dict)
+    changes: list[tuple[TreeNode, Status, Status, str]] = field(default_factory=list)
+
+
+class Conditions(Protocol):
+    """Pre- and post-conditions of one node, written in the tree file."""
+
+    def before(self, node: TreeNode) -> Status | None:
+        """A status that replaces the tick, or None."""
+        ...
+
+    def after(self, status: Status) -> None:
+        """Run what follows SUCCESS or FAILURE."""
+        ...
+
+    def halted(self) -> None:
+        """Run what follows a halt."""
+        ...
+
+
+class TreeNode(behaviour.Behaviour):
+    """A node of a loaded tree.
+
+    Attributes:
+        node_type: how Groot2 files it: Action, Condition, Control, Decorator or SubTree.
+        children_min, children_max: legal numbers of children; None for any number.
+        tag: element name in XML, the class name unless given.
+        needs_guard: a tree file must let a guard be asked in every tick while this node runs.
+        guards: SUCCESS means that what needs a guard may go on.
+        remembers: names of attributes that outlive an edit of the running tree, such as what was answered last.
+        uid: number in the tree, counted from 1 in the order of the file.
+        full_path: names from the main tree to this node.
+    """
+
+    node_type: ClassVar[str] = "Action"
+    children_min: ClassVar[int] = 0
+    children_max: ClassVar[int | None] = 0
+    tag: ClassVar[str] = ""
+    needs_guard: ClassVar[bool] = False
+    guards: ClassVar[bool] = False
+    remembers: ClassVar[tuple[str, ...]] = ()
+
+    uid = 0
+    full_path = ""
+    conditions: Conditions | None = None
+
+    def attach(self, runtime: Runtime, uid: int, path: str) -> None:
+        """Join a tree."""
+        self.runtime = runtime
+        self.uid = uid
+        self.full_path = path
+
+    def execute(self) -> Status:
+        """Tick once; SKIPPED leaves the node as it was."""
+        try:
+            status = self.run() if self.conditions is None else self._run_with(self.conditions)
+        except NodeError as error:
+            if self.status is RUNNING:
+                self.rest()
+            self.feedback_message = str(error)
+            status = FAILURE
+        if status is not self.status:
+            self.become(status)  # SKIPPED and IDLE are the same to py_trees: a skipped node is idle
+        return status
+
+    def run(self) -> Status:
+        """What a tick does, without conditions."""
+        raise NotImplementedError
+
+    def halt(self) -> None:
+        """Bring a RUNNING node and all below it to rest; called by its parent, once."""
+        try:
+            self.rest()
+        finally:
+            self.become(IDLE)
+        if self.conditions is not None:
+            self._guarded(self.conditions.halted)
+
+    def rest(self) -> None:
+        """What a halt does, without conditions."""
+
+    def reset(self) -> None:
+        """Halt if RUNNING, then forget the last result."""
+        if self.status is RUNNING:
+            self.halt()
+        elif self.status is not IDLE:
+            self.become(IDLE)
+
+    def become(self, status: Status) -> None:
+        """Change the status and note it."""
+        old = self.status
+        if status is not old:
+            self.status = status
+            self.runtime.changes.append((self, old, status, self.feedback_message))
+
+    def tick(self) -> Iterator[behaviour.Behaviour]:
+        """py_trees' way to tick: yields the nodes that were ticked, children first."""
+        visited: list[behaviour.Behaviour] = []
+        nodes = [node for node in self.iterate() if isinstance(node, TreeNode)]
+        for node in nodes:
+            vars(node)["execute"] = _noting(node, visited)
+        try:
+            self.execute()
+        finally:
+            for node in nodes:
+                del vars(node)["execute"]
+        yield from visited
+
+    def stop(self, new_status: Status = IDLE) -> None:
+        """py_trees' way to halt."""
+        self.reset()
+        if new_status is not IDLE:
+            self.become(new_status)
+
+    def _run_with(self, conditions: Conditions) -> Status:
+        status = conditions.before(self)
+        if status is None:
+            status = self.run()
+        if status is SUCCESS or status is FAILURE:
+            self._guarded(lambda: conditions.after(status))
+        return status
+
+    def _guarded(self, script: Any) -> None:
+        """A script after the node's end cannot change its result; its error is told as feedback."""
+        try:
+            script()
+        except NodeError as error:
+            self.feedback_message = str(error)
+
+
+def _noting(node: TreeNode, visited: list[behaviour.Behaviour]) -> Callable[[], Status]:
+    """A node's `execute` that notes the node; only py_trees' own tools need it, so that no other tick pays for it."""
+    execute = node.execute
+
+    def noted() -> Status:
+        status = execute()
+        visited.append(node)
+        return status
+
+    return noted
+
+
+class Node(TreeNode):
+    """Base of all leaves that the project writes; override `prepare`, `initialise`, `update` and `terminate`.
+
+    `initialise` starts work, `update` polls it and answers in well under a millisecond, `terminate` cancels what
+    still goes on: it is called exactly once for every `initialise`, whatever ends the node. A NodeError raised in
+    either of the first two makes the node fail with its message as feedback; other exceptions halt the tree.
+
+    Attributes:
+        services: what the controller gave to `Tree.setup`; a subclass declares its type.
+    """
+
+    services: object = None
+
+    def setup(self, **kwargs: Any) -> None:
+        """Take the services; called by `Tree.setup` before the first tick."""
+        self.services = kwargs.get("services")
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Check once, before the first tick, that all that is needed is there."""
+
+    def execute(self) -> Status:
+        if self.conditions is not None:
+            return super().execute()
+        status = self.run()  # catches every NodeError by itself
+        if status is not self.status:
+            self.become(status)
+        return status
+
+    def run(self) -> Status:
+        told = self.feedback_message
+        try:
+            if self.status is not RUNNING:
+                self.feedback_message = ""
+                self.initialise()
+            status = self.update()
+        except NodeError as error:
+            self.feedback_message = str(error)
+            status = FAILURE
+        except BaseException:
+            self._fall()
+            raise
+        if status is not RUNNING:
+            return self._end(status)
+        if self.feedback_message is not told and self.status is RUNNING and self.feedback_message != told:
+            self.runtime.changes.append((self, RUNNING, RUNNING, self.feedback_message))
+        return status
+
+    def rest(self) -> None:
+        self.terminate(IDLE)
+
+    def _end(self, status: Status) -> Status:
+        try:
+            self.terminate(status)
+            if not isinstance(status, Status):
+                raise TypeError(f"{type(self).__name__}.update answered {status!r}, not a Status")
+        except NodeError as error:
+            self.feedback_message = str(error)
+            return FAILURE
+        except BaseException:
+            self.become(IDLE)
+            raise
+        return status
+
+    def _fall(self) -> None:
+        """An exception left `initialise` or `update`: cancel what was begun, once."""
+        try:
+            self.terminate(IDLE)
+        finally:
+            self.become(IDLE)
+
+
+class Control(TreeNode, composites.Composite):
+    """A node with several children; py_trees' tools see a Composite."""
+
+    node_type = "Control"
+    children_min = 1
+    children_max: ClassVar[int | None] = None
+    children: list[TreeNode]  # type: ignore[assignment]
+
+    def __init__(self, name: str, children: Sequence[TreeNode]) -> None:
+        composites.Composite.__init__(self, name, children)
+
+    def rest(self) -> None:
+        self.reset_children()
+
+    def reset_children(self) -> None:
+        """Halt what is RUNNING below, in order, and forget results."""
+        for child in self.children:
+            if child.status is not IDLE:
+                child.reset()
+
+
+class Decorator(TreeNode, decorators.Decorator):
+    """A node with one child; py_trees' tools see a Decorator."""
+
+    node_type = "Decorator"
+    children_min = 1
+    children_max = 1
+    decorated: TreeNode
+
+    def __init__(self, name: str, children: Sequence[TreeNode]) -> None:
+        decorators.Decorator.__init__(self, name, children[0])
+
+    def update(self) -> Status:
+        """py_trees' hook, unused: `run` decides."""
+        return self.status
+
+    def rest(self) -> None:
+        self.decorated.reset()

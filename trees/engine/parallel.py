@@ -1,0 +1,121 @@
+"""Controls that tick all their children in every tick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Children
+
+from py_trees.common import Status
+
+from trees.engine.errors import NodeError
+from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
+from trees.engine.ports import InputPort
+
+
+class Parallel(Control):
+    """Ticks all children in every tick until enough have succeeded or failed; those that finished wait."""
+
+    success_count = InputPort(int, "children that must succeed; negative counts from all (-1: all)", default=-1)
+    failure_count = InputPort(int, "children that must fail; negative counts from all (-1: all)", default=1)
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._finished: set[int] = set()
+        self._succeeded = 0
+        self._failed = 0
+        self._fixed: tuple[int, int, int] | None = None
+
+    def run(self) -> Status:
+        count = len(self.children)
+        asked, needed, fatal = self._fixed or self._thresholds()
+        if self.status is not RUNNING:
+            self.become(RUNNING)
+        skipped = 0
+        for index, child in enumerate(self.children):
+            if index not in self._finished:
+                self.current_child = child
+                status = child.execute()
+                if status is RUNNING and index > 0:
+                    continue  # nothing new to count; at the first child the ports may ask for less than before
+                if status is SKIPPED:
+                    skipped += 1
+                elif status is not RUNNING:
+                    self._finished.add(index)
+                    self._succeeded += status is SUCCESS
+                    self._failed += status is FAILURE
+            if self._succeeded >= needed or (asked < 0 and self._succeeded + skipped >= needed):
+                return self._done(SUCCESS)
+            if count - self._failed < needed or self._failed == fatal:
+                return self._done(FAILURE)
+        return SKIPPED if skipped == count else RUNNING
+
+    def rest(self) -> None:
+        self._clear()
+        self.reset_children()
+
+    def _thresholds(self) -> tuple[int, int, int]:
+        """`success_count` as asked for, and both thresholds; worked out once where the file spells both out."""
+        count = len(self.children)
+        asked = self.success_count.get()
+        needed, fatal = _threshold(asked, count), _threshold(self.failure_count.get(), count)
+        if needed > count or fatal > count:
+            raise NodeError(f"{count} children can neither succeed {needed} times nor fail {fatal} times")
+        if self.success_count.constant and self.failure_count.constant:
+            self._fixed = asked, needed, fatal
+        return asked, needed, fatal
+
+    def _done(self, status: Status) -> Status:
+        self._clear()
+        self.reset_children()
+        return status
+
+    def _clear(self) -> None:
+        self._finished.clear()
+        self._succeeded = self._failed = 0
+
+
+class ParallelAll(Control):
+    """Ticks all children until every one has finished; fails where too many of them failed."""
+
+    max_failures = InputPort(int, "failures from which this node fails; negative counts from all", default=1)
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
+        self._finished: set[int] = set()
+        self._failed = 0
+
+    def run(self) -> Status:
+        count = len(self.children)
+        fatal = _threshold(self.max_failures.get(), count)
+        if fatal > count:
+            raise NodeError(f"{count} children cannot fail {fatal} times")
+        self.become(RUNNING)
+        skipped = 0
+        for index, child in enumerate(self.children):
+            if index in self._finished:
+                continue
+            self.current_child = child
+            status = child.execute()
+            if status is SKIPPED:
+                skipped += 1
+            elif status is not RUNNING:
+                self._finished.add(index)
+                self._failed += status is FAILURE
+        if skipped == count:
+            return SKIPPED
+        if skipped + len(self._finished) < count:
+            return RUNNING
+        result = FAILURE if self._failed >= fatal else SUCCESS
+        self.rest()
+        return result
+
+    def rest(self) -> None:
+        self._finished.clear()
+        self._failed = 0
+        self.reset_children()
+
+
+def _threshold(asked: int, count: int) -> int:
+    """Negative thresholds count from the number of children: -1 is all of them."""
+    if asked >= 0:
+        return asked
+    return max(count + asked + 1, 0)

@@ -1,0 +1,310 @@
+"""BehaviorTree.CPP's script language: compiled when a tree is loaded, run in ticks.
+
+Grammar, loosest binding first (all statements are separated by `;`, the value is that of the last one):
+    statement:  name (:= | = | += | -= | *= | /=) statement | choice
+    choice:     or [? choice : choice]
+    operators:  ||  &&  == != < <= > >= (chained)  | ^  &  + - ..  * /  unary - ! ~
+    operand:    number, 0xhex, 'string', true, false, enum name, entry name, (statement)
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from trees.engine.blackboard import UNSET, Entry, Scope
+from trees.engine.errors import NodeError
+from trees.engine.operators import combine, compares, truth, unary
+
+DEPTH_LIMIT = 30
+# Nobody reads more, and a hostile file could hold a million.
+LENGTH_LIMIT, TOKEN_LIMIT = 10_000, 400
+
+Evaluate = Callable[[], Any]
+
+_TOKEN = re.compile(
+    r"""\s*(?:
+      (?P<number>0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
+    | (?P<string>'[^']*')
+    | (?P<name>@?[^\W\d]\w*)
+    | (?P<sign>:=|\+=|-=|\*=|/=|==|!=|<=|>=|&&|\|\||\.\.|[-+*/=<>!~&|^?:;()])
+    | (?P<end>\Z)
+    )""",
+    re.VERBOSE,
+)
+_ASSIGNMENTS = (":=", "=", "+=", "-=", "*=", "/=")
+_COMPARISONS = ("==", "!=", "<", "<=", ">", ">=")
+
+
+class ScriptError(ValueError):
+    """A script that cannot be compiled; `offset` is where, `legal` what would be right."""
+
+    def __init__(self, what: str, offset: int, legal: str = "") -> None:
+        super().__init__(what)
+        self.offset = offset
+        self.legal = legal
+
+
+@dataclass(frozen=True)
+class Script:
+    """A compiled script.
+
+    Attributes:
+        uses: (entry, offset in the source, read, written) in the order of the source.
+    """
+
+    source: str
+    uses: tuple[tuple[Entry, int, bool, bool], ...]
+    _statements: tuple[Evaluate, ...]
+
+    def run(self) -> Any:
+        """Run all statements; the value of the last one.
+
+        Raises:
+            NodeError: an entry is unset, or its type does not fit the operator.
+        """
+        value = None
+        for statement in self._statements:
+            value = statement()
+        return value
+
+    def true(self) -> bool:
+        """Whether the value is true: a number other than 0, or a string that is not empty."""
+        return truth(self.run())
+
+
+def parse_script(source: str, scope: Scope, enums: Mapping[str, Any]) -> Script:
+    """Compile a script whose names mean entries of `scope` or enum members.
+
+    Raises:
+        ScriptError: it is no legal script.
+    """
+    return _Parser(source, scope, enums).script()
+
+
+@dataclass(frozen=True)
+class _Token:
+    kind: str
+    text: str
+    offset: int
+
+
+class _Parser:
+    """Precedence climbing; every rule returns a function that evaluates it."""
+
+    def __init__(self, source: str, scope: Scope, enums: Mapping[str, Any]) -> None:
+        self._source = source
+        self._scope = scope
+        self._enums = enums
+        self._tokens = list(_tokens(source))
+        self._next = 0
+        self._depth = 0
+        self._uses: list[tuple[Entry, int, bool, bool]] = []
+
+    def script(self) -> Script:
+        statements = []
+        while self._peek().kind != "end":
+            if not self._accept(";"):
+                statements.append(self._statement())
+                if self._peek().kind != "end" and self._peek().text != ";":
+                    raise self._unexpected("an operator or ';'")
+        if not statements:
+            raise ScriptError("the script is empty", 0, "like done := true")
+        return Script(self._source, tuple(self._uses), tuple(statements))
+
+    def _statement(self) -> Evaluate:
+        self._depth += 1
+        if self._depth > DEPTH_LIMIT:
+            raise ScriptError(f"brackets nest deeper than {DEPTH_LIMIT}", self._peek().offset)
+        name, sign = self._tokens[self._next], self._tokens[min(self._next + 1, len(self._tokens) - 1)]
+        if name.kind == "name" and sign.text in _ASSIGNMENTS:
+            evaluate = self._assignment(name, sign.text)
+        else:
+            evaluate = self._choice()
+            if self._peek().text in _ASSIGNMENTS:
+                raise ScriptError(f"'{self._peek().text}' needs a name on its left", self._peek().offset, "like n := 1")
+        self._depth -= 1
+        return evaluate
+
+    def _assignment(self, name: _Token, sign: str) -> Evaluate:
+        if name.text in self._enums:
+            raise ScriptError(
+                f"'{name.text}' is an enum name and cannot be written", name.offset, "choose another name"
+            )
+        self._next += 2
+        value = self._statement()
+        entry = self._scope.entry(name.text)
+        self._uses.append((entry, name.offset, sign != ":=", True))  # `=` needs the entry, too
+        if sign in (":=", "="):
+            return _assign(entry, value, sign == "=")
+        return _assign(entry, _binary(sign[0], _reader(entry), value), True)
+
+    def _choice(self) -> Evaluate:
+        condition = self._level(0)
+        if not self._accept("?"):
+            return condition
+        chosen = self._statement()
+        self._expect(":")
+        other = self._statement()
+        return lambda: chosen() if truth(condition()) else other()
+
+    def _level(self, level: int) -> Evaluate:
+        if level == len(_LEVELS):
+            return self._unary()
+        signs = _LEVELS[level]
+        left = self._level(level + 1)
+        if signs is _COMPARISONS:
+            return self._comparison(left, level)
+        while self._peek().kind == "sign" and self._peek().text in signs:
+            sign = self._take().text
+            left = _binary(sign, left, self._level(level + 1))
+        return left
+
+    def _comparison(self, first: Evaluate, level: int) -> Evaluate:
+        """`a < b < c` holds where both do."""
+        links: list[tuple[str, Evaluate]] = []
+        while self._peek().text in _COMPARISONS and self._peek().kind == "sign":
+            links.append((self._take().text, self._level(level + 1)))
+        if not links:
+            return first
+
+        def compare() -> bool:
+            left = first()
+            for sign, evaluate in links:
+                right = evaluate()
+                if not compares(sign, left, right):
+                    return False
+                left = right
+            return True
+
+        return compare
+
+    def _unary(self) -> Evaluate:
+        token = self._peek()
+        if token.kind == "sign" and token.text in ("-", "!", "~"):
+            self._depth += 1
+            if self._depth > DEPTH_LIMIT:
+                raise ScriptError(f"operators nest deeper than {DEPTH_LIMIT}", token.offset)
+            self._take()
+            operand = self._unary()
+            self._depth -= 1
+            return lambda: unary(token.text, operand())
+        return self._operand()
+
+    def _operand(self) -> Evaluate:
+        token = self._peek()
+        if token.kind == "end" or (token.kind == "sign" and token.text != "("):
+            raise self._unexpected("a number, 'string', name or '('")
+        self._take()
+        if token.kind == "number":
+            number = _number(token.text)
+            return lambda: number
+        if token.kind == "string":
+            text = token.text[1:-1]
+            return lambda: text
+        if token.kind == "name":
+            return self._name(token)
+        inner = self._statement()
+        self._expect(")")
+        return inner
+
+    def _name(self, token: _Token) -> Evaluate:
+        if token.text in ("true", "false"):
+            truth = token.text == "true"
+            return lambda: truth
+        if token.text in self._enums:
+            member = self._enums[token.text]
+            return lambda: member
+        entry = self._scope.entry(token.text)
+        self._uses.append((entry, token.offset, True, False))
+        return _reader(entry)
+
+    def _peek(self) -> _Token:
+        return self._tokens[self._next]
+
+    def _take(self) -> _Token:
+        token = self._tokens[self._next]
+        self._next = min(self._next + 1, len(self._tokens) - 1)
+        return token
+
+    def _accept(self, text: str) -> bool:
+        if self._peek().kind == "sign" and self._peek().text == text:
+            self._next += 1
+            return True
+        return False
+
+    def _expect(self, text: str) -> None:
+        if not self._accept(text):
+            raise self._unexpected(f"'{text}'")
+
+    def _unexpected(self, wanted: str) -> ScriptError:
+        token = self._peek()
+        found = "the script ends" if token.kind == "end" else f"'{token.text}' stands"
+        return ScriptError(f"{found} where {wanted} is expected", token.offset)
+
+
+_LEVELS: tuple[tuple[str, ...], ...] = (
+    ("||",),
+    ("&&",),
+    _COMPARISONS,
+    ("|", "^"),
+    ("&",),
+    ("+", "-", ".."),
+    ("*", "/"),
+)
+
+
+def _tokens(source: str) -> list[_Token]:
+    if len(source) > LENGTH_LIMIT:
+        raise ScriptError(f"{len(source)} characters are too many", 0, f"at most {LENGTH_LIMIT}; use several Scripts")
+    tokens: list[_Token] = []
+    position = 0
+    while not tokens or tokens[-1].kind != "end":
+        found = _TOKEN.match(source, position)
+        if found is None:
+            rest = source[position:]
+            offset = position + len(rest) - len(rest.lstrip())
+            legal = "close the string with '" if source[offset] == "'" else "see docs/trees.md for the operators"
+            raise ScriptError(f"'{source[offset]}' has no meaning here", offset, legal)
+        if len(tokens) == TOKEN_LIMIT:
+            raise ScriptError(f"more than {TOKEN_LIMIT} names, numbers and operators", position, "use several Scripts")
+        kind = found.lastgroup or "end"
+        tokens.append(_Token(kind, found[kind], found.start(kind)))
+        position = found.end()
+    return tokens
+
+
+def _number(text: str) -> int | float:
+    if text[:2] in ("0x", "0X"):
+        return int(text, 16)
+    return int(text) if text.isdigit() else float(text)
+
+
+def _reader(entry: Entry) -> Evaluate:
+    def read() -> Any:
+        value = entry.value
+        if value is UNSET:
+            raise NodeError(f"nothing has been written to {{{entry.name}}} yet")
+        return value
+
+    return read
+
+
+def _assign(entry: Entry, value: Evaluate, must_exist: bool) -> Evaluate:
+    def assign() -> Any:
+        if must_exist and entry.value is UNSET:
+            raise NodeError(f"{{{entry.name}}} does not exist yet; := creates it")
+        entry.assign(value())
+        return entry.value
+
+    return assign
+
+
+def _binary(sign: str, left: Evaluate, right: Evaluate) -> Evaluate:
+    if sign == "&&":
+        return lambda: truth(left()) and truth(right())
+    if sign == "||":
+        return lambda: truth(left()) or truth(right())
+    return lambda: combine(sign, left(), right())

@@ -1,0 +1,121 @@
+"""A loaded tree: set up once, ticked at a fixed rate, halted at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from py_trees.common import Status
+
+from cell.interfaces.clock import Clock
+from trees.engine.blackboard import Scope
+from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
+from trees.files.xml_file import Element
+
+TOLD_LIMIT = 10_000  # changes kept for the next time they are told
+
+
+class Tree:
+    """The nodes of one tree and their blackboard.
+
+    Attributes:
+        name: ID of the BehaviorTree that runs.
+        root: topmost node, a py_trees behaviour.
+        nodes: all nodes, by uid - 1.
+        blackboard: entries of the main tree.
+        texts: text of every file that the tree was loaded from, for the log.
+        origins: the element that each node was made of, by uid - 1.
+        scopes: the main tree's blackboard and those of all SubTrees, outer ones first.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        root: TreeNode,
+        nodes: tuple[TreeNode, ...],
+        blackboard: Scope,
+        texts: Mapping[Path, str],
+        runtime: Runtime,
+        origins: Sequence[Element] = (),
+        scopes: Sequence[Scope] = (),
+    ) -> None:
+        self.name = name
+        self.root = root
+        self.nodes = nodes
+        self.blackboard = blackboard
+        self.texts = texts
+        self.origins = tuple(origins)
+        self.scopes = tuple(scopes) or (blackboard,)
+        self._runtime = runtime
+        self._told: dict[tuple[int, str, str, str], StatusChange] = {}
+
+    def setup(self, services: Any, clock: Clock) -> None:
+        """Give the leaves their services and all nodes the clock; before the first tick."""
+        self._runtime.clock = clock
+        for node in self.nodes:
+            node.setup(services=services)
+
+    def tick(self) -> Status:
+        """Tick once; Status.INVALID means that everything was skipped.
+
+        An exception of a leaf halts the whole tree, so that nothing is left RUNNING, and is raised again.
+        """
+        self._runtime.changes = []
+        try:
+            status = self.root.execute()
+            if status is SUCCESS or status is FAILURE:
+                self.root.become(IDLE)
+        except BaseException:
+            self._halt_all()
+            raise
+        return status
+
+    def halt(self) -> None:
+        """Terminate every RUNNING node exactly once; harmless where nothing runs.
+
+        Raises:
+            ExceptionGroup: nodes failed to terminate; all others were terminated all the same.
+        """
+        self._runtime.changes = []
+        errors = self._halt_all()
+        if errors:
+            raise ExceptionGroup("nodes failed to terminate", errors)
+
+    @property
+    def status_changes(self) -> list[StatusChange]:
+        """What changed in the last tick or halt, in order."""
+        told = self._told
+        try:  # `_value_` because `value` and the hash of an enum member run Python code
+            return [told[node.uid, old._value_, new._value_, text] for node, old, new, text in self._runtime.changes]
+        except KeyError:  # rare: a tree does the same over and over
+            self._learn()
+            return self.status_changes
+
+    def _learn(self) -> None:
+        """Make the changes that were never told before; forget the others where feedback is new in every tick."""
+        changes = self._runtime.changes
+        if len(self._told) > TOLD_LIMIT:
+            self._told.clear()
+        for node, old, new, feedback in changes:
+            key = node.uid, old._value_, new._value_, feedback
+            if key not in self._told:
+                self._told[key] = StatusChange(node.full_path, node.uid, old, new, feedback)
+
+    @property
+    def status(self) -> Status:
+        """The root's status."""
+        return self.root.status
+
+    def _halt_all(self) -> list[Exception]:
+        """Halt from the root down; where a node raises, go on with what still runs."""
+        errors: list[Exception] = []
+        for node in self.nodes:
+            if node.status is RUNNING:
+                try:
+                    node.halt()
+                except Exception as error:
+                    errors.append(error)
+        for node in self.nodes:
+            node.become(IDLE)
+        return errors

@@ -1,0 +1,183 @@
+"""The trees of a file and of what it includes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cell.interfaces.errors import InputError, Place, Problem
+from trees.files.words import hint
+from trees.files.xml_file import Element, read_xml
+
+FORMAT = "4"
+# Nobody reads more; a hostile file could cause a million.
+PROBLEM_LIMIT = 100
+
+
+@dataclass(frozen=True)
+class ModelPort:
+    """A port of a SubTree as a TreeNodesModel declares it; without a default it is mandatory."""
+
+    direction: str
+    default: str | None
+
+
+@dataclass
+class Library:
+    """All trees that one file can name.
+
+    Attributes:
+        trees: BehaviorTree elements by ID.
+        models: ports of SubTrees by ID, from TreeNodesModel.
+        main: ID of the tree to run; empty where the file does not say.
+        texts: every file read, with its text.
+    """
+
+    trees: dict[str, Element] = field(default_factory=dict)
+    models: dict[str, dict[str, ModelPort]] = field(default_factory=dict)
+    main: str = ""
+    texts: dict[Path, str] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+
+
+def read_library(path: Path) -> Library:
+    """Read a file and what it includes; what is wrong is in `problems`."""
+    library = Library()
+    root = _read(library, path, None)
+    if root is not None:
+        _choose_main(library, root)
+    return library
+
+
+def bottom_up(library: Library) -> Iterator[Element]:
+    """All nodes of all checked trees, each once: children, and what a SubTree calls, before their parents."""
+    seen: set[int] = set()
+    waiting = [(child, False) for tree in library.trees.values() for child in tree.children]
+    while waiting:
+        element, below_done = waiting.pop()
+        if below_done:
+            yield element
+        elif id(element) not in seen:
+            seen.add(id(element))
+            waiting.append((element, True))
+            waiting += [(child, False) for child in reversed(called(library, element))]
+
+
+def called(library: Library, element: Element) -> list[Element]:
+    """The children of a node, for a SubTree the node of the BehaviorTree that it calls."""
+    return library.trees[element.get("ID") or ""].children if element.tag == "SubTree" else element.children
+
+
+def _read(library: Library, path: Path, included_at: Place | None) -> Element | None:
+    try:
+        text, root = read_xml(path)
+    except InputError as error:
+        problems = [problem for problem in error.problems if isinstance(problem, Problem)]
+        if included_at is not None:
+            library.problems.append(Problem(included_at, f"the included file {path.name} cannot be used"))
+        library.problems += problems
+        return None
+    library.texts[path] = text
+    if root.tag != "root":
+        library.problems.append(Problem(root.place, f"the outermost element is <{root.tag}>", "must be <root>"))
+        return None
+    _check_root(library, root)
+    for element in root.children:
+        if len(library.problems) < PROBLEM_LIMIT:
+            _take(library, element, path)
+    return root
+
+
+def _check_root(library: Library, root: Element) -> None:
+    if root.get("BTCPP_format") != FORMAT:
+        found = root.get("BTCPP_format")
+        what = "BTCPP_format is missing" if found is None else f"BTCPP_format is '{found}'"
+        library.problems.append(Problem(root.place_of("BTCPP_format"), what, f'must be BTCPP_format="{FORMAT}"'))
+    for name, attribute in root.attributes.items():
+        legal = ("BTCPP_format", "main_tree_to_execute", "project_name")
+        if name not in legal:
+            library.problems.append(Problem(attribute.place, f"<root> has no attribute '{name}'", hint(name, legal)))
+
+
+def _take(library: Library, element: Element, path: Path) -> None:
+    if element.tag == "BehaviorTree":
+        _take_tree(library, element)
+    elif element.tag == "TreeNodesModel":
+        _take_models(library, element)
+    elif element.tag == "include":
+        _include(library, element, path)
+    else:
+        what = f"<{element.tag}> cannot stand in <root>"
+        library.problems.append(
+            Problem(element.place, what, hint(element.tag, ("BehaviorTree", "TreeNodesModel", "include")))
+        )
+
+
+def _take_tree(library: Library, element: Element) -> None:
+    identifier = element.get("ID")
+    if not identifier:
+        library.problems.append(Problem(element.place, "this BehaviorTree has no ID", 'give it one: ID="Name"'))
+        return
+    if identifier in library.trees:
+        first = library.trees[identifier].place
+        what = f"a BehaviorTree '{identifier}' stands already at {first}"
+        library.problems.append(Problem(element.place_of("ID"), what, "rename one of them"))
+        return
+    library.trees[identifier] = element
+    for name, attribute in element.attributes.items():
+        if name not in ("ID", "_description", "_fullpath"):
+            what = f"<BehaviorTree> has no attribute '{name}'"
+            library.problems.append(Problem(attribute.place, what, "legal: ID"))
+    if len(element.children) != 1:
+        what = f"BehaviorTree '{identifier}' has {len(element.children)} nodes directly below it"
+        library.problems.append(Problem(element.place, what, "must be one; put several into a Sequence"))
+
+
+def _take_models(library: Library, element: Element) -> None:
+    """Only models of SubTrees mean something here; those of other nodes come from their Python classes."""
+    for model in element.children:
+        identifier = model.get("ID")
+        if model.tag != "SubTree" or not identifier:
+            continue
+        ports = library.models.setdefault(identifier, {})
+        for port in model.children:
+            name = port.get("name")
+            if port.tag == "MetadataFields":
+                continue
+            if port.tag not in ("input_port", "output_port", "inout_port") or not name:
+                library.problems.append(
+                    Problem(port.place, f"<{port.tag}> is no port", 'like <input_port name="part"/>')
+                )
+                continue
+            ports[name] = ModelPort(port.tag.removesuffix("_port"), port.get("default"))
+
+
+def _include(library: Library, element: Element, path: Path) -> None:
+    """Only files beside or below the first one may be included, so that no file reaches out of its folder."""
+    name = element.get("path")
+    place = element.place_of("path")
+    if not name:
+        library.problems.append(Problem(element.place, "this include has no path", 'like <include path="grasp.xml"/>'))
+        return
+    folder = next(iter(library.texts)).resolve().parent
+    target = (path.parent / name).resolve()
+    if element.get("ros_pkg") is not None or not target.is_relative_to(folder):
+        library.problems.append(Problem(place, f"'{name}' leads out of {folder}", "include files below that folder"))
+        return
+    known = {file.resolve() for file in library.texts}
+    if target in known:
+        library.problems.append(Problem(place, f"'{name}' is included already", "include each file once"))
+        return
+    _read(library, path.parent / name, place)
+
+
+def _choose_main(library: Library, root: Element) -> None:
+    main = root.get("main_tree_to_execute")
+    if main is None and len(library.trees) == 1:
+        library.main = next(iter(library.trees))
+    elif main in library.trees:
+        library.main = main
+    elif main is not None:
+        what = f"main_tree_to_execute names '{main}', and there is no such BehaviorTree"
+        library.problems.append(Problem(root.place_of("main_tree_to_execute"), what, hint(main, library.trees)))

@@ -1,0 +1,89 @@
+"""Loads a tree file: all mistakes are found, and reported at once, before anything moves."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cell.interfaces.errors import InputError, Place, Problem
+from trees.engine.blackboard import Scope
+from trees.engine.node import Runtime
+from trees.engine.tree import Tree
+from trees.files.builder import Builder
+from trees.files.dataflow import check_dataflow
+from trees.files.library import PROBLEM_LIMIT, Library, read_library
+from trees.files.order import check_order
+from trees.files.reach import check_reach
+from trees.files.registry import Registry
+from trees.files.structure import check_structure, count_levels
+from trees.files.words import hint
+
+# Python frames that a level of a tree takes at most in a tick, and those that its callers may need.
+FRAMES_A_LEVEL = 4
+FRAMES_AROUND = 400
+
+
+def load_tree(
+    path: Path, registry: Registry, main: str | None = None, provided: Mapping[str, Any] | None = None
+) -> Tree:
+    """Load a tree file and what it includes; what `cell check` reports is refused here, too.
+
+    Args:
+        registry: the nodes that the file may name.
+        main: BehaviorTree to run instead of the file's `main_tree_to_execute`.
+        provided: entries of the main tree that are set before the first tick.
+
+    Raises:
+        InputError: everything that is wrong, each with its place.
+    """
+    library = read_library(path)
+    if main is not None:
+        library.main = main
+    problems = find_problems(library, registry)
+    if not problems and library.main not in library.trees:
+        place = Place(path, 1, 1)
+        what = (
+            f"there is no BehaviorTree '{library.main}'" if library.main else "it is not said which BehaviorTree to run"
+        )
+        problems = [Problem(place, what, f"set main_tree_to_execute; {hint(library.main, library.trees)}")]
+    if problems:
+        raise InputError(*in_order(problems))
+    tree, problems = build(library, registry, library.main, provided or {})
+    if problems:
+        raise InputError(*in_order(problems))
+    return tree
+
+
+def find_problems(library: Library, registry: Registry) -> list[Problem]:
+    """What is wrong with any tree of a library as it stands in the files, before nodes are made of one of them."""
+    problems = library.problems + check_structure(library, registry)
+    return problems or check_reach(library)
+
+
+def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:
+    """Make the nodes of a library without problems, and check how values flow between them."""
+    frames = FRAMES_A_LEVEL * count_levels(library, main) + FRAMES_AROUND
+    if frames > sys.getrecursionlimit():
+        sys.setrecursionlimit(frames)
+    runtime = Runtime(enums=registry.enums)
+    scope = Scope()
+    for key, value in provided.items():
+        scope.entry(key).value = value
+    builder = Builder(library, registry, runtime)
+    root = builder.tree(main, scope)
+    given = {id(scope.entry(key)) for key, port in library.models.get(main, {}).items() if port.direction != "output"}
+    problems = check_dataflow(builder.uses, given) or check_order(builder.uses, builder.nodes, given)
+    scopes = (scope, *builder.scopes)
+    tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes)
+    return tree, problems
+
+
+def in_order(problems: list[Problem]) -> list[Problem]:
+    """Problems by file, as first named, then by line and column; the first hundred, as nobody reads more."""
+    files = list(dict.fromkeys(problem.place.file for problem in problems))
+    return sorted(
+        dict.fromkeys(problems),
+        key=lambda problem: (files.index(problem.place.file), problem.place.line or 0, problem.place.column or 0),
+    )[:PROBLEM_LIMIT]

@@ -1,0 +1,112 @@
+"""Which node classes tree files may name."""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Iterable, Mapping
+from enum import Enum
+from typing import Any
+
+from trees.engine import choices, controls, decorators, leaves, loops, parallel
+from trees.engine.literals import STATUS_WORDS
+from trees.engine.node import Control, Decorator, TreeNode
+from trees.engine.ports import Port, ports_of
+
+RESERVED = ("name", "ID")
+
+BUILT_IN: tuple[type[TreeNode], ...] = (
+    controls.Sequence,
+    controls.AsyncSequence,
+    controls.SequenceWithMemory,
+    controls.ReactiveSequence,
+    controls.Fallback,
+    controls.AsyncFallback,
+    controls.ReactiveFallback,
+    parallel.Parallel,
+    parallel.ParallelAll,
+    choices.IfThenElse,
+    choices.WhileDoElse,
+    choices.TryCatch,
+    *choices.SWITCHES,
+    decorators.Inverter,
+    decorators.ForceSuccess,
+    decorators.ForceFailure,
+    decorators.KeepRunningUntilFailure,
+    loops.Repeat,
+    loops.RetryUntilSuccessful,
+    decorators.Timeout,
+    decorators.Delay,
+    decorators.RunOnce,
+    decorators.Precondition,
+    loops.LoopInt,
+    loops.LoopBool,
+    loops.LoopDouble,
+    loops.LoopString,
+    decorators.SkipUnlessUpdated,
+    decorators.WaitValueUpdate,
+    leaves.AlwaysSuccess,
+    leaves.AlwaysFailure,
+    leaves.Sleep,
+    leaves.Script,
+    leaves.ScriptCondition,
+    leaves.SetBlackboard,
+    leaves.UnsetBlackboard,
+    leaves.WasEntryUpdated,
+)
+
+
+class Registry:
+    """Node classes by their names in XML, the built-in ones first, and the enum names that scripts know.
+
+    Args:
+        classes: node classes of the project; their tags are their class names.
+        enums: enums whose members scripts may name; those of ports are known anyway.
+    """
+
+    def __init__(self, classes: Iterable[type[TreeNode]] = (), enums: Iterable[type[Enum]] = ()) -> None:
+        self.classes: dict[str, type[TreeNode]] = {}
+        self._ports: dict[str, dict[str, Port]] = {}
+        self.enums: dict[str, Any] = dict(STATUS_WORDS)
+        for node in (*BUILT_IN, *classes):
+            self._add(node)
+        for kind in enums:
+            self._add_enum(kind)
+
+    def ports(self, tag: str) -> Mapping[str, Port]:
+        """Ports of a class by their names in XML."""
+        return self._ports[tag]
+
+    def _add(self, node: type[TreeNode]) -> None:
+        tag = tag_of(node)
+        if tag in self.classes:
+            raise ValueError(f"two node classes are named {tag}")
+        ports = ports_of(node)
+        for name in ports:
+            if name in RESERVED or name.startswith("_"):
+                raise ValueError(f"port name {name} of {tag} is reserved")
+        self.classes[tag] = node
+        self._ports[tag] = ports
+        for port in ports.values():
+            for kind in (port.kind, *typing.get_args(port.kind)):
+                if isinstance(kind, type) and issubclass(kind, Enum):
+                    self._add_enum(kind)
+
+    def _add_enum(self, kind: type[Enum]) -> None:
+        for name, member in kind.__members__.items():
+            value = member.value if isinstance(member.value, int) else member
+            self.enums.setdefault(name, value)
+
+
+def tag_of(node: type[TreeNode]) -> str:
+    """A class's name in XML."""
+    return node.tag or node.__name__
+
+
+def meaning_of(node: type[TreeNode]) -> str:
+    """First line of a class's docstring."""
+    return (node.__doc__ or "").strip().split("\n")[0]
+
+
+def is_leaf(node: type[TreeNode]) -> bool:
+    """Whether nodes of this class have no children."""
+    return not issubclass(node, Control | Decorator)

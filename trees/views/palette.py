@@ -1,0 +1,108 @@
+"""The nodes that tree files may name, for people (`cell nodes`), for editors (JSON) and for Groot2 (XML)."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from xml.sax.saxutils import quoteattr
+
+from py_trees.common import Status
+
+from trees.engine.blackboard import UNSET
+from trees.engine.literals import type_name
+from trees.engine.node import TreeNode
+from trees.engine.ports import Port
+from trees.files.registry import BUILT_IN, Registry, meaning_of
+
+ORDER = ("Action", "Condition", "Control", "Decorator", "SubTree")
+WIDTH = 110
+
+
+def palette_text(registry: Registry) -> str:
+    """All nodes by kind, the cell's own first: name, meaning, and a line for each port."""
+    lines: list[str] = []
+    for title, own in (("Nodes of this cell", True), ("Nodes of the language", False)):
+        tags = [tag for tag, node in registry.classes.items() if (node not in BUILT_IN) is own]
+        if not tags:
+            continue
+        lines += [title, "=" * len(title)]
+        for node_type in ORDER:
+            for tag in sorted(tag for tag in tags if registry.classes[tag].node_type == node_type):
+                lines += _node_lines(tag, registry)
+        lines.append("")
+    return "\n".join(lines)
+
+
+def palette_list(registry: Registry) -> list[dict[str, object]]:
+    """All nodes as plain data."""
+    return [
+        {
+            "name": tag,
+            "type": node.node_type,
+            "meaning": meaning_of(node),
+            "built_in": node in BUILT_IN,
+            "ports": [_port_data(port) for port in registry.ports(tag).values()],
+        }
+        for tag, node in registry.classes.items()
+    ]
+
+
+def groot_model(registry: Registry) -> str:
+    """A file whose TreeNodesModel Groot2 loads as its palette; built-in nodes it knows by itself."""
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<root BTCPP_format="4">', "  <TreeNodesModel>"]
+    for tag, node in registry.classes.items():
+        if node not in BUILT_IN:
+            lines += model_lines(tag, node, registry)
+    return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
+
+
+def _node_lines(tag: str, registry: Registry) -> Iterator[str]:
+    node = registry.classes[tag]
+    yield f"{tag}  [{node.node_type}]"
+    yield from textwrap.wrap(meaning_of(node), WIDTH, initial_indent="    ", subsequent_indent="    ")
+    for port in registry.ports(tag).values():
+        arrow = {"input": "<-", "output": "->", "inout": "<>"}[port.direction]
+        default = "" if port.default is UNSET else f" = {_default(port)}"
+        needed = "" if port.optional else ", mandatory"
+        line = f"    {arrow} {port.name}: {type_name(port.kind)}{default}{needed}"
+        yield f"{line}  ({port.meaning})" if port.meaning else line
+
+
+def _port_data(port: Port) -> dict[str, object]:
+    return {
+        "name": port.name,
+        "direction": port.direction,
+        "type": type_name(port.kind),
+        "default": None if port.default is UNSET else _default(port),
+        "mandatory": not port.optional,
+        "meaning": port.meaning,
+    }
+
+
+def model_lines(tag: str, node: type[TreeNode], registry: Registry) -> Iterator[str]:
+    """A node of a TreeNodesModel."""
+    yield f"    <{node.node_type} ID={quoteattr(tag)}>"
+    yield f"      <MetadataFields><Metadata description={quoteattr(meaning_of(node))}/></MetadataFields>"
+    for port in registry.ports(tag).values():
+        default = "" if port.default is UNSET else f" default={quoteattr(_default(port))}"
+        kind = quoteattr(type_name(port.kind))
+        meaning = _escaped(port.meaning)
+        name = f"{port.direction}_port"
+        yield f"      <{name} name={quoteattr(port.name)} type={kind}{default}>{meaning}</{name}>"
+    yield f"    </{node.node_type}>"
+
+
+def _default(port: Port) -> str:
+    """A default as a tree file would write it."""
+    value = port.default
+    if isinstance(value, Status):
+        return "SKIPPED" if value is Status.INVALID else value.name
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return ";".join(str(item) for item in value)
+    return str(getattr(value, "name", value))
+
+
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

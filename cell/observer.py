@@ -1,4 +1,4 @@
-"""What the controller tells of a run, and to whom: recorder, progress display and contact sheet are witnesses."""
+"""What the controller tells of a run, and to whom: recorder, progress display and contact sheet are observers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EXIT_STATUS: dict[End, int] = {"finished": 0, "failed": 1, "timeout": 1, "interr
 
 
 @dataclass(frozen=True)
-class Sent:
+class SentCommand:
     """What the devices really sent for a command; None where nothing was asked."""
 
     trajectory: JointTrajectory | None = None
@@ -42,7 +42,7 @@ class TickRecord:
     changes: tuple[StatusChange, ...]
     notes: tuple[tuple[Topic, dict[str, object]], ...]
     command: Command
-    sent: Sent
+    sent: SentCommand
     wall_s: float
     overrun: bool
     joints: JointSamples | None = None
@@ -69,7 +69,7 @@ class Outcome:
         return EXIT_STATUS[self.end]
 
 
-class Witness(Protocol):
+class Observer(Protocol):
     """Follows a run; called from the loop, so each call is short."""
 
     def frame(self, frame: Frame) -> None:

@@ -1,4 +1,4 @@
-"""Wires a whole run together: configuration, devices, detectors, planners, tree, witnesses, controller."""
+"""Wires a whole run together: configuration, devices, detectors, planners, tree, observers, controller."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError, Problem
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import place_of
-from cell.observer import Level, Outcome, Witness
+from cell.observer import Level, Observer, Outcome
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
 from cell.running.controller import Controller
@@ -28,7 +28,7 @@ from cell.running.detectors import lock_step, worker_processes
 from cell.running.node_library import node_registry
 from cell.running.reload import WatchedTree
 from cell.running.services import TickClock, make_services
-from cell.running.statistics import Tally
+from cell.running.statistics import RunStatistics
 from cell.viewing.contact_sheet import ContactSheet
 from cell.viewing.live_server import LiveServer
 from cell.viewing.monitor import Monitor
@@ -115,27 +115,27 @@ def run(options: RunOptions, console: Console) -> RunResult:
             console.print(f"live: ws://127.0.0.1:{live.port} (layout: config/foxglove_layout.json)", highlight=False)
         devices = _open_devices(options, files, recorder.settle)
         stack.callback(devices.close)
-        tally, sheet = Tally(), ContactSheet(log.with_suffix(".png"))
+        statistics, sheet = RunStatistics(), ContactSheet(log.with_suffix(".png"))
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
-        witnesses: tuple[Witness, ...] = (recorder, progress, sheet, tally)
+        observers: tuple[Observer, ...] = (recorder, progress, sheet, statistics)
         monitor = _open_monitor(
             options, files.tree, lambda kind, body: recorder.hooked(kind, body, devices.clock.now_s())
         )
         if monitor is not None:
             stack.callback(monitor.abandon)
-            witnesses = (*witnesses, monitor)
+            observers = (*observers, monitor)
         if live is not None:
-            witnesses = (*witnesses, live)
-        ticked = _watched(options, files.tree, witnesses, recorder, monitor) if options.watch else files.tree
-        outcome = drive(files, devices, motion, witnesses, recorder.can_frame, options.pace, ticked)
-        return RunResult(outcome, _summary(options, files, outcome, tally, devices, recorder, sheet.path))
+            observers = (*observers, live)
+        ticked = _watched(options, files.tree, observers, recorder, monitor) if options.watch else files.tree
+        outcome = drive(files, devices, motion, observers, recorder.can_frame, options.pace, ticked)
+        return RunResult(outcome, _summary(options, files, outcome, statistics, devices, recorder, sheet.path))
 
 
 def drive(
     files: Files,
     devices: Devices,
     motion: MotionPlanner,
-    witnesses: Sequence[Witness] = (),
+    observers: Sequence[Observer] = (),
     can_tap: Tap | None = None,
     pace: Pace = "fast",
     tree: Tree | WatchedTree | None = None,
@@ -150,7 +150,7 @@ def drive(
         executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices.clock)
         for executor in executors:
             stack.callback(executor.close)
-        controller = Controller(devices, gripper, *executors, configuration.controller, witnesses)
+        controller = Controller(devices, gripper, *executors, configuration.controller, observers)
         services = make_services(
             configuration, files.product, motion, devices.clock, controller.journal, controller.observe()
         )
@@ -165,7 +165,7 @@ def _open_monitor(options: RunOptions, tree: Tree, hooked: Callable[[str, Any], 
 
 
 def _watched(
-    options: RunOptions, tree: Tree, witnesses: Sequence[Witness], recorder: McapRecorder, monitor: Monitor | None
+    options: RunOptions, tree: Tree, observers: Sequence[Observer], recorder: McapRecorder, monitor: Monitor | None
 ) -> WatchedTree:
     """A tree whose edits take over; the log keeps the text of each, a monitor shows it."""
 
@@ -174,7 +174,7 @@ def _watched(
         if monitor is not None:
             monitor.watch(tree)
 
-    return WatchedTree(tree, lambda: load_tree(options.tree, node_registry()), options.tree, witnesses, swapped)
+    return WatchedTree(tree, lambda: load_tree(options.tree, node_registry()), options.tree, observers, swapped)
 
 
 def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:
@@ -254,7 +254,7 @@ def _summary(
     options: RunOptions,
     files: Files,
     outcome: Outcome,
-    tally: Tally,
+    statistics: RunStatistics,
     devices: Devices,
     recorder: McapRecorder,
     sheet: Path,
@@ -265,9 +265,9 @@ def _summary(
         "end": outcome.end,
         "reason": outcome.reason,
         **devices.report(),
-        "inferred_goal": tally.inferred_goal,
-        "help_requests": tally.help_requests,
-        "plans_refused": tally.plans_refused,
+        "inferred_goal": statistics.inferred_goal,
+        "help_requests": statistics.help_requests,
+        "plans_refused": statistics.plans_refused,
         "ticks": outcome.ticks,
         "overruns": outcome.overruns,
         "sim_time_s": round(outcome.sim_time_s, 3),

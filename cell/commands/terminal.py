@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from cell.interfaces.product import Product
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 CONFIGURATION = ROOT / "config" / "cell.yaml"
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]

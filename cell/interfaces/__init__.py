@@ -1,1 +1,1 @@
-"""Types, errors, clock and device protocols that every package shares; it imports none of them."""
+"""Types, errors, clock and device protocols; every package may import it, and it imports none of them."""

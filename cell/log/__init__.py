@@ -1,1 +1,1 @@
-"""Reading, replaying, comparing and questioning logs."""
+"""Logs that exist: reading, replaying, telling what happened, training data; `cell.commands` imports it."""

@@ -39,7 +39,7 @@ class Dropped:
 
 
 class McapRecorder:
-    """A witness that writes everything to a file; `log_time` is clock time.
+    """A observer that writes everything to a file; `log_time` is clock time.
 
     Attributes:
         context: of all channels; a live server serves them from there, too.

@@ -19,7 +19,7 @@ from cell.interfaces.errors import CellError, DeviceFault
 from cell.interfaces.journal import ListJournal
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
-from cell.observer import End, Level, Outcome, Sent, TickRecord, Witness
+from cell.observer import End, Level, Observer, Outcome, SentCommand, TickRecord
 from cell.running.inference import Executor
 from trees.engine.node import StatusChange
 
@@ -48,7 +48,7 @@ class TickServices(Protocol):
     command: Command
 
 
-class Eye:
+class CameraReader:
     """A camera and the detector that reads its frames; keeps the newest frame's number and the newest answer."""
 
     def __init__(self, camera: Camera) -> None:
@@ -78,7 +78,7 @@ class Controller:
         watcher: Executor[Frame, BenchView],
         finder: Executor[Frame, PartsView],
         settings: ControllerSettings,
-        witnesses: Sequence[Witness] = (),
+        observers: Sequence[Observer] = (),
     ) -> None:
         self.journal = ListJournal()
         self._devices = devices
@@ -87,9 +87,9 @@ class Controller:
         self._watcher = watcher
         self._finder = finder
         self._settings = settings
-        self._witnesses = tuple(witnesses)
-        self._overhead = Eye(devices.overhead)
-        self._wrist = Eye(devices.wrist)
+        self._observeres = tuple(observers)
+        self._overhead = CameraReader(devices.overhead)
+        self._wrist = CameraReader(devices.wrist)
         self._bench: BenchView | None = None
         self._parts: PartsView | None = None
         self._signal: str | None = None
@@ -101,8 +101,8 @@ class Controller:
         """Read every device once."""
         for eye, executor in ((self._overhead, self._watcher), (self._wrist, self._finder)):
             if (frame := eye.new_frame()) is not None:
-                for witness in self._witnesses:
-                    witness.frame(frame)
+                for observer in self._observeres:
+                    observer.frame(frame)
                 if not executor.submit(frame):
                     self._say("warning", f"the detector of camera {frame.camera} is late: frame dropped")
         self._bench = self._watcher.poll() or self._bench
@@ -117,7 +117,7 @@ class Controller:
         )
 
     def run(self, tree: TickedTree, services: TickServices) -> Outcome:
-        """Run to the end and stop safely; raises nothing that a device, a node or a witness may raise."""
+        """Run to the end and stop safely; raises nothing that a device, a node or a observer may raise."""
         began_s, wall_began_s = self._clock.now_s(), time.monotonic()
         detail = ""
         with self._signals():
@@ -166,7 +166,7 @@ class Controller:
         began_s = time.perf_counter()
         observation, joints = self.observe(), self._devices.arm.samples()
         services.observation, services.command = observation, Command()
-        status, sent = None, Sent()
+        status, sent = None, SentCommand()
         try:
             status = tree.tick()
             sent = self._act(services.command)
@@ -185,11 +185,11 @@ class Controller:
                 overrun=wall_s > period_s,
                 joints=joints,
             )
-            for witness in self._witnesses:
-                witness.tick(record)
+            for observer in self._observeres:
+                observer.tick(record)
         return status
 
-    def _act(self, command: Command) -> Sent:
+    def _act(self, command: Command) -> SentCommand:
         """Carry out a command; returns what the devices really sent."""
         trajectory = gripper = None
         if command.stop_arm:
@@ -204,7 +204,7 @@ class Controller:
             self._devices.wrist.trigger()
         if command.display is not None:
             self._devices.panel.show(command.display)
-        return Sent(trajectory, gripper)
+        return SentCommand(trajectory, gripper)
 
     def _stop(self, tree: TickedTree, services: TickServices) -> list[str]:
         """Controlled stop: arm, gripper, then the tree; what fails does not keep the others from stopping."""
@@ -239,21 +239,21 @@ class Controller:
     def _close(self, outcome: Outcome) -> Outcome:
         level: Level = "error" if outcome.end == "fault" else "info"
         problems = []
-        for witness in self._witnesses:
+        for observer in self._observeres:
             try:
-                witness.message(self._clock.now_s(), level, f"{outcome.end}: {outcome.reason}")
+                observer.message(self._clock.now_s(), level, f"{outcome.end}: {outcome.reason}")
                 if outcome.detail:
-                    witness.message(self._clock.now_s(), "error", outcome.detail)
-                witness.close(outcome)
-            except Exception as error:  # every witness is closed, whatever another one does
+                    observer.message(self._clock.now_s(), "error", outcome.detail)
+                observer.close(outcome)
+            except Exception as error:  # every observer is closed, whatever another one does
                 problems.append(describe(error))
         if not problems:
             return outcome
         return Outcome(**{**vars(outcome), "end": "fault", "reason": "; ".join([outcome.reason, *problems])})
 
     def _say(self, level: Level, text: str) -> None:
-        for witness in self._witnesses:
-            witness.message(self._clock.now_s(), level, text)
+        for observer in self._observeres:
+            observer.message(self._clock.now_s(), level, text)
 
     @contextmanager
     def _signals(self) -> Iterator[None]:

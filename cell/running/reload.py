@@ -16,7 +16,7 @@ from py_trees.common import Status
 from cell.interfaces.clock import Clock
 from cell.interfaces.errors import InputError, Problem
 from cell.interfaces.observation import Observation
-from cell.observer import Level, Witness
+from cell.observer import Level, Observer
 from trees.engine.blackboard import UNSET
 from trees.engine.literals import fits
 from trees.engine.node import StatusChange
@@ -41,7 +41,7 @@ class WatchedTree:
     Args:
         load: loads the tree anew; raises InputError where the edit is broken.
         path: the file that was given on the command line.
-        witnesses: are told of refused edits and of swaps.
+        observers: are told of refused edits and of swaps.
         swapped: called with every new tree, and the time, before its first tick.
     """
 
@@ -50,12 +50,12 @@ class WatchedTree:
         tree: Tree,
         load: Callable[[], Tree],
         path: Path,
-        witnesses: Sequence[Witness],
+        observers: Sequence[Observer],
         swapped: Callable[[Tree, float], None],
     ) -> None:
         self.tree = tree
         self._load = load
-        self._witnesses = witnesses
+        self._observeres = observers
         self._swapped = swapped
         self._path = path
         self._files = self._stamps(tree.texts)
@@ -109,8 +109,8 @@ class WatchedTree:
         return {file: _stamp(file) for file in (self._path, *files)}
 
     def _say(self, level: Level, text: str) -> None:
-        for witness in self._witnesses:
-            witness.message(self._clock.now_s(), level, text)
+        for observer in self._observeres:
+            observer.message(self._clock.now_s(), level, text)
 
 
 def is_safe_point(tree: Tree, observation: Observation) -> bool:
@@ -144,11 +144,11 @@ def carry_over(old: Tree, new: Tree) -> list[str]:
 
 def hand_on_memories(old: Tree, new: Tree) -> None:
     """Give the nodes of every class what those of the same class remembered, in order, where there are as many."""
-    for kind in {type(node) for node in new.nodes if node.remembers}:
+    for kind in {type(node) for node in new.nodes if node.persistent}:
         before, after = ([node for node in tree.nodes if type(node) is kind] for tree in (old, new))
         if len(before) == len(after):
             for one, other in zip(before, after, strict=True):
-                vars(other).update({name: getattr(one, name) for name in kind.remembers})
+                vars(other).update({name: getattr(one, name) for name in kind.persistent})
 
 
 def _stamp(file: Path) -> Stamp:

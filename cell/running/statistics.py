@@ -6,8 +6,8 @@ from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 
 
-class Tally:
-    """A witness that keeps the last belief and counts calls for help and refused plans.
+class RunStatistics:
+    """A observer that keeps the last belief and counts calls for help and refused plans.
 
     Attributes:
         goal_belief: as last shown to the person.

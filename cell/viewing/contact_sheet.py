@@ -34,7 +34,7 @@ class Shot:
 
 
 class ContactSheet:
-    """A witness that keeps the frames of placements, screws, looks into the tray, calls for help and the end."""
+    """A observer that keeps the frames of placements, screws, looks into the tray, calls for help and the end."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -21,7 +21,7 @@ BACKLOG = 256  # messages that wait for one viewer; the oldest are dropped
 
 
 class LiveServer:
-    """A witness that serves what a recorder writes.
+    """A observer that serves what a recorder writes.
 
     Attributes:
         port: where it listens.

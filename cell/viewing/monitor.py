@@ -40,7 +40,7 @@ class RefusedError(Exception):
 
 
 class Monitor:
-    """A witness that answers monitors after each tick.
+    """A observer that answers monitors after each tick.
 
     Args:
         with_hooks: let monitors put breakpoints and overrides on nodes.

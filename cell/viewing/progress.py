@@ -21,7 +21,7 @@ STYLES = {"info": "default", "warning": "yellow", "error": "bold red"}
 
 
 class LiveProgress:
-    """A witness that shows what the person at the bench and the robot do."""
+    """A observer that shows what the person at the bench and the robot do."""
 
     def __init__(self, console: Console, period_s: float) -> None:
         self._console = console

@@ -1,4 +1,4 @@
-"""Fake devices, tree and witness for tests of the controller."""
+"""Fake devices, tree and observer for tests of the controller."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ class FakeTree:
 
 
 @dataclass
-class FakeWitness:
+class FakeObserver:
     """Keeps what it was told."""
 
     records: list[TickRecord] = field(default_factory=list)
@@ -180,7 +180,7 @@ class Rig:
         self.clock = ManualClock()
         self.overhead, self.wrist = FakeCamera(self.clock), FakeCamera(self.clock)
         self.arm, self.gripper, self.panel = FakeArm(self.clock), FakeGripper(self.clock), FakePanel()
-        self.witness = FakeWitness()
+        self.observer = FakeObserver()
         devices = Devices(self.clock, self.overhead, self.wrist, self.arm, self.panel, lambda: {}, lambda: None)
         self.controller = Controller(
             devices,
@@ -188,7 +188,7 @@ class Rig:
             LockStep(idle_view, self.clock, latency_s),
             LockStep(no_parts, self.clock, latency_s),
             settings or ControllerSettings(),
-            [self.witness],
+            [self.observer],
         )
         self.services = FakeServices(self.controller.observe())
 

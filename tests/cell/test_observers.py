@@ -1,4 +1,4 @@
-"""Progress, contact sheet and tally show what happened."""
+"""Progress, contact sheet and statistics show what happened."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.console import Console
 from cell.interfaces.command import Command, Display
 from cell.interfaces.perception import Action
 from cell.observer import Outcome
-from cell.running.statistics import Tally
+from cell.running.statistics import RunStatistics
 from cell.viewing.contact_sheet import CAPTION_PX, COLUMNS, MOST_FRAMES, THUMBNAIL_PX, ContactSheet, Shot, compose
 from cell.viewing.progress import LiveProgress
 from tests.cell.fakes import frame, idle_view
@@ -81,13 +81,13 @@ def test_of_too_many_shots_first_and_last_are_kept() -> None:
 
 
 def test_the_tally_keeps_the_last_belief_and_counts_calls_for_help() -> None:
-    tally = Tally()
-    tally.tick(record(0, Command(display=DISPLAY)))
-    tally.tick(record(1, Command(display=Display(message="nothing known"))))
-    tally.tick(replace(record(2), notes=(("help", {"text": "o1"}), ("plan", {}), ("help", {"text": "o2"}))))
-    tally.tick(replace(record(3), notes=(("verdict", {"decision": "refused"}), ("verdict", {"decision": "act"}))))
-    assert (tally.inferred_goal, tally.help_requests, tally.plans_refused) == ("g1", 2, 1)
+    statistics = RunStatistics()
+    statistics.tick(record(0, Command(display=DISPLAY)))
+    statistics.tick(record(1, Command(display=Display(message="nothing known"))))
+    statistics.tick(replace(record(2), notes=(("help", {"text": "o1"}), ("plan", {}), ("help", {"text": "o2"}))))
+    statistics.tick(replace(record(3), notes=(("verdict", {"decision": "refused"}), ("verdict", {"decision": "act"}))))
+    assert (statistics.inferred_goal, statistics.help_requests, statistics.plans_refused) == ("g1", 2, 1)
 
 
 def test_without_a_belief_no_goal_is_inferred() -> None:
-    assert Tally().inferred_goal is None
+    assert RunStatistics().inferred_goal is None

@@ -28,7 +28,7 @@ CAN = (CONFIGURATION.gripper_can.interface, CONFIGURATION.gripper_can.channel)
 
 @dataclass
 class Diary:
-    """A witness that keeps what decides a test.
+    """A observer that keeps what decides a test.
 
     Attributes:
         notes: (time_s, topic, fields) of every note that nodes made.

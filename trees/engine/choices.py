@@ -23,7 +23,7 @@ class IfThenElse(Control):
         self._chosen = 0
 
     def run(self) -> Status:
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         if self._chosen == 0:
             status = self._child(0)
             if status is RUNNING or status is SKIPPED:
@@ -34,10 +34,10 @@ class IfThenElse(Control):
             return FAILURE  # the condition keeps its result until this node is halted, as in BehaviorTree.CPP
         status = self._child(self._chosen)
         if status is not RUNNING:
-            self.rest()
+            self.on_halt()
         return status
 
-    def rest(self) -> None:
+    def on_halt(self) -> None:
         self._chosen = 0
         self.reset_children()
 
@@ -53,7 +53,7 @@ class WhileDoElse(Control):
     children_max = 3
 
     def run(self) -> Status:
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         condition, *branches = self.children
         status = condition.execute()
         if status is SUCCESS or status is FAILURE:
@@ -64,7 +64,7 @@ class WhileDoElse(Control):
 
     def _branch(self, branches: list[TreeNode], chosen: int) -> Status:
         if len(branches) > 1:
-            branches[1 - chosen].reset()
+            branches[1 - chosen].reset_status()
         if chosen == len(branches):
             return FAILURE
         self.current_child = child = branches[chosen]
@@ -87,7 +87,7 @@ class TryCatch(Control):
     def run(self) -> Status:
         if self.status is not RUNNING:
             self._forget()
-            self.become(RUNNING)
+            self.set_status(RUNNING)
         work = self.children[:-1]
         while not self._cleaning and self._index < len(work):
             self.current_child = child = work[self._index]
@@ -106,13 +106,13 @@ class TryCatch(Control):
         self.reset_children()
         return result
 
-    def rest(self) -> None:
+    def on_halt(self) -> None:
         cleaned = self._cleaning
         self._forget()
         self.reset_children()
         if not cleaned and self.catch_on_halt.get():
             self.children[-1].execute()
-            self.children[-1].reset()
+            self.children[-1].reset_status()
 
     def _clean(self) -> Status:
         self.current_child = child = self.children[-1]
@@ -137,7 +137,7 @@ class _Switch(Control):
         chosen = self.children[self._match()]
         for child in self.children:
             if child is not chosen and child.status is not IDLE:
-                child.reset()
+                child.reset_status()
         self.current_child = chosen
         status = chosen.execute()
         if status is not RUNNING:

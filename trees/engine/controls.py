@@ -14,14 +14,14 @@ class _Ordered(Control):
     """Children one after the other until one ends the round; a RUNNING one is resumed.
 
     Attributes:
-        goes_on: a child with this result passes on to the next one; the other result ends the round.
-        breathes: RUNNING is answered after each child that finished at once, so that the tree can be interrupted.
-        keeps_place: after the round was ended, the next one begins at the child that ended it.
+        continue_on: a child with this result passes on to the next one; the other result ends the round.
+        asynchronous: RUNNING is answered after each child that finished at once, so that the tree can be interrupted.
+        with_memory: after the round was ended, the next one begins at the child that ended it.
     """
 
-    goes_on = SUCCESS
-    breathes = False
-    keeps_place = False
+    continue_on = SUCCESS
+    asynchronous = False
+    with_memory = False
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
@@ -31,7 +31,7 @@ class _Ordered(Control):
     def run(self) -> Status:
         if self.status is not RUNNING:
             self._skipped = 0
-            self.become(RUNNING)
+            self.set_status(RUNNING)
         children = self.children
         while self._index < len(children):
             self.current_child = child = children[self._index]
@@ -41,25 +41,25 @@ class _Ordered(Control):
                 return RUNNING
             if status is SKIPPED:
                 self._skipped += 1
-            elif status is not self.goes_on:
+            elif status is not self.continue_on:
                 return self._ended(status)
             self._index += 1
-            if self.breathes and was_idle and status is not SKIPPED and self._index < len(children):
+            if self.asynchronous and was_idle and status is not SKIPPED and self._index < len(children):
                 return RUNNING
         all_skipped = self._skipped == len(children)
         self._index = self._skipped = 0
         self.reset_children()
-        return SKIPPED if all_skipped else self.goes_on
+        return SKIPPED if all_skipped else self.continue_on
 
-    def rest(self) -> None:
-        if not self.keeps_place:
+    def on_halt(self) -> None:
+        if not self.with_memory:
             self._index = 0
         self.reset_children()
 
     def _ended(self, status: Status) -> Status:
-        if self.keeps_place:
+        if self.with_memory:
             for child in self.children[self._index :]:
-                child.reset()
+                child.reset_status()
         else:
             self._index = 0
             self.reset_children()
@@ -75,36 +75,36 @@ class Sequence(_Ordered, composites.Sequence):
 class AsyncSequence(Sequence):
     """A Sequence that can be interrupted after every child, also where each finishes at once."""
 
-    breathes = True
+    asynchronous = True
 
 
 class SequenceWithMemory(Sequence):
     """A Sequence that, after a failure, begins again at the child that failed."""
 
-    breathes = True
-    keeps_place = True
+    asynchronous = True
+    with_memory = True
 
 
 class Fallback(_Ordered, composites.Selector):
     """Children in order until one succeeds; resumes a RUNNING one."""
 
-    goes_on = FAILURE
+    continue_on = FAILURE
     memory = True
 
 
 class AsyncFallback(Fallback):
     """A Fallback that can be interrupted after every child, also where each finishes at once."""
 
-    breathes = True
+    asynchronous = True
 
 
 class _Reactive(Control):
     """Children from the first one on in every tick; whatever else is RUNNING is halted."""
 
-    goes_on = SUCCESS
+    continue_on = SUCCESS
 
     def run(self) -> Status:
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         all_skipped = True
         for child in self.children:
             self.current_child = child
@@ -113,19 +113,19 @@ class _Reactive(Control):
                 self._reset_others(child)
                 return RUNNING
             if status is SKIPPED:
-                child.reset()
-            elif status is self.goes_on:
+                child.reset_status()
+            elif status is self.continue_on:
                 all_skipped = False
             else:
                 self.reset_children()
                 return status
         self.reset_children()
-        return SKIPPED if all_skipped else self.goes_on
+        return SKIPPED if all_skipped else self.continue_on
 
     def _reset_others(self, running: TreeNode) -> None:
         for child in self.children:
             if child is not running and child.status is not IDLE:
-                child.reset()
+                child.reset_status()
 
 
 class ReactiveSequence(_Reactive, composites.Sequence):
@@ -137,5 +137,5 @@ class ReactiveSequence(_Reactive, composites.Sequence):
 class ReactiveFallback(_Reactive, composites.Selector):
     """Checks all earlier children again in every tick; the first that succeeds or runs halts the rest."""
 
-    goes_on = FAILURE
+    continue_on = FAILURE
     memory = False

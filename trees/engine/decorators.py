@@ -20,7 +20,7 @@ class SubTree(Decorator):
     node_type = "SubTree"
 
     def run(self) -> Status:
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         return reset_if_done(self.decorated, self.decorated.execute())
 
 
@@ -30,7 +30,7 @@ class _Mapped(Decorator):
     results: ClassVar[Results]
 
     def run(self) -> Status:
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         status = self.decorated.execute()
         return self.results[reset_if_done(self.decorated, status)]
 
@@ -73,11 +73,11 @@ class Timeout(Decorator):
         if self.status is not RUNNING or self._deadline_s is None:
             limit_ms = self.msec.get()
             self._deadline_s = now_s + limit_ms / 1000 if limit_ms > 0 else None
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         if self._deadline_s is not None and now_s >= self._deadline_s:
             self.feedback_message = f"time is up after {self.msec.get()} ms"
             self._deadline_s = None
-            self.decorated.reset()
+            self.decorated.reset_status()
             return FAILURE
         self.feedback_message = ""
         return reset_if_done(self.decorated, self.decorated.execute())
@@ -96,7 +96,7 @@ class Delay(Decorator):
         now_s = self.runtime.clock.now_s()
         if self.status is not RUNNING:
             self._start_s = now_s + self.delay_msec.get() / 1000
-            self.become(RUNNING)
+            self.set_status(RUNNING)
         if now_s < self._start_s:
             return RUNNING
         return reset_if_done(self.decorated, self.decorated.execute())
@@ -114,11 +114,11 @@ class RunOnce(Decorator):
     def run(self) -> Status:
         if self._result is not None:
             return SKIPPED if self.then_skip.get() else self._result
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         status = self.decorated.execute()
         if status is SUCCESS or status is FAILURE:
             self._result = status
-            self.decorated.reset()
+            self.decorated.reset_status()
         return status
 
 
@@ -140,9 +140,9 @@ class Precondition(Decorator):
         self._begun = status is RUNNING or status is SKIPPED
         return status
 
-    def rest(self) -> None:
+    def on_halt(self) -> None:
         self._begun = False
-        super().rest()
+        super().on_halt()
 
 
 class _Updated(Decorator):
@@ -179,5 +179,5 @@ class WaitValueUpdate(_Updated):
 def reset_if_done(child: TreeNode, status: Status) -> Status:
     """Forget the result of a child that has finished."""
     if status is SUCCESS or status is FAILURE:
-        child.reset()
+        child.reset_status()
     return status

@@ -187,8 +187,8 @@ class _Hooked:
 
 
 def _answer(node: TreeNode, status: Status) -> Status:
-    node.reset()
-    node.become(status)
+    node.reset_status()
+    node.set_status(status)
     return status
 
 

@@ -13,9 +13,9 @@ from trees.engine.ports import InputPort, OutputPort
 
 
 class _Rounds(Decorator):
-    """Rounds of the child until one ends with another result than `goes_on`, or their number is reached."""
+    """Rounds of the child until one ends with another result than `continue_on`, or their number is reached."""
 
-    goes_on = SUCCESS
+    continue_on = SUCCESS
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
@@ -23,30 +23,30 @@ class _Rounds(Decorator):
 
     def run(self) -> Status:
         limit = self.limit()
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         child = self.decorated
         while self._round < limit or limit == -1:
             was_idle = child.status is IDLE
             status = child.execute()
             if status is RUNNING:
                 return RUNNING
-            child.reset()
-            if status is not self.goes_on:
+            child.reset_status()
+            if status is not self.continue_on:
                 self._round = 0
                 return status
             self._round += 1
             if was_idle and (self._round < limit or limit == -1):
                 return RUNNING
         self._round = 0
-        return self.goes_on
+        return self.continue_on
 
     def limit(self) -> int:
         """Number of rounds, -1 for no limit."""
         raise NotImplementedError
 
-    def rest(self) -> None:
+    def on_halt(self) -> None:
         self._round = 0
-        super().rest()
+        super().on_halt()
 
 
 class Repeat(_Rounds):
@@ -61,7 +61,7 @@ class Repeat(_Rounds):
 class RetryUntilSuccessful(_Rounds):
     """Begins a failed child again, one attempt a tick at most, until it succeeds or the attempts are used up."""
 
-    goes_on = FAILURE
+    continue_on = FAILURE
 
     num_attempts = InputPort(int, "attempts, -1 for no limit")
 
@@ -90,7 +90,7 @@ class _Loop(Decorator):
             if not queue:
                 return self.if_empty.get()
             self.value.set(queue.pop(0))
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         status = reset_if_done(self.decorated, self.decorated.execute())
         self._child_runs = status is RUNNING
         return FAILURE if status is FAILURE else RUNNING

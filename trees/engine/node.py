@@ -78,7 +78,7 @@ class TreeNode(behaviour.Behaviour):
         tag: element name in XML, the class name unless given.
         needs_guard: a tree file must let a guard be asked in every tick while this node runs.
         guards: SUCCESS means that what needs a guard may go on.
-        remembers: names of attributes that outlive an edit of the running tree, such as what was answered last.
+        persistent: names of attributes that outlive an edit of the running tree, such as what was answered last.
         uid: number in the tree, counted from 1 in the order of the file.
         full_path: names from the main tree to this node.
     """
@@ -89,7 +89,7 @@ class TreeNode(behaviour.Behaviour):
     tag: ClassVar[str] = ""
     needs_guard: ClassVar[bool] = False
     guards: ClassVar[bool] = False
-    remembers: ClassVar[tuple[str, ...]] = ()
+    persistent: ClassVar[tuple[str, ...]] = ()
 
     uid = 0
     full_path = ""
@@ -107,11 +107,11 @@ class TreeNode(behaviour.Behaviour):
             status = self.run() if self.conditions is None else self._run_with(self.conditions)
         except NodeError as error:
             if self.status is RUNNING:
-                self.rest()
+                self.on_halt()
             self.feedback_message = str(error)
             status = FAILURE
         if status is not self.status:
-            self.become(status)  # SKIPPED and IDLE are the same to py_trees: a skipped node is idle
+            self.set_status(status)  # SKIPPED and IDLE are the same to py_trees: a skipped node is idle
         return status
 
     def run(self) -> Status:
@@ -121,23 +121,23 @@ class TreeNode(behaviour.Behaviour):
     def halt(self) -> None:
         """Bring a RUNNING node and all below it to rest; called by its parent, once."""
         try:
-            self.rest()
+            self.on_halt()
         finally:
-            self.become(IDLE)
+            self.set_status(IDLE)
         if self.conditions is not None:
             self._guarded(self.conditions.halted)
 
-    def rest(self) -> None:
+    def on_halt(self) -> None:
         """What a halt does, without conditions."""
 
-    def reset(self) -> None:
+    def reset_status(self) -> None:
         """Halt if RUNNING, then forget the last result."""
         if self.status is RUNNING:
             self.halt()
         elif self.status is not IDLE:
-            self.become(IDLE)
+            self.set_status(IDLE)
 
-    def become(self, status: Status) -> None:
+    def set_status(self, status: Status) -> None:
         """Change the status and note it."""
         old = self.status
         if status is not old:
@@ -159,9 +159,9 @@ class TreeNode(behaviour.Behaviour):
 
     def stop(self, new_status: Status = IDLE) -> None:
         """py_trees' way to halt."""
-        self.reset()
+        self.reset_status()
         if new_status is not IDLE:
-            self.become(new_status)
+            self.set_status(new_status)
 
     def _run_with(self, conditions: Conditions) -> Status:
         status = conditions.before(self)
@@ -217,7 +217,7 @@ class Node(TreeNode):
             return super().execute()
         status = self.run()  # catches every NodeError by itself
         if status is not self.status:
-            self.become(status)
+            self.set_status(status)
         return status
 
     def run(self) -> Status:
@@ -231,7 +231,7 @@ class Node(TreeNode):
             self.feedback_message = str(error)
             status = FAILURE
         except BaseException:
-            self._fall()
+            self._cancel()
             raise
         if status is not RUNNING:
             return self._end(status)
@@ -239,7 +239,7 @@ class Node(TreeNode):
             self.runtime.changes.append((self, RUNNING, RUNNING, self.feedback_message))
         return status
 
-    def rest(self) -> None:
+    def on_halt(self) -> None:
         self.terminate(IDLE)
 
     def _end(self, status: Status) -> Status:
@@ -251,16 +251,16 @@ class Node(TreeNode):
             self.feedback_message = str(error)
             return FAILURE
         except BaseException:
-            self.become(IDLE)
+            self.set_status(IDLE)
             raise
         return status
 
-    def _fall(self) -> None:
+    def _cancel(self) -> None:
         """An exception left `initialise` or `update`: cancel what was begun, once."""
         try:
             self.terminate(IDLE)
         finally:
-            self.become(IDLE)
+            self.set_status(IDLE)
 
 
 class Control(TreeNode, composites.Composite):
@@ -274,14 +274,14 @@ class Control(TreeNode, composites.Composite):
     def __init__(self, name: str, children: Sequence[TreeNode]) -> None:
         composites.Composite.__init__(self, name, children)
 
-    def rest(self) -> None:
+    def on_halt(self) -> None:
         self.reset_children()
 
     def reset_children(self) -> None:
         """Halt what is RUNNING below, in order, and forget results."""
         for child in self.children:
             if child.status is not IDLE:
-                child.reset()
+                child.reset_status()
 
 
 class Decorator(TreeNode, decorators.Decorator):
@@ -299,5 +299,5 @@ class Decorator(TreeNode, decorators.Decorator):
         """py_trees' hook, unused: `run` decides."""
         return self.status
 
-    def rest(self) -> None:
-        self.decorated.reset()
+    def on_halt(self) -> None:
+        self.decorated.reset_status()

@@ -28,7 +28,7 @@ class Parallel(Control):
         count = len(self.children)
         asked, needed, fatal = self._fixed or self._thresholds()
         if self.status is not RUNNING:
-            self.become(RUNNING)
+            self.set_status(RUNNING)
         skipped = 0
         for index, child in enumerate(self.children):
             if index not in self._finished:
@@ -48,7 +48,7 @@ class Parallel(Control):
                 return self._done(FAILURE)
         return SKIPPED if skipped == count else RUNNING
 
-    def rest(self) -> None:
+    def on_halt(self) -> None:
         self._clear()
         self.reset_children()
 
@@ -88,7 +88,7 @@ class ParallelAll(Control):
         fatal = _threshold(self.max_failures.get(), count)
         if fatal > count:
             raise NodeError(f"{count} children cannot fail {fatal} times")
-        self.become(RUNNING)
+        self.set_status(RUNNING)
         skipped = 0
         for index, child in enumerate(self.children):
             if index in self._finished:
@@ -105,10 +105,10 @@ class ParallelAll(Control):
         if skipped + len(self._finished) < count:
             return RUNNING
         result = FAILURE if self._failed >= fatal else SUCCESS
-        self.rest()
+        self.on_halt()
         return result
 
-    def rest(self) -> None:
+    def on_halt(self) -> None:
         self._finished.clear()
         self._failed = 0
         self.reset_children()

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from py_trees.common import Status
 
 from cell.interfaces.clock import Clock
 from trees.engine.blackboard import Scope
 from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Runtime, StatusChange, TreeNode
-from trees.files.xml_file import Element
 
-TOLD_LIMIT = 10_000  # changes kept for the next time they are told
+CACHE_LIMIT = 10_000  # changes kept for the next time that they are reported
+
+
+class Origin(NamedTuple):
+    """What a node was made of: its tag and its attributes as the file writes them."""
+
+    tag: str
+    attributes: Mapping[str, str]
 
 
 class Tree:
@@ -24,8 +30,8 @@ class Tree:
         root: topmost node, a py_trees behaviour.
         nodes: all nodes, by uid - 1.
         blackboard: entries of the main tree.
+        origins: what each node was made of, by uid - 1.
         texts: text of every file that the tree was loaded from, for the log.
-        origins: the element that each node was made of, by uid - 1.
         scopes: the main tree's blackboard and those of all SubTrees, outer ones first.
     """
 
@@ -37,7 +43,7 @@ class Tree:
         blackboard: Scope,
         texts: Mapping[Path, str],
         runtime: Runtime,
-        origins: Sequence[Element] = (),
+        origins: Sequence[Origin] = (),
         scopes: Sequence[Scope] = (),
     ) -> None:
         self.name = name
@@ -48,7 +54,7 @@ class Tree:
         self.origins = tuple(origins)
         self.scopes = tuple(scopes) or (blackboard,)
         self._runtime = runtime
-        self._told: dict[tuple[int, str, str, str], StatusChange] = {}
+        self._change_cache: dict[tuple[int, str, str, str], StatusChange] = {}
 
     def setup(self, services: Any, clock: Clock) -> None:
         """Give the leaves their services and all nodes the clock; before the first tick."""
@@ -65,7 +71,7 @@ class Tree:
         try:
             status = self.root.execute()
             if status is SUCCESS or status is FAILURE:
-                self.root.become(IDLE)
+                self.root.set_status(IDLE)
         except BaseException:
             self._halt_all()
             raise
@@ -85,22 +91,22 @@ class Tree:
     @property
     def status_changes(self) -> list[StatusChange]:
         """What changed in the last tick or halt, in order."""
-        told = self._told
+        cache = self._change_cache
         try:  # `_value_` because `value` and the hash of an enum member run Python code
-            return [told[node.uid, old._value_, new._value_, text] for node, old, new, text in self._runtime.changes]
+            return [cache[node.uid, old._value_, new._value_, text] for node, old, new, text in self._runtime.changes]
         except KeyError:  # rare: a tree does the same over and over
-            self._learn()
+            self._fill_cache()
             return self.status_changes
 
-    def _learn(self) -> None:
+    def _fill_cache(self) -> None:
         """Make the changes that were never told before; forget the others where feedback is new in every tick."""
         changes = self._runtime.changes
-        if len(self._told) > TOLD_LIMIT:
-            self._told.clear()
+        if len(self._change_cache) > CACHE_LIMIT:
+            self._change_cache.clear()
         for node, old, new, feedback in changes:
             key = node.uid, old._value_, new._value_, feedback
-            if key not in self._told:
-                self._told[key] = StatusChange(node.full_path, node.uid, old, new, feedback)
+            if key not in self._change_cache:
+                self._change_cache[key] = StatusChange(node.full_path, node.uid, old, new, feedback)
 
     @property
     def status(self) -> Status:
@@ -117,5 +123,5 @@ class Tree:
                 except Exception as error:
                     errors.append(error)
         for node in self.nodes:
-            node.become(IDLE)
+            node.set_status(IDLE)
         return errors

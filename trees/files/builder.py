@@ -13,6 +13,7 @@ from trees.engine.literals import constant, from_text
 from trees.engine.node import Control, Decorator, Runtime, TreeNode
 from trees.engine.ports import Port
 from trees.engine.script import Script, parse_script
+from trees.engine.tree import Origin
 from trees.files.library import Library
 from trees.files.registry import Registry
 from trees.files.structure import CONDITIONS, SCRIPTS_AFTER, entry_name, node_tag
@@ -54,7 +55,7 @@ class Builder:
 
     Attributes:
         nodes: by uid, the first one has uid 1.
-        origins: their elements.
+        origins: what they were made of.
         scopes: blackboards of the SubTrees, outer ones first.
         uses: who reads and writes which entry.
     """
@@ -64,7 +65,7 @@ class Builder:
         self._registry = registry
         self._runtime = runtime
         self.nodes: list[TreeNode] = []
-        self.origins: list[Element] = []
+        self.origins: list[Origin] = []
         self.scopes: list[Scope] = []
         self.uses: list[Use] = []
 
@@ -75,8 +76,9 @@ class Builder:
     def _node(self, element: Element, scope: Scope) -> TreeNode:
         uid = len(self.nodes) + 1
         self.nodes.append(None)  # type: ignore[arg-type]  # the uid is taken before those of the children
-        self.origins.append(element)
         tag = node_tag(element)
+        values = {key: attribute.value for key, attribute in element.attributes.items()}
+        self.origins.append(Origin(tag, values))
         label = tag if tag != "SubTree" else element.get("ID") or ""
         name = element.get("name") or label
         path = f"{scope.name}/{name}" if scope.name else name

@@ -65,18 +65,18 @@ class _Reach:
             return frozenset(_decorated(element, tag, below[0]))
         return frozenset((FAILURE, SKIPPED)).union(*below)
 
-    def _in_order(self, element: Element, below: list[Results], goes_on: Status) -> Results:
+    def _in_order(self, element: Element, below: list[Results], continue_on: Status) -> Results:
         results = set[Status]()
         for index, (child, ends) in enumerate(zip(element.children, below, strict=True)):
-            results |= ends - {goes_on, SKIPPED}
-            if not ends & {goes_on, SKIPPED}:
+            results |= ends - {continue_on, SKIPPED}
+            if not ends & {continue_on, SKIPPED}:
                 if index + 1 < len(below):
                     self._unreachable(element.children[index + 1], child, ends)
                 return frozenset(results)
         if all(SKIPPED in ends for ends in below):
             results.add(SKIPPED)
-        if any(goes_on in ends for ends in below):
-            results.add(goes_on)
+        if any(continue_on in ends for ends in below):
+            results.add(continue_on)
         return frozenset(results)
 
     def _branches(self, element: Element, below: list[Results]) -> Results:

@@ -1,1 +1,1 @@
-"""The node library: leaves named for what the two algorithms say."""
+"""The cell's leaves, named for what the two algorithms say; only `cell.running` imports it."""

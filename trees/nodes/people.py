@@ -30,7 +30,7 @@ class WaitForAction(CellNode):
 
     awaited = InputPort(PersonAction, "screw, assembly, transit or idle", name="kind")
     action = InputPort(SeenAction, "what the person does")
-    remembers = ("_served_s",)
+    persistent = ("_served_s",)
 
     _served_s = -math.inf
 

@@ -40,7 +40,7 @@ class DetectAction(CellNode):
     """Wait for the next answer of the action detector (Alg. 1 lines 2-4)."""
 
     action = OutputPort(SeenAction, "what the person does, and since when")
-    remembers = ("_sequence", "_seen")
+    persistent = ("_sequence", "_seen")
 
     _sequence = -1
     _seen: SeenAction | None = None
@@ -83,7 +83,7 @@ class ReconcileGraph(CellNode):
 
     state = InOutPort(AssemblyState, "what is placed so far")
     settle_s = InputPort(float, "how long a hole must look otherwise", default=1.5)
-    remembers = ("_differs",)
+    persistent = ("_differs",)
 
     def prepare(self) -> None:
         self._differs: dict[str, tuple[str | None, float]] = {}

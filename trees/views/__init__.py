@@ -1,0 +1,1 @@
+"""Shows trees: text, picture, palette, Groot2's messages; `cell` imports it."""

@@ -14,7 +14,6 @@ from trees.engine.blackboard import UNSET
 from trees.engine.node import StatusChange, TreeNode
 from trees.engine.tree import Tree
 from trees.files.registry import Registry
-from trees.files.structure import node_tag
 from trees.views.palette import model_lines
 
 CODES = {Status.INVALID: 0, Status.RUNNING: 1, Status.SUCCESS: 2, Status.FAILURE: 3}
@@ -104,9 +103,8 @@ def _node_lines(tree: Tree, root: TreeNode, subtrees: list[tuple[str, str, TreeN
         if isinstance(node, str):
             yield f"{indent}</{node}>"
             continue
-        element = tree.origins[node.uid - 1]
-        tag = node_tag(element)
-        values = {name: attribute.value for name, attribute in element.attributes.items() if name != "name"}
+        tag, written = tree.origins[node.uid - 1]
+        values = {key: value for key, value in written.items() if key != "name"}
         values = {"name": node.name, **values, "_uid": str(node.uid)}
         children: list[TreeNode] = list(node.children)  # type: ignore[arg-type]
         if tag == "SubTree":

@@ -48,7 +48,7 @@ class Loss:
         return told
 
 
-class Salvaged(NamedTuple):
+class RecoveredMessage(NamedTuple):
     """A message with its channel's number and its own number in that channel."""
 
     channel: int
@@ -92,7 +92,7 @@ class Salvage:
     path: Path
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    messages: list[Salvaged] = field(default_factory=list)
+    messages: list[RecoveredMessage] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     loss: Loss = field(default_factory=lambda: Loss(0, (), {}, False, False, ()))

@@ -15,8 +15,8 @@ from cell.log.reading.recovered import (
     Attachment,
     Channel,
     Loss,
+    RecoveredMessage,
     Salvage,
-    Salvaged,
     Schema,
     missing_messages,
     missing_ticks,
@@ -174,7 +174,7 @@ class _Salvager:
                 channel, sequence = fields.number("H"), fields.number("I")
                 times_ns = fields.number("Q"), fields.number("Q")
                 data = bytes(fields.take(fields.left))
-                self._found.messages.append(Salvaged(channel, sequence, *times_ns, data))
+                self._found.messages.append(RecoveredMessage(channel, sequence, *times_ns, data))
 
     def _end(self, at: int, body: memoryview) -> None:
         """The data's checksum, and channels from the index for chunks that lost theirs."""

@@ -1,0 +1,1 @@
+"""Tells people what a log holds: summary, report, queries, exports; `training` may import it."""

@@ -1,0 +1,1 @@
+"""Turns logs into training data; only `cell.commands` imports it."""

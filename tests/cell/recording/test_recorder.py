@@ -25,7 +25,7 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.journal import Topic
 from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
 from cell.interfaces.pose import Pose
-from cell.observer import Outcome, Sent, TickRecord
+from cell.observer import Outcome, SentCommand, TickRecord
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.schemas import plain
 from skills.can_gripper import CanFrame
@@ -35,7 +35,7 @@ from trees.engine.node import StatusChange
 OUTCOME = Outcome("finished", "the tree succeeded", 1, 0, 1.0, 0.5)
 
 
-def record(tick: int = 0, command: Command | None = None, sent: Sent | None = None) -> TickRecord:
+def record(tick: int = 0, command: Command | None = None, sent: SentCommand | None = None) -> TickRecord:
     """A tick at 25 Hz that saw frame 4 and ran one node."""
     time_s = tick * 0.04
     observation = Observation(
@@ -53,7 +53,7 @@ def record(tick: int = 0, command: Command | None = None, sent: Sent | None = No
         (change,),
         notes,
         command or Command(),
-        sent or Sent(),
+        sent or SentCommand(),
         0.002,
         False,
     )
@@ -106,7 +106,7 @@ def test_numbers_come_back_bit_for_bit(tmp_path: Path) -> None:
 def test_only_ticks_that_command_something_write_a_command(tmp_path: Path) -> None:
     trajectory = JointTrajectory(np.array([0.0, 0.5]), np.ones((2, 6)))
     busy = Command(follow=trajectory, gripper=GripperCommand(0.0401), display=Display(message="moving"))
-    sent = Sent(trajectory, GripperCommand(0.04))
+    sent = SentCommand(trajectory, GripperCommand(0.04))
     found = written(tmp_path / "log.mcap", record(0), record(1, busy, sent), record(2))
     [(_, command)] = found["/command"]
     assert command["tick"] == 1

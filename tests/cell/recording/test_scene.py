@@ -13,7 +13,7 @@ from cell.interfaces.command import Command, Display
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
 from cell.interfaces.pose import Pose
-from cell.observer import Sent, TickRecord
+from cell.observer import SentCommand, TickRecord
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
 from skills.planner import MotionPlanner
@@ -39,7 +39,7 @@ def seen(tick: int, **fields: Any) -> Observation:
 
 
 def record(observation: Observation, notes: Any = (), display: Display | None = None) -> TickRecord:
-    return TickRecord(observation, "RUNNING", (), notes, Command(display=display), Sent(), 0.001, False)
+    return TickRecord(observation, "RUNNING", (), notes, Command(display=display), SentCommand(), 0.001, False)
 
 
 def written(path: Path, cell: CellModel, *records: TickRecord) -> dict[str, list[Any]]:

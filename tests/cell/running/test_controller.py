@@ -39,16 +39,16 @@ def stopped_safely(rig: Rig, halts: int) -> bool:
         rig.arm.calls[-1] == "stop"
         and rig.gripper.calls[-1] == "hold"
         and halts == 1
-        and len(rig.witness.outcomes) == 1
+        and len(rig.observer.outcomes) == 1
     )
 
 
 def test_ticks_come_at_the_configured_rate() -> None:
     rig = Rig(ControllerSettings(tick_hz=25.0))
     rig.run(after(50, Status.SUCCESS))
-    times = [record.observation.time_s for record in rig.witness.records]
+    times = [record.observation.time_s for record in rig.observer.records]
     assert np.allclose(np.diff(times), 0.04)
-    assert [record.observation.tick for record in rig.witness.records] == list(range(51))
+    assert [record.observation.tick for record in rig.observer.records] == list(range(51))
 
 
 @pytest.mark.parametrize(("status", "end"), [(Status.SUCCESS, "finished"), (Status.FAILURE, "failed")])
@@ -116,8 +116,8 @@ def test_any_exception_of_a_node_is_a_safe_stop_and_its_tick_is_recorded() -> No
     outcome, tree = rig.run(raising(ZeroDivisionError("division by zero")))
     assert (outcome.end, outcome.reason) == ("fault", "ZeroDivisionError: division by zero")
     assert "raising" in outcome.detail or "act" in outcome.detail
-    assert rig.witness.records[-1].status == "ERROR"
-    assert len(rig.witness.records) == outcome.ticks == 4
+    assert rig.observer.records[-1].status == "ERROR"
+    assert len(rig.observer.records) == outcome.ticks == 4
     assert stopped_safely(rig, tree.halts)
 
 
@@ -162,10 +162,10 @@ def test_a_slow_tick_is_an_overrun() -> None:
         return after(5, Status.SUCCESS)(tick)
 
     outcome, _ = rig.run(act)
-    flagged = [record.observation.tick for record in rig.witness.records if record.overrun]
+    flagged = [record.observation.tick for record in rig.observer.records if record.overrun]
     assert 1 in flagged
     assert outcome.overruns == len(flagged)
-    assert all((record.wall_s > 0.002) == record.overrun for record in rig.witness.records)
+    assert all((record.wall_s > 0.002) == record.overrun for record in rig.observer.records)
 
 
 def test_commands_reach_the_devices_and_what_was_sent_is_recorded() -> None:
@@ -186,7 +186,7 @@ def test_commands_reach_the_devices_and_what_was_sent_is_recorded() -> None:
     assert rig.gripper.calls == ["activate", "command", "hold"]
     assert rig.wrist.triggers == 1
     assert rig.panel.shown == [display]
-    first, second, _ = rig.witness.records
+    first, second, _ = rig.observer.records
     assert first.sent.trajectory is trajectory
     assert first.sent.gripper == GripperCommand(0.040)
     assert second.sent.gripper is None
@@ -218,7 +218,7 @@ def test_an_answer_is_seen_only_after_its_latency() -> None:
 
     rig.run(act)
     assert [seen[tick] for tick in range(7)] == [None, None, None, None, 7, 7, 7]
-    assert [one.sequence for one in rig.witness.frames] == [7]
+    assert [one.sequence for one in rig.observer.frames] == [7]
 
 
 def test_notes_belong_to_the_tick_that_made_them() -> None:
@@ -229,7 +229,7 @@ def test_notes_belong_to_the_tick_that_made_them() -> None:
         return after(2, Status.SUCCESS)(tick)
 
     rig.run(act)
-    assert [record.notes for record in rig.witness.records] == [(("plan", {"number": tick}),) for tick in range(3)]
+    assert [record.notes for record in rig.observer.records] == [(("plan", {"number": tick}),) for tick in range(3)]
 
 
 def test_exit_statuses_are_those_of_the_design() -> None:

@@ -24,8 +24,8 @@ from cell.observer import TickRecord
 from cell.run import RunOptions, run
 from cell.running.node_library import node_registry
 from cell.running.reload import WatchedTree, take_over
-from cell.running.statistics import Tally
-from tests.cell.fakes import FakeServices, FakeWitness, Rig
+from cell.running.statistics import RunStatistics
+from tests.cell.fakes import FakeObserver, FakeServices, Rig
 from tests.trees.nodes.rig import services
 from trees.engine.node import Node
 from trees.engine.tree import Tree
@@ -73,7 +73,7 @@ class Drive(SkillNode):
 class Remembers(Node):
     """Counts its ticks, also those of the tree before."""
 
-    remembers = ("ticks",)
+    persistent = ("ticks",)
     ticks = 0
 
     def update(self) -> Status:
@@ -91,10 +91,12 @@ class Bench:
         self.path = path
         self._edits = 0
         self.edit(nodes)
-        self.witness = FakeWitness()
+        self.observer = FakeObserver()
         self.swaps: list[Tree] = []
         self.first = self.load()
-        self.watched = WatchedTree(self.first, self.load, path, [self.witness], lambda tree, _: self.swaps.append(tree))
+        self.watched = WatchedTree(
+            self.first, self.load, path, [self.observer], lambda tree, _: self.swaps.append(tree)
+        )
         self.services = NotingServices(Rig().services.observation)
         self.watched.setup(self.services, ManualClock())
 
@@ -128,7 +130,7 @@ def test_an_edit_takes_over_with_the_blackboard(make: Callable[[str], Bench]) ->
     assert bench.swaps == [bench.watched.tree]
     assert bench.watched.tree is not bench.first
     assert bench.watched.tree.blackboard.values() == {"count": 3}
-    assert "not carried over: word" in bench.witness.messages[-1]
+    assert "not carried over: word" in bench.observer.messages[-1]
 
 
 def test_nodes_remember_where_as_many_stand_in_the_edited_tree(make: Callable[[str], Bench]) -> None:
@@ -177,10 +179,10 @@ def test_a_broken_edit_is_refused_and_a_repaired_one_taken(make: Callable[[str],
     for _ in range(3):
         assert bench.watched.tick() is Status.RUNNING
     assert bench.watched.tree is bench.first
-    assert len(bench.witness.messages) == 1
-    assert "warning" in bench.witness.messages[0]
-    assert f"{bench.path}:1:" in bench.witness.messages[0]
-    assert "MakeTea" in bench.witness.messages[0]
+    assert len(bench.observer.messages) == 1
+    assert "warning" in bench.observer.messages[0]
+    assert f"{bench.path}:1:" in bench.observer.messages[0]
+    assert "MakeTea" in bench.observer.messages[0]
     bench.edit("<Wait/><Wait/>")
     bench.watched.tick()
     assert bench.watched.tree is not bench.first
@@ -229,10 +231,10 @@ def test_a_file_that_vanishes_is_a_broken_edit(make: Callable[[str], Bench]) -> 
     bench = make("<Wait/>")
     bench.path.unlink()
     assert bench.watched.tick() is Status.RUNNING
-    assert "cannot be read" in bench.witness.messages[0]
+    assert "cannot be read" in bench.observer.messages[0]
 
 
-class EditingTally(Tally):
+class EditingStatistics(RunStatistics):
     """Edits the tree in the tenth tick of a run."""
 
     path: Path
@@ -249,8 +251,8 @@ WHOLE = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>{}</Sequence><
 def test_an_edit_takes_over_in_the_simulated_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, log = tmp_path / "tree.xml", tmp_path / "log.mcap"
     path.write_text(WHOLE.format('<Sleep msec="4000"/>'))
-    monkeypatch.setattr(EditingTally, "path", path, raising=False)
-    monkeypatch.setattr("cell.run.Tally", EditingTally)
+    monkeypatch.setattr(EditingStatistics, "path", path, raising=False)
+    monkeypatch.setattr("cell.run.RunStatistics", EditingStatistics)
     result = run(RunOptions(tree=path, seed=1, goal="g0", log=log, watch=True), Console(file=StringIO()))
     assert result.outcome.end == "failed"
     assert result.outcome.ticks < 20
@@ -264,7 +266,7 @@ def test_an_edit_takes_over_in_the_simulated_cell(tmp_path: Path, monkeypatch: p
     assert (comparison.identical, comparison.ticks) == (True, len(read.ticks)), comparison.first
 
 
-class ImpatientTally(Tally):
+class ImpatientStatistics(RunStatistics):
     """Edits the running assembly: another order of work while watching, and another retry in the tray."""
 
     folder: Path
@@ -292,8 +294,8 @@ def test_an_assembly_goes_on_with_its_graph_when_its_tree_is_edited(
 ) -> None:
     for name in ("assemble.xml", "clear_and_grasp.xml"):
         (tmp_path / name).write_text((ROOT / "trees" / name).read_text())
-    monkeypatch.setattr(ImpatientTally, "folder", tmp_path, raising=False)
-    monkeypatch.setattr("cell.run.Tally", ImpatientTally)
+    monkeypatch.setattr(ImpatientStatistics, "folder", tmp_path, raising=False)
+    monkeypatch.setattr("cell.run.RunStatistics", ImpatientStatistics)
     log, told = tmp_path / "log.mcap", StringIO()
     options = RunOptions(tree=tmp_path / "assemble.xml", seed=3, goal="g1", log=log, watch=True)
     result = run(options, Console(file=told, width=200))

@@ -22,7 +22,7 @@ from rich.console import Console
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
 from cell.interfaces.errors import InputError
-from cell.observer import Sent, TickRecord
+from cell.observer import SentCommand, TickRecord
 from cell.running.node_library import node_registry
 from cell.viewing.live_view import MonitorClient, view
 from cell.viewing.monitor import Monitor
@@ -79,7 +79,7 @@ class Bench:
     def tick(self) -> Status:
         status = self.tree.tick()
         changes = tuple(self.tree.status_changes)
-        self.monitor.tick(TickRecord(self.observation, status.name, changes, (), Command(), Sent(), 0.0, False))
+        self.monitor.tick(TickRecord(self.observation, status.name, changes, (), Command(), SentCommand(), 0.0, False))
         return status
 
     def ask(self, kind: str, body: bytes | None = None, protocol: int = 2) -> list[bytes]:

@@ -241,13 +241,13 @@ def test_feedback_that_is_new_in_every_tick_fills_no_memory(load: Load, monkeypa
             self.feedback_message = str(int(self.feedback_message or 0) + 1)
             return Status.RUNNING
 
-    monkeypatch.setattr("trees.engine.tree.TOLD_LIMIT", 5)
+    monkeypatch.setattr("trees.engine.tree.CACHE_LIMIT", 5)
     tree = load("<Counts/>", Counts)
     kept = []
     for number in range(1, 20):
         tree.tick()
         assert [change.feedback for change in tree.status_changes] == [str(number)]
-        kept.append(len(tree._told))
+        kept.append(len(tree._change_cache))
     assert max(kept) <= 6
 
 

@@ -19,7 +19,7 @@ from cell.log.reading.frames import Frames
 from cell.log.reading.mcap_file import HEAD, MAGIC, read_mcap
 from cell.log.reading.reader import read_log
 from cell.log.reading.recover import recover
-from cell.observer import Sent
+from cell.observer import SentCommand
 from cell.recording.recorder import Heading, McapRecorder
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import OUTCOME, record
@@ -38,7 +38,7 @@ def path(tmp_path: Path) -> Path:
     busy = Command(follow=trajectory, gripper=GripperCommand(0.0401), display=Display(message="moving"))
     for number in range(TICKS):
         recorder.frame(frame(number, number * 0.04))
-        recorder.tick(record(number, busy if number == 3 else None, Sent(trajectory) if number == 3 else None))
+        recorder.tick(record(number, busy if number == 3 else None, SentCommand(trajectory) if number == 3 else None))
     recorder.close(OUTCOME)
     return path
 

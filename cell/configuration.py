@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError, Problem
+from cell.interfaces.files import shipped
 from cell.interfaces.model import Model
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
@@ -18,10 +19,9 @@ from sim.settings import SimSettings
 from skills.settings import CanSettings, MotionSettings
 from trees.guard import GuardSettings
 
-ROOT = Path(__file__).resolve().parent.parent
-DEFAULT_CONFIGURATION = ROOT / "config" / "cell.yaml"
-WEIGHTS = ROOT / "learned" / "weights"
-DEFAULT_TREE = ROOT / "trees" / "assemble.xml"
+DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
+WEIGHTS = shipped("learned", "weights")
+DEFAULT_TREE = shipped("trees", "assemble.xml")
 
 
 class ControllerSettings(Model):
@@ -86,7 +86,7 @@ class LogSettings(Model):
     """The log.
 
     Attributes:
-        folder: where logs go without `--log`, relative to the checkout.
+        folder: where logs go without `--log`, relative to the working folder.
         camera_frames: write camera frames as JPEG.
         jpeg_quality: 1 to 100.
         buffer_mb: what may wait for a slow or full disk; images are dropped from half of it on, ticks beyond it.
@@ -143,7 +143,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     planners = {
         name: planner.model_copy(update={"weights": _weights(name, planner, folder)}) for name, planner in read.planners
     }
-    log = read.log.model_copy(update={"folder": ROOT / read.log.folder})
+    log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
     return read.model_copy(
         update={"product": folder / read.product, "planners": read.planners.model_copy(update=planners), "log": log}
     )

@@ -18,6 +18,7 @@ from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuratio
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError, Problem
+from cell.interfaces.files import shipped
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import place_of
 from cell.observer import Level, Observer, Outcome
@@ -39,6 +40,7 @@ from trees.engine.tree import Tree
 from trees.files.loader import load_tree
 
 Pace = Literal["fast", "real"]
+LAYOUT = shipped("config", "foxglove_layout.json")
 RECORDED_VERSIONS = ("cell", "mujoco", "placo", "py-trees", "onnxruntime", "opencv-python-headless", "numpy")
 
 
@@ -112,7 +114,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
         live = None if options.live_port is None else LiveServer(recorder.context, recorder.scene, options.live_port)
         if live is not None:
             stack.callback(live.abandon)
-            console.print(f"live: ws://127.0.0.1:{live.port} (layout: config/foxglove_layout.json)", highlight=False)
+            console.print(f"live: ws://127.0.0.1:{live.port} (layout: {LAYOUT})", highlight=False)
         devices = _open_devices(options, files, recorder.settle)
         stack.callback(devices.close)
         statistics, sheet = RunStatistics(), ContactSheet(log.with_suffix(".png"))

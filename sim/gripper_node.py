@@ -7,19 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import IntEnum
-from pathlib import Path
 from typing import cast
 
 import can
 import cantools.database
 from cantools.database.can import Database
 
+from cell.interfaces.files import shipped
 from cell.interfaces.observation import ObjectStatus
 from sim.jaw import Jaw
 from sim.robot import STROKE_M
 from sim.world import World
 
-DATABASE = Path(__file__).parent.parent / "config" / "gripper.dbc"
+DATABASE = shipped("config", "gripper.dbc")
 STATUS_PERIOD_S = 0.020
 HEARTBEAT_PERIOD_S = 0.100
 QUIET_LIMIT_S = 1.0

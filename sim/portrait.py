@@ -14,12 +14,13 @@ import yaml
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.files import shipped
 from cell.interfaces.product import Product
 from sim.cell import SimCell
 from sim.settings import SimSettings
 from sim.world import World
 
-CONFIG = Path(__file__).parent.parent / "config"
+CONFIG = shipped("config")
 SAMPLES = 8
 SHADOW_MAP_PX = 4096
 

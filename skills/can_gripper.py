@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import can
 import cantools.database
@@ -13,10 +12,11 @@ from cantools.database.can import Database, Message
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.errors import DeviceFault
+from cell.interfaces.files import shipped
 from cell.interfaces.observation import GripperState, ObjectStatus
 from skills.settings import CanSettings
 
-DATABASE_FILE = Path(__file__).parent.parent / "config" / "gripper.dbc"
+DATABASE_FILE = shipped("config", "gripper.dbc")
 MISSED_PERIODS = 1.5
 KEEP_ALIVE_S = 0.25  # the gripper faults after 1 s without a command, and a lost command is repeated by this
 MAJOR_FAULT = 0x08  # lower values of gFLT only say that a command came before activation

@@ -12,7 +12,6 @@ import typer
 
 from cell.commands.terminal import (
     CONFIGURATION,
-    ROOT,
     ConfigOption,
     JsonOption,
     SeedOption,
@@ -24,7 +23,7 @@ from cell.commands.weights import need_torch, shipped_weights
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 
-KEPT = ROOT / "data" / "grasp"  # cells of experiments, and trainings that were interrupted
+KEPT = Path("data") / "grasp"  # cells of experiments, and trainings that were interrupted
 
 
 class Clutter(StrEnum):

@@ -14,13 +14,14 @@ import typer
 from cell.commands.log import log_app, report
 from cell.commands.models import data_app, eval_app, train_app
 from cell.commands.replay import replay
-from cell.commands.terminal import CONFIGURATION, ROOT, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
+from cell.interfaces.files import own_or_shipped
 
 if TYPE_CHECKING:
     from cell.interfaces.errors import Problem
 
-TREE = ROOT / "trees" / "assemble.xml"
+TREE = own_or_shipped("trees", "assemble.xml")
 BAD_INPUT, SAFE_STOP = 2, 3
 MONITOR_PORT = 1667
 LIVE_PORT = 8765

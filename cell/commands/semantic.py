@@ -14,7 +14,6 @@ import typer
 
 from cell.commands.terminal import (
     CONFIGURATION,
-    ROOT,
     ConfigOption,
     JsonOption,
     SeedOption,
@@ -26,7 +25,7 @@ from cell.commands.weights import need_torch, shipped_weights
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 
-KEPT = ROOT / "data" / "semantic"  # finished cells of experiments, a file for each product
+KEPT = Path("data") / "semantic"  # finished cells of experiments, a file for each product
 TRAIN_RATIO = 0.77  # 143 of the 186 scenarios of the default product, as in the paper
 
 

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cell.interfaces.files import own_or_shipped
+
 if TYPE_CHECKING:
     from rich.console import Console
 
     from cell.interfaces.product import Product
 
-ROOT = Path(__file__).resolve().parents[2]
-CONFIGURATION = ROOT / "config" / "cell.yaml"
+CONFIGURATION = own_or_shipped("config", "cell.yaml")
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]

@@ -5,14 +5,14 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
-from cell.commands.terminal import ROOT
 from cell.interfaces.errors import InputError
+from cell.interfaces.files import shipped
 from cell.interfaces.planning import weights_file
 
 
 def shipped_weights(planner: str, kind: str) -> Path:
     """File of the weights that come with the program."""
-    return ROOT / "learned" / "weights" / weights_file(planner, kind)
+    return shipped("learned", "weights", weights_file(planner, kind))
 
 
 def need_torch() -> None:

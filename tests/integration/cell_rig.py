@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cell.configuration import ROOT, Configuration, load_configuration, load_product
+from cell.configuration import Configuration, load_configuration, load_product
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 from cell.run import Files, drive
@@ -15,6 +15,7 @@ from cell.running.node_library import node_registry
 from sim.cell import SimCell
 from sim.clutter import ScenePart
 from skills.planner import MotionPlanner
+from tests import ROOT
 from trees.files.loader import load_tree
 
 ASSEMBLE = ROOT / "trees" / "assemble.xml"

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
-from cell.configuration import ROOT
 from cell.interfaces.pose import Pose
 from sim.clutter import ScenePart, standing
+from tests import ROOT
 from tests.integration.cell_rig import (
     ASSEMBLE,
     BENCH,

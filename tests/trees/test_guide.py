@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.configuration import ROOT
 from cell.running.node_library import node_registry
+from tests import ROOT
 from trees.files.check import check
 
 GUIDE = (ROOT / "docs" / "authoring.md").read_text()

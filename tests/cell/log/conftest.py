@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, ROOT
+from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE
 from cell.log.reading.reader import Log, read_log
 from cell.run import RunOptions, run
+from tests import ROOT
 
 COMMISSION = ROOT / "trees" / "commission.xml"
 

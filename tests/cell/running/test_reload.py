@@ -12,7 +12,6 @@ import pytest
 from py_trees.common import Status
 from rich.console import Console
 
-from cell.configuration import ROOT
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.journal import ListJournal
 from cell.interfaces.observation import GripperState, ObjectStatus, Observation
@@ -25,6 +24,7 @@ from cell.run import RunOptions, run
 from cell.running.node_library import node_registry
 from cell.running.reload import WatchedTree, take_over
 from cell.running.statistics import RunStatistics
+from tests import ROOT
 from tests.cell.fakes import FakeObserver, FakeServices, Rig
 from tests.trees.nodes.rig import services
 from trees.engine.node import Node

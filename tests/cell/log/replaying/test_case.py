@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.configuration import ROOT
 from cell.interfaces.errors import InputError, LogError
 from cell.log.reading.reader import Log, read_log
 from cell.log.replaying import case
 from cell.log.replaying.case import check_case, close, write_case
 from cell.log.replaying.compare import logged
+from tests import ROOT
 
 CASES = sorted((ROOT / "tests" / "cases").glob("*.mcap"))
 

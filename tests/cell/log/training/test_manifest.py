@@ -14,7 +14,6 @@ import cv2
 import pytest
 
 from cell.commands.main import main
-from cell.configuration import ROOT
 from cell.interfaces.errors import InputError, LogError
 from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
 from cell.interfaces.pose import Pose
@@ -26,6 +25,7 @@ from cell.log.training.segments import bench_views, carried_parts, segments
 from cell.log.training.tray_scenes import attempts, scene_records
 from learned.grasp.dataset import read_scenes
 from learned.semantic.dataset import load_demonstrations
+from tests import ROOT
 
 COMMAND = "cell data --from x --out y"
 

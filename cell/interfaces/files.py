@@ -1,0 +1,17 @@
+"""Where files are: those that come with the program, and the user's own in the working folder."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+
+def shipped(package: str, *names: str) -> Path:
+    """A file or folder that is installed with a package, as in `shipped("config", "gripper.dbc")`."""
+    return Path(str(resources.files(package).joinpath(*names)))
+
+
+def own_or_shipped(package: str, name: str) -> Path:
+    """The file `package/name` of the working folder where there is one, else the one that comes with the program."""
+    own = Path.cwd() / package / name
+    return own if own.is_file() else shipped(package, name)

@@ -174,7 +174,7 @@ def test_the_palette_for_groot_names_ports(tmp_path: Path) -> None:
 
 def test_check_does_not_load_kinematics() -> None:
     script = (
-        f"import sys; from cell.commands import main; main(['check', {str(TREE)!r}]); "
+        f"import sys; from cell.commands.main import main; main(['check', {str(TREE)!r}]); "
         "sys.exit(' '.join(name for name in ('placo', 'coal', 'mujoco', 'onnxruntime', 'cv2') if name in sys.modules))"
     )
     result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -29,6 +29,7 @@ from cell.observer import Outcome, SentCommand, TickRecord
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.schemas import plain
 from skills.can_gripper import CanFrame
+from tests import ROOT
 from tests.cell.fakes import frame, idle_view
 from trees.engine.node import StatusChange
 
@@ -164,7 +165,7 @@ def test_a_log_of_a_killed_process_holds_all_its_ticks(tmp_path: Path) -> None:
         "for n in range(100): r.frame(frame(n, n * 0.04)); r.tick(record(n)); r.settle()\n"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
-    result = subprocess.run([sys.executable, "-c", script], check=False, cwd=Path(__file__).parents[2])
+    result = subprocess.run([sys.executable, "-c", script], check=False, cwd=ROOT)
     assert result.returncode == -signal.SIGKILL
     topics: dict[int, str] = {}
     ticks = []

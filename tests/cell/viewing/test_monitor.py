@@ -26,6 +26,7 @@ from cell.observer import SentCommand, TickRecord
 from cell.running.node_library import node_registry
 from cell.viewing.live_view import MonitorClient, view
 from cell.viewing.monitor import Monitor
+from tests import ROOT
 from tests.cell.fakes import Rig
 from trees.engine.node import Node
 from trees.engine.ports import InputPort
@@ -308,7 +309,7 @@ def test_behaviortree_cpp_loads_what_is_served(make: Callable[..., Bench]) -> No
 
 def test_the_assembly_tree_is_served_whole() -> None:
     registry = node_registry()
-    tree = load_tree(Path(__file__).parents[2] / "trees" / "assemble.xml", registry)
+    tree = load_tree(ROOT / "trees" / "assemble.xml", registry)
     monitor = Monitor(tree, registry, free_port())
     try:
         root = ElementTree.fromstring(monitor.answer([HEADER.pack(2, ord("T"), 1)])[1])

@@ -159,8 +159,8 @@ def test_the_same_ticks_make_the_same_file(tmp_path: Path) -> None:
 def test_a_log_of_a_killed_process_holds_all_its_ticks(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     script = (
-        "import os, signal, pathlib; from cell.recorder import *; from cell.configuration import LogSettings;"
-        "from tests.cell.test_recorder import record; from tests.cell.fakes import frame;"
+        "import os, signal, pathlib; from cell.recording.recorder import *; from cell.configuration import LogSettings;"
+        "from tests.cell.recording.test_recorder import record; from tests.cell.fakes import frame;"
         f"r = McapRecorder(pathlib.Path({str(path)!r}), LogSettings(), Heading())\n"
         "for n in range(100): r.frame(frame(n, n * 0.04)); r.tick(record(n)); r.settle()\n"
         "os.kill(os.getpid(), signal.SIGKILL)"

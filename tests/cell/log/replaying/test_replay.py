@@ -202,7 +202,7 @@ def test_commands_answer_with_exit_status_and_json(
 
 def test_a_replay_opens_no_simulator(commission_log: Log) -> None:
     script = (
-        "import sys; from cell.commands import main;"
+        "import sys; from cell.commands.main import main;"
         f"status = main(['replay', {str(commission_log.path)!r}, '--until', '0.5']);"
         "loaded = {'sim.world', 'sim.cell', 'mujoco', 'torch'} & set(sys.modules);"
         "sys.exit(f'loaded {loaded}' if loaded else status)"

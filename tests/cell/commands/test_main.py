@@ -190,7 +190,7 @@ def test_the_last_line_of_the_doctor_is_json(capsys: pytest.CaptureFixture[str])
 
 def test_a_run_never_imports_torch() -> None:
     script = (
-        "import sys, cell.run, cell.commands, cell.commands.doctor, sim.cell; "
+        "import sys, cell.run, cell.commands.main, cell.commands.doctor, sim.cell; "
         "sys.exit(' '.join(name for name in ('torch', 'triton', 'torchvision') if name in sys.modules) or 0)"
     )
     result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -18,7 +18,7 @@ from cell.configuration import DEFAULT_TREE
 from cell.log.reading.reader import Log, read_log
 from cell.log.telling.query import diff
 from cell.run import RunOptions, run
-from tests.cell.log.conftest import changed_configuration
+from tests.cell.conftest import changed_configuration
 from tests.cell.viewing.viewer import live_viewer
 
 WATCHED = ("/camera/overhead", "/camera/overhead/hand", "/tick", "/observation", "/joint_states", "/tf/robot")

@@ -20,8 +20,8 @@ from cell.recording.sink import LogSink
 from cell.run import RunOptions, run
 from cell.viewing.progress import LiveProgress
 from sim.worker import Worker
+from tests.cell.conftest import changed_configuration
 from tests.cell.fakes import frame
-from tests.cell.log.conftest import changed_configuration
 from tests.cell.recording.test_recorder import OUTCOME, record
 
 

@@ -115,7 +115,7 @@ def test_a_node_can_be_tested_alone() -> None:
 
 def test_loading_a_tree_is_light() -> None:
     heavy = "numpy,cv2,mujoco,torch,onnxruntime,placo,lark"
-    modules = "sys, trees.check, trees.show, trees.palette"
+    modules = "sys, trees.files.check, trees.views.show, trees.views.palette"
     code = f"import {modules}; print([m for m in '{heavy}'.split(',') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -23,8 +23,8 @@ from cell.recording import joint_samples
 from cell.recording.parts import part_path, parts_of
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.sink import LogSink
+from tests.cell.conftest import again_in_parts
 from tests.cell.fakes import frame
-from tests.cell.log.conftest import again_in_parts
 from tests.cell.recording.test_recorder import OUTCOME, record, samples
 
 TICKS = 40

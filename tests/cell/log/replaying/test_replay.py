@@ -22,7 +22,7 @@ from cell.log.replaying.replay import Changes, Replay, Step
 from cell.log.telling.query import Query, diff, info, query, ticks
 from cell.run import RunOptions, run
 from cell.viewing.monitor import HEADER, PROTOCOL, Monitor
-from tests.cell.log.conftest import COMMISSION, changed_configuration
+from tests.cell.conftest import COMMISSION, changed_configuration
 from tests.cell.log.reading.test_reader import without
 
 

@@ -25,10 +25,10 @@ DEFAULT_TREE = shipped("trees", "assemble.xml")
 
 
 class ControllerSettings(Model):
-    """The loop.
+    """The control loop.
 
     Attributes:
-        tick_hz: rate of observe-tick-act-record.
+        tick_hz: how often the controller observes, ticks the tree, acts and records.
         max_duration_s: the run ends by itself after this much clock time.
         stop_timeout_s: how long a controlled stop may take before the run ends all the same.
     """
@@ -39,11 +39,12 @@ class ControllerSettings(Model):
 
 
 class Perception(Model):
-    """Detectors.
+    """The detectors that read camera frames.
 
     Attributes:
-        kind: which detectors read the camera frames.
+        kind: which detectors.
         latency_s: in lock-step simulation, clock time from a frame to its answer.
+        classical: settings of that kind.
     """
 
     kind: Literal["classical"] = "classical"
@@ -55,8 +56,8 @@ class PlannerSettings(Model):
     """A planner.
 
     Attributes:
-        kind: which implementation answers, e.g. a learned one or "rule".
-        weights: file of weights, relative to the configuration file; None means the shipped one of this kind.
+        kind: which implementation answers.
+        weights: file of weights, relative to this file; the shipped one of this kind by default.
     """
 
     kind: str
@@ -64,7 +65,12 @@ class PlannerSettings(Model):
 
 
 class Planners(Model):
-    """The planners of section 3.1 (semantic) and 3.2 (grasp)."""
+    """The planners of section 3.1 (semantic) and 3.2 (grasp) of the paper.
+
+    Attributes:
+        semantic: which product is being built, and what remains to be done: factored, paper, bayes or and_or.
+        grasp: which part to take out of the tray and how: pairwise, paper or rule.
+    """
 
     semantic: PlannerSettings
     grasp: PlannerSettings
@@ -75,7 +81,7 @@ class DeviceSettings(Model):
 
     Attributes:
         factory: dotted path `module:function` of what opens them.
-        simulation: settings for `sim.cell:open_cell`.
+        simulation: settings of the simulated cell, for `sim.cell:open_cell`.
     """
 
     factory: str = Field(default="sim.cell:open_cell", pattern=r"^[\w.]+:\w+$")
@@ -83,16 +89,18 @@ class DeviceSettings(Model):
 
 
 class LogSettings(Model):
-    """The log.
+    """The log of each run.
 
     Attributes:
         folder: where logs go without `--log`, relative to the working folder.
         camera_frames: write camera frames as JPEG.
-        jpeg_quality: 1 to 100.
+        jpeg_quality: quality of those frames.
         buffer_mb: what may wait for a slow or full disk; images are dropped from half of it on, ticks beyond it.
         joint_samples: write the joints at the rate of the arm's own control.
-        rotate_mb, rotate_s: begin a new part of the log after so much, or so long; None for one file.
-        keep_parts, keep_mb: remove the oldest parts beyond so many, or so much; None to keep all.
+        rotate_mb: begin a new part of the log when it has so many bytes; one file by default.
+        rotate_s: begin a new part of the log after so long; one file by default.
+        keep_parts: keep only so many parts, the newest; all by default.
+        keep_mb: keep only so many bytes of finished parts, the newest; all by default.
     """
 
     folder: Path = Path("runs")
@@ -116,7 +124,9 @@ class Configuration(Model):
     """Everything that a run needs to know beside its tree.
 
     Attributes:
-        product: the product file; relative to the configuration file.
+        product: the product file, relative to this file.
+        bench: where arm, bracket, tray and cameras stand. World frame: origin at the arm's base on the table top, x
+            towards the person, z up.
     """
 
     product: Path

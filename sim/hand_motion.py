@@ -19,9 +19,9 @@ class MotionSettings(Model):
     """How fast and how evenly a hand reaches.
 
     Attributes:
-        mean_speed_m_s: of a long reach; its peak is 1.875 times that.
+        mean_speed_m_s: mean speed of a long reach; its peak is 1.875 times that.
         start_s: added to every reach, whatever its length.
-        peak_speed_m_s: never exceeded by the commanded reach.
+        peak_speed_m_s: speed that no reach exceeds.
         speed_spread: standard deviation of the logarithm of a reach's duration.
         bow: standard deviation of the sideways bow, as a fraction of the reach's length.
         tremor_m: amplitude of the tremor in mid-reach.

@@ -63,7 +63,8 @@ class ClutterSettings(Model):
 
     Attributes:
         neighbour_share: probability that a part stands right beside another one.
-        nearest_gap_m, farthest_gap_m: gap between the bodies of such neighbours.
+        nearest_gap_m: least gap between the bodies of such neighbours.
+        farthest_gap_m: largest gap between the bodies of such neighbours.
         rim_margin_m: least distance of a body from the tray's rim.
     """
 
@@ -78,13 +79,17 @@ class WorkerSettings(Model):
 
     Attributes:
         order: in which order open positions are filled: at random, or p1, p2, ...
-        screw_probability: of screwing a part after placing it.
+        screw_probability: how likely it is that a part is screwed after it was placed.
         unscrewed_limit: after this many placements without screwing, the person always screws.
-        screw_s, screw_hz, screw_radius_m, screw_yaw_rad: length, rate and size of the screwing motion.
-        pause_s: reaction before each fetch.
+        screw_s: shortest and longest screwing.
+        screw_hz: slowest and fastest turning while screwing.
+        screw_radius_m: radius of the screwing motion.
+        screw_yaw_rad: how far the hand turns while screwing.
+        pause_s: shortest and longest reaction before each fetch.
         robot_begins_s: how long the person waits after screwing for the robot to begin.
         robot_stands_s: how long the person watches an arm that stands still away from its parking place.
         retries: how often a part that does not sit well is placed again.
+        motion: how the hand moves.
     """
 
     order: Literal["random", "positions"] = "random"
@@ -102,7 +107,14 @@ class WorkerSettings(Model):
 
 
 class SimSettings(Model):
-    """The simulated cell."""
+    """The simulated cell.
+
+    Attributes:
+        physics: time steps.
+        noise: what the cameras add to their images.
+        clutter: how parts stand in the tray.
+        worker: habits of the simulated person.
+    """
 
     physics: PhysicsSettings = PhysicsSettings()
     noise: CameraNoise = CameraNoise()

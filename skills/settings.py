@@ -13,37 +13,43 @@ class MotionSettings(Model):
     """How the arm and the gripper move.
 
     Attributes:
-        speed_limits_rad_s: datasheet: base and shoulder 120 deg/s, elbow and wrists 180 deg/s.
-        acceleration_limits_rad_s2, jerk_limits_rad_s3: what the cell asks of each joint.
+        speed_limits_rad_s: of each joint; by default the datasheet's 120 deg/s (first two) and 180 deg/s.
+        acceleration_limits_rad_s2: of each joint.
+        jerk_limits_rad_s3: of each joint.
         sample_s: spacing of trajectory samples, the arm's own control period.
-        line_speed_m_s, line_acceleration_m_s2, line_jerk_m_s3: of the tool on straight lines.
-        tcp_from_tool0_m: the tool frame (TCP) along the flange's z.
+        line_speed_m_s: speed of the tool on straight lines.
+        line_acceleration_m_s2: acceleration of the tool on straight lines.
+        line_jerk_m_s3: jerk of the tool on straight lines.
+        tcp_from_tool0_m: distance of the tool frame (TCP) from the flange, along the flange's z.
         fingertip_beyond_tcp_m: fingertips reach this far below the TCP.
         grasp_depth_m: fingertips reach this far below a body's top: the pads' length, for a full grip that still passes
-            over lower neighbours ...
-        fingertip_clearance_m: ... but stay this far above its bottom, so that they clear the bracket.
-        finger_clearance_m, finger_margin_m: gap between each finger and the body before closing, and the least gap
-            between fingers coming down and a neighbour.
-        least_finger_clearance_m, least_finger_margin_m, close_speed_m_s: the same where a neighbour stands too close
-            for that, and how slowly the fingers then come down: the arm strays 1 mm off its line at full speed and half
-            of that at this one.
+            over lower neighbours.
+        fingertip_clearance_m: fingertips stay at least this far above a body's bottom, so that they clear the bracket.
+        finger_clearance_m: gap between each finger and the body before closing.
+        finger_margin_m: least gap between fingers that come down and a neighbour.
+        least_finger_clearance_m: finger_clearance_m where a neighbour stands too close for that.
+        least_finger_margin_m: finger_margin_m where a neighbour stands too close for that.
+        close_speed_m_s: how fast the fingers come down where a neighbour stands so close: the arm strays 1 mm off its
+            line at full speed and half of that at this one.
         passing_gap_m: what ends this far below the fingertips is out of their way.
         approach_gap_m: fingertips pass this far above what stands below them before a descent.
         carry_gap_m: the peg of a carried part passes this far above placed parts.
-        insertion_speed_m_s: of a peg that is being lowered into its hole.
-        insertion_start_m: above the hole, where slow lowering begins.
+        insertion_speed_m_s: speed of a peg that is lowered into its hole.
+        insertion_start_m: height above the hole where slow lowering begins.
         servo_lag_s: the arm trails its trajectory by at most this much.
         contact_lag_m: a tool that stays this far above where it should be by then has met something.
         search_shifts_m: where a peg that met the rim is tried again, along the sides that the fingers hold; from one
             finger to the other they have centred the part.
         release_gap_m: a part is let go this far above what it will stand on.
         transit_lift_m: how much higher a second try passes, where the direct way is blocked.
-        part_gap_m, rim_gap_m: least room that is left around a part that is moved aside.
+        part_gap_m: least gap between a part that is moved aside and its new neighbours.
+        rim_gap_m: least gap between a part that is moved aside and the tray's rim.
         collision_step_rad: largest joint step between collision checks of a trajectory.
         collision_margin_m: least distance to what stands still.
-        gripper_speed_m_s, grip_force_n: of the fingers.
-        arm_timeout_s: on top of a trajectory's duration.
-        gripper_timeout_s: for one motion of the fingers.
+        gripper_speed_m_s: speed of the fingers.
+        grip_force_n: force of the fingers.
+        arm_timeout_s: how much longer than its trajectory a motion of the arm may take.
+        gripper_timeout_s: how long one motion of the fingers may take.
         arrival_tolerance_rad: how near every joint must be to its goal once the arm stands.
     """
 
@@ -90,7 +96,9 @@ class CanSettings(Model):
     """The bus that the gripper is on.
 
     Attributes:
-        interface, channel, bitrate: as python-can names them.
+        interface: of python-can: virtual for the simulator, socketcan for a CAN adapter on Linux.
+        channel: the interface's name, can0 for example.
+        bitrate: of the bus.
         heartbeat_period_s: how often the node sends its heartbeat; silence for 1.5 periods is a fault.
         start_up_s: how long the node may take until its first frame.
     """

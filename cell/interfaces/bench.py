@@ -15,7 +15,12 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist
 
 
 class Mount(Model):
-    """A fixed pose in a configuration file."""
+    """A fixed pose.
+
+    Attributes:
+        position_m: (x, y, z).
+        quaternion_wxyz: how it is turned, as a unit quaternion (w, x, y, z); not turned by default.
+    """
 
     position_m: tuple[float, float, float]
     quaternion_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
@@ -29,9 +34,12 @@ class CameraSetup(Model):
     """Calibration of a camera.
 
     Attributes:
-        mount: world_from_camera of a fixed camera; tool_from_camera of one on the wrist (tool: the TCP between
-            the fingertips). Camera frame: x right, y down, z forward.
-        rate_hz: frames per second; a camera with `triggered` sends one only when asked.
+        width_px, height_px: size of its images.
+        focal_px: focal length, the same along both axes; images are undistorted, their middle is the principal point.
+        rate_hz: frames per second.
+        triggered: it sends a frame only when asked.
+        mount: where it is: world_from_camera of a fixed camera, tool_from_camera of one on the wrist (tool: the TCP
+            between the fingertips). Camera frame: x right, y down, z forward.
     """
 
     width_px: int = Field(gt=0)
@@ -64,9 +72,12 @@ class Bench(Model):
     """Everything that stands still.
 
     Attributes:
-        bracket: world_from_bracket; origin on the upper side, holes at `product.bracket.holes_m`.
+        bracket: world_from_bracket; origin on the upper side, holes where the product says (`bracket.holes_m`).
+        tray: where the parts for the robot lie.
         bins_m: by part type, where the person keeps parts of their own (x, y, z).
-        hand_rest_m: where the person's hand rests.
+        hand_rest_m: where the person's hand rests (x, y, z).
+        overhead: the fixed camera that sees bracket and hands.
+        wrist: the camera beside the gripper, which looks into the tray.
         arm_park_rad: joints out of the overhead view.
         arm_look_rad: joints from which the wrist camera sees the tray.
     """

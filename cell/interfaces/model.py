@@ -2,17 +2,52 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Sequence
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
 Location = tuple[str | int, ...]
 
+_ENTRY = re.compile(r"^    (\w+(?:, \w+)*): ")
+
 
 class Model(BaseModel):
-    """A part of a configuration file; field names carry their units."""
+    """A part of a configuration file; field names carry their units, the docstring's Attributes their meaning."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @classmethod
+    def summary(cls) -> str:
+        """What the docstring says before its Attributes, in one line."""
+        return " ".join(inspect.cleandoc(cls.__doc__ or "").partition("Attributes:")[0].split())
+
+    @classmethod
+    def meanings(cls) -> dict[str, str]:
+        """What the docstring says about each field: the one place that references and schemas are made from."""
+        lines = inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2].splitlines()
+        found: dict[str, str] = {}
+        names: list[str] = []
+        for line in lines:
+            if entry := _ENTRY.match(line):
+                names = entry[1].split(", ")
+                found |= dict.fromkeys(names, line[entry.end() :])
+            elif names and line.strip():
+                found |= {name: f"{found[name]} {line.strip()}" for name in names}
+        return found
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
+        """JSON schema with the docstring's words, so that editors show them."""
+        made: dict[str, Any] = handler(core_schema)
+        schema = handler.resolve_ref_schema(made)
+        schema["description"] = cls.summary()
+        for name, meaning in cls.meanings().items():
+            if name in schema.get("properties", {}):
+                schema["properties"][name]["description"] = meaning
+        return made
 
 
 class Disagreement(ValueError):

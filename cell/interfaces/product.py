@@ -17,9 +17,10 @@ class PartType(Model):
         title: its name for people.
         quantity: how many one product needs.
         size_m: (length, width, height) of the body; the gripper closes across the width.
-        peg_diameter_m, peg_length_m: the peg below the body, which goes into a hole.
-        colour_rgb: its paint, each channel 0..1.
-        mass_kg: of the whole part.
+        peg_diameter_m: diameter of the peg below the body, which goes into a hole.
+        peg_length_m: length of that peg.
+        colour_rgb: its paint; the detector finds parts by it.
+        mass_kg: mass of the whole part.
     """
 
     title: str
@@ -48,10 +49,12 @@ class Bracket(Model):
 
 
 class Product(Model):
-    """n part types, m positions and z goals; 3, 6 and 3 by default (decision 11).
+    """Part types, positions and goals of one product; the valve bracket has 3, 6 and 3.
 
     Attributes:
-        parts: by type name, in the order that planners index them.
+        name: its name for people.
+        parts: part types by name, in the order that planners index them.
+        bracket: what the parts are put into.
         goals: by goal name, the part type at every position, in the order of `bracket.holes_m`.
     """
 

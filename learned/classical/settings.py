@@ -11,7 +11,7 @@ class PerceptionSettings(Model):
     """What the detectors assume about the bench and how sure they must be.
 
     Attributes:
-        skin_rgb: colour of the hand in full light, each channel 0..1.
+        skin_rgb: colour of the hand in full light.
         hand_height_m: typical height of fingers above the table, where pixels of the hand are put on the bench.
         hand_area_m2: least area of skin that counts as a hand.
         settle_frames: equal readings in a row before a hole's view changes.

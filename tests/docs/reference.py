@@ -1,0 +1,147 @@
+"""docs/configuration.md: every key of every YAML file, from the JSON schemas of the models that read them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import orjson
+
+from cell.configuration import Configuration
+from cell.interfaces.model import Model
+from cell.interfaces.product import Product
+
+FILES: dict[str, type[Model]] = {"config/cell.yaml": Configuration, "config/products.yaml": Product}
+PAGE = "docs/configuration.md"
+UNITS = {
+    "_rad_s3": "rad/s³", "_rad_s2": "rad/s²", "_rad_s": "rad/s", "_m_s3": "m/s³", "_m_s2": "m/s²", "_m_s": "m/s",
+    "_rad": "rad", "_mm": "mm", "_m2": "m²", "_m": "m", "_ms": "ms", "_s": "s", "_hz": "Hz", "_px": "px", "_kg": "kg",
+    "_n": "N", "_mb": "MB", "_rgb": "0 to 1 each", "bitrate": "bit/s",
+}  # fmt: skip
+BOUNDS = {"exclusiveMinimum": "> {}", "minimum": "≥ {}", "exclusiveMaximum": "< {}", "maximum": "≤ {}"}
+HEAD = """# Every key of the configuration
+
+`make pictures` writes this page from the models that read the files; edit their docstrings, not the page.
+[bench.md](bench.md) and [product.md](product.md) are the guides. A key without a default must stand in the file.
+Unknown keys and values out of range are refused before anything moves, with file, line and column.
+"""
+
+
+@dataclass
+class Section:
+    """A model in the schema and the places in the file where it stands."""
+
+    schema: dict[str, Any]
+    paths: list[str] = field(default_factory=list)
+
+
+def page() -> str:
+    """The whole page in Markdown."""
+    lines = [HEAD]
+    for file, model in FILES.items():
+        schema = model.model_json_schema()
+        lines += [f"## {file}", schema["description"], ""]
+        for section in sections(schema):
+            lines += _section(section, schema)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def sections(schema: dict[str, Any]) -> list[Section]:
+    """The file's models, from the outside inwards; one that stands in several places comes once."""
+    found: dict[str, Section] = {}
+    waiting = [("", schema)]
+    while waiting:
+        path, model = waiting.pop()
+        known = found.setdefault(model["title"] + model.get("description", ""), Section(model))
+        known.paths.append(path)
+        inner = [
+            (f"{path}.{key}".lstrip(".") + step, schema["$defs"][name])
+            for key, value in model["properties"].items()
+            for step, name in _references(value)
+        ]
+        waiting += reversed(inner)
+    return list(found.values())
+
+
+def undocumented(schema: dict[str, Any]) -> list[str]:
+    """Keys without a meaning."""
+    return [
+        f"{section.paths[0]}.{key}".lstrip(".")
+        for section in sections(schema)
+        for key, value in section.schema["properties"].items()
+        if not _meaning(value, schema)
+    ]
+
+
+def _section(section: Section, schema: dict[str, Any]) -> Iterator[str]:
+    if section.paths != [""]:
+        yield "### " + ", ".join(f"`{path}`" for path in section.paths)
+        yield section.schema["description"]
+        yield ""
+    yield "| key | type | default | unit, range | meaning |"
+    yield "|---|---|---|---|---|"
+    required = section.schema.get("required", [])
+    for key, value in section.schema["properties"].items():
+        default = "" if key in required else _default(value)
+        cells = [f"`{key}`", _type(value), default, _range(key, value), _meaning(value, schema)]
+        yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    yield ""
+
+
+def _references(value: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """(what follows the key in a path, name of the model) of all models below a key."""
+    if "$ref" in value:
+        yield "", value["$ref"].rpartition("/")[2]
+    for option in value.get("anyOf", []):
+        yield from _references(option)
+    if isinstance(inner := value.get("additionalProperties"), dict):
+        yield from ((f".*{step}", name) for step, name in _references(inner))
+    if isinstance(inner := value.get("items"), dict):
+        yield from ((f"[]{step}", name) for step, name in _references(inner))
+
+
+def _meaning(value: dict[str, Any], schema: dict[str, Any]) -> str:
+    """What the model says about the key, or what the section itself is."""
+    models = [schema["$defs"][name] for _, name in _references(value)]
+    return str(value.get("description") or next((model["description"] for model in models), ""))
+
+
+def _type(value: dict[str, Any]) -> str:
+    if "$ref" in value:
+        return "section"
+    if "anyOf" in value:
+        return " or ".join(_type(option) for option in value["anyOf"])
+    if "const" in value or "enum" in value:
+        return " or ".join(f"`{option}`" for option in value.get("enum", [value.get("const")]))
+    if value.get("type") == "array" and "prefixItems" in value:
+        return f"list of {len(value['prefixItems'])} {_type(value['prefixItems'][0])}s"
+    if value.get("type") == "array":
+        return f"list of {_type(value['items'])}s"
+    if value.get("type") == "object":
+        return f"{_type(value['additionalProperties'])} by name"
+    if value.get("format") in ("path", "file-path"):
+        return "path"
+    names = {
+        "number": "number",
+        "integer": "whole number",
+        "string": "text",
+        "boolean": "true or false",
+        "null": "null",
+    }
+    return names[value["type"]]
+
+
+def _default(value: dict[str, Any]) -> str:
+    default = value.get("default")
+    return "" if isinstance(default, dict) else f"`{orjson.dumps(default).decode().replace(',', ', ')}`"
+
+
+def _range(key: str, value: dict[str, Any]) -> str:
+    """The key's unit, from its name, and its bounds."""
+    ending = next((ending for ending in UNITS if key.endswith(ending)), None)
+    unit = [UNITS[ending]] if ending else []
+    options = [value, *value.get("anyOf", [])]
+    bounds = [text.format(f"{option[name]:g}") for option in options for name, text in BOUNDS.items() if name in option]
+    pattern = [f"matches `{value['pattern']}`"] if "pattern" in value else []
+    return ", ".join([*unit, *bounds, *pattern])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cell.configuration import ROOT
 from cell.interfaces.model import Model
+from tests import ROOT
 from tests.docs.reference import FILES, PAGE, page, undocumented
 
 

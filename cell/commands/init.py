@@ -1,0 +1,59 @@
+"""`cell init`: a folder with a configuration, a product, a tree and a test that run at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.terminal import console
+from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.files import shipped
+
+SHIPPED = {
+    "config": ("cell.yaml", "products.yaml"),
+    "trees": ("assemble.xml", "clear_and_grasp.xml"),
+}
+OWN = ("README.md", "tests/test_assemble.py")
+
+
+def init(folder: Annotated[Path, typer.Argument(help="Folder to make; files that are there are kept.")]) -> None:
+    """Make a folder for a cell of your own: configuration, product, tree and test."""
+    files = new_cell()
+    write_new(folder, files)
+    say = console()
+    for name in files:
+        say.print(f"{folder / name}", highlight=False)
+    say.print(f"next: cd {folder} && cell run", highlight=False)
+
+
+def new_cell() -> dict[str, bytes]:
+    """Contents by their names in the folder."""
+    files = {f"{package}/{name}": shipped(package, name) for package, names in SHIPPED.items() for name in names}
+    files |= {name: shipped("cell.commands", "new_cell", name) for name in OWN}
+    return {name: file.read_bytes() for name, file in files.items()}
+
+
+def write_new(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files into a folder where none of them is.
+
+    Raises:
+        InputError: one of them is there already, and nothing was written; or the folder cannot be written to.
+    """
+    paths = [folder / name for name in files]
+    taken = [path for path in paths if path.exists() or path.is_symlink()]
+    taken += [
+        path for path in sorted({folder, *(path.parent for path in paths)}) if path.exists() and not path.is_dir()
+    ]
+    if taken:
+        raise InputError(*(Problem(Place(path), "is there already", "name a new folder") for path in taken))
+    for name, content in files.items():
+        path = folder / name
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("xb") as file:
+                file.write(content)
+        except OSError as error:
+            raise InputError(Problem(Place(path), f"cannot be written: {error.strerror or error}")) from None

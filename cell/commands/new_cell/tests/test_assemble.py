@@ -1,0 +1,28 @@
+"""The cell's tree and configuration, tested without the cell: run `pytest` in the folder above."""
+
+from pathlib import Path
+
+from cell.configuration import load_configuration, load_product
+from cell.running.node_library import node_registry
+from trees.files.check import check
+from trees.testing import TreeBench
+
+FOLDER = Path(__file__).resolve().parents[1]
+TREE = FOLDER / "trees" / "assemble.xml"
+
+
+def test_trees_have_no_mistakes() -> None:
+    assert check(sorted(TREE.parent.glob("*.xml")), node_registry()) == []
+
+
+def test_configuration_fits_the_product() -> None:
+    path = FOLDER / "config" / "cell.yaml"
+    product = load_product(load_configuration(path), path)
+    assert product.goals
+
+
+def test_nothing_moves_while_the_gripper_is_not_active() -> None:
+    # S: success, F: failure, R: running, one letter a tick
+    bench = TreeBench(TREE, node_registry(), {"ActivateGripper": "RRF"})
+    assert [bench.tick(), bench.tick(), bench.tick()] == ["R", "R", "F"]
+    assert bench.started("MoveTo") == 0

@@ -1,0 +1,104 @@
+"""`cell init`: the folder runs at once, and nothing that was there is touched."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cell.commands.main import main
+from tests import ROOT
+
+FILES = {
+    "README.md",
+    "config/cell.yaml",
+    "config/products.yaml",
+    "tests/test_assemble.py",
+    "trees/assemble.xml",
+    "trees/clear_and_grasp.xml",
+}
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def in_folder(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """A command of this clone's program, called in another folder."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    assert main(["init", str(tmp_path / "demo")]) == 0
+    return tmp_path / "demo"
+
+
+def test_it_makes_configuration_product_tree_and_test(folder: Path) -> None:
+    assert set(files_of(folder)) == FILES
+
+
+def test_nothing_is_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "trees" / "assemble.xml").write_text("mine")
+    (folder / "README.md").unlink()
+    before = files_of(folder)
+    capsys.readouterr()
+    assert main(["init", str(folder)]) == 2
+    told = capsys.readouterr().err
+    assert f"{folder / 'trees' / 'assemble.xml'}: is there already" in told
+    assert "README.md" not in told
+    assert files_of(folder) == before
+
+
+@pytest.mark.parametrize("name", ["demo", "demo/tests"])
+def test_a_file_where_a_folder_should_be_is_told(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("mine")
+    assert main(["init", str(tmp_path / "demo")]) == 2
+    assert f"{path}: is there already" in capsys.readouterr().err
+    assert files_of(tmp_path) == {name: b"mine"}
+
+
+def test_its_tests_pass_and_can_fail(folder: Path) -> None:
+    whole = in_folder(folder, "pytest", "-q", "-p", "no:cacheprovider")
+    assert whole.returncode == 0, whole.stdout
+    assert "3 passed" in whole.stdout
+    tree = folder / "trees" / "assemble.xml"
+    tree.write_text(tree.read_text().replace("<ActivateGripper/>", "<ActivateGriper/>"))
+    assert in_folder(folder, "pytest", "-q", "-p", "no:cacheprovider").returncode == 1
+
+
+def test_commands_take_the_files_of_the_working_folder(folder: Path) -> None:
+    """Proof by mistakes: one in the folder's configuration, then one in its tree, end a run without options."""
+    configuration, tree = folder / "config" / "cell.yaml", folder / "trees" / "assemble.xml"
+    sound = configuration.read_text()
+    configuration.write_text(sound.replace("tick_hz:", "tick_hs:"))
+    told = in_folder(folder, "cell", "run")
+    assert told.returncode == 2
+    assert "config/cell.yaml:37:3: unknown key 'tick_hs'" in told.stderr
+    configuration.write_text(sound)
+    tree.write_text(tree.read_text().replace("<ActivateGripper/>", "<ActivateGriper/>"))
+    told = in_folder(folder, "cell", "run")
+    assert told.returncode == 2
+    assert f"{tree}:9:7: there is no node 'ActivateGriper'" in told.stderr
+    assert set(files_of(folder)) == FILES, "no log is left"
+
+
+def test_without_files_of_ones_own_the_shipped_ones_are_taken(tmp_path: Path) -> None:
+    told = in_folder(tmp_path, "cell", "run", "--goal", "g9")
+    assert (told.returncode, list(tmp_path.rglob("*.mcap"))) == (2, [])
+    assert "unknown goal 'g9'" in told.stderr
+
+
+@pytest.mark.slow
+def test_a_bracket_is_assembled_and_the_log_lies_in_the_folder(folder: Path) -> None:
+    told = in_folder(folder, "cell", "run", "--goal", "g1", "--seed", "2", "--json")
+    assert told.returncode == 0, told.stderr
+    assert '"correct": true' in told.stdout
+    assert [path.suffix for path in sorted((folder / "runs").iterdir())] == [".mcap", ".png"]

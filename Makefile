@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all check bench train-deps doctor clean
+.PHONY: help run test test-all check bench pictures train-deps doctor clean
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -31,6 +31,7 @@ help:
 	@echo "make bench      benchmarks"
 	@echo "make test-all   the tests and the long experiments"
 	@echo "make train-deps what 'cell train' needs"
+	@echo "make pictures   docs: the pictures, and the page of all keys"
 	@echo "make doctor     what is missing on this machine"
 
 run: .venv/system
@@ -61,6 +62,9 @@ bench: .venv/tests .venv/system
 	$(BIN)/python -m tests.benchmarks.robot_alone pick_and_place
 	$(BIN)/python -m tests.benchmarks.robot_alone clutter
 	$(BIN)/python -m tests.benchmarks.assembly
+
+pictures: .venv/tests .venv/system
+	$(BIN)/python -m tests.docs.pictures
 
 train-deps: .venv/tests
 

@@ -1,4 +1,4 @@
-"""The cell's configuration (config/cell.yaml): one model for the whole file (decision 13)."""
+"""The cell's configuration (config/cell.yaml): one model for the whole file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ONNX files that say what they are: weights with a model card in their metadata (decision 5)."""
+"""ONNX files that say what they are: weights with a model card in their metadata."""
 
 from __future__ import annotations
 

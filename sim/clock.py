@@ -1,4 +1,4 @@
-"""The simulator's clock: sleeping is what advances the world, in lock-step with all its devices (decision 1)."""
+"""The simulator's clock: sleeping is what advances the world, in lock-step with all its devices."""
 
 from __future__ import annotations
 

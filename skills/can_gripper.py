@@ -1,4 +1,4 @@
-"""Driver of the gripper on CAN (decision 9): 2F-85 registers in the frames of config/gripper.dbc."""
+"""Driver of the gripper on CAN: 2F-85 registers in the frames of config/gripper.dbc."""
 
 from __future__ import annotations
 

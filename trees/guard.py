@@ -1,4 +1,4 @@
-"""The guard: a learned plan is a proposal, checked before anything moves (decision 7)."""
+"""The guard: a learned plan is a proposal, checked before anything moves."""
 
 from __future__ import annotations
 

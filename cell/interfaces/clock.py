@@ -1,4 +1,4 @@
-"""The one clock: every timeout, delay, period and timestamp reads it (decision 1)."""
+"""The one clock: every timeout, delay, period and timestamp reads it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one tick may do: a Command, filled by nodes and carried out after the tick (decision 2)."""
+"""What one tick may do: a Command, filled by nodes and carried out after the tick."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Device protocols: real drivers and the simulator implement the same ones (decision 3)."""
+"""Device protocols: real drivers and the simulator implement the same ones."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Panel(Protocol):
 
 @dataclass(frozen=True)
 class Devices:
-    """All devices of a cell but the gripper, which is reached over CAN (decision 9).
+    """All devices of a cell but the gripper, which is reached over CAN.
 
     Attributes:
         report: how the finished assembly is judged, by keys of `cell run --json`; empty where nobody can judge.

@@ -1,4 +1,4 @@
-"""What one tick may know: an immutable Observation, read once before the tick (decision 2)."""
+"""What one tick may know: an immutable Observation, read once before the tick."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A skill: work that goes on over many ticks; started, polled, and halted at any tick (decision 8)."""
+"""A skill: work that goes on over many ticks; started, polled, and halted at any tick."""
 
 from __future__ import annotations
 

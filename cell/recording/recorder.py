@@ -1,4 +1,4 @@
-"""The log of a run: MCAP with Foxglove's schemas for images, frames and log lines (decision 12)."""
+"""The log of a run: MCAP with Foxglove's schemas for images, frames and log lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The controller: a fixed-rate loop of observe, tick, act and record, and the safe stop at its end (decision 2)."""
+"""The controller: a fixed-rate loop of observe, tick, act and record, and the safe stop at its end."""
 
 from __future__ import annotations
 

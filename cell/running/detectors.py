@@ -1,4 +1,4 @@
-"""Makes the detectors that the configuration names, and the executors that run them (decision 6)."""
+"""Makes the detectors that the configuration names, and the executors that run them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slow inference beside the tick (decision 6): jobs go in, answers come out later, nobody waits."""
+"""Slow inference beside the tick: jobs go in, answers come out later, nobody waits."""
 
 from __future__ import annotations
 

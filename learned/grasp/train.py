@@ -1,4 +1,4 @@
-"""Training of the grasp planners on drawn or recorded scenes, in minutes on a CPU, and export to ONNX (decision 5)."""
+"""Training of the grasp planners on drawn or recorded scenes, in minutes on a CPU, and export to ONNX."""
 
 from __future__ import annotations
 

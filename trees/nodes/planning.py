@@ -82,7 +82,7 @@ class DecodePlan(CellNode):
 
 
 class ChoosePosition(CellNode):
-    """Take the first position of the plan that the guard lets pass (Alg. 1 line 11, decision 7)."""
+    """Take the first position of the plan that the guard lets pass (Alg. 1 line 11)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")
@@ -109,7 +109,7 @@ class ChoosePosition(CellNode):
 
 
 class CheckPlacement(CellNode):
-    """Is this placement still right? (decision 7; ticked again and again while the part is carried)"""
+    """Is this placement still right? (ticked again and again while the part is carried)"""
 
     node_type = "Condition"
     guards = True

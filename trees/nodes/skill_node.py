@@ -1,4 +1,4 @@
-"""Nodes that drive a skill: start it, poll it every tick, halt it when the tree turns elsewhere (decision 8)."""
+"""Nodes that drive a skill: start it, poll it every tick, halt it when the tree turns elsewhere."""
 
 from __future__ import annotations
 

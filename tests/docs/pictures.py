@@ -1,0 +1,35 @@
+"""Makes what in docs/ is made by programs: `make pictures`. Plots of experiments come from `cell eval`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from cell.running.node_library import node_registry
+from tests import ROOT
+from tests.docs import architecture, reference
+from trees.views.picture import picture
+
+
+def _tree(name: str) -> Callable[[], str]:
+    return lambda: picture(ROOT / "trees" / f"{name}.xml", node_registry())
+
+
+MADE: dict[str, Callable[[], str]] = {
+    reference.PAGE: reference.page,
+    "docs/architecture.svg": lambda: architecture.picture(ROOT),
+    "docs/assemble.svg": _tree("assemble"),
+    "docs/clear_and_grasp.svg": _tree("clear_and_grasp"),
+}
+PHOTOGRAPH = "docs/cell.png"
+
+
+def main() -> None:
+    from tests.docs.photograph import photograph, png
+
+    for name, make in MADE.items():
+        (ROOT / name).write_text(make())
+    (ROOT / PHOTOGRAPH).write_bytes(png(photograph()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""Pictures and pages that programs make are up to date, and every picture is shown and made by something."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from tests import ROOT
+from tests.docs.pictures import MADE, PHOTOGRAPH
+
+DOCS = ROOT / "docs"
+PLOTS = re.compile(r"(semantic|grasp)_\w+\.png")  # of `cell eval`, which takes hours
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_what_is_made_is_up_to_date(name: str) -> None:
+    assert (ROOT / name).read_text() == MADE[name](), "make pictures"
+
+
+@pytest.mark.slow
+def test_the_photograph_shows_the_cell_of_today() -> None:
+    import cv2
+
+    from tests.docs.photograph import photograph
+
+    shown = cv2.cvtColor(cv2.imread(str(ROOT / PHOTOGRAPH)), cv2.COLOR_BGR2RGB).astype(float)
+    assert np.abs(shown - photograph()).mean() < 2, "make pictures"
+
+
+def test_every_picture_is_shown_and_made() -> None:
+    pages = "".join(page.read_text() for page in [ROOT / "README.md", *DOCS.glob("*.md")])
+    pictures = {path.name for path in DOCS.iterdir() if path.suffix in (".png", ".svg")}
+    made = {name.rpartition("/")[2] for name in [*MADE, PHOTOGRAPH]}
+    assert {name for name in pictures if name not in pages} == set()
+    assert {name for name in pictures if name not in made and not PLOTS.fullmatch(name)} == set()

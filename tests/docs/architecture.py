@@ -147,8 +147,8 @@ def _path(pair: tuple[str, str], row_of: Mapping[str, int]) -> list[str]:
 def _in_order(row_of: Mapping[str, int], paths: Mapping[tuple[str, str], list[str]]) -> list[list[str]]:
     """Slots by row, the lowest row first, each near the slots that it is joined to."""
     rows: list[list[str]] = [[] for _ in range(1 + max(row_of.values()))]
-    for name, row in row_of.items():
-        rows[row].append(name)
+    for name, number in row_of.items():
+        rows[number].append(name)
     for path in paths.values():
         for slot in path[1:-1]:
             rows[int(slot.split()[0])].append(slot)

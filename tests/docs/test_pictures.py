@@ -25,7 +25,9 @@ def test_the_photograph_shows_the_cell_of_today() -> None:
 
     from tests.docs.photograph import photograph
 
-    shown = cv2.cvtColor(cv2.imread(str(ROOT / PHOTOGRAPH)), cv2.COLOR_BGR2RGB).astype(float)
+    stored = cv2.imread(str(ROOT / PHOTOGRAPH))
+    assert stored is not None
+    shown = cv2.cvtColor(stored, cv2.COLOR_BGR2RGB).astype(float)
     assert np.abs(shown - photograph()).mean() < 2, "make pictures"
 
 

@@ -20,6 +20,7 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError, Problem
 from cell.interfaces.files import shipped
 from cell.interfaces.product import Product
+from cell.interfaces.truth import TruthEvent
 from cell.interfaces.yaml_file import place_of
 from cell.observer import Level, Observer, Outcome
 from cell.recording.recorder import Heading, McapRecorder
@@ -34,6 +35,7 @@ from cell.viewing.contact_sheet import ContactSheet
 from cell.viewing.live_server import LiveServer
 from cell.viewing.monitor import Monitor
 from cell.viewing.progress import LiveProgress
+from sim.person import load_person
 from skills.can_gripper import CanGripper, Tap, open_bus
 from skills.planner import MotionPlanner
 from trees.engine.tree import Tree
@@ -54,6 +56,7 @@ class RunOptions:
         monitor_hooks: let them put breakpoints and overrides on nodes.
         watch: take over edits of the tree file while it runs.
         live_port: where Foxglove and other viewers may connect; None for no server.
+        person: a simulated person's name or file; None for the configuration's.
     """
 
     tree: Path = DEFAULT_TREE
@@ -66,6 +69,7 @@ class RunOptions:
     monitor_hooks: bool = False
     watch: bool = False
     live_port: int | None = None
+    person: str | None = None
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
         InputError, ModelError: nothing has moved.
         DeviceFault: a device could not be opened.
     """
-    configuration = load_configuration(options.configuration)
+    configuration = _simulated(load_configuration(options.configuration), options)
     product = load_product(configuration, options.configuration)
     files = Files(configuration, product, load_tree(options.tree, node_registry()))
     log = options.log or _new_log(configuration.log.folder, options.seed)
@@ -108,8 +112,11 @@ def run(options: RunOptions, console: Console) -> RunResult:
         def blackboard() -> Mapping[str, object]:
             return (ticked.tree if isinstance(ticked, WatchedTree) else ticked).blackboard.values()
 
+        def truth() -> Sequence[TruthEvent]:
+            return devices.truth()
+
         model = CellModel(product, configuration.bench, motion)
-        recorder = McapRecorder(log, configuration.log, _heading(options, files), model, alarm, blackboard)
+        recorder = McapRecorder(log, configuration.log, _heading(options, files), model, alarm, blackboard, truth)
         stack.callback(recorder.abandon)
         live = None if options.live_port is None else LiveServer(recorder.context, recorder.scene, options.live_port)
         if live is not None:
@@ -131,6 +138,15 @@ def run(options: RunOptions, console: Console) -> RunResult:
         ticked = _watched(options, files.tree, observers, recorder, monitor) if options.watch else files.tree
         outcome = drive(files, devices, motion, observers, recorder.can_frame, options.pace, ticked)
         return RunResult(outcome, _summary(options, files, outcome, statistics, devices, recorder, sheet.path))
+
+
+def _simulated(configuration: Configuration, options: RunOptions) -> Configuration:
+    """The configuration with what the options say of the simulated cell."""
+    if options.person is None:
+        return configuration
+    simulation = configuration.devices.simulation.model_copy(update={"person": load_person(options.person)})
+    devices = configuration.devices.model_copy(update={"simulation": simulation})
+    return configuration.model_copy(update={"devices": devices})
 
 
 def drive(
@@ -212,6 +228,7 @@ def _heading(options: RunOptions, files: Files) -> Heading:
     attachments = {
         "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
         "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
+        "simulation.json": ("application/json", files.configuration.devices.simulation.model_dump_json().encode()),
     }
     for name, text in _texts(options, files.tree).items():
         attachments[name] = ("application/xml", text.encode())
@@ -219,6 +236,7 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         "seed": str(options.seed),
         "goal": options.goal,
         "pace": options.pace,
+        "person": options.person or "as configured",
         "tree": options.tree.name,
         "perception": files.configuration.perception.kind,
     }

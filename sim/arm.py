@@ -22,7 +22,11 @@ KEPT_SAMPLES = 4096  # for as long as nobody takes them; the oldest give way
 
 
 class SimArm:
-    """Implements `Arm` on the simulated joints."""
+    """Implements `Arm` on the simulated joints.
+
+    Attributes:
+        driven_rad_s: how fast the servos' set points move, (6,); what pushes the arm besides is not in it.
+    """
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -39,6 +43,7 @@ class SimArm:
         self._joints = len(world.arm_qpos)
         self._samples = np.empty((KEPT_SAMPLES, 1 + 3 * self._joints))
         self._sampled = 0
+        self.driven_rad_s: Array = np.zeros(self._joints)
 
     def state(self) -> ArmState:
         """Joints as measured; raises DeviceFault after a protective stop."""
@@ -97,7 +102,7 @@ class SimArm:
         if self._moving:
             self._cursor += 1
         there = self._reference[self._cursor]
-        velocity = (there - here) / dt_s
+        self.driven_rad_s = velocity = (there - here) / dt_s
         self._world.data.ctrl[self._world.arm_ctrl] = (here + there) / 2 + velocity * self._lag_s
         self._time_s = time_s + dt_s
 

@@ -12,10 +12,12 @@ from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
+from cell.interfaces.truth import TruthEvent
 from sim.arm import SimArm
 from sim.camera import SimCamera, Studio
-from sim.clock import Actor, SimClock
+from sim.clock import Actor, Observer, SimClock
 from sim.clutter import ScenePart, full_set, sample_clutter
+from sim.contacts import ContactMonitor
 from sim.gripper_node import GripperNode
 from sim.hand import add_hand
 from sim.score import Score
@@ -46,7 +48,7 @@ class SimCell:
         clutter: parts in the tray; by default one product's set, cluttered at random.
 
     Attributes:
-        world, score, gripper_node, worker: for tests and data sets; the controller gets `devices` alone.
+        world, score, contacts, gripper_node, worker: for tests and data sets; the controller gets `devices` alone.
     """
 
     def __init__(
@@ -62,7 +64,7 @@ class SimCell:
         worker: bool = True,
         clutter: Sequence[ScenePart] | None = None,
     ) -> None:
-        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
+        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(6)]
         goal = _chosen_goal(product, goal, streams[0])
         if clutter is None:
             clutter = sample_clutter(product, bench.tray, full_set(product), streams[1], settings.clutter)
@@ -70,21 +72,33 @@ class SimCell:
         self.world = build_world(
             product, bench, scene, settings.physics, partial(add_hand, bench=bench) if worker else None
         )
-        self.worker = Worker(self.world, product, bench, settings.worker, goal, streams[2]) if worker else None
+        self.worker = (
+            Worker(self.world, product, bench, settings.person, goal, streams[2], streams[5]) if worker else None
+        )
         self.world.settle()
         self.arm = SimArm(self.world)
         self.gripper_node = GripperNode(self.world, can_interface, can_channel)
         self.score = Score(self.world, goal)
+        self.contacts = ContactMonitor(self.world, lambda: self.arm.driven_rad_s) if worker else None
         self._studio = Studio(self.world)
         overhead = SimCamera("overhead", bench.overhead, self.world, self._studio, settings.noise, streams[3])
         wrist = SimCamera("wrist", bench.wrist, self.world, self._studio, settings.noise, streams[4])
         actors: list[Actor] = [self.arm, self.gripper_node]
         if self.worker is not None:
             actors.append(self.worker)
-        clock = SimClock(self.world, actors, [self.score, overhead, wrist], [self.arm])
-        self.devices = Devices(
-            clock, overhead, wrist, self.arm, self.worker or EmptyPanel(), self.score.report, self.close
-        )
+        samplers: list[Observer] = [self.arm, *([self.contacts] if self.contacts is not None else [])]
+        clock = SimClock(self.world, actors, [self.score, overhead, wrist], samplers)
+        panel = self.worker or EmptyPanel()
+        self.devices = Devices(clock, overhead, wrist, self.arm, panel, self.report, self.close, self.truth)
+
+    def report(self) -> dict[str, object]:
+        """Keys of `cell run --json` that only the truth can give."""
+        return self.score.report() | (self.contacts.report() if self.contacts is not None else {})
+
+    def truth(self) -> list[TruthEvent]:
+        """What happened at the bench since the last call, in order."""
+        news = [*(self.worker.news() if self.worker else []), *(self.contacts.news() if self.contacts else [])]
+        return sorted(news, key=lambda event: event.time_s)
 
     def close(self) -> None:
         """Let go of the bus and the graphics contexts."""

@@ -6,11 +6,14 @@ A mocap body would not carry what it holds (its velocity in contacts is 0), so j
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
+from sim import palette
 
 COLOURS = {"hand_skin": (0.85, 0.62, 0.48, 1.0), "hand_sleeve": (0.20, 0.20, 0.21, 1.0)}
 SPECULAR = 0.1
@@ -20,14 +23,29 @@ TIP_RADIUS_M = 0.0075
 TIP_REACH_M = 0.0135  # the tips end this far ahead of the hand frame's origin
 MAX_GAP_M = 0.11
 
-# Against palette.PART_TOUCH: the hand touches parts and nothing else.
+# Against palette.PART_TOUCH: flesh touches parts. Each shape has a hidden twin of the same size that touches the robot,
+# with the stiffness of a person: ISO/TS 15066, Table A.3, gives 75 N/mm for hands and 40 N/mm for forearms.
 CONTYPE, CONAFFINITY = 4, 2
+HAND_N_M, FOREARM_N_M = 75e3, 40e3
+MOVING_MASS_KG = 1.1  # of hand and forearm here; MuJoCo takes stiffness for each kilogram
+SKIN_DAMPING = 0.6  # of 2 for critical damping: flesh is soft and dull
+SKIN_GROUP, FOREARM_SKIN_GROUP = 3, 4  # hidden from the cameras
+PUSH_N, TWIST_NM, PINCH_N = 150.0, 8.0, 150.0  # the most that the person's arm, wrist and fingers give
 
 GANTRY = ("hand_x", "hand_y", "hand_z", "hand_yaw")
 DIGITS = ("hand_thumb", "hand_index")
 GANTRY_KP = (8000.0, 8000.0, 8000.0, 80.0)  # N/m and N m/rad: a held part sags by less than 0.5 mm
 DIGIT_KP = 2500.0
 CONTROL_FILTER_S = 0.012  # smooths the steps of the 8 ms control period
+
+NO_TOUCH = {"contype": 0, "conaffinity": 0}
+FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever it holds
+    "contype": CONTYPE,
+    "conaffinity": CONAFFINITY,
+    "condim": 4,
+    "friction": (1.2, 0.01, 0.0001),
+    "priority": 1,
+}
 
 Segment = tuple[tuple[float, float, float], tuple[float, float, float], float]  # from, to, radius in [m]
 
@@ -70,15 +88,16 @@ def add_hand(spec: mujoco.MjSpec, bench: Bench) -> None:
     _add_ellipsoid(hand, PALM_M, (0.048, 0.043, 0.018), mass_kg=0.3)
     for segment in CURLED:
         _add_capsule(hand, segment, mass_kg=0.02)
-    _add_capsule(hand, WRIST, mass_kg=0.2, touches=False)
-    _add_capsule(hand, SLEEVE, mass_kg=0.2, touches=False, material="hand_sleeve")
+    _add_capsule(hand, WRIST, mass_kg=0.2, forearm=True)
+    _add_capsule(hand, SLEEVE, mass_kg=0.2, forearm=True, material="hand_sleeve")
     for name, outwards, segments in ((DIGITS[0], -1, THUMB), (DIGITS[1], 1, INDEX)):
         digit = hand.add_body(name=name, gravcomp=1)
         digit.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, outwards, 0))
         for segment in segments:
             _add_capsule(digit, segment, mass_kg=0.03)
-    for name, kp in zip(GANTRY + DIGITS, (*GANTRY_KP, DIGIT_KP, DIGIT_KP), strict=True):
-        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    forces = (PUSH_N,) * 3 + (TWIST_NM, PINCH_N, PINCH_N)
+    for name, kp, most in zip(GANTRY + DIGITS, (*GANTRY_KP, DIGIT_KP, DIGIT_KP), forces, strict=True):
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-most, most])
         motor.set_to_position(kp=kp, dampratio=1.0, timeconst=CONTROL_FILTER_S)
         motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
 
@@ -135,45 +154,38 @@ class Hand:
 
 
 def _add_capsule(
-    body: mujoco.MjsBody,
-    segment: Segment,
-    *,
-    mass_kg: float,
-    touches: bool = True,
-    material: str = "hand_skin",
+    body: mujoco.MjsBody, segment: Segment, *, mass_kg: float, forearm: bool = False, material: str = "hand_skin"
 ) -> None:
     start, end, radius_m = segment
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=(*start, *end),
-        size=(radius_m, 0, 0),
-        mass=mass_kg,
-        material=material,
-        **_touch(touches),
-    )
+    shape = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": (*start, *end), "size": (radius_m, 0, 0)}
+    body.add_geom(**shape, mass=mass_kg, material=material, **(NO_TOUCH if forearm else FLESH_TOUCH))
+    if forearm:
+        _add_skin(body, shape, FOREARM_N_M, FOREARM_SKIN_GROUP)
+    else:
+        _add_skin(body, shape, HAND_N_M)
 
 
 def _add_ellipsoid(
     body: mujoco.MjsBody, centre_m: tuple[float, float, float], radii_m: tuple[float, float, float], *, mass_kg: float
 ) -> None:
+    shape = {"type": mujoco.mjtGeom.mjGEOM_ELLIPSOID, "pos": centre_m, "size": radii_m}
+    body.add_geom(**shape, mass=mass_kg, material="hand_skin", **FLESH_TOUCH)
+    _add_skin(body, shape, HAND_N_M)
+
+
+def _add_skin(body: mujoco.MjsBody, shape: dict[str, object], stiffness_n_m: float, group: int = SKIN_GROUP) -> None:
+    """The twin of a shape that touches the robot; its own contact settings count, whatever the robot's are."""
+    stiffness = stiffness_n_m / MOVING_MASS_KG
+    contype, conaffinity = palette.SKIN_TOUCH
     body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        pos=centre_m,
-        size=radii_m,
-        mass=mass_kg,
-        material="hand_skin",
-        **_touch(True),
+        **shape,
+        mass=0.0,
+        group=group,
+        contype=contype,
+        conaffinity=conaffinity,
+        condim=3,
+        priority=2,
+        friction=(0.6, 0.01, 0.0001),
+        solref=(-stiffness, -SKIN_DAMPING * math.sqrt(stiffness)),
+        solimp=(0.95, 0.95, 0.001, 0.5, 2),
     )
-
-
-def _touch(touches: bool) -> dict[str, object]:
-    """Contact settings of skin; priority 1, so that its own friction counts whatever it holds."""
-    if not touches:
-        return {"contype": 0, "conaffinity": 0}
-    return {
-        "contype": CONTYPE,
-        "conaffinity": CONAFFINITY,
-        "condim": 4,
-        "friction": (1.2, 0.01, 0.0001),
-        "priority": 1,
-    }

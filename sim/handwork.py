@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,7 +30,7 @@ BEFORE_HOLE_M = 0.012  # of the peg's tip over the plate before the insertion
 PRESS_M = 0.001
 NOT_IN_M = 0.004  # a body this far above its place has not gone in
 SEARCH_M, SEARCH_S, SEARCH_HZ = 0.0025, 1.2, 2.5
-CLOSE_S, OPEN_S, LOOK_S = 0.25, 0.25, 0.12
+FINGERS_S, LOOK_S = 0.25, 0.12
 BACK_OFF_M = 0.07
 CAREFUL, STEADY = 0.45, 0.7  # haste
 ARCH_M = 0.04
@@ -94,9 +94,12 @@ class Handwork:
         *,
         arch_m: float = 0.0,
         haste: float = 1.0,
+        duration_s: float | None = None,
     ) -> Script:
-        """One reach; wrist and fingers move along with it."""
+        """One reach; wrist and fingers move along with it. It takes as long as is drawn, or as it is told."""
         path = plan_reach(self.position_m, target_m, self._motion, self._rng, arch_m=arch_m, haste=haste)
+        if duration_s is not None:
+            path = replace(path, duration_s=max(duration_s, self.dt_s), skew=0.0)
         yaw_from, gap_from = self.yaw_rad, self.gap_m
         yaw_by = 0.0 if yaw_rad is None else yaw_rad - yaw_from
         gap_by = 0.0 if gap_m is None else gap_m - gap_from
@@ -117,7 +120,7 @@ class Handwork:
         width_m = part.size_m[1]
         yield from self.reach(over_m, yaw_rad, span_m + OPEN_M, arch_m=ARCH_M)
         yield from self.reach(grip_m, haste=STEADY)
-        yield from self._move_fingers(width_m - SQUEEZE_M, CLOSE_S)
+        yield from self.pinch(width_m - SQUEEZE_M)
         yield from self.wait(LOOK_S)
         if self.holds(seen.body):
             lift_m = max(self.clear_height_m - seen.pose.position_m[2], 0.02)
@@ -146,9 +149,17 @@ class Handwork:
         if self._sight.part(body).pose.position_m[2] > target_m[2] + NOT_IN_M:
             yield from self._search()
 
+    def pinch(self, gap_m: float) -> Script:
+        """Move the fingers to a gap."""
+        gap_from, elapsed_s = self.gap_m, 0.0
+        while elapsed_s < FINGERS_S:
+            elapsed_s += self.dt_s
+            self.gap_m = gap_from + min_jerk(min(elapsed_s / FINGERS_S, 1.0)) * (gap_m - gap_from)
+            yield
+
     def let_go(self, part: str) -> Script:
         """Open the fingers."""
-        yield from self._move_fingers(self._product.parts[part].size_m[1] + OPEN_M, OPEN_S)
+        yield from self.pinch(self._product.parts[part].size_m[1] + OPEN_M)
 
     def back_off(self) -> Script:
         """Move the fingers up and away towards the person."""
@@ -203,13 +214,6 @@ class Handwork:
         held_m = turn(-self._hand.yaw_rad, np.array(pose.position_m) - self._hand.position_m)
         yaw_rad = -fold_yaw(pose.yaw_rad - self._hand.yaw_rad)
         return target_m - turn(yaw_rad, held_m), yaw_rad
-
-    def _move_fingers(self, gap_m: float, duration_s: float) -> Script:
-        gap_from, elapsed_s = self.gap_m, 0.0
-        while elapsed_s < duration_s:
-            elapsed_s += self.dt_s
-            self.gap_m = gap_from + min_jerk(min(elapsed_s / duration_s, 1.0)) * (gap_m - gap_from)
-            yield
 
     def _search(self) -> Script:
         """Press on and move in a growing circle."""

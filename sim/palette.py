@@ -20,9 +20,11 @@ JOINT = (0.34, 0.42, 0.50)
 GRIPPER = (0.15, 0.15, 0.16)
 PAD = (0.08, 0.08, 0.08)
 
-# Contact types (contype, conaffinity): parts touch everything; hand and robot touch neither themselves nor each other.
+# Contact types (contype, conaffinity): parts touch everything; hand and robot touch each other and not themselves.
 STATIC_TOUCH = (1, 9)
 ROBOT_TOUCH = (8, 0)
+HAND_ONLY_TOUCH = (16, 0)  # of the robot: links that never come near anything but a person
+SKIN_TOUCH = (0, 24)
 PART_TOUCH = (3, 13)  # bits 2 and 4 are the hand's (sim/hand.py)
 NO_TOUCH = (0, 0)
 FRICTION = 0.3  # painted metal on metal; the rubber of the pads and the skin of the hand decide their own contacts

@@ -69,7 +69,7 @@ def _finish_links(spec: mujoco.MjSpec) -> None:
         body.gravcomp = 1.0
         for geom in body.geoms:
             geom.rgba = [*(palette.JOINT if "wrist" in body.name or "shoulder" in body.name else palette.LINK), 1.0]
-            touch = palette.ROBOT_TOUCH if body.name in TOUCHING_LINKS else palette.NO_TOUCH
+            touch = palette.ROBOT_TOUCH if body.name in TOUCHING_LINKS else palette.HAND_ONLY_TOUCH
             geom.contype, geom.conaffinity = touch
     for geom in spec.body("ee_link").geoms:
         spec.delete(geom)
@@ -89,7 +89,7 @@ def add_gripper(spec: mujoco.MjSpec, wrist: CameraSetup) -> None:
     _couple_fingers(spec)
     tool = tool0.add_body(name="tool", pos=[0.0, 0.0, TCP_FROM_TOOL0_M])
     x, y, z = wrist.mount.position_m
-    add_box(tool, (x, y, z - 0.02), (0.05, 0.03, 0.03), palette.GRIPPER, palette.NO_TOUCH)
+    add_box(tool, (x, y, z - 0.02), (0.05, 0.03, 0.03), palette.GRIPPER, palette.HAND_ONLY_TOUCH)
 
 
 def _add_finger(hand: mujoco.MjsBody, name: str, side: float) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field, model_validator
 
 from cell.interfaces.model import Model
-from sim.hand_motion import MotionSettings
+from sim.person import PERSONS, Person
 
 
 class PhysicsSettings(Model):
@@ -74,38 +72,6 @@ class ClutterSettings(Model):
     rim_margin_m: float = Field(default=0.022, ge=0)
 
 
-class WorkerSettings(Model):
-    """Habits of the person.
-
-    Attributes:
-        order: in which order open positions are filled: at random, or p1, p2, ...
-        screw_probability: how likely it is that a part is screwed after it was placed.
-        unscrewed_limit: after this many placements without screwing, the person always screws.
-        screw_s: shortest and longest screwing.
-        screw_hz: slowest and fastest turning while screwing.
-        screw_radius_m: radius of the screwing motion.
-        screw_yaw_rad: how far the hand turns while screwing.
-        pause_s: shortest and longest reaction before each fetch.
-        robot_begins_s: how long the person waits after screwing for the robot to begin.
-        robot_stands_s: how long the person watches an arm that stands still away from its parking place.
-        retries: how often a part that does not sit well is placed again.
-        motion: how the hand moves.
-    """
-
-    order: Literal["random", "positions"] = "random"
-    screw_probability: float = Field(default=0.6, ge=0, le=1)
-    unscrewed_limit: int = Field(default=2, ge=1)
-    screw_s: tuple[float, float] = (4.0, 6.0)
-    screw_hz: tuple[float, float] = (1.5, 2.0)
-    screw_radius_m: float = Field(default=0.008, ge=0, le=0.01)
-    screw_yaw_rad: float = Field(default=0.12, ge=0, le=0.2)
-    pause_s: tuple[float, float] = (0.1, 0.5)
-    robot_begins_s: float = Field(default=2.5, ge=0)
-    robot_stands_s: float = Field(default=8.0, ge=0)
-    retries: int = Field(default=2, ge=0)
-    motion: MotionSettings = MotionSettings()
-
-
 class SimSettings(Model):
     """The simulated cell.
 
@@ -113,10 +79,10 @@ class SimSettings(Model):
         physics: time steps.
         noise: what the cameras add to their images.
         clutter: how parts stand in the tray.
-        worker: habits of the simulated person.
+        person: who stands at the bench.
     """
 
     physics: PhysicsSettings = PhysicsSettings()
     noise: CameraNoise = CameraNoise()
     clutter: ClutterSettings = ClutterSettings()
-    worker: WorkerSettings = WorkerSettings()
+    person: Person = PERSONS["careful"]

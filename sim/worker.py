@@ -18,13 +18,16 @@ from cell.interfaces.command import Display
 from cell.interfaces.perception import ActionKind
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
+from cell.interfaces.truth import TruthEvent
 from sim.hand import Hand, hand_rest_m
 from sim.handwork import ARCH_M, MOST_YAW_RAD, RELAXED_GAP_M, Handwork, ScrewMotion, Script, fold_yaw
-from sim.settings import WorkerSettings
+from sim.intrusion import Intrusion, Sequel
+from sim.person import Person, drawn
 from sim.worker_sight import GRASPABLE_TILT_RAD, SeenPart, Sight, WorkerWorld
 
 BEHIND_BRACKET_M = 0.26  # where the hand waits with a part while the arm is over the bracket
 AT_REST_M = 0.02
+OVER = object()
 PUNCTUATION = str.maketrans(",.;:()", "      ")
 
 
@@ -49,7 +52,12 @@ class Worker:
     Attributes:
         hand: where it is, for labels.
         events: what the hand did so far, in order.
+        acts: what the person did besides, mistakes and bad habits among it, in order.
         done: nothing is left that the person can do now, and the hand rests.
+
+    Args:
+        rng: for motions and order.
+        chance: for what not every person does; apart, so that it does not change the rest.
     """
 
     def __init__(
@@ -57,20 +65,21 @@ class Worker:
         world: WorkerWorld,
         product: Product,
         bench: Bench,
-        settings: WorkerSettings,
+        person: Person,
         goal: str,
         rng: np.random.Generator,
+        chance: np.random.Generator | None = None,
     ) -> None:
-        self._settings = settings
+        self._person = person
         self._rng = rng
         self._sight = Sight(world, product, bench)
         self.hand = Hand(world.model, world.data)
-        self._work = Handwork(self.hand, self._sight, product, settings.motion, rng)
+        self._work = Handwork(self.hand, self._sight, product, person.motion, rng)
         self._rest_m = np.array(hand_rest_m(bench))
         self._behind_m = bench.bracket.position_m[0] + BEHIND_BRACKET_M
         self._wanted = product.goal_placements(goal)
         self._order = list(product.positions)
-        if settings.order == "random":
+        if person.order == "random":
             self._order = [self._order[index] for index in rng.permutation(len(self._order))]
         self._tries = dict.fromkeys(product.positions, 0)
         self._unscrewed = 0
@@ -78,8 +87,13 @@ class Worker:
         self._answered: str | None = None
         self._time_s = 0.0
         self._action: tuple[ActionKind, str | None, str | None] | None = None
+        self._chance = chance or np.random.default_rng(0)
+        self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._note)
+        self._intruding: Script | None = None
         self._script = self._assemble()
+        self._told = 0, 0
         self.events: list[ActionEvent] = []
+        self.acts: list[TruthEvent] = []
         self.done = False
 
     def show(self, display: Display) -> None:
@@ -94,8 +108,46 @@ class Worker:
     def update(self, time_s: float, dt_s: float) -> None:
         """Let one control period pass."""
         self._time_s, self._work.dt_s = time_s, dt_s
-        next(self._script, None)
+        if self._intruding is None and self._tempted(dt_s):
+            self.intrude()
+        if self._intruding is None or next(self._intruding, OVER) is OVER:
+            self._intruding = None
+            next(self._script, None)
         self._work.send()
+
+    def intrude(self, sequel: Sequel | None = None, speed_m_s: float | None = None) -> None:
+        """Go into the arm's way now, whatever the hand was doing; what is not given is drawn from the habits."""
+        if self._intruding is None and self._sight.has_arm:
+            self._intruding = self._intrusion.script(sequel, speed_m_s)
+
+    @property
+    def intruding(self) -> bool:
+        """Whether the hand is in the arm's way on purpose, or on its way there or back."""
+        return self._intruding is not None
+
+    def news(self) -> list[TruthEvent]:
+        """Actions and acts since the last call, in order."""
+        actions, acts = self.events[self._told[0] :], self.acts[self._told[1] :]
+        self._told = len(self.events), len(self.acts)
+        return sorted([*map(_truth, actions), *acts], key=lambda event: event.time_s)
+
+    def _tempted(self, dt_s: float) -> bool:
+        """Whether the hand goes into the arm's way in this period: the arm moves, and the hand is free."""
+        often = self._person.robot.intrusions_per_min
+        if not often or not self._sight.arm_moving or self._action is None or self._action[0] == "assembly":
+            return False
+        return self._chance.random() < often / 60 * dt_s
+
+    def _polite(self) -> bool:
+        """Whether the person waits for the arm this time."""
+        share = self._person.robot.waits
+        polite = share >= 1 or self._chance.random() < share
+        if not polite:
+            self._note("does not wait")
+        return polite
+
+    def _note(self, act: str, **fields: object) -> None:
+        self.acts.append(TruthEvent(self._time_s, "act", {"act": act, **fields}))
 
     def _assemble(self) -> Script:
         self._begin("idle")
@@ -124,7 +176,7 @@ class Worker:
         return next(iter(asked + can_be_filled), None)
 
     def _can_fill(self, position: str) -> bool:
-        if self._tries[position] > self._settings.retries:
+        if self._tries[position] > self._person.retries:
             return False
         seen = self._sight.in_hole(position)
         if seen is None:
@@ -163,18 +215,19 @@ class Worker:
     def _carry_to_bracket(self, body: str, target_m: Array) -> Script:
         """Carry a part over its hole; while the arm is over the bracket, wait behind it."""
         while True:
-            if self._sight.arm_over_bracket:
+            if self._sight.arm_over_bracket and self._polite():
                 _, y, z = self._work.position_m
                 yield from self._work.reach(np.array([self._behind_m, y, max(float(z), self._work.clear_height_m)]))
                 yield from self._wait_while(lambda: self._sight.arm_over_bracket)
             yield from self._work.carry(body, target_m)
-            if not self._sight.arm_over_bracket:
+            if not self._sight.arm_over_bracket or not self._polite():
                 return
 
     def _wants_to_screw(self) -> bool:
+        habits = self._person.screw
         self._unscrewed += 1
-        wants = self._unscrewed >= self._settings.unscrewed_limit
-        wants = self._rng.random() < self._settings.screw_probability or wants
+        wants = self._unscrewed >= habits.unscrewed_limit
+        wants = self._rng.random() < habits.probability or wants
         self._unscrewed = 0 if wants else self._unscrewed
         return wants
 
@@ -182,16 +235,17 @@ class Worker:
         seen = self._sight.in_hole(position)
         if seen is None:
             return
-        habits = self._settings
+        habits = self._person.screw
         motion = ScrewMotion(
-            duration_s=float(self._rng.uniform(*habits.screw_s)),
-            rate_hz=float(self._rng.uniform(*habits.screw_hz)),
-            radius_m=habits.screw_radius_m,
-            yaw_rad=habits.screw_yaw_rad,
+            duration_s=drawn(habits.duration_s, self._rng),
+            rate_hz=drawn(habits.rate_hz, self._rng),
+            radius_m=drawn(habits.radius_m, self._rng),
+            yaw_rad=drawn(habits.yaw_rad, self._rng),
         )
+        polite = self._person.robot.waits >= 1 or self._chance.random() < self._person.robot.waits
         yield from self._work.reach_over(seen)
         self._begin("screw")
-        yield from self._work.screw(motion, stop=lambda: self._sight.arm_over_bracket)
+        yield from self._work.screw(motion, stop=lambda: polite and self._sight.arm_over_bracket)
         self._begin("transit")
         yield from self._work.back_off()
 
@@ -202,18 +256,18 @@ class Worker:
         self._begin("idle")
 
     def _pause(self) -> Script:
-        yield from self._work.wait(float(self._rng.uniform(*self._settings.pause_s)))
+        yield from self._work.wait(drawn(self._person.pause_s, self._rng))
 
     def _wait_for_robot_to_begin(self) -> Script:
-        yield from self._wait_while(lambda: self._sight.arm_parked and not self._asked, self._settings.robot_begins_s)
+        yield from self._wait_while(lambda: self._sight.arm_parked and not self._asked, self._person.robot.begins_s)
 
     def _let_robot_work(self) -> Script:
         """Rest while the arm moves or is not parked; go on if it just stands there or asks for help."""
-        if self._sight.arm_parked:
+        if self._sight.arm_parked or not self._polite():
             return
         yield from self._go_to_rest()
         still_s = 0.0
-        while not self._sight.arm_parked and still_s < self._settings.robot_stands_s:
+        while not self._sight.arm_parked and still_s < self._person.robot.stands_s:
             if self._asked and not self._sight.arm_over_bracket:
                 return
             busy = self._sight.arm_moving or self._sight.arm_over_bracket
@@ -243,3 +297,8 @@ class Worker:
 
 def _graspable(seen: SeenPart) -> bool:
     return seen.tilt_rad < GRASPABLE_TILT_RAD and abs(fold_yaw(seen.pose.yaw_rad)) < MOST_YAW_RAD
+
+
+def _truth(event: ActionEvent) -> TruthEvent:
+    fields = {"action": event.kind, "edge": event.edge, "part": event.part, "position": event.position}
+    return TruthEvent(event.time_s, "action", fields)

@@ -60,7 +60,7 @@ class Sight:
     """Reads the world as a person's eyes do; everything is looked up anew at each call."""
 
     def __init__(self, world: WorkerWorld, product: Product, bench: Bench) -> None:
-        self._data = world.data
+        self._model, self._data = world.model, world.data
         self._product = product
         self._bench = bench
         model = world.model
@@ -72,7 +72,8 @@ class Sight:
         joints = [name for index in range(model.njnt) for name in [model.joint(index).name] if _is_arm(name)]
         self._arm_qpos = [int(model.joint(name).qposadr[0]) for name in joints]
         self._arm_dofs = [int(model.joint(name).dofadr[0]) for name in joints]
-        self._tool = next((index for index in range(model.nbody) if model.body(index).name == "tool0"), None)
+        bodies = {model.body(index).name: index for index in range(model.nbody)}
+        self._flange, self._tool = bodies.get("tool0"), bodies.get("tool")
 
     def part(self, body: str) -> SeenPart:
         """One part by the name of its body."""
@@ -109,6 +110,19 @@ class Sight:
         return sorted(own, key=lambda one: -one.pose.position_m[1])
 
     @property
+    def has_arm(self) -> bool:
+        """Whether a robot stands at the bench."""
+        return self._tool is not None
+
+    def tool(self) -> tuple[Array, Array]:
+        """Where the arm's tool is (3,) and its velocity (3,) in [m/s]; only where there is an arm."""
+        assert self._tool is not None
+        spin_and_speed = np.zeros(6)
+        kind = mujoco.mjtObj.mjOBJ_XBODY
+        mujoco.mj_objectVelocity(self._model, self._data, kind, self._tool, spin_and_speed, 0)
+        return self._data.xpos[self._tool].copy(), spin_and_speed[3:]
+
+    @property
     def arm_moving(self) -> bool:
         """Whether any joint of the arm moves."""
         return bool(self._arm_dofs) and float(np.abs(self._data.qvel[self._arm_dofs]).max()) > ARM_MOVING_RAD_S
@@ -124,12 +138,12 @@ class Sight:
     @property
     def arm_over_bracket(self) -> bool:
         """Whether the arm's hand is over the bracket or right beside it."""
-        if self._tool is None:
+        if self._flange is None:
             return False
         holes: Array = np.array(list(self.holes_m.values()))
-        tool = self._data.xpos[self._tool]
+        flange = self._data.xpos[self._flange]
         low, high = holes.min(axis=0) - ARM_NEAR_BRACKET_M, holes.max(axis=0) + ARM_NEAR_BRACKET_M
-        return bool(np.all(tool[:2] > low[:2]) and np.all(tool[:2] < high[:2]))
+        return bool(np.all(flange[:2] > low[:2]) and np.all(flange[:2] < high[:2]))
 
 
 def _is_arm(joint: str) -> bool:

@@ -85,6 +85,9 @@ def run(
     config: ConfigOption = CONFIGURATION,
     goal: Annotated[str, typer.Option(help="What the simulated person assembles: a goal's name or random.")] = "random",
     seed: SeedOption = 0,
+    person: Annotated[
+        str | None, typer.Option(help="The simulated person: careful, ordinary, careless, or a YAML file.")
+    ] = None,
     pace: Annotated[Pace, typer.Option(help="fast: as fast as it goes; real: tied to the wall clock.")] = Pace.fast,
     log: Annotated[Path | None, typer.Option(help="Log file (MCAP); a new one in runs/ by default.")] = None,
     monitor: Annotated[bool, typer.Option("--monitor", help="Let Groot2 watch, on this machine only.")] = False,
@@ -105,7 +108,7 @@ def run(
     screen = console()
     port = monitor_port if monitor or monitor_hooks else None
     options = running.RunOptions(
-        tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch, live_port if live else None
+        tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch, live_port if live else None, person
     )
     result = running.run(options, screen)
     screen.print(table("run", result.summary))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,6 +10,7 @@ from cell.interfaces.clock import Clock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.perception import Frame
+from cell.interfaces.truth import TruthEvent
 
 
 class Camera(Protocol):
@@ -87,6 +88,7 @@ class Devices:
     Attributes:
         report: how the finished assembly is judged, by keys of `cell run --json`; empty where nobody can judge.
         close: lets go of everything.
+        truth: what really happened since the last call, for the log alone; empty where nobody knows.
     """
 
     clock: Clock
@@ -96,3 +98,4 @@ class Devices:
     panel: Panel
     report: Callable[[], dict[str, object]]
     close: Callable[[], None]
+    truth: Callable[[], Sequence[TruthEvent]] = tuple

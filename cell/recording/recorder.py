@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from cell.configuration import LogSettings
 from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.truth import TruthEvent
 from cell.observer import Level, Outcome, TickRecord
 from cell.recording import joint_samples
 from cell.recording.file import Heading as Heading  # who opens a recorder needs it
@@ -54,6 +55,7 @@ class McapRecorder:
         cell: CellModel | None = None,
         alarm: Callable[[float, Level, str], None] = lambda *_: None,
         blackboard: Callable[[], Mapping[str, object]] = dict,
+        truth: Callable[[], Sequence[TruthEvent]] = tuple,
     ) -> None:
         """Open the file.
 
@@ -61,6 +63,7 @@ class McapRecorder:
             cell: what viewers need to show robot and bench; None for a log without frames, bodies and overlays.
             alarm: told (clock time, level, text) when the disk refuses and when it takes bytes again.
             blackboard: what the tree's blackboard holds, for the beginning of each part of a rotated log.
+            truth: what really happened since the last call, where the devices know it.
 
         Raises:
             InputError: the file cannot be written.
@@ -86,6 +89,7 @@ class McapRecorder:
         self._bench: BenchView | None = None
         self._parts: PartsView | None = None
         self._snapshot = Snapshot(blackboard)
+        self._truth = truth
         self._can: list[CanFrame] = []
         self._tick = 0
         self._closed = False
@@ -255,11 +259,13 @@ class McapRecorder:
         self._write("/command", stamp_ns, values)
 
     def _write_collected(self) -> None:
-        """CAN frames since the last tick, and images of the tick before: they have been encoded meanwhile."""
+        """CAN frames and truth since the last tick, and images of the tick before: they have been encoded meanwhile."""
         for can in self._can:
             values = {"id": can.identifier, "sent": can.sent, "data_hex": can.data.hex()}
             self._write("/can", _nanoseconds(can.time_s), values)
         self._can.clear()
+        for event in self._truth():
+            self._write("/truth", _nanoseconds(event.time_s), {"kind": event.kind, **plain(event.fields)})
         for frame, jpeg in self._encoder.take():
             if frame.camera not in self._images:
                 self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self.context)

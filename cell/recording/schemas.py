@@ -41,6 +41,7 @@ _FIELDS: dict[str, dict[str, dict[str, str]]] = {
     "/edit": {"tick": INTEGER, "files": OBJECT},
     "/hook": {"tick": INTEGER, "order": TEXT, "body": OBJECT},
     "/snapshot": {"tick": INTEGER, "statuses": OBJECT, "blackboard": OBJECT, "display": OBJECT},
+    "/truth": {"kind": TEXT, "act": TEXT, "action": TEXT, "edge": TEXT},
     "/can": {"id": INTEGER, "sent": FLAG, "data_hex": TEXT},
 }
 TOPICS = tuple(_FIELDS)

@@ -9,13 +9,13 @@ from cell.interfaces.command import Display
 from cell.interfaces.pose import Pose
 from sim.clutter import ScenePart
 from sim.hand import Hand
-from sim.settings import WorkerSettings
+from sim.person import Person, ScrewHabits
 from sim.world import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_with_hand
 
 GOALS = tuple(product().goals)
 ARM_OVER_BRACKET_RAD = (-0.1, -1.6, 1.7, -1.67, -1.57, 0.0)
-BRISK = WorkerSettings(screw_probability=0.0, unscrewed_limit=9)
+BRISK = Person(screw=ScrewHabits(probability=0.0, unscrewed_limit=9))
 
 
 def hole(position: str, height_m: float = 0.0) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
 from sim.clutter import ScenePart
 from sim.hand import add_hand
-from sim.settings import WorkerSettings
+from sim.person import Person
 from sim.worker import Worker
 from sim.world import World, build_world
 
@@ -41,11 +41,11 @@ class Shift:
     """A worker in a world, advanced together."""
 
     def __init__(
-        self, goal: str = "g0", seed: int = 0, settings: WorkerSettings | None = None, world: World | None = None
+        self, goal: str = "g0", seed: int = 0, settings: Person | None = None, world: World | None = None
     ) -> None:
         self.world = world or world_with_hand()
         rng = np.random.default_rng(seed)
-        self.worker = Worker(self.world, product(), bench(), settings or WorkerSettings(), goal, rng)
+        self.worker = Worker(self.world, product(), bench(), settings or Person(), goal, rng)
         self.goal = goal
         self.time_s = 0.0
 

@@ -1,0 +1,96 @@
+"""A hand that goes into the way of a moving arm, and what it does there; generators, each `yield` is a period."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from cell.interfaces.pose import Array
+from sim.hand_motion import PEAK_TO_MEAN
+from sim.handwork import ARCH_M, RELAXED_GAP_M, Handwork, Script
+from sim.person import BesideRobot, drawn
+from sim.worker_sight import Sight
+
+Sequel = Literal["withdraw", "freeze", "pull"]
+
+SHOULDER_M = (1.45, 0.14, 0.35)
+ARM_LENGTH_M = 0.95
+LOWEST_M = 0.05
+LOOK_AHEAD_S = 0.6
+PULL_M_S = 0.5
+HALF_HAND_M = 0.05  # what reaches the arm first is the middle of the hand, not the fingertips
+
+
+class Intrusion:
+    """Sends the hand to where the arm's tool will be.
+
+    Args:
+        note: told each act by its name, with numbers.
+    """
+
+    def __init__(
+        self,
+        work: Handwork,
+        sight: Sight,
+        habits: BesideRobot,
+        rng: np.random.Generator,
+        note: Callable[..., None],
+    ) -> None:
+        self._work, self._sight, self._habits = work, sight, habits
+        self._rng, self._note = rng, note
+
+    def script(self, sequel: Sequel | None = None, speed_m_s: float | None = None) -> Script:
+        """Reach into the arm's way, stay, withdraw or pull, and come back to where the hand was.
+
+        Args:
+            sequel, speed_m_s: drawn from the person's habits where they are not given.
+        """
+        speed = drawn(self._habits.intrusion_m_s, self._rng) if speed_m_s is None else speed_m_s
+        sequel = self._draw_sequel() if sequel is None else sequel
+        start_m, yaw_rad, gap_m = self._work.position_m, self._work.yaw_rad, self._work.gap_m
+        self._note("intrude", speed_m_s=speed)
+        yield from self._reach_into_way(speed)
+        self._note(sequel)
+        if sequel == "freeze":
+            yield from self._work.wait(drawn(self._habits.freeze_s, self._rng))
+        elif sequel == "pull":
+            yield from self._pull()
+        yield from self._work.reach(start_m, yaw_rad, gap_m, arch_m=ARCH_M)
+        self._note("back")
+
+    def _draw_sequel(self) -> Sequel:
+        chance = self._rng.random()
+        if chance < self._habits.freezes:
+            return "freeze"
+        return "pull" if chance < self._habits.freezes + self._habits.pulls else "withdraw"
+
+    def _reach_into_way(self, speed_m_s: float) -> Script:
+        """One reach to where the tool will be when the hand arrives."""
+        tool_m, velocity_m_s = self._sight.tool()
+        far_m = float(np.linalg.norm(tool_m - self._work.position_m))
+        arrives_s = min(PEAK_TO_MEAN * far_m / speed_m_s, LOOK_AHEAD_S)
+        target_m = within_reach(tool_m + velocity_m_s * arrives_s - np.array([HALF_HAND_M, 0.0, 0.0]))
+        duration_s = PEAK_TO_MEAN * float(np.linalg.norm(target_m - self._work.position_m)) / speed_m_s
+        yield from self._work.reach(target_m, 0.0, RELAXED_GAP_M, duration_s=duration_s)
+
+    def _pull(self) -> Script:
+        """Pinch what is between the fingers now, pull it towards the person and let go."""
+        tool_m, _ = self._sight.tool()
+        yield from self._work.reach(within_reach(tool_m), 0.0, 0.08)
+        yield from self._work.pinch(0.0)
+        away_m = self._work.position_m + np.array([drawn(self._habits.pull_m, self._rng), 0.0, 0.03])
+        duration_s = PEAK_TO_MEAN * float(np.linalg.norm(away_m - self._work.position_m)) / PULL_M_S
+        yield from self._work.reach(away_m, duration_s=duration_s)
+        yield from self._work.pinch(0.08)
+
+
+def within_reach(target_m: Array) -> Array:
+    """The point (3,) nearest to the target that a seated person's fingertips reach, above the bench."""
+    shoulder = np.array(SHOULDER_M)
+    along = target_m - shoulder
+    far_m = float(np.linalg.norm(along))
+    point: Array = shoulder + along * min(1.0, ARM_LENGTH_M / max(far_m, 1e-9))
+    point[2] = max(point[2], LOWEST_M)
+    return point

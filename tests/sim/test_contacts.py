@@ -1,0 +1,63 @@
+"""Hand and robot touch each other, and every contact is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.pose import Array
+from cell.interfaces.product import Product
+from sim.cell import SimCell
+from sim.contacts import ContactMonitor
+from sim.person import BesideRobot, Person
+from sim.settings import SimSettings
+
+SWEEP_RAD = (0.75, 0.0, 0.0, 0.0, 0.0, 0.0)  # of the base: the tool goes from the tray to the bracket
+RUDE = Person(robot=BesideRobot(waits=0.0))
+
+
+@pytest.fixture
+def cell(product: Product, bench: Bench) -> Iterator[SimCell]:
+    """No frames, and a person who waits for nothing."""
+    slow = bench.overhead.model_copy(update={"rate_hz": 0.01})
+    blind = bench.model_copy(update={"overhead": slow})
+    opened = SimCell(product, blind, SimSettings(person=RUDE), "virtual", "contacts", 1, "g0")
+    yield opened
+    opened.close()
+
+
+def sweep(cell: SimCell, by_rad: tuple[float, ...], duration_s: float) -> None:
+    """Turn the arm smoothly; it goes on while time passes."""
+    start = np.array(cell.arm.state().positions_rad)
+    times: Array = np.linspace(0.0, duration_s, round(duration_s / 0.008) + 1)
+    share = times / times[-1]
+    share = 10 * share**3 - 15 * share**4 + 6 * share**5
+    cell.arm.follow(JointTrajectory(times, start + np.outer(share, by_rad)))
+
+
+def contacts(cell: SimCell) -> ContactMonitor:
+    assert cell.contacts is not None
+    return cell.contacts
+
+
+def test_a_hand_in_the_way_of_the_moving_arm_is_a_contact(cell: SimCell) -> None:
+    assert cell.worker is not None
+    sweep(cell, SWEEP_RAD, 1.6)
+    cell.devices.clock.sleep_until(0.4)
+    cell.worker.intrude("freeze", speed_m_s=1.6)
+    cell.devices.clock.sleep_until(6.0)
+    [first, *_] = contacts(cell).all()
+    assert first.robot in {"gripper", "tool", "finger_left", "finger_right", "wrist_3_link", "wrist_2_link"}
+    assert first.speed_m_s > 0.25
+    assert first.force_n > 20.0
+    report = cell.report()
+    assert report["contacts"] == len(contacts(cell).all())
+    assert report["contact_speed_m_s"] == pytest.approx(max(one.speed_m_s for one in contacts(cell).all()), abs=1e-3)
+    told = [event.fields for event in cell.truth()]
+    acts = [fields["act"] for fields in told if "act" in fields]
+    assert acts[acts.index("intrude") :][:3] == ["intrude", "freeze", "back"]
+    assert any(fields.get("edge") == "start" and "point_m" in fields for fields in told)

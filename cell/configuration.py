@@ -15,6 +15,8 @@ from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml, place_of
 from learned.classical.settings import PerceptionSettings as ClassicalSettings
+from sim.look_range import look_range
+from sim.person import load_person
 from sim.settings import SimSettings
 from skills.settings import CanSettings, MotionSettings
 from trees.guard import GuardSettings
@@ -157,6 +159,26 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     return read.model_copy(
         update={"product": folder / read.product, "planners": read.planners.model_copy(update=planners), "log": log}
     )
+
+
+def simulated(configuration: Configuration, look: str | None = None, person: str | None = None) -> Configuration:
+    """The same cell with another look or person in its simulation; None leaves the configured one.
+
+    Args:
+        look: a preset, one section of it as in "hard:light", or a look file.
+        person: a person's name or file.
+
+    Raises:
+        InputError: there is no such look or person, or the file is wrong.
+    """
+    changes: dict[str, object] = {}
+    if look is not None:
+        changes["look"] = look_range(look)
+    if person is not None:
+        changes["person"] = load_person(person)
+    simulation = configuration.devices.simulation.model_copy(update=changes)
+    devices = configuration.devices.model_copy(update={"simulation": simulation})
+    return configuration.model_copy(update={"devices": devices})
 
 
 def _weights(name: str, planner: PlannerSettings, folder: Path) -> Path:

@@ -12,9 +12,17 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
+import yaml
 from rich.console import Console
 
-from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration, load_configuration, load_product
+from cell.configuration import (
+    DEFAULT_CONFIGURATION,
+    DEFAULT_TREE,
+    Configuration,
+    load_configuration,
+    load_product,
+    simulated,
+)
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError, Problem
@@ -35,7 +43,6 @@ from cell.viewing.contact_sheet import ContactSheet
 from cell.viewing.live_server import LiveServer
 from cell.viewing.monitor import Monitor
 from cell.viewing.progress import LiveProgress
-from sim.person import load_person
 from skills.can_gripper import CanGripper, Tap, open_bus
 from skills.planner import MotionPlanner
 from trees.engine.tree import Tree
@@ -57,6 +64,7 @@ class RunOptions:
         watch: take over edits of the tree file while it runs.
         live_port: where Foxglove and other viewers may connect; None for no server.
         person: a simulated person's name or file; None for the configuration's.
+        look: what the simulated cell looks like, a preset or a file; None for what the configuration says.
     """
 
     tree: Path = DEFAULT_TREE
@@ -70,6 +78,7 @@ class RunOptions:
     watch: bool = False
     live_port: int | None = None
     person: str | None = None
+    look: str | None = None
 
 
 @dataclass(frozen=True)
@@ -96,7 +105,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
         InputError, ModelError: nothing has moved.
         DeviceFault: a device could not be opened.
     """
-    configuration = _simulated(load_configuration(options.configuration), options)
+    configuration = simulated(load_configuration(options.configuration), options.look, options.person)
     product = load_product(configuration, options.configuration)
     files = Files(configuration, product, load_tree(options.tree, node_registry()))
     log = options.log or _new_log(configuration.log.folder, options.seed)
@@ -138,15 +147,6 @@ def run(options: RunOptions, console: Console) -> RunResult:
         ticked = _watched(options, files.tree, observers, recorder, monitor) if options.watch else files.tree
         outcome = drive(files, devices, motion, observers, recorder.can_frame, options.pace, ticked)
         return RunResult(outcome, _summary(options, files, outcome, statistics, devices, recorder, sheet.path))
-
-
-def _simulated(configuration: Configuration, options: RunOptions) -> Configuration:
-    """The configuration with what the options say of the simulated cell."""
-    if options.person is None:
-        return configuration
-    simulation = configuration.devices.simulation.model_copy(update={"person": load_person(options.person)})
-    devices = configuration.devices.model_copy(update={"simulation": simulation})
-    return configuration.model_copy(update={"devices": devices})
 
 
 def drive(
@@ -230,6 +230,8 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
         "simulation.json": ("application/json", files.configuration.devices.simulation.model_dump_json().encode()),
     }
+    look = files.configuration.devices.simulation.look.draw(options.seed)
+    attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
     for name, text in _texts(options, files.tree).items():
         attachments[name] = ("application/xml", text.encode())
     values = {
@@ -239,6 +241,7 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         "person": options.person or "as configured",
         "tree": options.tree.name,
         "perception": files.configuration.perception.kind,
+        "look": files.configuration.devices.simulation.look.name,
     }
     for name, planner in files.configuration.planners:
         values[f"planner.{name}"] = planner.kind

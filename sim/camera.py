@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.perception import Frame
-from sim.settings import CameraNoise
+from sim.look import Camera
 from sim.world import World
 
 SLACK_S = 1e-6
@@ -54,15 +54,15 @@ class SimCamera:
         setup: CameraSetup,
         world: World,
         studio: Studio,
-        noise: CameraNoise,
+        look: Camera,
         rng: np.random.Generator,
     ) -> None:
         self._name, self._setup = name, setup
         self._world, self._studio = world, studio
-        self._noise, self._rng = noise, rng
+        self._look, self._rng = look, rng
         # Drawing a normal number for each pixel costs as much as rendering, so frames cut theirs from a longer bank.
         size = setup.width_px * setup.height_px * 3
-        bank = rng.standard_normal(BANK_FRAMES * size, dtype=np.float32) * noise.gaussian_levels
+        bank = rng.standard_normal(BANK_FRAMES * size, dtype=np.float32) * look.noise_levels
         self._bank = np.rint(bank).astype(np.int16)
         self._sequence = 0
         self._triggered = False
@@ -89,10 +89,10 @@ class SimCamera:
         self._sequence += 1
 
     def _spoil(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        gain = max(0.0, 1.0 + self._noise.brightness_jitter * self._rng.standard_normal())
+        gain = max(0.0, 1.0 + self._look.brightness_jitter * self._rng.standard_normal())
         start = int(self._rng.integers(self._bank.size - image.size + 1))
         grain = self._bank[start : start + image.size].reshape(image.shape)
-        blur = self._noise.blur_px
+        blur = self._look.blur_px
         seen = cv2.GaussianBlur(image, (0, 0), blur) if blur > 0 else image
         bright = cv2.convertScaleAbs(seen, alpha=gain)
         spoiled: NDArray[np.uint8] = cv2.add(bright, grain, dtype=cv2.CV_8U).astype(np.uint8, copy=False)

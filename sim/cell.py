@@ -48,6 +48,7 @@ class SimCell:
         clutter: parts in the tray; by default one product's set, cluttered at random.
 
     Attributes:
+        look: drawn by the seed from the settings' range.
         world, score, contacts, gripper_node, worker: for tests and data sets; the controller gets `devices` alone.
     """
 
@@ -68,10 +69,10 @@ class SimCell:
         goal = _chosen_goal(product, goal, streams[0])
         if clutter is None:
             clutter = sample_clutter(product, bench.tray, full_set(product), streams[1], settings.clutter)
+        self.look = settings.look.draw(seed)
         scene = (*person_set(product, bench), *clutter) if worker else tuple(clutter)
-        self.world = build_world(
-            product, bench, scene, settings.physics, partial(add_hand, bench=bench) if worker else None
-        )
+        hand = partial(add_hand, bench=bench, person=self.look.person) if worker else None
+        self.world = build_world(product, bench, scene, settings.physics, hand, self.look)
         self.worker = (
             Worker(self.world, product, bench, settings.person, goal, streams[2], streams[5]) if worker else None
         )
@@ -81,8 +82,8 @@ class SimCell:
         self.score = Score(self.world, goal)
         self.contacts = ContactMonitor(self.world, lambda: self.arm.driven_rad_s) if worker else None
         self._studio = Studio(self.world)
-        overhead = SimCamera("overhead", bench.overhead, self.world, self._studio, settings.noise, streams[3])
-        wrist = SimCamera("wrist", bench.wrist, self.world, self._studio, settings.noise, streams[4])
+        overhead = SimCamera("overhead", bench.overhead, self.world, self._studio, self.look.camera, streams[3])
+        wrist = SimCamera("wrist", bench.wrist, self.world, self._studio, self.look.camera, streams[4])
         actors: list[Actor] = [self.arm, self.gripper_node]
         if self.worker is not None:
             actors.append(self.worker)

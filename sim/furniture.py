@@ -11,6 +11,8 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from sim import palette
+from sim.lighting import add_table_material
+from sim.look import Surfaces
 from sim.palette import add_box
 
 TABLE_SIZE_M = (1.90, 2.10, 0.04)
@@ -20,20 +22,26 @@ WALL_M = 0.006
 BIN_FLOOR_M = 0.004
 BIN_RIM_M = 0.006
 BIN_GAP_M = 0.032  # between bodies in a bin: room for a thumb beside a finger
+PLATE_SHININESS = 0.5
 RELIEF_M = 0.0004  # plate pieces beside a hole lie this much lower, so that bodies rest on the two long ones alone
 
 
-def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench) -> None:
+def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, surfaces: Surfaces) -> None:
     """Add everything that does not move."""
     world = spec.worldbody
     x, y = TABLE_CENTRE_M
-    add_box(world, (x, y, -TABLE_SIZE_M[2] / 2), TABLE_SIZE_M, palette.TABLE)
-    add_box(world, (x, y, ROOM_FLOOR_M), (6.0, 6.0, 0.02), palette.FLOOR, palette.NO_TOUCH)
-    _add_bracket(world, product, bench)
-    _add_tray(world, bench)
+    table = add_box(world, (x, y, -TABLE_SIZE_M[2] / 2), TABLE_SIZE_M, surfaces.table_rgb)
+    if material := add_table_material(spec, surfaces):
+        table.material, table.rgba = material, [1.0] * 4
+    add_box(world, (x, y, ROOM_FLOOR_M), (6.0, 6.0, 0.02), surfaces.floor_rgb, palette.NO_TOUCH)
+    _add_bracket(world, product, bench, surfaces.plate_rgb)
+    spec.add_material(name="plate", specular=surfaces.plate_shine, shininess=PLATE_SHININESS)
+    for geom in spec.body("bracket").geoms:
+        geom.material = "plate"
+    _add_tray(world, bench, surfaces.tray_rgb)
     for name, centre in bench.bins_m.items():
         if name in product.parts:
-            _add_bin(world, product, name, centre)
+            _add_bin(world, product, name, centre, surfaces.bin_rgb)
 
 
 def bin_spots(product: Product, bench: Bench, name: str) -> tuple[tuple[float, float, float], ...]:
@@ -45,20 +53,22 @@ def bin_spots(product: Product, bench: Bench, name: str) -> tuple[tuple[float, f
     return tuple((x, first + pitch * i, z + part.peg_length_m) for i in range(part.quantity))
 
 
-def _add_bin(world: mujoco.MjsBody, product: Product, name: str, centre_m: tuple[float, float, float]) -> None:
+def _add_bin(
+    world: mujoco.MjsBody, product: Product, name: str, centre_m: tuple[float, float, float], rgb: palette.Rgb
+) -> None:
     part = product.parts[name]
     x, y, z = centre_m
     length = part.size_m[0] + 0.04
     width = (part.size_m[1] + BIN_GAP_M) * part.quantity
-    add_box(world, (x, y, z - BIN_FLOOR_M / 2), (length, width, BIN_FLOOR_M), palette.BIN)
-    _add_rim(world, (x, y, z - BIN_FLOOR_M), (length, width), BIN_FLOOR_M + BIN_RIM_M, palette.BIN)
+    add_box(world, (x, y, z - BIN_FLOOR_M / 2), (length, width, BIN_FLOOR_M), rgb)
+    _add_rim(world, (x, y, z - BIN_FLOOR_M), (length, width), BIN_FLOOR_M + BIN_RIM_M, rgb)
 
 
-def _add_tray(world: mujoco.MjsBody, bench: Bench) -> None:
+def _add_tray(world: mujoco.MjsBody, bench: Bench, rgb: palette.Rgb) -> None:
     x, y, z = bench.tray.centre_m
     length, width = bench.tray.size_m
-    add_box(world, (x, y, z / 2), (length, width, z), palette.TRAY)
-    _add_rim(world, (x, y, 0.0), (length, width), z + bench.tray.wall_m, palette.TRAY)
+    add_box(world, (x, y, z / 2), (length, width, z), rgb)
+    _add_rim(world, (x, y, 0.0), (length, width), z + bench.tray.wall_m, rgb)
 
 
 def _add_rim(
@@ -76,7 +86,7 @@ def _add_rim(
         add_box(world, along, (inner_m[0], WALL_M, height_m), rgb)
 
 
-def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench) -> None:
+def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench, rgb: palette.Rgb) -> None:
     """A plate with octagonal holes on a dark foot, so that a camera tells an empty hole from a filled one."""
     pose = bench.bracket.pose
     bracket = world.add_body(name="bracket", pos=list(pose.position_m), quat=list(pose.quaternion_wxyz))
@@ -95,15 +105,17 @@ def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench) -> None:
             relief = RELIEF_M if inside else 0.0
             centre = (middle, (left + right) / 2, -relief - (plate.thickness_m - relief) / 2)
             size = (bottom - top, right - left, plate.thickness_m - relief)
-            add_box(bracket, centre, size, palette.STEEL)
+            add_box(bracket, centre, size, rgb)
     for hole in holes:
-        _add_corners(bracket, hole, radius, plate.thickness_m)
+        _add_corners(bracket, hole, radius, plate.thickness_m, rgb)
     foot = pose.position_m[2] - max(plate.thickness_m, _longest_peg_m(product) + 0.002)
     centre = ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, foot / 2 - pose.position_m[2])
     add_box(bracket, centre, (high[0] - low[0] - 0.01, high[1] - low[1] - 0.01, foot), palette.HOLE)
 
 
-def _add_corners(bracket: mujoco.MjsBody, hole: tuple[float, float], radius_m: float, thickness_m: float) -> None:
+def _add_corners(
+    bracket: mujoco.MjsBody, hole: tuple[float, float], radius_m: float, thickness_m: float, rgb: palette.Rgb
+) -> None:
     """Turn a square opening into the octagon around the same circle."""
     depth = radius_m * (math.sqrt(2.0) - 1.0)  # of a corner, measured along the diagonal
     for quarter in range(4):
@@ -111,7 +123,7 @@ def _add_corners(bracket: mujoco.MjsBody, hole: tuple[float, float], radius_m: f
         reach = radius_m + depth / 2
         centre = (hole[0] + reach * math.cos(angle), hole[1] + reach * math.sin(angle), -RELIEF_M - thickness_m / 2)
         size = (depth, 2 * depth, thickness_m - RELIEF_M)
-        corner = add_box(bracket, centre, size, palette.STEEL)
+        corner = add_box(bracket, centre, size, rgb)
         corner.quat = [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
 
 

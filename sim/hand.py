@@ -14,8 +14,8 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
 from sim import palette
+from sim.look import NOMINAL, Appearance
 
-COLOURS = {"hand_skin": (0.85, 0.62, 0.48, 1.0), "hand_sleeve": (0.20, 0.20, 0.21, 1.0)}
 SPECULAR = 0.1
 PALM_BEHIND_TIPS_M = 0.105  # the rest position of the bench file is that of the palm's middle
 PALM_M = (0.108, 0.037, 0.050)
@@ -76,10 +76,10 @@ SLEEVE: Segment = ((0.205, 0.058, 0.072), (0.400, 0.110, 0.140), 0.036)
 WRIST: Segment = ((0.135, 0.042, 0.054), (0.205, 0.058, 0.072), 0.027)
 
 
-def add_hand(spec: mujoco.MjSpec, bench: Bench) -> None:
+def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.person) -> None:
     """Add the hand to a world that is not yet compiled; with all controls at 0 it rests."""
-    for name, rgba in COLOURS.items():
-        spec.add_material(name=name, rgba=rgba, specular=SPECULAR, shininess=SPECULAR)
+    for name, rgb in (("hand_skin", person.hand_rgb), ("hand_sleeve", person.sleeve_rgb)):
+        spec.add_material(name=name, rgba=(*rgb, 1.0), specular=SPECULAR, shininess=SPECULAR)
     rest_m = hand_rest_m(bench)
     hand = spec.worldbody.add_body(name="hand", pos=rest_m, gravcomp=1)
     for name, axis in zip(GANTRY[:3], np.eye(3), strict=True):

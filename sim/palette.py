@@ -1,7 +1,4 @@
-"""Colours of everything in the cell but the parts, and helpers that add primitive shapes to a model.
-
-Nothing here is as saturated as the parts' paint, and light steel stays below white under the lights.
-"""
+"""Colours that are the same in every look, and helpers that add primitive shapes to a model (the rest: sim/look.py)."""
 
 from __future__ import annotations
 
@@ -9,12 +6,7 @@ from collections.abc import Sequence
 
 import mujoco
 
-TABLE = (0.24, 0.22, 0.19)
-FLOOR = (0.35, 0.35, 0.34)
-STEEL = (0.46, 0.47, 0.48)
 HOLE = (0.02, 0.02, 0.02)
-TRAY = (0.16, 0.16, 0.17)
-BIN = (0.34, 0.31, 0.25)
 LINK = (0.58, 0.61, 0.64)
 JOINT = (0.34, 0.42, 0.50)
 GRIPPER = (0.15, 0.15, 0.16)

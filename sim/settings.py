@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from pydantic import Field, model_validator
+from typing import Annotated
+
+from pydantic import Field, WithJsonSchema, model_validator
 
 from cell.interfaces.model import Model
+from sim.look_range import LookRange
 from sim.person import PERSONS, Person
+
+LOOK_AS_WRITTEN = {"anyOf": [{"type": "string"}, {"type": "object"}]}
 
 
 class PhysicsSettings(Model):
@@ -42,20 +47,6 @@ class PhysicsSettings(Model):
         return round(self.control_period_s / self.step_s)
 
 
-class CameraNoise(Model):
-    """What a sensor does to an image.
-
-    Attributes:
-        gaussian_levels: standard deviation of every pixel's noise, in grey levels of 255.
-        brightness_jitter: standard deviation of a whole frame's gain.
-        blur_px: standard deviation of the lens's blur, which also softens the renderer's jagged edges.
-    """
-
-    gaussian_levels: float = Field(default=2.0, ge=0)
-    brightness_jitter: float = Field(default=0.01, ge=0)
-    blur_px: float = Field(default=0.6, ge=0)
-
-
 class ClutterSettings(Model):
     """How parts stand in the tray.
 
@@ -77,12 +68,14 @@ class SimSettings(Model):
 
     Attributes:
         physics: time steps.
-        noise: what the cameras add to their images.
+        look: preset or file of looks, or a look file's content; each run's look is drawn from it by the seed.
         clutter: how parts stand in the tray.
         person: who stands at the bench.
     """
 
     physics: PhysicsSettings = PhysicsSettings()
-    noise: CameraNoise = CameraNoise()
+    look: Annotated[LookRange, WithJsonSchema(LOOK_AS_WRITTEN)] = Field(
+        default=LookRange(), json_schema_extra={"default": "nominal"}
+    )
     clutter: ClutterSettings = ClutterSettings()
     person: Person = PERSONS["careful"]

@@ -15,13 +15,14 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.clutter import Owner, ScenePart
 from sim.furniture import add_furniture, bin_spots
+from sim.lighting import add_lights, fit_shadows
+from sim.look import NOMINAL, Look, MountError
 from sim.parts import add_part
 from sim.robot import STROKE_M, add_gripper, arm_spec
 from sim.settings import PhysicsSettings
 
 # MuJoCo's cameras look along -z with y up; ours along z with y down.
 CAMERA_FROM_MUJOCO = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
-LIGHTS_M = ((0.3, -0.6, 2.2), (1.2, 0.9, 2.2))
 
 
 @dataclass(frozen=True)
@@ -47,16 +48,24 @@ class World:
     """A compiled cell and its state.
 
     Attributes:
+        look: what it looks like; neither physics nor controller know it.
         parts: type of every part by the name of its body, in the order of the scene.
         bodies: the same parts with their places in the state.
         arm_qpos, arm_qvel, arm_ctrl: indices of the six joints, shoulder_pan to wrist_3.
     """
 
     def __init__(
-        self, spec: mujoco.MjSpec, product: Product, bench: Bench, scene: Sequence[ScenePart], physics: PhysicsSettings
+        self,
+        spec: mujoco.MjSpec,
+        product: Product,
+        bench: Bench,
+        scene: Sequence[ScenePart],
+        physics: PhysicsSettings,
+        look: Look,
     ) -> None:
-        self.product, self.bench, self.physics = product, bench, physics
+        self.product, self.bench, self.physics, self.look = product, bench, physics, look
         self.model: mujoco.MjModel = spec.compile()
+        fit_shadows(self.model)
         self.data = mujoco.MjData(self.model)
         names = part_names(scene)
         self.bodies = tuple(self._world_part(name, entry) for name, entry in zip(names, scene, strict=True))
@@ -138,7 +147,7 @@ class World:
         self.data.ctrl[self._opening_ctrl] = set_point_m
 
     def camera_pose(self, camera: str) -> Pose:
-        """world_from_camera of "overhead" or "wrist"."""
+        """world_from_camera of "overhead" or "wrist", as the controller believes it."""
         if camera == "wrist":
             return self.tool_pose() @ self.bench.wrist.mount.pose
         return self.bench.overhead.mount.pose
@@ -150,28 +159,32 @@ def build_world(
     scene: Sequence[ScenePart] | None = None,
     physics: PhysicsSettings | None = None,
     extend: Callable[[mujoco.MjSpec], None] | None = None,
+    look: Look = NOMINAL,
 ) -> World:
     """Build a cell.
 
     Args:
         scene: all parts and where they start; by default the person's own set in the bins and nothing in the tray.
         extend: adds more to the specification before it is compiled, for example the person's hand.
+        look: light, colours, things lying about, and where the cameras really hang.
     """
     physics = physics or PhysicsSettings()
     scene = person_set(product, bench) if scene is None else scene
     spec = arm_spec()
     _set_options(spec, physics)
     add_gripper(spec, bench.wrist)
-    add_furniture(spec, product, bench)
+    add_furniture(spec, product, bench, look.surfaces)
     kinds = list(product.parts)
     for name, entry in zip(part_names(scene), scene, strict=True):
-        add_part(spec, name, entry, product.parts[entry.part], kinds.index(entry.part))
-    _add_camera(spec.worldbody, "overhead", bench.overhead)
-    _add_camera(spec.body("tool"), "wrist", bench.wrist)
-    _add_lights(spec)
+        kind = product.parts[entry.part]
+        kind = kind.model_copy(update={"colour_rgb": look.surfaces.painted(kind.colour_rgb)})
+        add_part(spec, name, entry, kind, kinds.index(entry.part))
+    _add_camera(spec.worldbody, "overhead", bench.overhead, look.mounts.overhead)
+    _add_camera(spec.body("tool"), "wrist", bench.wrist, look.mounts.wrist)
+    add_lights(spec, look.light)
     if extend is not None:
         extend(spec)
-    return World(spec, product, bench, scene, physics)
+    return World(spec, product, bench, scene, physics, look)
 
 
 def person_set(product: Product, bench: Bench) -> tuple[ScenePart, ...]:
@@ -207,37 +220,11 @@ def _set_options(spec: mujoco.MjSpec, physics: PhysicsSettings) -> None:
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 18, 9
 
 
-def _add_camera(body: mujoco.MjsBody, name: str, setup: CameraSetup) -> None:
-    pose = setup.mount.pose @ CAMERA_FROM_MUJOCO
+def _add_camera(body: mujoco.MjsBody, name: str, setup: CameraSetup, error: MountError) -> None:
+    pose = error.apply(setup.mount.pose) @ CAMERA_FROM_MUJOCO
     body.add_camera(
         name=name,
         pos=list(pose.position_m),
         quat=list(pose.quaternion_wxyz),
         fovy=math.degrees(2 * math.atan(setup.height_px / 2 / setup.focal_px)),
-    )
-
-
-def _add_lights(spec: mujoco.MjSpec) -> None:
-    """Two soft lamps without shadows, whose maps cost more than all the rest of an image; a sky for portraits."""
-    headlight = spec.visual.headlight
-    headlight.ambient, headlight.diffuse, headlight.specular = [0.35] * 3, [0.15] * 3, [0.0] * 3
-    for position in LIGHTS_M:
-        direction = np.array([0.65, 0.05, 0.0]) - position
-        spec.worldbody.add_light(
-            pos=list(position),
-            dir=list(direction / np.linalg.norm(direction)),
-            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            diffuse=[0.45] * 3,
-            specular=[0.1] * 3,
-            ambient=[0.0] * 3,
-            castshadow=False,
-        )
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.80, 0.84, 0.88],
-        rgb2=[0.45, 0.48, 0.52],
-        width=64,
-        height=64,
     )

@@ -57,6 +57,10 @@ class NodeFormat(StrEnum):
     groot = "groot"
 
 
+LookOption = Annotated[
+    str | None,
+    typer.Option(help="What the simulation looks like: nominal, varied, hard, PRESET:SECTION or a look file."),
+]
 PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
 
 
@@ -100,6 +104,7 @@ def run(
         bool, typer.Option("--live", help="Serve the log's channels to Foxglove, on this machine.")
     ] = False,
     live_port: Annotated[int, typer.Option(min=0, max=65535, help="Port for --live; 0: any free one.")] = LIVE_PORT,
+    look: LookOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Assemble one product."""
@@ -108,7 +113,7 @@ def run(
     screen = console()
     port = monitor_port if monitor or monitor_hooks else None
     options = running.RunOptions(
-        tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch, live_port if live else None, person
+        tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch, live_port if live else None, person, look
     )
     result = running.run(options, screen)
     screen.print(table("run", result.summary))

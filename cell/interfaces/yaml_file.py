@@ -21,7 +21,7 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def load_yaml(path: Path | str, model: type[M]) -> M:
-    """Read a YAML file into a model.
+    """Read a YAML file into a model; its validators get the file's `folder` as context.
 
     Raises:
         InputError: the file cannot be read, is not YAML, or does not fit the model; it names every problem found.
@@ -31,7 +31,7 @@ def load_yaml(path: Path | str, model: type[M]) -> M:
     if problems:
         raise InputError(*problems)
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
         found = [problem for details in error.errors() for problem in _problems(path, root, model, details)]
         raise InputError(*sorted(found, key=lambda p: (p.place.line or 0, p.place.column or 0))) from None
@@ -135,12 +135,12 @@ def _legal_keys(model: type[BaseModel], location: Location) -> list[str]:
     for step in location:
         following = [inner for option in options for inner in _inside(option, step)]
         options = following or options
-    return [name for option in options if _is_model(option) for name in option.model_fields]
+    return [name for option in options if _is_model(option) for name in _as_written(option).model_fields]
 
 
 def _inside(option: Any, step: str | int) -> list[Any]:
     if _is_model(option):
-        field = option.model_fields.get(str(step))
+        field = _as_written(option).model_fields.get(str(step))
         return _alternatives(field.annotation) if field else []
     origin, arguments = typing.get_origin(option), typing.get_args(option)
     if isinstance(origin, type) and issubclass(origin, Mapping):
@@ -160,6 +160,11 @@ def _alternatives(annotation: Any) -> list[Any]:
 
 def _is_model(option: Any) -> bool:
     return isinstance(option, type) and issubclass(option, BaseModel)
+
+
+def _as_written(model: Any) -> Any:
+    """The model whose keys stand in a file; a model that is written in another way names it."""
+    return getattr(model, "written_as", model)
 
 
 def _place(path: Path, root: Node, location: Location, of_key: bool = False) -> Place:

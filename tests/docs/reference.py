@@ -11,8 +11,13 @@ import orjson
 from cell.configuration import Configuration
 from cell.interfaces.model import Model
 from cell.interfaces.product import Product
+from sim.look_range import LookFile
 
-FILES: dict[str, type[Model]] = {"config/cell.yaml": Configuration, "config/products.yaml": Product}
+FILES: dict[str, type[Model]] = {
+    "config/cell.yaml": Configuration,
+    "config/products.yaml": Product,
+    "config/looks/varied.yaml": LookFile,
+}
 PAGE = "docs/configuration.md"
 UNITS = {
     "_rad_s3": "rad/s³", "_rad_s2": "rad/s²", "_rad_s": "rad/s", "_m_s3": "m/s³", "_m_s2": "m/s²", "_m_s": "m/s",
@@ -99,6 +104,8 @@ def _references(value: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield from ((f".*{step}", name) for step, name in _references(inner))
     if isinstance(inner := value.get("items"), dict):
         yield from ((f"[]{step}", name) for step, name in _references(inner))
+    for item in value.get("prefixItems", [])[:1]:
+        yield from ((f"[]{step}", name) for step, name in _references(item))
 
 
 def _meaning(value: dict[str, Any], schema: dict[str, Any]) -> str:
@@ -118,6 +125,8 @@ def _type(value: dict[str, Any]) -> str:
         return f"list of {len(value['prefixItems'])} {_type(value['prefixItems'][0])}s"
     if value.get("type") == "array":
         return f"list of {_type(value['items'])}s"
+    if value.get("type") == "object" and "additionalProperties" not in value:
+        return "section"
     if value.get("type") == "object":
         return f"{_type(value['additionalProperties'])} by name"
     if value.get("format") in ("path", "file-path"):
@@ -134,13 +143,14 @@ def _type(value: dict[str, Any]) -> str:
 
 def _default(value: dict[str, Any]) -> str:
     default = value.get("default")
-    return "" if isinstance(default, dict) else f"`{orjson.dumps(default).decode().replace(',', ', ')}`"
+    first = default[0] if isinstance(default, list) and default else default
+    return "" if isinstance(first, dict) else f"`{orjson.dumps(default).decode().replace(',', ', ')}`"
 
 
 def _range(key: str, value: dict[str, Any]) -> str:
-    """The key's unit, from its name, and its bounds."""
+    """The key's unit, as declared or from its name, and its bounds."""
     ending = next((ending for ending in UNITS if key.endswith(ending)), None)
-    unit = [UNITS[ending]] if ending else []
+    unit = [value["unit"]] if "unit" in value else [UNITS[ending]] if ending else []
     options = [value, *value.get("anyOf", [])]
     bounds = [text.format(f"{option[name]:g}") for option in options for name, text in BOUNDS.items() if name in option]
     pattern = [f"matches `{value['pattern']}`"] if "pattern" in value else []

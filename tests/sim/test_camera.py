@@ -13,7 +13,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.camera import SimCamera, Studio
 from sim.clutter import standing
-from sim.settings import CameraNoise
+from sim.look import Camera
 from sim.world import World, build_world
 from tests.sim.conftest import MakeRig
 
@@ -137,7 +137,7 @@ def test_the_wrist_camera_sends_one_frame_for_each_trigger(make_rig: MakeRig) ->
 def test_noise_has_the_configured_strength_and_is_new_in_every_frame(product: Product, bench: Bench) -> None:
     world = build_world(product, bench, ())
     studio = Studio(world)
-    noise = CameraNoise(gaussian_levels=3.0, brightness_jitter=0.0, blur_px=0.0)
+    noise = Camera(noise_levels=3.0, brightness_jitter=0.0, blur_px=0.0)
     camera = SimCamera("overhead", bench.overhead, world, studio, noise, np.random.default_rng(0))
     clean = studio.render("overhead", bench.overhead.width_px, bench.overhead.height_px).astype(int)
     images = []

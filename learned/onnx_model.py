@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import onnxruntime
@@ -75,6 +75,26 @@ def save_onnx(model: ModelProto, path: Path, card: ModelCard) -> None:
     partial = path.with_name(path.name + ".partial")
     partial.write_bytes(model.SerializeToString())
     partial.replace(path)
+
+
+class Network(Protocol):
+    """What answers for a planner: weights in ONNX, or in training a network in torch.
+
+    Attributes:
+        outputs: their names.
+    """
+
+    path: Path
+    card: ModelCard
+    outputs: list[str]
+
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Outputs by name.
+
+        Raises:
+            ModelError: no answer follows from these inputs.
+        """
+        ...
 
 
 class OnnxModel:

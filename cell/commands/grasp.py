@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from datetime import date
 from enum import StrEnum
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated
 
@@ -19,11 +20,11 @@ from cell.commands.terminal import (
     product_of,
     report_scores,
 )
-from cell.commands.weights import need_torch, shipped_weights
+from cell.commands.weights import need_torch, new_weights, shipped_weights
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 
-KEPT = Path("data") / "grasp"  # cells of experiments, and trainings that were interrupted
+KEPT = Path("data") / "grasp"  # finished cells of experiments, a file for each product
 
 
 class Clutter(StrEnum):
@@ -71,7 +72,7 @@ def data(
 def train(
     kind: Annotated[str, typer.Option(help="paper or pairwise.")] = "pairwise",
     data: Annotated[Path | None, typer.Option(help="Scenes to learn from; drawn ones by default.")] = None,
-    out: Annotated[Path | None, typer.Option(help="File to write; the shipped one by default.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; beside --config by default.")] = None,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -82,16 +83,16 @@ def train(
     from learned.grasp.train import train_grasp
 
     product = product_of(config)
+    path = out or new_weights("grasp", kind, config)
     scores = train_grasp(
         product,
-        out or shipped_weights("grasp", kind),
+        path,
         seed,
         kind,
         scenes=None if data is None else read_scenes(data, product),
-        checkpoints=KEPT,
         command=f"cell train grasp --kind {kind} --seed {seed}" + ("" if data is None else f" --data {data}"),
     )
-    report_scores("grasp", scores, as_json)
+    report_scores(f"weights in {path}", scores, as_json)
 
 
 def evaluate(
@@ -124,21 +125,19 @@ def evaluate(
 def _experiment(experiments: list[Experiment], out: Path | None, product: Product) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
-    need_torch()
+    need_torch(plots=True)
     import torch
 
-    from learned.grasp.experiments import EXPERIMENTS, cells_of, run_cells
-    from learned.grasp.report import write_report
+    from learned.experiments import Store, write_page
+    from learned.grasp.experiments.page import EXPERIMENTS, HEAD
 
-    torch.set_num_threads(1)
-    chosen = [name for name in EXPERIMENTS if Experiment.ALL in experiments or Experiment(name) in experiments]
+    chosen = {name: some for name, some in EXPERIMENTS.items() if {Experiment.ALL, Experiment(name)} & {*experiments}}
     typed = " ".join(f"--experiment {experiment.value}" for experiment in experiments)
-    cells = [cell for name in chosen for cell in cells_of(name)]
-    scores = run_cells(cells, product, KEPT / "cells", console())
     facts = {
         "command": f"`cell eval grasp {typed} --out {out}`",
         "date": date.today().isoformat(),
         "machine": f"{platform.machine()}, one thread, Python {platform.python_version()}, torch {torch.__version__}",
     }
-    write_report(out, chosen, scores, facts)
-    console().print(f"{len(cells)} results in {out}")
+    identity = sha256(product.model_dump_json().encode()).hexdigest()[:12]
+    write_page(HEAD, chosen, product, Store(KEPT / f"experiments_{identity}.jsonl"), out, facts)
+    console().print(f"{', '.join(chosen)} in {out}")

@@ -21,7 +21,7 @@ from cell.commands.terminal import (
     product_of,
     report_scores,
 )
-from cell.commands.weights import need_torch, shipped_weights
+from cell.commands.weights import need_torch, new_weights, shipped_weights
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 
@@ -52,7 +52,7 @@ def data(
 ) -> None:
     """Generate demonstrations: whole assemblies, or the paper's scenarios."""
     from learned.semantic.dataset import save_demonstrations
-    from learned.semantic.people import generated_demonstrations, scenario_demonstrations
+    from learned.semantic.demonstrators import generated_demonstrations, scenario_demonstrations
 
     product = product_of(config)
     if scenarios:
@@ -68,7 +68,7 @@ def data(
 def train(
     kind: Annotated[str, typer.Option(help="paper, factored or and_or.")] = "factored",
     data: Annotated[Path | None, typer.Option(help="Demonstrations to learn from; generated ones by default.")] = None,
-    out: Annotated[Path | None, typer.Option(help="File to write; the shipped one by default.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; beside --config by default.")] = None,
     ratio: Annotated[float, typer.Option(min=0.01, max=0.99, help="Share that is trained on.")] = TRAIN_RATIO,
     augment: Annotated[bool, typer.Option("--augment", help="Learn from sub-demonstrations too.")] = False,
     config: ConfigOption = CONFIGURATION,
@@ -79,9 +79,9 @@ def train(
     need_torch()
     from learned.semantic.train import train_semantic
 
-    path = out or shipped_weights("semantic", kind)
+    path = out or new_weights("semantic", kind, config)
     scores = train_semantic(product_of(config), path, seed, kind, ratio=ratio, augment=augment, data=data)
-    report_scores("semantic", scores, as_json)
+    report_scores(f"weights in {path}", scores, as_json)
 
 
 def evaluate(
@@ -112,12 +112,12 @@ def evaluate(
 def _experiment(experiment: Experiment, out: Path | None, product: Product) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
-    need_torch()
-    from learned.semantic.experiments.report import EXPERIMENTS, write_report
-    from learned.semantic.experiments.store import Store
+    need_torch(plots=True)
+    from learned.experiments import Store, write_page
+    from learned.semantic.experiments.page import EXPERIMENTS, HEAD
     from learned.semantic.graph import Layout
 
-    names = list(EXPERIMENTS) if experiment is Experiment.ALL else [experiment.value]
+    chosen = {name: some for name, some in EXPERIMENTS.items() if experiment in (Experiment.ALL, name)}
     facts = {
         "command": f"`cell eval semantic --experiment {experiment.value} --out {out}`",
         "date": date.today().isoformat(),
@@ -126,5 +126,6 @@ def _experiment(experiment: Experiment, out: Path | None, product: Product) -> N
         "product": f"{product.name}: {len(product.positions)} positions, {len(product.parts)} types, "
         f"{len(product.goals)} goals",
     }
-    write_report(names, product, Store(KEPT / f"experiments_{Layout.of(product).sha256[:12]}.jsonl"), out, facts)
-    console().print(f"{', '.join(names)} in {out}")
+    store = Store(KEPT / f"experiments_{Layout.of(product).sha256[:12]}.jsonl")
+    write_page(HEAD, chosen, product, store, out, facts)
+    console().print(f"{', '.join(chosen)} in {out}")

@@ -1,4 +1,4 @@
-"""Where weights are shipped, and what training them needs."""
+"""Where weights are shipped, where new ones are written, and what training them needs."""
 
 from __future__ import annotations
 
@@ -15,12 +15,19 @@ def shipped_weights(planner: str, kind: str) -> Path:
     return shipped("learned", "weights", weights_file(planner, kind))
 
 
-def need_torch() -> None:
-    """Check that training can run here.
+def new_weights(planner: str, kind: str, config: Path) -> Path:
+    """File for weights that were trained for a configuration: beside it; for the shipped one, in the working folder."""
+    folder = Path() if config.resolve() == shipped("config", "cell.yaml").resolve() else config.parent
+    return folder / weights_file(planner, kind)
+
+
+def need_torch(*, plots: bool = False) -> None:
+    """Check that training can run here, and that experiments can.
 
     Raises:
         InputError: packages are missing; the message says how to get them.
     """
-    missing = [name for name in ("torch", "torch_geometric", "onnx", "onnxscript") if find_spec(name) is None]
+    needed = ("torch", "onnx", "onnxscript", *(("matplotlib", "scipy") if plots else ()))
+    missing = [name for name in needed if find_spec(name) is None]
     if missing:
         raise InputError(f"training needs {', '.join(missing)}; install with: make train-deps")

@@ -11,7 +11,7 @@ The first line says what the file is; every other line is one scene, its parts i
      "noise": {"position_m": 0.0004, "yaw_rad": 0.0044, "bottom_m": 0.0, "size_m": 0.0}}
 
 `position_m` is the middle of the body's bottom. `truth` (how the parts really stood), `blockers` (for every part, by
-each option that it has, the numbers of the parts that are in the way) and `noise` (standard deviations of the
+each candidate that it has, the numbers of the parts that are in the way) and `noise` (standard deviations of the
 detections) may be left out. Where `blockers` are missing they are worked out from the truth.
 """
 
@@ -30,7 +30,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes
-from learned.grasp.options import OPTIONS, Option
+from learned.grasp.candidates import CANDIDATES, Candidate
 from learned.grasp.physics import touching
 from learned.grasp.scenes import Scene
 from learned.grasp.settings import DetectionNoise, GripperOutline
@@ -93,7 +93,7 @@ class SceneRecord(Model):
 
     detections: tuple[DetectionRecord, ...] = Field(min_length=1)
     truth: tuple[StandingRecord, ...] | None = None
-    blockers: tuple[dict[Option, tuple[int, ...]], ...] | None = None
+    blockers: tuple[dict[Candidate, tuple[int, ...]], ...] | None = None
     noise: DetectionNoise | None = None
 
     @staticmethod
@@ -120,10 +120,10 @@ class SceneRecord(Model):
         for name, values in (("truth", self.truth), ("blockers", self.blockers)):
             if values is not None and len(values) != count:
                 yield f"{len(values)} entries of {name!r} for {count} detections"
-        for part, options in enumerate(self.blockers or ()):
-            for option, numbers in options.items():
+        for part, candidates in enumerate(self.blockers or ()):
+            for candidate, numbers in candidates.items():
                 if wrong := [number for number in numbers if not 0 <= number < count or number == part]:
-                    yield f"part {part}, {option}: {wrong} are no numbers of other parts; legal: 0 to {count - 1}"
+                    yield f"part {part}, {candidate}: {wrong} are no numbers of other parts; legal: 0 to {count - 1}"
 
     def scene(self, outline: GripperOutline) -> Scene | None:
         """The scene for training; None where neither truth nor labels are known.
@@ -243,21 +243,21 @@ def _boxes(standing: Sequence[StandingRecord]) -> Boxes:
     )
 
 
-def _written(blocks: Blocks) -> tuple[dict[Option, tuple[int, ...]], ...]:
-    """Labels as numbers of blockers; an option that does not exist is left out."""
+def _written(blocks: Blocks) -> tuple[dict[Candidate, tuple[int, ...]], ...]:
+    """Labels as numbers of blockers; a candidate that does not exist is left out."""
     return tuple(
         {
-            option: tuple(int(j) for j in np.flatnonzero(blocks[i, number]))
-            for number, option in enumerate(OPTIONS)
+            candidate: tuple(int(j) for j in np.flatnonzero(blocks[i, number]))
+            for number, candidate in enumerate(CANDIDATES)
             if not blocks[i, number, i]
         }
         for i in range(len(blocks))
     )
 
 
-def _read_blocks(blockers: Sequence[dict[Option, tuple[int, ...]]]) -> Blocks:
-    blocks = np.zeros((len(blockers), len(OPTIONS), len(blockers)), dtype=bool)
-    for i, options in enumerate(blockers):
-        for number, option in enumerate(OPTIONS):
-            blocks[i, number, list(options.get(option, (i,)))] = True
+def _read_blocks(blockers: Sequence[dict[Candidate, tuple[int, ...]]]) -> Blocks:
+    blocks = np.zeros((len(blockers), len(CANDIDATES), len(blockers)), dtype=bool)
+    for i, candidates in enumerate(blockers):
+        for number, candidate in enumerate(CANDIDATES):
+            blocks[i, number, list(candidates.get(candidate, (i,)))] = True
     return blocks

@@ -11,12 +11,12 @@ from cell.interfaces.errors import ModelError
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes
-from learned.grasp.options import graspable
+from learned.grasp.candidates import graspable
 from learned.grasp.physics import touching
 from learned.grasp.scenes import Scene, Split, draw_scenes, observe
 from learned.grasp.settings import SceneSettings
 from learned.grasp.solution import solve, solves
-from learned.grasp.tally import Tally
+from learned.scores import ScoreCounter
 
 REQUIRED_TYPES = (1, 2, 3)
 SCENE_SIZES = (3, 4, 5, 6)
@@ -30,7 +30,7 @@ def evaluate_grasp(
     settings: SceneSettings | None = None,
     split: Split = "test",
 ) -> dict[str, float]:
-    """Scores in 0..1, each with the half width of its 95 % confidence interval under `<name>_ci95`.
+    """Scores in 0..1, each with the ends of its 95 % confidence interval under `<name>_low` and `<name>_high`.
 
     `object_accuracy_k`: the whole answer is right (graspable, or a shortest sequence that works, or help), over one
     required object of each of k types; `graspability_accuracy`: the verdict alone; `solution_accuracy`: the answer
@@ -58,33 +58,33 @@ def object_scores(scenes: Sequence[Scene], seed: int, ask: Callable[[int, int], 
         seed: chooses which objects are required.
         ask: answer about a scene's number and a required object's.
     """
-    tally = Tally()
+    counter = ScoreCounter()
     for index, scene in enumerate(scenes):
         right = []
         for required in _required_objects(scene, np.random.default_rng([seed, index])):
             plan = ask(index, required)
             right.append(is_right(plan, scene.blocks, required))
-            tally.add("graspability_accuracy", (plan.graspable >= 0.5) == scene.graspable(required))
+            counter.add("graspability_accuracy", (plan.graspable >= 0.5) == scene.graspable(required))
             if not scene.graspable(required):
-                tally.add("solution_accuracy", right[-1])
+                counter.add("solution_accuracy", right[-1])
         for count in REQUIRED_TYPES:
             if len(right) >= count:
                 for correct in right[:count]:
-                    tally.add(f"object_accuracy_{count}", correct)
-    return tally.scores()
+                    counter.add(f"object_accuracy_{count}", correct)
+    return counter.scores()
 
 
 def iterative_scores(
     planner: GraspPlanner, scenes: Iterator[Scene], seed: int, size: int, settings: SceneSettings
 ) -> dict[str, float]:
     """The scores of Algorithm 2 over scenes of `size` parts."""
-    tally = Tally()
+    counter = ScoreCounter()
     for index, scene in enumerate(scenes):
         run = solve_iteratively(planner, scene, np.random.default_rng([seed, size, index]), settings)
-        tally.add(f"iterative_success_{size}", run.success)
-        tally.measure(f"steps_{size}", run.steps)
-        tally.measure(f"needless_moves_{size}", run.needless_moves)
-    return tally.scores()
+        counter.add(f"iterative_success_{size}", run.success)
+        counter.measure(f"steps_{size}", run.steps)
+        counter.measure(f"needless_moves_{size}", run.needless_moves)
+    return counter.scores()
 
 
 @dataclass(frozen=True)

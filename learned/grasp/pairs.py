@@ -1,6 +1,6 @@
 """Numbers that describe one part beside another, for a network that asks whether the second is in the way.
 
-The gripper, its fingers opened, comes down at the first part by one option; the second part is described in the
+The gripper, its fingers opened, comes down at the first part by one candidate; the second part is described in the
 frame of the jaw. Distances come twice: with sizes and heights that the product gives to the type, and with those
 that were detected, because a detector may measure badly what a catalogue knows. Each also comes as a multiple of its
 own standard deviation, for the noise that the detections have.
@@ -33,10 +33,10 @@ _OUTLINE = GripperOutline()
 
 @dataclass(frozen=True)
 class Pairs:
-    """Indices (p,) each: a part, an option to grasp it, a neighbour within reach."""
+    """Indices (p,) each: a part, a candidate to grasp it, a neighbour within reach."""
 
     part: Indices
-    option: Indices
+    candidate: Indices
     neighbour: Indices
 
     def __len__(self) -> int:
@@ -44,10 +44,10 @@ class Pairs:
 
 
 def near_pairs(boxes: Boxes, exists: Blocks) -> Pairs:
-    """All pairs of neighbours, for every option that the part has.
+    """All pairs of neighbours, for every candidate that the part has.
 
     Args:
-        exists: (n, options).
+        exists: (n, candidates).
     """
     x, y = boxes.centre_m[:, 0], boxes.centre_m[:, 1]
     near = np.hypot(x - x[:, None], y - y[:, None]) < REACH_M
@@ -72,15 +72,16 @@ def pair_features(boxes: Boxes, pairs: Pairs, product: Product, noise: Detection
         boxes: as detected.
         noise: that the detections have, as far as it is known.
     """
-    part, option, neighbour = pairs.part, pairs.option, pairs.neighbour
+    part, candidate, neighbour = pairs.part, pairs.candidate, pairs.neighbour
     known = as_in_catalogue(boxes, product)
     size = np.array([known.size_m, boxes.size_m])  # (variants, n, 3)
     bottom = np.array([known.bottom_m, boxes.bottom_m])
-    yaw = boxes.yaw_rad[part] + option * (np.pi / 2)
+    yaw = boxes.yaw_rad[part] + candidate * (np.pi / 2)
     x, y = (boxes.centre_m[neighbour] - boxes.centre_m[part]).T
     cos, sin, turn = np.cos(yaw), np.sin(yaw), boxes.yaw_rad[neighbour] - yaw
     along, across = x * cos + y * sin, y * cos - x * sin
-    own = np.array([size[:, part, option], size[:, part, 1 - option]])  # along the fingers' width; between the fingers
+    # along the fingers' width; between the fingers
+    own = np.array([size[:, part, candidate], size[:, part, 1 - candidate]])
     half = np.array([size[:, neighbour, 0], size[:, neighbour, 1]]) / 2
     near, far, body = _gaps_m(along, np.abs(across), turn * np.where(across < 0, -1.0, 1.0), own, half)
     above = _above_m(size[..., 2], bottom, pairs)

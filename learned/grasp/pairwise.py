@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from cell.interfaces.product import Product
 from learned.grasp.boxes import boxes_of
-from learned.grasp.options import OPTIONS, available
+from learned.grasp.candidates import CANDIDATES, available
 from learned.grasp.pairs import PAIR_FEATURES, near_pairs, pair_features
 from learned.grasp.scenes import Scene
 from learned.grasp.settings import GripperOutline
@@ -35,12 +35,12 @@ class PairNet(nn.Module):
 
 @dataclass(frozen=True)
 class PairData:
-    """All parts of many scenes with their options and neighbours, padded to the largest scene (n parts).
+    """All parts of many scenes with their candidates and neighbours, padded to the largest scene (n parts).
 
     Attributes:
-        features: (parts, options, n, PAIR_FEATURES).
-        blocks: (parts, options, n) 1 where the neighbour blocks the option.
-        present: (parts, options, n) 1 where there are such an option and such a neighbour within reach.
+        features: (parts, candidates, n, PAIR_FEATURES).
+        blocks: (parts, candidates, n) 1 where the neighbour blocks the candidate.
+        present: (parts, candidates, n) 1 where there are such a candidate and such a neighbour within reach.
     """
 
     features: Tensor
@@ -51,7 +51,7 @@ class PairData:
         return len(self.features)
 
     def loss(self, net: PairNet, chosen: Tensor) -> Tensor:
-        """Cross-entropy of every pair, and of the noisy-or over an option's neighbours; summed over the members."""
+        """Cross-entropy of every pair, and of the noisy-or over a candidate's neighbours; summed over the members."""
         logits = net.each(self.features[chosen])
         blocks, present = self.blocks[chosen], self.present[chosen]
         pairs = nn.functional.binary_cross_entropy_with_logits(logits, blocks.expand_as(logits), reduction="none")
@@ -59,24 +59,24 @@ class PairData:
         blocked = (blocks * present).amax(-1).expand_as(free)
         # log(1 - exp(free)) without loss of precision; the bound keeps it finite where nothing is near.
         log_blocked = torch.log(-torch.expm1(free.clamp(max=-1e-6)))
-        options = -(blocked * log_blocked + (1 - blocked) * free) * present.amax(-1)
+        candidates = -(blocked * log_blocked + (1 - blocked) * free) * present.amax(-1)
         each = (pairs * present).sum((1, 2, 3)).sum() / present.sum()
-        return each + options.sum() / present.amax(-1).sum()
+        return each + candidates.sum() / present.amax(-1).sum()
 
 
 def pair_data(scenes: Sequence[Scene], product: Product) -> PairData:
     """Features from the detections, labels from the truth."""
     widest = max(len(scene.boxes) for scene in scenes)
-    shape = (sum(len(scene.boxes) for scene in scenes), len(OPTIONS), widest)
+    shape = (sum(len(scene.boxes) for scene in scenes), len(CANDIDATES), widest)
     features = np.zeros((*shape, PAIR_FEATURES), dtype=np.float32)
     blocks, present = np.zeros((2, *shape), dtype=np.float32)
     first = 0
     for scene in scenes:
         boxes = boxes_of(scene.parts, product)
         pairs = near_pairs(boxes, available(boxes, GripperOutline()))
-        places = first + pairs.part, pairs.option, pairs.neighbour
+        places = first + pairs.part, pairs.candidate, pairs.neighbour
         features[places] = pair_features(boxes, pairs, product, scene.noise)
-        blocks[places] = scene.blocks[pairs.part, pairs.option, pairs.neighbour]
+        blocks[places] = scene.blocks[pairs.part, pairs.candidate, pairs.neighbour]
         present[places] = 1.0
         first += len(boxes)
     return PairData(torch.from_numpy(features), torch.from_numpy(blocks), torch.from_numpy(present))

@@ -1,4 +1,6 @@
-"""Labels: the gripper's true outline against the neighbours' true bodies, touching or not, without any margin.
+"""Which neighbours are in the way of a grasp: the gripper's outline against their bodies, touching or not.
+
+Labels are about the true outline and the true bodies; the rule asks the same of detected bodies, with margins.
 
 The outline is a set of upright prisms in the frame of the jaw. Coming down, a prism sweeps everything above its lower
 end; closing, a finger sweeps the gap beside the part. So a neighbour is touched where its footprint overlaps a
@@ -15,7 +17,7 @@ import numpy as np
 
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Blocks, Boxes, rectangle_gaps_m
-from learned.grasp.options import available, gripped_m, jaw_yaw_rad, mark_missing
+from learned.grasp.candidates import available, gripped_m, jaw_yaw_rad, mark_missing
 from learned.grasp.settings import GripperOutline
 
 
@@ -24,8 +26,8 @@ class _Prism:
     """Swept footprint of one prism for each way to grasp each box, in the jaw's frame.
 
     Attributes:
-        offset_m: (n, options) of its middle, in the direction in which the fingers close.
-        half_m: (n, options, 2) half sides, along the fingers' width and in the closing direction.
+        offset_m: (n, candidates) of its middle, in the direction in which the fingers close.
+        half_m: (n, candidates, 2) half sides, along the fingers' width and in the closing direction.
         above_tip_m: height of its lower end above the fingertips.
     """
 
@@ -35,20 +37,20 @@ class _Prism:
 
 
 def touching(boxes: Boxes, outline: GripperOutline) -> Blocks:
-    """Blocks (n, options, n): [i, o, j] is true where grasping i by option o would touch j.
+    """Blocks (n, candidates, n): [i, c, j] is true where grasping i by candidate c would touch j.
 
-    An option that does not exist is blocked by the part itself.
+    A candidate that does not exist is blocked by the part itself.
     """
     gap = clearance_m(boxes, outline)
     return mark_missing(gap < 0.0, available(boxes, outline))
 
 
 def clearance_m(boxes: Boxes, outline: GripperOutline) -> Array:
-    """(n, options, n): by how much grasping i by option o misses j, beside it or above it; negative where it touches.
+    """(n, candidates, n): by how much grasping i by candidate c misses j, beside or above it; negative if it touches.
 
     The whole outline misses j by the least of what its prisms miss.
     """
-    tip = fingertips_m(boxes, outline)
+    tip = fingertips_m(boxes, outline) - outline.below_gap_m
     top = boxes.top_m - outline.fitting_m
     least: Array = np.full((len(boxes), gripped_m(boxes).shape[1], len(boxes)), np.inf)
     for prism in _prisms(boxes, outline):
@@ -66,9 +68,9 @@ def fingertips_m(boxes: Boxes, outline: GripperOutline) -> Array:
 def _prisms(boxes: Boxes, outline: GripperOutline) -> tuple[_Prism, ...]:
     extent = gripped_m(boxes)
     thickness, width, _ = outline.pad_size_m
-    swept = outline.clearance_m + thickness
+    swept = outline.clearance_m + thickness + outline.margin_m
     offset, flat = (extent + swept) / 2, np.ones_like(extent)[..., None]
-    finger = flat * np.array([width, swept]) / 2
+    finger = flat * np.array([width + 2 * outline.margin_m, swept]) / 2
     palm = flat * np.array([outline.palm_size_m[1], outline.palm_size_m[0]]) / 2
     return (
         _Prism(offset, finger, 0.0),
@@ -78,7 +80,7 @@ def _prisms(boxes: Boxes, outline: GripperOutline) -> tuple[_Prism, ...]:
 
 
 def _beside(boxes: Boxes, prism: _Prism) -> Array:
-    """(n, options, n): gap between the prism's footprint and each body's."""
+    """(n, candidates, n): gap between the prism's footprint and each body's."""
     yaw = jaw_yaw_rad(boxes)
     across = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
     centre = boxes.centre_m[:, None] + across * prism.offset_m[..., None]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,27 +17,19 @@ from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of
+from learned.grasp.candidates import available
 from learned.grasp.crops import CROP_FEATURES
 from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
 from learned.grasp.language import WORDS, decode
-from learned.grasp.options import available
 from learned.grasp.pairs import near_pairs, pair_features
 from learned.grasp.rule import RulePlanner
 from learned.grasp.settings import DetectionNoise, GripperOutline
 from learned.grasp.solution import Solution, nearest_first, solve
-from learned.onnx_model import OnnxModel
+from learned.onnx_model import Network, OnnxModel
 
 _OUTLINE = GripperOutline()
 _BULK = 512  # graphs at once
 KINDS = ("pairwise", "paper", "rule")
-
-
-class Network(Protocol):
-    """What answers for a planner: weights in ONNX, or in training a torch network."""
-
-    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """Outputs by name."""
-        ...
 
 
 def load_grasp_planner(kind: str, path: Path, product: Product, noise: DetectionNoise | None = None) -> GraspPlanner:
@@ -58,8 +50,7 @@ def load_grasp_planner(kind: str, path: Path, product: Product, noise: Detection
     if kind == "pairwise":
         return PairwisePlanner(model, product, noise)
     model.require_vocabulary("words", WORDS)
-    config = model.card.config
-    return PaperPlanner(model, product, cast(EdgeKind, config["edges"]), cast("float | None", config.get("filter_m")))
+    return PaperPlanner(model, product)
 
 
 def _side_by_side(product: Product) -> tuple[PartDetection, ...]:
@@ -90,26 +81,26 @@ class PairwisePlanner:
         return solve(view.blocks, required, nearest_first(view.boxes, required)).plan(float(view.free[required]))
 
     def _judge(self, parts: tuple[PartDetection, ...]) -> _View:
-        """Who blocks whom; an option is free by the noisy-or of all its possible blockers."""
+        """Who blocks whom; a candidate is free by the noisy-or of all its possible blockers."""
         boxes = boxes_of(parts, self._product)
         chance = self._blocking_chance(boxes)
         free = np.prod(1.0 - chance, axis=-1)
         blocks = chance >= 0.5
-        # Several doubtful blockers can add up to a blocked option: then the likeliest one is named.
+        # Several doubtful blockers can add up to a blocked candidate: then the likeliest one is named.
         doubtful = np.nonzero((free < 0.5) & ~blocks.any(axis=-1))
         blocks[(*doubtful, chance[doubtful].argmax(axis=-1))] = True
         return _View(parts, boxes, blocks, free.max(axis=-1))
 
     def _blocking_chance(self, boxes: Boxes) -> Array:
-        """(n, options, n): probability that j blocks an option of i; 1 for i itself where it has no such option."""
+        """(n, candidates, n): probability that j blocks a candidate of i; 1 for i itself where there is none."""
         exists = available(boxes, _OUTLINE)
         chance = np.zeros((*exists.shape, len(boxes)))
-        part, option = np.nonzero(~exists)
-        chance[part, option, part] = 1.0
+        part, candidate = np.nonzero(~exists)
+        chance[part, candidate, part] = 1.0
         pairs = near_pairs(boxes, exists)
         if len(pairs):
             logits = self._network.run({"pairs": pair_features(boxes, pairs, self._product, self._noise)})["logits"]
-            chance[pairs.part, pairs.option, pairs.neighbour] = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
+            chance[pairs.part, pairs.candidate, pairs.neighbour] = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
         return chance
 
 
@@ -118,8 +109,8 @@ class _View:
     """What was worked out about one set of detections.
 
     Attributes:
-        blocks: (n, options, n), as in `solve`.
-        free: (n,) probability that the part's best option is free.
+        blocks: (n, candidates, n), as in `solve`.
+        free: (n,) probability that the part's best candidate is free.
     """
 
     parts: tuple[PartDetection, ...]
@@ -131,22 +122,13 @@ class _View:
 class PaperPlanner:
     """Scene graph in; graspability and decoded words out (Eq. 4-7)."""
 
-    def __init__(
-        self,
-        network: Network,
-        product: Product,
-        edges: EdgeKind,
-        filter_m: float | None = None,
-        crops: bool = False,
-    ) -> None:
-        """Args:
-        edges, filter_m, crops: as in `scene_graph`, and as in training.
-        """
+    def __init__(self, network: Network, product: Product) -> None:
+        config = network.card.config
         self._network = network
         self._product = product
-        self._edges: EdgeKind = edges
-        self._filter_m = filter_m
-        self._crops = crops
+        self._edges = cast(EdgeKind, config["edges"])
+        self._filter_m = cast("float | None", config["filter_m"])
+        self._crops = cast("dict[str, bool]", config["data"])["crops"]
         self._views: dict[int, _Answers] = {}
         self.prepare([_side_by_side(product)])
 

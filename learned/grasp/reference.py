@@ -19,7 +19,7 @@ from cell.interfaces.planning import GraspPlan
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of, rectangles_overlap
-from learned.grasp.options import graspable
+from learned.grasp.candidates import graspable
 from learned.grasp.pairs import as_in_catalogue
 from learned.grasp.physics import touching
 from learned.grasp.settings import DetectionNoise, GripperOutline

@@ -2,7 +2,7 @@
 
 After "Graph-based visual manipulation relationship reasoning" (Zuo et al.): nodes are the union boxes of ordered
 pairs, a graph convolution runs between pairs that share a part, and a relation filter drops pairs that are too far
-apart or whose boxes do not meet. The images' features are replaced by what the detector gives. A relation is
+apart. The images' features are replaced by what the detector gives. A relation is
 predicted for each way to grasp the first part.
 """
 
@@ -17,11 +17,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from cell.interfaces.perception import PartDetection
+from cell.interfaces.planning import GraspPlan
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Boxes, boxes_of
-from learned.grasp.options import OPTIONS
+from learned.grasp.candidates import CANDIDATES, available, graspable, mark_missing
 from learned.grasp.scenes import Scene
+from learned.grasp.settings import GripperOutline
+from learned.grasp.solution import nearest_first, solve
 
 RELATION_FILTER_M = 0.12  # centres of parts that can matter to each other
 _UNIT_M = 0.05
@@ -97,16 +100,16 @@ def _upright_half_m(boxes: Boxes) -> Array:
 
 
 class RelationNet(nn.Module):
-    """Two graph convolutions over pairs, then a logit for each option of the first part."""
+    """Two graph convolutions over pairs, then a logit for each candidate of the first part."""
 
     def __init__(self, features: int, hidden: int) -> None:
         super().__init__()
         self.enter = nn.Linear(features, hidden)
         self.convolutions = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(2))
-        self.leave = nn.Linear(2 * hidden, len(OPTIONS))
+        self.leave = nn.Linear(2 * hidden, len(CANDIDATES))
 
     def forward(self, nodes: Tensor, links: Tensor) -> Tensor:
-        """Logits (..., p, options) that the second part blocks the first."""
+        """Logits (..., p, candidates) that the second part blocks the first."""
         entered = torch.relu(self.enter(nodes))
         x = entered
         for convolution in self.convolutions:
@@ -122,7 +125,7 @@ class RelationData:
     Attributes:
         nodes: (scenes, p, features).
         links: (scenes, p, p).
-        blocks, known: (scenes, p, options) the label, and 1 where there are such a pair and such an option.
+        blocks, known: (scenes, p, candidates) the label, and 1 where there are such a pair and such a candidate.
     """
 
     nodes: Tensor
@@ -146,10 +149,31 @@ def relation_data(scenes: Sequence[Scene], product: Product) -> RelationData:
     most = max(len(graph.first) for graph in graphs)
     nodes = np.zeros((len(graphs), most, relation_features(product)), dtype=np.float32)
     links = np.zeros((len(graphs), most, most), dtype=np.float32)
-    blocks, known = np.zeros((2, len(graphs), most, len(OPTIONS)), dtype=np.float32)
+    blocks, known = np.zeros((2, len(graphs), most, len(CANDIDATES)), dtype=np.float32)
     for k, (scene, graph) in enumerate(zip(scenes, graphs, strict=True)):
         count = len(graph.first)
         nodes[k, :count], links[k, :count, :count] = graph.nodes, graph.links
         blocks[k, :count] = scene.blocks[graph.first, :, graph.second]
         known[k, :count] = ~scene.blocks[graph.first, :, graph.first]
     return RelationData(*(torch.from_numpy(values) for values in (nodes, links, blocks, known)))
+
+
+class RelationPlanner:
+    """GVMRN-RF: relations of pairs, and from them the moves."""
+
+    def __init__(self, net: RelationNet, product: Product) -> None:
+        self._net = net
+        self._product = product
+
+    def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
+        """A plan for `parts[required]`."""
+        boxes = boxes_of(parts, self._product)
+        graph = pair_graph(parts, self._product)
+        exists = available(boxes, GripperOutline())
+        blocks = np.zeros((*exists.shape, len(boxes)), dtype=bool)
+        with torch.no_grad():
+            logits = self._net(torch.from_numpy(graph.nodes), torch.from_numpy(graph.links)).numpy()
+        blocks[graph.first, :, graph.second] = logits > 0
+        blocks = mark_missing(blocks, exists)
+        solution = solve(blocks, required, nearest_first(boxes, required))
+        return solution.plan(1.0 if graspable(blocks)[required] else 0.0)

@@ -14,8 +14,8 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, bodies_overlap, sliding_distance_m
+from learned.grasp.candidates import CANDIDATES, graspable
 from learned.grasp.crops import crop_embeddings
-from learned.grasp.options import OPTIONS, graspable
 from learned.grasp.physics import touching
 from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
 from learned.grasp.solution import Solution, nearest_first, solve
@@ -33,7 +33,7 @@ class Scene:
 
     Attributes:
         boxes: the truth.
-        blocks: (n, options, n), [i, o, j] true where j would be touched in grasping i by option o.
+        blocks: (n, candidates, n), [i, c, j] true where j would be touched in grasping i by candidate c.
         parts: one noisy detection of each, in the same order.
         noise: that the detections have.
     """
@@ -77,9 +77,9 @@ def draw_scenes(
         )
 
 
-def can_grasp(boxes: Boxes, required: int, option: str, outline: GripperOutline | None = None) -> bool:
-    """The label: whether the gripper can take a part by an option ("width" or "length") without touching another."""
-    return not touching(boxes, outline or GripperOutline())[required, OPTIONS.index(option)].any()
+def can_grasp(boxes: Boxes, required: int, candidate: str, outline: GripperOutline | None = None) -> bool:
+    """The label: whether the gripper can take a part by a candidate ("width" or "length") without touching another."""
+    return not touching(boxes, outline or GripperOutline())[required, CANDIDATES.index(candidate)].any()
 
 
 def standing_boxes(product: Product, parts: Sequence[tuple[str, Pose]]) -> Boxes:

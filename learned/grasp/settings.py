@@ -12,7 +12,7 @@ from cell.interfaces.model import Model
 
 
 class GripperOutline(Model):
-    """What the gripper truly occupies: the labels' numbers.
+    """What must be free around the gripper when it comes down and closes; the defaults are what it truly occupies.
 
     Attributes:
         pad_size_m: thickness in the closing direction, width, length of a pad (`PAD_SIZE_M` in sim/robot.py); the
@@ -26,6 +26,8 @@ class GripperOutline(Model):
         grasp_depth_m: fingertips reach this far below the body's top ...
         bottom_gap_m: ... but stay this far above its bottom (both in skills/settings.py).
         fitting_m: the uppermost part of a body's height, a fitting that can be seen but not touched (sim/parts.py).
+        margin_m: least gap between a finger and a neighbour.
+        below_gap_m: a neighbour must end this far below fingertips or palm to be passed over.
     """
 
     pad_size_m: tuple[float, float, float] = (0.012, 0.025, 0.022)
@@ -36,34 +38,12 @@ class GripperOutline(Model):
     grasp_depth_m: float = Field(default=0.022, gt=0)
     bottom_gap_m: float = Field(default=0.003, ge=0)
     fitting_m: float = Field(default=0.003, ge=0)
+    margin_m: float = Field(default=0.0, ge=0)
+    below_gap_m: float = Field(default=0.0, ge=0)
 
 
-class GripperGeometry(Model):
-    """What the rule keeps free: the narrowest room in which the skills go down, safety margins included.
-
-    Attributes:
-        finger_width_m: at a right angle to the closing direction.
-        finger_thickness_m: in the closing direction.
-        stroke_m: widest opening.
-        clearance_m: gap between each finger and the body during descent.
-        margin_m: least gap between a finger and a neighbour.
-        grasp_depth_m: fingertips reach this far below the body's top ...
-        bottom_gap_m: ... but stay this far above its bottom.
-        below_gap_m: a neighbour must end this far below the fingertips, or the hand, to be passed over.
-        finger_length_m: from the fingertips up to the lower side of the hand.
-        hand_size_m: (tool x, tool y) extent of hand and knuckles above the fingers.
-    """
-
-    finger_width_m: float = Field(default=0.025, gt=0)
-    finger_thickness_m: float = Field(default=0.012, gt=0)
-    stroke_m: float = Field(default=0.085, gt=0)
-    clearance_m: float = Field(default=0.003, gt=0)
-    margin_m: float = Field(default=0.001, ge=0)
-    grasp_depth_m: float = Field(default=0.022, gt=0)
-    bottom_gap_m: float = Field(default=0.003, ge=0)
-    below_gap_m: float = Field(default=0.002, ge=0)
-    finger_length_m: float = Field(default=0.079, gt=0)
-    hand_size_m: tuple[float, float] = (0.104, 0.076)
+WITH_MARGINS = GripperOutline(palm_size_m=(0.104, 0.076), fitting_m=0.0, margin_m=0.001, below_gap_m=0.002)
+"""What the rule keeps free: the narrowest room in which the skills go down, their safety margins included."""
 
 
 class DetectionNoise(Model):

@@ -1,4 +1,4 @@
-"""From "j blocks an option of i" to the sequence of moves that frees a part, and its words (Alg. 2; section 3.2)."""
+"""From "j blocks a candidate of i" to the sequence of moves that frees a part, and its words (Alg. 2; section 3.2)."""
 
 from __future__ import annotations
 
@@ -55,15 +55,15 @@ def nearest_first(boxes: Boxes, required: int) -> list[int]:
 
 
 def solve(blocks: Blocks, required: int, order: Sequence[int]) -> Solution:
-    """Fewest moves that free a part, each moved part being free by some option when its turn comes.
+    """Fewest moves that free a part, each moved part being free by some candidate when its turn comes.
 
-    A best-first search over which option each needed part is grasped by: what blocks a chosen option is needed, too.
+    A best-first search over the candidates of all parts that are needed: what blocks a chosen one is needed, too.
 
     Args:
-        blocks: (n, options, n), [i, o, j] true where j blocks option o of i; [i, o, i] where i has no such option.
+        blocks: (n, candidates, n), [i, c, j] true where j blocks candidate c of i; [i, c, i] where there is none.
         order: all indices; among parts that are free at the same time the first in this order moves first.
     """
-    masks = _option_masks(blocks)
+    masks = _candidate_masks(blocks)
     if 0 in masks[required]:
         return Solution()
     open_choices: list[tuple[int, int, int, dict[int, int]]] = [(1, 0, 1 << required, {})]
@@ -95,8 +95,8 @@ def solves(moves: Sequence[int], blocks: Blocks, required: int) -> bool:
     return len(moves) == len(solve(blocks, required, range(len(blocks))).moves)
 
 
-def _option_masks(blocks: Blocks) -> list[list[int]]:
-    """Of each part, its options as sets of blockers (bit j for part j), without needlessly blocked ones."""
+def _candidate_masks(blocks: Blocks) -> list[list[int]]:
+    """Of each part, its candidates as sets of blockers (bit j for part j), without needlessly blocked ones."""
     bits = 1 << np.arange(len(blocks), dtype=np.int64)
     found = []
     for part, row in enumerate((blocks @ bits).tolist()):
@@ -108,12 +108,12 @@ def _option_masks(blocks: Blocks) -> list[list[int]]:
 
 
 def _better(mask: int, than: int, earlier: bool) -> bool:
-    """Whether all that blocks one option blocks the other, too, and more (or it came first)."""
+    """Whether all that blocks one candidate blocks the other, too, and more (or it came first)."""
     return mask & than == mask and (mask != than or earlier)
 
 
 def _schedule(chosen: dict[int, int], required: int, order: Sequence[int]) -> tuple[int, ...] | None:
-    """Order in which the chosen options become free, the required part left out; None if they wait in a circle."""
+    """Order in which the chosen candidates become free, the required part left out; None if they wait in a circle."""
     waiting = {index: mask for index, mask in chosen.items() if index != required}
     standing = sum(1 << index for index in chosen)
     moves: list[int] = []

@@ -8,8 +8,8 @@ import numpy as np
 
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
 from cell.interfaces.product import Product
+from learned.semantic.demonstrators import Demonstrators, runs
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
-from learned.semantic.people import People, runs
 from learned.semantic.planner import AndOrPlanner, FactoredPlanner, PaperPlanner
 from learned.semantic.scenarios import (
     TRAIN_RATIO,
@@ -83,8 +83,8 @@ def success(answers: Answers, layout: Layout, some: Scenarios) -> dict[str, floa
 def under_noise(answers: Answers, layout: Layout, rng: np.random.Generator) -> dict[str, float]:
     """Random assemblies seen with misdetections: goal accuracy by action, calibration, coverage, unknown goals."""
     depth = min(ACTIONS, len(layout.positions) - 1)
-    people = People(layout, np.zeros((1, *layout.types.shape)))
-    true, steps = runs(people, RUNS, depth, rng)
+    demonstrators = Demonstrators(layout, np.zeros((1, *layout.types.shape)))
+    true, steps = runs(demonstrators, RUNS, depth, rng)
     known = misdetect(layout, true, rng)
     plans = [answers(row) for row in known.seen]
     right = np.array([best_goal(plan, layout) for plan in plans]) == known.goals

@@ -30,6 +30,7 @@ class FactoredSettings(Model):
 
     steps: int = Field(default=300, gt=0)
     learning_rate: float = Field(default=0.05, gt=0)
+    weight_decay: float = Field(default=0.0, ge=0)
     error: float = Field(default=DETECTION_ERROR, gt=0, lt=1)
     habit_scale: float = Field(default=0.3, gt=0)
     shared_scale: float = Field(default=0.5, gt=0)

@@ -17,7 +17,7 @@ IGNORED = -100  # label of what no loss looks at, as cross_entropy has it
 
 
 def paper_loss(network: PaperNetwork, layout: Layout, batch: Scenarios) -> Tensor:
-    """Cross-entropies of goal, next object and plan words; the heads are given the true goal (teacher forcing)."""
+    """Cross-entropies of goal, next object (Eq. 3) and plan words; the heads are given the true goal."""
     parts = len(layout.parts)
     goals = torch.tensor(batch.goals)
     graph = network.embed(torch.tensor(one_hot(batch.seen, parts)))

@@ -8,8 +8,8 @@ from math import comb
 
 import numpy as np
 
+from learned.semantic.demonstrators import Demonstrators
 from learned.semantic.graph import EMPTY, Bools, Floats, Ints, Layout
-from learned.semantic.people import People
 from learned.semantic.scenarios import action_pairs
 
 LEAST = 1e-12  # less probable reports are left out
@@ -84,10 +84,10 @@ def uniform_states(layout: Layout) -> dict[tuple[int, ...], Floats]:
     return {mask: share for mask in _masks(m) if 0 < sum(mask) < m}
 
 
-def run_states(layout: Layout, depth: int, people: People | None = None) -> dict[tuple[int, ...], Floats]:
+def run_states(layout: Layout, depth: int, demonstrators: Demonstrators | None = None) -> dict[tuple[int, ...], Floats]:
     """After 1 .. `depth` placements, each number alike; in random order, or as people do it."""
     goals, m = layout.types.shape
-    habits = None if people is None else people.set_probabilities()
+    habits = None if demonstrators is None else demonstrators.set_probabilities()
     states = {}
     for mask in _masks(m):
         k = sum(mask)

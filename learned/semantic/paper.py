@@ -42,7 +42,7 @@ class PaperAnswer(NamedTuple):
 
 
 class SageLayer(nn.Module):
-    """One GraphSAGE layer: h_v = relu(W_1 h_v + W_2 aggregate of h_u over the neighbours u) (Eq. 1)."""
+    """One GraphSAGE layer: h_v = relu(W_1 h_v + W_2 aggregate of h_u over the neighbours u) (Eq. 2)."""
 
     def __init__(self, inputs: int, outputs: int, aggregation: str) -> None:
         super().__init__()
@@ -60,9 +60,9 @@ class SageLayer(nn.Module):
 class PaperNetwork(nn.Module):
     """Graph in; goal, next object and plans out.
 
-    Nodes are told apart by a one-hot of their identity; the graph's embedding is their mean (Eq. 2). The decoder
+    Nodes are told apart by a one-hot of their identity; the graph's embedding Phi is their mean. The decoder
     starts from [graph embedding, goal], is given the object's name as its first word, and says its positions in
-    order, then the end (Eq. 3).
+    order, then the end.
     """
 
     def __init__(self, layout: Layout, settings: PaperSettings) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from cell.interfaces.errors import InputError, ModelError
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, SemanticPlanner
 from cell.interfaces.product import Product
-from learned.onnx_model import ModelCard, OnnxModel
+from learned.onnx_model import ModelCard, Network, OnnxModel
 from learned.semantic.and_or import AndOrGraph
 from learned.semantic.bayes import BayesPosterior
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
@@ -111,7 +111,7 @@ class AndOrPlanner:
 class LearnedPlanner:
     """Base of the planners whose answers come from a network."""
 
-    def __init__(self, product: Product, model: OnnxModel) -> None:
+    def __init__(self, product: Product, model: Network) -> None:
         self._layout = Layout.of(product)
         self._model = model
 
@@ -124,7 +124,7 @@ class LearnedPlanner:
 class FactoredPlanner(LearnedPlanner):
     """Learned slots and habits with exact inference under noise; guidance is a template over the slots."""
 
-    def __init__(self, product: Product, model: OnnxModel) -> None:
+    def __init__(self, product: Product, model: Network) -> None:
         super().__init__(product, model)
         error = model.card.config.get("error", DETECTION_ERROR)
         if not isinstance(error, float):

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
 from pydantic import JsonValue
-from torch import nn
+from torch import Tensor, nn
 
-from cell.interfaces.errors import InputError, ModelError
+from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
-from learned.onnx_model import ModelCard, OnnxModel, save_onnx
+from learned.fitting import Checkpoint, fit
+from learned.onnx_model import ModelCard
 from learned.semantic.and_or import AndOrGraph
 from learned.semantic.dataset import load_demonstrations, states_of
 from learned.semantic.evaluate import evaluate_semantic
-from learned.semantic.factored import FactoredAnswer, FactoredSettings
-from learned.semantic.fit import Settings, fit
+from learned.semantic.factored import FactoredAnswer, FactoredNetwork, FactoredSettings
 from learned.semantic.graph import EMPTY, Layout, one_hot
-from learned.semantic.paper import PaperAnswer, PaperSettings
+from learned.semantic.losses import Counts, factored_loss, goal_prior, paper_loss
+from learned.semantic.paper import PaperAnswer, PaperNetwork, PaperSettings
 from learned.semantic.planner import load_semantic_planner
-from learned.semantic.scenarios import TRAIN_RATIO, Scenarios, scenarios, split, sub_demonstrations
+from learned.semantic.scenarios import TRAIN_RATIO, Scenarios, misdetect, scenarios, split, sub_demonstrations
+from learned.torch_model import TorchModel, write_weights
 
-TOLERANCE = 1e-5  # ONNX and torch agree within
+Settings = PaperSettings | FactoredSettings
+OUTPUTS = {"paper": PaperAnswer._fields, "factored": FactoredAnswer._fields}
 KINDS = ("paper", "factored", "and_or")
 CHECKED_STATES = 200  # of the training states, when the export is compared with torch
 
@@ -113,51 +116,58 @@ def train_semantic(
         seed=seed,
     )
 
-    def scored() -> ModelCard:
-        planner = load_semantic_planner(kind, out, product)
+    def score() -> dict[str, float]:
         held_out = some.held_out if some.source else None
-        return card.model_copy(update={"scores": evaluate_semantic(planner, product, seed, held_out)})
+        return evaluate_semantic(load_semantic_planner(kind, out, product), product, seed, held_out)
 
     if chosen is None:
-        AndOrGraph.of(layout, train, card).save(out)
-        card = scored()
-        AndOrGraph.of(layout, train, card).save(out)
-    else:
-        checkpoint = out.with_name(out.name + ".checkpoint")
-        network = fit(layout, train, chosen, seed, checkpoint=checkpoint, quiet=quiet)
-        export(network, train, out, card)
-        card = scored()
-        save_onnx(onnx.load(out), out, card)
-    return card.scores
+        graph = AndOrGraph.of(layout, train, card)
+        graph.save(out)
+        scores = score()
+        replace(graph, card=card.model_copy(update={"scores": scores})).save(out)
+        return scores
+    checkpoint = out.with_name(out.name + ".checkpoint")
+    network = train_network(layout, train, chosen, seed, checkpoint=checkpoint, quiet=quiet)
+    samples = [{"edges": edges} for edges in one_hot(train.seen[:CHECKED_STATES], len(layout.parts))]
+    return write_weights(TorchModel(network, OUTPUTS[kind], card), out, samples, score)
 
 
-def export(network: nn.Module, train: Scenarios, out: Path, card: ModelCard) -> None:
-    """Write ONNX and check it against torch on training states.
+def train_network(
+    layout: Layout,
+    train: Scenarios,
+    settings: Settings,
+    seed: int,
+    *,
+    checkpoint: Path | None = None,
+    quiet: bool = True,
+) -> nn.Module:
+    """A new network, trained on full batches; the paper's with fresh noise in every step.
 
-    Raises:
-        ModelError: an output differs by more than TOLERANCE.
+    Args:
+        checkpoint: file that keeps the fit; where it is of the same data, settings and seed, the fit goes on from it.
     """
-    edges = one_hot(train.seen[:CHECKED_STATES], len(card.vocabulary["parts"]))
-    names = list(PaperAnswer._fields if card.kind == "semantic.paper" else FactoredAnswer._fields)
-    program = torch.onnx.export(
-        network,
-        (torch.tensor(edges[0]),),
-        input_names=["edges"],
-        output_names=names,
-        dynamo=True,
-        verbose=False,
-    )
-    if program is None:
-        raise ModelError(f"{out}: torch exported nothing")
-    save_onnx(program.model_proto, out, card)
-    model = OnnxModel.load(out, card.kind)
-    for row in edges:
-        with torch.no_grad():
-            expected = dict(zip(names, network(torch.tensor(row)), strict=True))
-        for name, value in model.run({"edges": row}).items():
-            difference = float(np.abs(value - expected[name].numpy()).max())
-            if difference > TOLERANCE:
-                raise ModelError(f"{out}: output {name} differs from torch by {difference:.1e}, more than {TOLERANCE}")
+    torch.manual_seed(seed)
+    rng = np.random.default_rng(seed)
+    network, loss = _task(layout, train, settings, rng)
+    optimiser = torch.optim.Adam(network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay)
+    identity = f"{layout.vocabulary} {train.sha256} {type(settings).__name__} {settings.model_dump_json()} {seed}"
+    kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
+    fit(network, optimiser, lambda _: [loss()], settings.steps, rng=rng, checkpoint=kept, quiet=quiet)
+    return network
+
+
+def _task(
+    layout: Layout, train: Scenarios, settings: Settings, rng: np.random.Generator
+) -> tuple[nn.Module, Callable[[], Tensor]]:
+    """A new network and what its loss is in every step."""
+    if isinstance(settings, PaperSettings):
+        paper = PaperNetwork(layout, settings)
+        noise = settings.noise
+        return paper, lambda: paper_loss(paper, layout, misdetect(layout, train, rng, noise, contradicting=True))
+    factored = FactoredNetwork(layout, settings)
+    factored.get_buffer("prior").copy_(goal_prior(layout, train, settings))
+    counts = Counts.of(layout, train)
+    return factored, lambda: factored_loss(factored, counts, settings)
 
 
 def _default_settings(kind: str) -> Settings | None:

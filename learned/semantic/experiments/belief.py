@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 
 from cell.interfaces.product import Product
+from learned.experiments import Cell, Values
 from learned.semantic.evaluate import Answers, under_noise
 from learned.semantic.experiments.models import KINDS, planner_of
 from learned.semantic.experiments.scores import exact_scores, optimal_scores
-from learned.semantic.experiments.store import Cell, Values
 from learned.semantic.graph import Layout
 from learned.semantic.optimum import exact_joint, run_states, uniform_states
 from learned.semantic.scenarios import DETECTION_ERROR, TRAIN_RATIO, scenarios, split

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from learned.experiments import Cells, markdown, score_of, shown, values_of
 from learned.semantic.experiments.belief import ERRORS, OPTIMUM
 from learned.semantic.experiments.habits import DEMONSTRATIONS, SEEDS, STRENGTHS
 from learned.semantic.experiments.models import KINDS
-from learned.semantic.experiments.tables import Cells, markdown, score_of, shown, values_of
 from learned.semantic.scenarios import DETECTION_ERROR
 
 ACTIONS = range(1, 6)
@@ -88,11 +88,11 @@ def habit_section(cells: Cells) -> str:
                 rows.append([f"{strength:g}", kind, *found])
     head = ["strength", "", "goal after 1 action", "after 1 to 5", "NLL", "wrong if always acting", "coverage at .9"]
     return (
-        "## People with habits of order\n"
-        "Four people prefer positions, types, and for each goal certain slots first; strength is the standard "
+        "## Demonstrators with habits of order\n"
+        "Four demonstrators prefer positions, types, and for each goal certain slots first; strength is the standard "
         f"deviation of their log-preferences. {DEMONSTRATIONS} demonstrations, then their own assemblies with 4.5 % "
         "misdetections, expected values by enumeration. `optimum` knows the habits exactly. Intervals are wide because "
-        f"people differ between seeds ({SEEDS[0]} to {SEEDS[-1]}); planners share them.\n\n"
+        f"demonstrators differ between seeds ({SEEDS[0]} to {SEEDS[-1]}); planners share them.\n\n"
         + markdown([*head, "wrong at .9", "best coverage at .3 %"], rows)
         + "\n\n"
         + _gain(cells)
@@ -100,7 +100,7 @@ def habit_section(cells: Cells) -> str:
 
 
 def _gain(cells: Cells) -> str:
-    """Paired differences to `bayes` on the same people."""
+    """Paired differences to `bayes` on the same demonstrators."""
     rows = []
     for strength in STRENGTHS:
         row = [f"{strength:g}"]

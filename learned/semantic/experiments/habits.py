@@ -1,4 +1,4 @@
-"""People with ordering habits: what is gained by learning them, beside exact inference that knows them."""
+"""Demonstrators with ordering habits: what is gained by learning them, beside exact inference that knows them."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from functools import partial
 import numpy as np
 
 from cell.interfaces.product import Product
+from learned.experiments import Cell, Values
 from learned.semantic.dataset import states_of
+from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
 from learned.semantic.evaluate import Answers
 from learned.semantic.experiments.belief import OPTIMUM
 from learned.semantic.experiments.models import planner_of
 from learned.semantic.experiments.scores import exact_scores, optimal_scores
-from learned.semantic.experiments.store import Cell, Values
 from learned.semantic.graph import Layout
 from learned.semantic.optimum import exact_joint, run_states
-from learned.semantic.people import HabitSettings, People, whole_demonstrations
 from learned.semantic.scenarios import DETECTION_ERROR
 
 SEEDS = tuple(range(1, 11))
@@ -24,7 +24,7 @@ DEMONSTRATIONS = 200
 
 
 def habit_cells(product: Product) -> list[Cell]:
-    """Every strength of the habits and seed of the people; the paper's network takes too long to train."""
+    """Every strength of the habits and seed of the demonstrators; the paper's network takes too long to train."""
     cells = []
     for kind in (OPTIMUM, "factored", "bayes", "and_or"):
         for strength in STRENGTHS:
@@ -37,9 +37,9 @@ def habit_cells(product: Product) -> list[Cell]:
 def _measure(product: Product, kind: str, strength: float, seed: int) -> Values:
     layout = Layout.of(product)
     rng = np.random.default_rng(seed)
-    people = People.drawn(layout, HabitSettings(strength=strength), rng)
-    joint = exact_joint(layout, run_states(layout, len(layout.positions) - 1, people), DETECTION_ERROR)
+    demonstrators = Demonstrators.drawn(layout, HabitSettings(strength=strength), rng)
+    joint = exact_joint(layout, run_states(layout, len(layout.positions) - 1, demonstrators), DETECTION_ERROR)
     if kind == OPTIMUM:
         return optimal_scores(joint)
-    train = states_of(layout, whole_demonstrations(people, DEMONSTRATIONS, rng))
+    train = states_of(layout, whole_demonstrations(demonstrators, DEMONSTRATIONS, rng))
     return exact_scores(Answers(planner_of(kind, product, train, seed), layout), joint)

@@ -2,42 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 import numpy as np
-import torch
-from numpy.typing import NDArray
-from torch import nn
 
 from cell.interfaces.planning import SemanticPlanner
 from cell.interfaces.product import Product
-from learned.onnx_model import ModelCard, OnnxModel
+from learned.onnx_model import ModelCard
 from learned.semantic.and_or import AndOrGraph
-from learned.semantic.factored import FactoredAnswer, FactoredSettings
-from learned.semantic.fit import Settings, fit
+from learned.semantic.factored import FactoredSettings
 from learned.semantic.graph import Layout
-from learned.semantic.paper import PaperAnswer, PaperSettings
+from learned.semantic.paper import PaperSettings
 from learned.semantic.planner import AndOrPlanner, BayesPlanner, FactoredPlanner, PaperPlanner
 from learned.semantic.scenarios import Scenarios
+from learned.semantic.train import OUTPUTS, Settings, train_network
+from learned.torch_model import TorchModel
 
 KINDS = ("factored", "paper", "and_or", "bayes")
-
-
-class TorchModel(OnnxModel):
-    """A network that has not been exported; that ONNX answers alike is tested elsewhere."""
-
-    def __init__(self, card: ModelCard, network: nn.Module, outputs: tuple[str, ...]) -> None:
-        self.path = Path("a network in memory")
-        self.card = card
-        self.outputs = list(outputs)
-        self._network = network
-
-    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        with torch.inference_mode():
-            found = self._network(torch.tensor(inputs["edges"]))
-        return {name: value.numpy() for name, value in found._asdict().items()}
 
 
 def planner_of(
@@ -58,10 +37,8 @@ def planner_of(
     )
     if kind == "and_or":
         return AndOrPlanner(product, AndOrGraph.of(layout, train, card))
-    network = fit(layout, train, chosen, seed)
-    if kind == "paper":
-        return PaperPlanner(product, TorchModel(card, network, PaperAnswer._fields))
-    return FactoredPlanner(product, TorchModel(card, network, FactoredAnswer._fields))
+    model = TorchModel(train_network(layout, train, chosen, seed), OUTPUTS[kind], card)
+    return PaperPlanner(product, model) if kind == "paper" else FactoredPlanner(product, model)
 
 
 def first_goals(product: Product, count: int) -> Product:

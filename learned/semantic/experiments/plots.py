@@ -9,11 +9,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from learned.experiments import Cells, score_of, values_of
+from learned.scores import student
 from learned.semantic.experiments.belief import OPTIMUM
 from learned.semantic.experiments.habits import STRENGTHS
 from learned.semantic.experiments.models import KINDS
 from learned.semantic.experiments.ratios import RATIOS
-from learned.semantic.experiments.tables import Cells, mean_and_half_width, score_of, values_of
 from learned.semantic.scenarios import DETECTION_ERROR, TRAIN_RATIO
 
 COLOURS = {
@@ -88,7 +89,7 @@ def plot_habits(cells: Cells, out: Path) -> None:
     ):
         for kind in (OPTIMUM, "factored", "bayes"):
             rows = [values_of(cells, score_of(name), kind=kind, strength=strength) for strength in STRENGTHS]
-            means = [mean_and_half_width(row)[0] for row in rows]
+            means = [student(row)[0] for row in rows]
             axes.plot(STRENGTHS, means, "o-", color=COLOURS[kind], label=kind, linewidth=1 + (kind == "factored"))
         axes.set(xlabel="strength of habits", ylabel=label)
         axes.grid(alpha=0.3)
@@ -98,7 +99,7 @@ def plot_habits(cells: Cells, out: Path) -> None:
 
 def _line(axes: Axes, x: Sequence[float], rows: Sequence[Sequence[float]], kind: str) -> None:
     """Means with 95 % intervals over seeds."""
-    known = [(place, *mean_and_half_width(row)) for place, row in zip(x, rows, strict=True) if row]
+    known = [(place, *student(row)) for place, row in zip(x, rows, strict=True) if row]
     if known:
         places, means, halves = zip(*known, strict=True)
         axes.errorbar(

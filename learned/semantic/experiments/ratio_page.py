@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from learned.experiments import Cells, markdown, score_of, shown, values_of
 from learned.semantic.experiments.models import KINDS
 from learned.semantic.experiments.ratios import RATIOS
 from learned.semantic.experiments.settings import FACTORED_CANDIDATES, PAPER_CANDIDATES, STRENGTHS, VALIDATION_SEEDS
 from learned.semantic.experiments.settings import RATIOS as VALIDATION_RATIOS
 from learned.semantic.experiments.sizes import DEMONSTRATIONS, SEEDS, SIZES, TEST_STATES
-from learned.semantic.experiments.tables import Cells, markdown, score_of, shown, values_of
 
 PAPER_FIGURE = ".963 at 143 of 186 scenarios (ratio .77), 3 goals, on its own recordings"
 
@@ -31,10 +31,10 @@ def settings_section(cells: Cells) -> str:
     seeds = ", ".join(map(str, VALIDATION_SEEDS))
     return (
         "## Choice of settings\n"
-        f"Validation products have random goals (seeds {seeds} of goals, splits and people), never the default ones, "
-        "so that no reported row chose a setting. `paper`: success on held-out scenarios, any plan of a goal that fits "
-        "being right. The first row is what all else uses. Intervals over three products say how different the "
-        "products are, candidates share them.\n\n"
+        f"Validation products have random goals (seeds {seeds} of goals, splits and demonstrators), never the default "
+        "ones, so that no reported row chose a setting. `paper`: success on held-out scenarios, any plan of a goal "
+        "that fits being right. The first row is what all else uses. Intervals over three products say how different "
+        "the products are, candidates share them.\n\n"
         + markdown(["paper", *(f"ratio {ratio}" for ratio in VALIDATION_RATIOS)], paper)
         + "\n\n`factored`: negative log-likelihood of the true goal after 1 to 5 actions [nat], 4.5 % misdetections, "
         "for habits of strength 0, 1, 2; prior standard deviation of goals' own habits and of those that goals share. "

@@ -6,9 +6,9 @@ from functools import partial
 from itertools import product as product_of
 
 from cell.interfaces.product import Product
+from learned.experiments import Cell, Values
 from learned.semantic.evaluate import Answers, success
 from learned.semantic.experiments.models import KINDS, first_goals, planner_of
-from learned.semantic.experiments.store import Cell, Values
 from learned.semantic.graph import Layout
 from learned.semantic.scenarios import TRAIN_RATIO, scenarios, split, sub_demonstrations
 

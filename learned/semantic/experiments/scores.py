@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan
+from learned.experiments import Values
 from learned.semantic.evaluate import CALIBRATION_BINS, LEAST_PROBABILITY, Answers
-from learned.semantic.experiments.store import Values
 from learned.semantic.graph import Bools, Floats, Layout
 from learned.semantic.optimum import Joint, best_coverage, trade_off
 

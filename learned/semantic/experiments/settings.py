@@ -7,20 +7,20 @@ from functools import partial
 import numpy as np
 
 from cell.interfaces.product import Product
+from learned.experiments import Cell, Values
 from learned.semantic.dataset import states_of
+from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
 from learned.semantic.evaluate import Answers, success
 from learned.semantic.experiments.models import planner_of, random_goals
 from learned.semantic.experiments.scores import exact_scores
-from learned.semantic.experiments.store import Cell, Values
 from learned.semantic.factored import FactoredSettings
-from learned.semantic.fit import Settings
 from learned.semantic.graph import Layout
 from learned.semantic.optimum import exact_joint, run_states
 from learned.semantic.paper import PaperSettings
-from learned.semantic.people import HabitSettings, People, whole_demonstrations
 from learned.semantic.scenarios import DETECTION_ERROR, scenarios, split
+from learned.semantic.train import Settings
 
-VALIDATION_SEEDS = (1000, 1001, 1002)  # of products, splits and people; reported seeds are small numbers
+VALIDATION_SEEDS = (1000, 1001, 1002)  # of products, splits and demonstrators; reported seeds are small numbers
 RATIOS = (0.2, 0.77)
 STRENGTHS = (0.0, 1.0, 2.0)
 DEMONSTRATIONS = 200
@@ -69,7 +69,7 @@ def _held_out(product: Product, ratio: float, seed: int, settings: Settings) -> 
 def _with_habits(product: Product, strength: float, seed: int, settings: Settings) -> Values:
     layout = Layout.of(product)
     rng = np.random.default_rng(seed)
-    people = People.drawn(layout, HabitSettings(strength=strength), rng)
-    train = states_of(layout, whole_demonstrations(people, DEMONSTRATIONS, rng))
-    joint = exact_joint(layout, run_states(layout, len(layout.positions) - 1, people), DETECTION_ERROR)
+    demonstrators = Demonstrators.drawn(layout, HabitSettings(strength=strength), rng)
+    train = states_of(layout, whole_demonstrations(demonstrators, DEMONSTRATIONS, rng))
+    joint = exact_joint(layout, run_states(layout, len(layout.positions) - 1, demonstrators), DETECTION_ERROR)
     return exact_scores(Answers(planner_of("factored", product, train, seed, settings), layout), joint)

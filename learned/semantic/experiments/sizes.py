@@ -8,12 +8,12 @@ from functools import partial
 import numpy as np
 
 from cell.interfaces.product import Product
+from learned.experiments import Cell, Values
 from learned.semantic.dataset import states_of
+from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
 from learned.semantic.evaluate import Answers, success
 from learned.semantic.experiments.models import generated_product, planner_of
-from learned.semantic.experiments.store import Cell, Values
 from learned.semantic.graph import Layout
-from learned.semantic.people import HabitSettings, People, whole_demonstrations
 from learned.semantic.scenarios import sampled
 
 SEEDS = (1, 2, 3)
@@ -40,8 +40,8 @@ def _measure(product: Product, kind: str, size: tuple[int, int, int], seed: int)
     rng = np.random.default_rng(seed)
     large = generated_product(product, *size, rng)
     layout = Layout.of(large)
-    people = People.drawn(layout, HabitSettings(strength=0.0), rng)
-    train = states_of(layout, whole_demonstrations(people, DEMONSTRATIONS, rng))
+    demonstrators = Demonstrators.drawn(layout, HabitSettings(strength=0.0), rng)
+    train = states_of(layout, whole_demonstrations(demonstrators, DEMONSTRATIONS, rng))
     begin_s = time.process_time()
     planner = planner_of(kind, large, train, seed)
     train_s = time.process_time() - begin_s

@@ -11,8 +11,8 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlanner
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import boxes_of
+from learned.grasp.candidates import available
 from learned.grasp.evaluate import is_right
-from learned.grasp.options import available
 from learned.grasp.pairs import PAIR_FEATURES, Pairs, near_pairs, pair_features
 from learned.grasp.planner import PairwisePlanner
 from learned.grasp.reference import AveragingPlanner
@@ -37,10 +37,10 @@ def test_signed_distances_of_exact_detections_are_the_labels() -> None:
     for scene in draw_scenes(PRODUCT, 41, 60, "validation", EXACT):
         pairs, features = features_of(scene.parts)
         assert features.shape == (len(pairs), PAIR_FEATURES)
-        for index, (i, option, j) in enumerate(zip(pairs.part, pairs.option, pairs.neighbour, strict=True)):
+        for index, (i, candidate, j) in enumerate(zip(pairs.part, pairs.candidate, pairs.neighbour, strict=True)):
             # The fitting on top cannot be touched: 3 mm of the height, in units of 10 mm.
             touches = features[index, NEAR_GAP] < 0 and features[index, ABOVE] > 0.3
-            assert touches == scene.blocks[i, option, j]
+            assert touches == scene.blocks[i, candidate, j]
             assert features[index, NEAR_GAP] <= features[index, FAR_GAP]
             checked += 1
     assert checked > 500

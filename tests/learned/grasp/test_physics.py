@@ -10,11 +10,10 @@ import pytest
 
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Boxes, boxes_of
-from learned.grasp.geometry import blocking
-from learned.grasp.options import OPTIONS, available, graspable, gripped_m, jaw_yaw_rad
+from learned.grasp.candidates import CANDIDATES, available, graspable, gripped_m, jaw_yaw_rad
 from learned.grasp.physics import clearance_m, fingertips_m, touching
 from learned.grasp.scenes import can_grasp, draw_scenes
-from learned.grasp.settings import GripperGeometry, GripperOutline
+from learned.grasp.settings import WITH_MARGINS, GripperOutline
 from tests.learned.grasp.layouts import PRODUCT, standing, walled
 
 OUTLINE = GripperOutline()
@@ -27,9 +26,9 @@ def grid(low: tuple[float, float], high: tuple[float, float]) -> Array:
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 
-def sampled_touch(boxes: Boxes, part: int, option: int, neighbour: int, grow_m: float) -> bool:
+def sampled_touch(boxes: Boxes, part: int, candidate: int, neighbour: int, grow_m: float) -> bool:
     """Whether a point of the gripper, coming down or closing, is at some time inside the neighbour's grown body."""
-    near = gripped_m(boxes)[part, option] / 2
+    near = gripped_m(boxes)[part, candidate] / 2
     far = near + OUTLINE.clearance_m + OUTLINE.pad_size_m[0]
     half = OUTLINE.pad_size_m[1] / 2
     palm_across, palm_along = OUTLINE.palm_size_m
@@ -40,7 +39,7 @@ def sampled_touch(boxes: Boxes, part: int, option: int, neighbour: int, grow_m: 
         (tip + OUTLINE.palm_above_tip_m, grid((-palm_along / 2, -palm_across / 2), (palm_along / 2, palm_across / 2))),
     ]
     top = boxes.top_m[neighbour] - OUTLINE.fitting_m + grow_m
-    own, other = jaw_yaw_rad(boxes)[part, option], boxes.yaw_rad[neighbour]
+    own, other = jaw_yaw_rad(boxes)[part, candidate], boxes.yaw_rad[neighbour]
     for lowest, points in bodies:
         turned = points @ np.array([[math.cos(own), math.sin(own)], [-math.sin(own), math.cos(own)]])
         offset = turned + boxes.centre_m[part] - boxes.centre_m[neighbour]
@@ -54,21 +53,21 @@ def test_labels_agree_with_sampled_points() -> None:
     blocked = 0
     for scene in draw_scenes(PRODUCT, 11, 40, "test"):
         exists = available(scene.boxes, OUTLINE)
-        for i, option, j in np.ndindex(*scene.blocks.shape):
-            if i == j or not exists[i, option]:
-                assert scene.blocks[i, option, j] == (i == j and not exists[i, option])
-            elif scene.blocks[i, option, j]:
+        for i, candidate, j in np.ndindex(*scene.blocks.shape):
+            if i == j or not exists[i, candidate]:
+                assert scene.blocks[i, candidate, j] == (i == j and not exists[i, candidate])
+            elif scene.blocks[i, candidate, j]:
                 # A rectangle's corner can reach in between the samples.
-                assert sampled_touch(scene.boxes, i, option, j, SPACING_M)
+                assert sampled_touch(scene.boxes, i, candidate, j, SPACING_M)
                 blocked += 1
             else:
-                assert not sampled_touch(scene.boxes, i, option, j, 0.0)
+                assert not sampled_touch(scene.boxes, i, candidate, j, 0.0)
     assert blocked > 50
 
 
 def test_what_touches_blocks_the_cautious_rule_too() -> None:
     for scene in draw_scenes(PRODUCT, 12, 100, "test"):
-        assert not np.any(scene.blocks & ~blocking(scene.boxes, GripperGeometry()))
+        assert not np.any(scene.blocks & ~touching(scene.boxes, WITH_MARGINS))
 
 
 def test_options_are_those_that_the_jaw_opens_wide_enough_for() -> None:
@@ -80,7 +79,7 @@ def test_options_are_those_that_the_jaw_opens_wide_enough_for() -> None:
 
 def test_a_wall_along_the_sides_leaves_the_ends() -> None:
     boxes = boxes_of(walled("o1", "o3"), PRODUCT)
-    assert [can_grasp(boxes, 0, option) for option in OPTIONS] == [False, True]
+    assert [can_grasp(boxes, 0, candidate) for candidate in CANDIDATES] == [False, True]
 
 
 def test_a_low_neighbour_does_not_block_a_tall_part() -> None:

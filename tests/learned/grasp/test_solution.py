@@ -31,7 +31,7 @@ def fewest_moves(blocks: Blocks, required: int) -> int | None:
 
 
 def random_blocks(rng: np.random.Generator, count: int) -> Blocks:
-    """Two options each; a missing one is blocked by the part itself."""
+    """Two candidates each; a missing one is blocked by the part itself."""
     blocks: Blocks = rng.random((count, 2, count)) < rng.choice([0.25, 0.35, 0.5])
     parts = np.arange(count)
     blocks[parts, :, parts] = rng.random((count, 2)) < 0.2
@@ -39,7 +39,7 @@ def random_blocks(rng: np.random.Generator, count: int) -> Blocks:
 
 
 def one_option(pairs: list[tuple[int, int]]) -> Blocks:
-    """Four parts, each with one option; (i, j) where j blocks i."""
+    """Four parts, each with one candidate; (i, j) where j blocks i."""
     blocks = np.zeros((4, 1, 4), dtype=bool)
     for i, j in pairs:
         blocks[i, 0, j] = True
@@ -73,7 +73,7 @@ def test_the_option_with_fewer_moves_is_taken() -> None:
     blocks[0, 0, [1, 2]] = blocks[0, 1, 3] = True
     assert solve(blocks, 0, range(4)).moves == (3,)
     assert not solves((1, 2), blocks, 0)
-    blocks[3, :, 0] = True  # part 3 waits for the required one in both of its options
+    blocks[3, :, 0] = True  # part 3 waits for the required one in both of its candidates
     assert solve(blocks, 0, range(4)).moves == (1, 2)
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from cell.interfaces.errors import InputError
 from learned.grasp.graph import scene_graph
@@ -21,7 +20,6 @@ from tests.learned.grasp.layouts import PRODUCT, walled
 
 pytestmark = pytest.mark.torch  # torch is imported in the tests alone: other processes collect this file, too
 TOLERANCE = 1e-5
-QUIET = Console(quiet=True)
 SHORT_PAIRWISE = PairwiseSettings(scenes=80, test_scenes=40, epochs=60, batch=64, hidden=24, members=2)
 SHORT_PAPER = PaperSettings(scenes=20, test_scenes=8, epochs=2, batch=32, hidden=16, layers=2, edges="printed")
 SEED = 5
@@ -64,9 +62,9 @@ def drawn_for(settings: TrainingSettings) -> list[Scene]:
 def test_training_again_gives_the_same_network_and_onnx_equals_torch(pairwise: Trained) -> None:
     import torch
 
-    from learned.grasp.train import train_pairwise
+    from learned.grasp.train import train_network
 
-    net = train_pairwise(drawn_for(SHORT_PAIRWISE), PRODUCT, SEED, SHORT_PAIRWISE, QUIET)
+    net = train_network(drawn_for(SHORT_PAIRWISE), PRODUCT, SEED, SHORT_PAIRWISE)
     for count in (1, 7):
         pairs = np.random.default_rng(count).normal(size=(count, PAIR_FEATURES)).astype(np.float32)
         with torch.no_grad():
@@ -77,9 +75,9 @@ def test_training_again_gives_the_same_network_and_onnx_equals_torch(pairwise: T
 def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Scene]) -> None:
     import torch
 
-    from learned.grasp.train import train_paper
+    from learned.grasp.train import train_network
 
-    net = train_paper(drawn_for(SHORT_PAPER), PRODUCT, SEED, SHORT_PAPER, QUIET)
+    net = train_network(drawn_for(SHORT_PAPER), PRODUCT, SEED, SHORT_PAPER)
     for scene in scenes:
         graphs = [scene_graph(scene.parts, i, PRODUCT, SHORT_PAPER.edges) for i in range(len(scene.parts))]
         inputs = {
@@ -153,3 +151,22 @@ def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
 
     with pytest.raises(InputError, match="pairwise, paper"):
         train_grasp(PRODUCT, tmp_path / "rule.onnx", 0, "rule")
+
+
+@pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning")
+def test_a_layer_is_the_weighted_convolution_of_a_library() -> None:
+    """Eq. 5 against GraphConv of PyTorch Geometric, which sends along lists of edges."""
+    import torch
+    from torch_geometric.nn import GraphConv
+
+    from learned.grasp.paper import GraphConvolution
+
+    torch.manual_seed(2)
+    ours, theirs = GraphConvolution(4, 5), GraphConv(4, 5)
+    theirs.lin_root.weight, theirs.lin_rel.weight = ours.own.weight, ours.neighbours.weight
+    theirs.lin_rel.bias = ours.own.bias
+    nodes, weights = torch.rand(7, 4), torch.rand(7, 7) * (torch.rand(7, 7) < 0.5)
+    receivers, senders = weights.nonzero(as_tuple=True)
+    with torch.no_grad():
+        expected = theirs(nodes, torch.stack([senders, receivers]), weights[receivers, senders])
+        assert torch.allclose(ours(nodes[None], weights[None])[0], expected, atol=1e-6)

@@ -7,7 +7,11 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
+from cell.commands.weights import new_weights, shipped_weights
+from cell.interfaces.files import shipped
+from learned.semantic.and_or import AndOrGraph
 from learned.semantic.dataset import load_demonstrations
+from learned.semantic.graph import Layout
 from tests.learned.products import DEFAULT
 
 
@@ -36,3 +40,18 @@ def test_demonstrations_that_cannot_be_written(tmp_path: Path, capsys: pytest.Ca
 def test_bad_options(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["eval", "semantic", *arguments]) == 2
     assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_new_weights_are_written_beside_the_configuration_or_into_the_working_folder(tmp_path: Path) -> None:
+    assert new_weights("semantic", "factored", tmp_path / "mine.yaml") == tmp_path / "semantic_factored.onnx"
+    assert new_weights("grasp", "paper", shipped("config", "cell.yaml")) == Path("grasp_paper.onnx")
+
+
+@pytest.mark.torch
+def test_training_for_a_configuration_leaves_the_shipped_weights_alone(tmp_path: Path) -> None:
+    for name in ("cell.yaml", "products.yaml"):
+        (tmp_path / name).write_text(shipped("config", name).read_text())
+    before = shipped_weights("semantic", "and_or").read_bytes()
+    assert main(["train", "semantic", "--kind", "and_or", "--config", str(tmp_path / "cell.yaml"), "--seed", "3"]) == 0
+    assert AndOrGraph.load(tmp_path / "semantic_and_or.json", Layout.of(DEFAULT)).card.seed == 3
+    assert shipped_weights("semantic", "and_or").read_bytes() == before

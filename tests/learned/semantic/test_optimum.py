@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from learned.semantic.bayes import BayesPosterior
+from learned.semantic.demonstrators import Demonstrators, HabitSettings, generated_demonstrations, runs
 from learned.semantic.graph import EMPTY, Layout, one_hot
 from learned.semantic.optimum import best_coverage, exact_joint, run_states, trade_off, uniform_states
-from learned.semantic.people import HabitSettings, People, generated_demonstrations, runs
 from learned.semantic.scenarios import misdetect
 from tests.learned.products import DEFAULT
 
 LAYOUT = Layout.of(DEFAULT)
 
 
-def people(strength: float) -> People:
-    return People.drawn(LAYOUT, HabitSettings(strength=strength), np.random.default_rng(0))
+def people(strength: float) -> Demonstrators:
+    return Demonstrators.drawn(LAYOUT, HabitSettings(strength=strength), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("strength", [0.0, 1.5])

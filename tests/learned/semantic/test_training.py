@@ -79,29 +79,45 @@ def test_plans_as_words_name_the_open_slots_in_order() -> None:
             assert [word for word in plan if word != IGNORED] == [part, *still, end]
 
 
+@pytest.mark.parametrize("aggregation", ["mean", "sum"])
+@pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning")
+def test_a_layer_is_the_graphsage_layer_of_a_library(aggregation: str) -> None:
+    """Eq. 2 against SAGEConv of PyTorch Geometric, which sends along lists of edges."""
+    import torch
+    from torch_geometric.nn import SAGEConv
+
+    from learned.semantic.paper import SageLayer
+
+    torch.manual_seed(1)
+    ours, theirs = SageLayer(4, 5, aggregation), SAGEConv(4, 5, aggr=aggregation)
+    theirs.lin_r.weight, theirs.lin_l.weight, theirs.lin_l.bias = ours.own.weight, ours.neighbours.weight, ours.own.bias
+    nodes, adjacency = torch.rand(9, 4), (torch.rand(9, 9) < 0.4).float()
+    receivers, senders = adjacency.nonzero(as_tuple=True)
+    with torch.no_grad():
+        expected = torch.relu(theirs(nodes, torch.stack([senders, receivers])))
+        assert torch.allclose(ours(nodes[None], adjacency[None])[0], expected, atol=1e-6)
+
+
 @pytest.mark.parametrize("kind", ["paper", "factored"])
 def test_onnx_answers_as_torch_does_on_states_it_never_saw(kind: str, tmp_path: Path) -> None:
-    import torch
-
     from learned.onnx_model import ModelCard
-    from learned.semantic.fit import fit
-    from learned.semantic.train import export
+    from learned.semantic.train import OUTPUTS, train_network
+    from learned.torch_model import TorchModel, write_weights
 
     whole = scenarios(LAYOUT, 0)
     train, held_out = split(whole, 0.5, 0)
-    network = fit(LAYOUT, train, short(kind), seed=0)
-    path = tmp_path / "planner.onnx"
     card = ModelCard(kind=f"semantic.{kind}", vocabulary=LAYOUT.vocabulary, data_sha256="", command="", seed=0)
-    export(network, train, path, card)
+    network = TorchModel(train_network(LAYOUT, train, short(kind), seed=0), OUTPUTS[kind], card)
+    path = tmp_path / "planner.onnx"
+    write_weights(network, path, [{"edges": edges} for edges in one_hot(train.seen, 3)], lambda: {"a": 1.0})
     model = OnnxModel.load(path, f"semantic.{kind}")
+    assert model.card == card.model_copy(update={"scores": {"a": 1.0}})
     for edges in one_hot(held_out.seen, 3):
-        found = model.run({"edges": edges})
-        with torch.no_grad():
-            expected = network(torch.tensor(edges))
-        assert set(found) == set(expected._fields)
-        for name, value in expected._asdict().items():
-            assert np.abs(found[name] - value.numpy()).max() <= 1e-5, name
-            assert np.allclose(found[name], value.numpy(), rtol=1e-4, atol=1e-30), name
+        found, expected = model.run({"edges": edges}), network.run({"edges": edges})
+        assert set(found) == set(expected)
+        for name, value in expected.items():
+            assert np.abs(found[name] - value).max() <= 1e-5, name
+            assert np.allclose(found[name], value, rtol=1e-4, atol=1e-30), name
 
 
 @pytest.mark.parametrize("kind", ["paper", "factored"])
@@ -131,7 +147,7 @@ def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> 
     import torch
 
     from learned.semantic.factored import FactoredNetwork, FactoredSettings
-    from learned.semantic.fit import fit
+    from learned.semantic.train import train_network
 
     parts, positions = [2, 0, 1], [3, 5, 0, 1, 4, 2]
     other = Layout.of(relabelled(DEFAULT, parts, positions))
@@ -139,7 +155,7 @@ def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> 
     here, _ = split(scenarios(LAYOUT, 0), 0.3, 0)
     renumbered = np.append(np.argsort(parts), EMPTY)[here.seen][:, positions]
     there = type(here)(here.goals, renumbered, np.argsort(positions)[here.following])
-    one, two = fit(LAYOUT, here, settings, 0), fit(other, there, settings, 0)
+    one, two = train_network(LAYOUT, here, settings, 0), train_network(other, there, settings, 0)
     assert isinstance(one, FactoredNetwork)
     assert isinstance(two, FactoredNetwork)
     assert torch.allclose(two.table, one.table[:, parts][:, :, positions], atol=1e-4)
@@ -172,16 +188,16 @@ def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
 
 def test_habits_that_are_shown_are_learned() -> None:
     from learned.semantic.dataset import states_of
+    from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
     from learned.semantic.evaluate import Answers
     from learned.semantic.experiments.models import planner_of
     from learned.semantic.experiments.scores import exact_scores, optimal_scores
     from learned.semantic.optimum import exact_joint, run_states
-    from learned.semantic.people import HabitSettings, People, whole_demonstrations
 
     rng = np.random.default_rng(2)
-    people = People.drawn(LAYOUT, HabitSettings(strength=2.0), rng)
-    train = states_of(LAYOUT, whole_demonstrations(people, 200, rng))
-    joint = exact_joint(LAYOUT, run_states(LAYOUT, 5, people), 0.045)
+    demonstrators = Demonstrators.drawn(LAYOUT, HabitSettings(strength=2.0), rng)
+    train = states_of(LAYOUT, whole_demonstrations(demonstrators, 200, rng))
+    joint = exact_joint(LAYOUT, run_states(LAYOUT, 5, demonstrators), 0.045)
     learned, fixed = (
         exact_scores(Answers(planner_of(kind, DEFAULT, train, 0), LAYOUT), joint) for kind in ("factored", "bayes")
     )
@@ -191,49 +207,9 @@ def test_habits_that_are_shown_are_learned() -> None:
     assert learned["goal_nll"] < fixed["goal_nll"] - 0.005
 
 
-@pytest.mark.parametrize("kind", ["paper", "factored"])
-def test_a_fit_that_was_interrupted_ends_as_if_it_had_not_been(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import torch
-
-    from learned.semantic import fit as module
-
-    train, _ = split(scenarios(LAYOUT, 0), 0.3, 0)
-    checkpoint = tmp_path / "some.checkpoint"
-    whole = module.fit(LAYOUT, train, short(kind), 1)
-    monkeypatch.setattr(module, "CHECKPOINT_STEPS", 30)
-    save, steps = module._Keeper.save, []
-
-    def interrupted(self: module._Keeper, step: int) -> None:
-        save(self, step)
-        steps.append(step)
-        if step == 60:
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(module._Keeper, "save", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            module.fit(LAYOUT, train, short(kind), 1, checkpoint=checkpoint)
-        assert steps == [30, 60]
-    restored: list[int] = []
-    restore = module._Keeper.restore
-
-    def counted(self: module._Keeper) -> int:
-        restored.append(restore(self))
-        return restored[-1]
-
-    monkeypatch.setattr(module._Keeper, "restore", counted)
-    again = module.fit(LAYOUT, train, short(kind), 1, checkpoint=checkpoint)
-    assert restored == [60]
-    assert not checkpoint.exists()
-    for name, value in whole.state_dict().items():
-        assert torch.equal(value, again.state_dict()[name]), name
-
-
 def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
     from learned.semantic.dataset import save_demonstrations
-    from learned.semantic.people import generated_demonstrations
+    from learned.semantic.demonstrators import generated_demonstrations
     from learned.semantic.train import train_semantic
 
     data, out = tmp_path / "some.jsonl", tmp_path / "planner"
@@ -249,33 +225,10 @@ def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
         train_semantic(DEFAULT, out, 0, "factored", data=data)
 
 
-def test_finished_cells_are_not_measured_again(tmp_path: Path) -> None:
-    from learned.semantic.experiments.store import Cell, Store
-
-    asked: list[int] = []
-
-    def measure(number: int) -> dict[str, int]:
-        asked.append(number)
-        if number == 2 and asked.count(2) == 1:
-            raise KeyboardInterrupt
-        return {"square": number**2}
-
-    cells = [Cell({"number": number}, lambda number=number: measure(number)) for number in range(4)]  # type: ignore[misc]
-    path = tmp_path / "cells.jsonl"
-    with pytest.raises(KeyboardInterrupt):
-        Store(path).run("a test", cells, quiet=True)
-    assert asked == [0, 1, 2]
-    found = Store(path).run("a test", cells, quiet=True)
-    assert asked == [0, 1, 2, 2, 3]
-    assert [values["square"] for _, values in found] == [0, 1, 4, 9]
-    path.write_text("no JSON\n")
-    with pytest.raises(InputError, match=r"cells\.jsonl:1: no finished cell"):
-        Store(path)
-
-
 def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One page of all sections, from cells that are not really measured."""
-    from learned.semantic.experiments import report, store
+    from learned.experiments import Store, write_page
+    from learned.semantic.experiments.page import EXPERIMENTS, HEAD
 
     small = {"goal_accuracy": 0.9, "curve": [[0.5, 0.0], [1.0, 0.01]]}
     names = ["goal_nll", "goal_calibration_error", "next_calibration_error", "wrong_always", "coverage_at_act"]
@@ -287,9 +240,9 @@ def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatc
     unknown = {"unknown_goals": {f"unknown_goal_auc_{k}": 0.5 for k in range(1, 6)}}
     values = {**small, **success, **both, **parts, **unknown, "train_s": 1.0, "plan_s": 1e-3}
 
-    monkeypatch.setattr(store.Store, "run", lambda _self, _title, cells: [(cell.key, values) for cell in cells])
+    monkeypatch.setattr(Store, "run", lambda _self, _title, cells: [(cell.key, values) for cell in cells])
     page = tmp_path / "semantic.md"
-    report.write_report(list(report.EXPERIMENTS), DEFAULT, store.Store(tmp_path / "none"), page, {"seeds": "1"})
+    write_page(HEAD, EXPERIMENTS, DEFAULT, Store(tmp_path / "none"), page, {"seeds": "1"})
     text = page.read_text()
     assert "| seeds | 1 |" in text
     assert "| factored | 0.2 | .750 | .750 |" in text

@@ -1,4 +1,4 @@
-"""The ways to grasp a part: across its width, or across its length where the jaw opens so far; always at its middle."""
+"""Grasp candidates: across a part's width, or across its length where the jaw opens so far; always at its middle."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Blocks, Boxes
 
-Option = Literal["width", "length"]
-OPTIONS: tuple[Option, ...] = ("width", "length")
+Candidate = Literal["width", "length"]
+CANDIDATES: tuple[Candidate, ...] = ("width", "length")
 _GRIPPED = (1, 0)  # column of a body's size that is between the fingers
 _TURN_RAD = np.array([0.0, np.pi / 2])
 
 
 class Opening(Protocol):
-    """What decides which options exist."""
+    """What decides which candidates exist."""
 
     @property
     def clearance_m(self) -> float:
@@ -30,29 +30,29 @@ class Opening(Protocol):
 
 
 def gripped_m(boxes: Boxes) -> Array:
-    """Extent (n, options) of each body between the fingers."""
+    """Extent (n, candidates) of each body between the fingers."""
     extent: Array = boxes.size_m[:, _GRIPPED]
     return extent
 
 
 def jaw_yaw_rad(boxes: Boxes) -> Array:
-    """Heading (n, options) of the fingers' width; they close at a right angle to it."""
+    """Heading (n, candidates) of the fingers' width; they close at a right angle to it."""
     yaw: Array = boxes.yaw_rad[:, None] + _TURN_RAD
     return yaw
 
 
 def available(boxes: Boxes, opening: Opening) -> Blocks:
-    """(n, options): whether the jaw opens wide enough."""
+    """(n, candidates): whether the jaw opens wide enough."""
     fits: Blocks = gripped_m(boxes) + 2 * opening.clearance_m <= opening.stroke_m
     return fits
 
 
 def mark_missing(blocks: Blocks, exists: Blocks) -> Blocks:
-    """Blocks (n, options, n) in which an option that does not exist is blocked by the part itself, and by that alone.
+    """Blocks (n, candidates, n) in which a candidate that does not exist is blocked by the part itself alone.
 
     Args:
-        blocks: [i, o, j] true where j is in the way of grasping i by option o.
-        exists: (n, options).
+        blocks: [i, c, j] true where j is in the way of grasping i by candidate c.
+        exists: (n, candidates).
     """
     own = np.eye(len(blocks), dtype=bool)[:, None]
     marked: Blocks = np.where(exists[..., None], blocks & ~own, own)
@@ -60,6 +60,6 @@ def mark_missing(blocks: Blocks, exists: Blocks) -> Blocks:
 
 
 def graspable(blocks: Blocks) -> Blocks:
-    """(n,): whether any option of a part is free."""
+    """(n,): whether any candidate of a part is free."""
     free: Blocks = np.any(~blocks.any(axis=-1), axis=-1)
     return free

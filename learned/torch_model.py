@@ -1,0 +1,96 @@
+"""Networks in torch where weights files are meant: asked like an ONNX file, and exported to one. Imports torch."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from cell.interfaces.errors import ModelError
+from learned.onnx_model import ModelCard, OnnxModel, save_onnx
+
+TOLERANCE = 1e-5  # ONNX and torch agree within
+_OPSET = 20
+
+Inputs = Mapping[str, NDArray[Any]]
+
+
+class TorchModel:
+    """A network that has not been exported; `learned.onnx_model.Network` says what it can do."""
+
+    def __init__(self, network: nn.Module, outputs: Iterable[str], card: ModelCard) -> None:
+        self.path = Path("a network in memory")
+        self.card = card
+        self.outputs = list(outputs)
+        self._network = network
+
+    def run(self, inputs: Inputs) -> dict[str, NDArray[Any]]:
+        """Outputs by name; inputs in the order of the network's arguments."""
+        with torch.no_grad():
+            found = self._network(*(torch.from_numpy(values) for values in inputs.values()))
+        values = found if isinstance(found, tuple) else (found,)
+        return {name: value.numpy() for name, value in zip(self.outputs, values, strict=True)}
+
+
+def write_weights(
+    model: TorchModel,
+    out: Path,
+    samples: Iterable[Inputs],
+    score: Callable[[], dict[str, float]],
+    *,
+    any_rows: bool = False,
+) -> dict[str, float]:
+    """Export a network to `out`, compare the file with torch, score it, and write the scores onto its card.
+
+    Args:
+        samples: inputs on which ONNX and torch must agree; the first one tells the exporter their shapes.
+        score: scores of the planner that reads `out`.
+        any_rows: inputs may have any number of rows.
+
+    Returns:
+        The scores.
+
+    Raises:
+        ModelError: an output differs by more than TOLERANCE.
+    """
+    samples = list(samples)
+    program = _export(model, samples[0], any_rows)
+    save_onnx(program, out, model.card)
+    written = OnnxModel.load(out, model.card.kind)
+    for inputs in samples:
+        expected = model.run(inputs)
+        for name, value in written.run(inputs).items():
+            difference = float(np.abs(value - expected[name]).max())
+            if difference > TOLERANCE:
+                raise ModelError(f"{out}: output {name} differs from torch by {difference:.1e}, more than {TOLERANCE}")
+    scores = score()
+    save_onnx(program, out, model.card.model_copy(update={"scores": scores}))
+    return scores
+
+
+def _export(model: TorchModel, inputs: Inputs, any_rows: bool) -> Any:
+    """The ONNX program; what the exporter says of its own insides reaches nobody."""
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    rows = {name: {0: torch.export.Dim.DYNAMIC} for name in inputs} if any_rows else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        program = torch.onnx.export(
+            model._network,
+            tuple(torch.from_numpy(values) for values in inputs.values()),
+            input_names=list(inputs),
+            output_names=model.outputs,
+            dynamic_shapes=rows,
+            dynamo=True,
+            opset_version=_OPSET,
+            verbose=False,
+        )
+    if program is None:
+        raise ModelError("torch exported nothing")
+    return program.model_proto

@@ -1,0 +1,65 @@
+"""The training loop: an interrupted fit ends as if it had not been interrupted; foreign checkpoints are ignored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+if TYPE_CHECKING:
+    from torch import Tensor, nn
+
+pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
+EPOCHS = 40
+
+
+def trained(checkpoint: Path | None, stop: int | None = None, identity: str = "a test") -> tuple[nn.Module, list[int]]:
+    """A small network, and the epochs that were gone through; noise comes from torch and from numpy."""
+    import torch
+    from torch import nn
+
+    from learned.fitting import Checkpoint, fit
+
+    torch.manual_seed(0)
+    rng = np.random.default_rng(0)
+    network = nn.Linear(3, 1)
+    seen: list[int] = []
+
+    def losses(epoch: int) -> Iterator[Tensor]:
+        if epoch == stop:
+            raise KeyboardInterrupt
+        seen.append(epoch)
+        for _ in range(2):
+            batch = torch.rand(8, 3) + torch.tensor(rng.normal(size=(8, 3)), dtype=torch.float32)
+            yield (network(batch) - batch.sum(1, keepdim=True)).square().mean()
+
+    optimiser = torch.optim.Adam(network.parameters(), 0.05)
+    kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
+    try:
+        fit(network, optimiser, losses, EPOCHS, 2, largest_gradient=1.0, rng=rng, checkpoint=kept)
+    except KeyboardInterrupt:
+        assert stop is not None
+    return network, seen
+
+
+def test_a_fit_that_was_interrupted_ends_as_if_it_had_not_been(tmp_path: Path) -> None:
+    import torch
+
+    checkpoint = tmp_path / "some.checkpoint"
+    whole, _ = trained(None)
+    trained(checkpoint, stop=25)
+    assert checkpoint.exists()
+    again, seen = trained(checkpoint)
+    assert seen[0] == 24
+    assert not checkpoint.exists()
+    assert torch.equal(whole.weight, again.weight)  # type: ignore[arg-type]
+    assert not whole.training
+
+
+def test_a_checkpoint_of_another_fit_is_ignored(tmp_path: Path) -> None:
+    checkpoint = tmp_path / "some.checkpoint"
+    trained(checkpoint, stop=25)
+    assert trained(checkpoint, identity="another")[1] == list(range(EPOCHS))

@@ -15,7 +15,7 @@ def wilson(right: int, count: int) -> tuple[float, float]:
     share, spread = right / count, Z_95**2 / count
     middle = (share + spread / 2) / (1 + spread)
     half = Z_95 * math.sqrt(share * (1 - share) / count + spread / (4 * count)) / (1 + spread)
-    return max(0.0, middle - half), min(1.0, middle + half)
+    return max(0.0, min(middle - half, share)), min(1.0, max(middle + half, share))
 
 
 def student(numbers: Sequence[float]) -> tuple[float, float]:

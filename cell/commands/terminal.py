@@ -48,8 +48,12 @@ def print_json(values: Mapping[str, object]) -> None:
 
 
 def report_scores(title: str, scores: Mapping[str, float], as_json: bool) -> None:
-    """Scores as a table, and as JSON where that is asked for."""
-    console().print(table(title, {name: f"{value:.4g}" for name, value in scores.items()}))
+    """Scores as a table, each with its interval where it has one, and as JSON where that is asked for."""
+    rows = {name: f"{value:.4g}" for name, value in scores.items() if not name.endswith(("_low", "_high"))}
+    for name in rows:
+        if f"{name}_low" in scores:
+            rows[name] += f" ({scores[f'{name}_low']:.3f} - {scores[f'{name}_high']:.3f})"
+    console().print(table(title, rows))
     if as_json:
         print_json(scores)
 

@@ -165,7 +165,7 @@ def drive(
         gripper = CanGripper(open_bus(can_settings), devices.clock, can_settings, can_tap)
         stack.callback(gripper.close)
         detectors = (configuration.bench, files.product, configuration.perception)
-        executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices.clock)
+        executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices)
         for executor in executors:
             stack.callback(executor.close)
         controller = Controller(devices, gripper, *executors, configuration.controller, observers)

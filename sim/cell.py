@@ -14,12 +14,14 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from sim.arm import SimArm
-from sim.camera import SimCamera, Studio
+from sim.camera import SimCamera
 from sim.clock import Actor, Observer, SimClock
 from sim.clutter import ScenePart, full_set, sample_clutter
 from sim.contacts import ContactMonitor
 from sim.gripper_node import GripperNode
 from sim.hand import add_hand
+from sim.photographer import Photographer, SensorSetup
+from sim.render_process import RenderProcess
 from sim.score import Score
 from sim.settings import SimSettings
 from sim.worker import Worker
@@ -46,6 +48,7 @@ class SimCell:
         seed: the same seed gives the same scene, noise and person.
         worker: with the person and their parts in the bins, or the robot alone.
         clutter: parts in the tray; by default one product's set, cluttered at random.
+        overlap: frames and detectors in a process of their own, beside the physics; what comes out is the same.
 
     Attributes:
         look: drawn by the seed from the settings' range.
@@ -64,6 +67,7 @@ class SimCell:
         *,
         worker: bool = True,
         clutter: Sequence[ScenePart] | None = None,
+        overlap: bool = False,
     ) -> None:
         streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(6)]
         goal = _chosen_goal(product, goal, streams[0])
@@ -81,16 +85,21 @@ class SimCell:
         self.gripper_node = GripperNode(self.world, can_interface, can_channel)
         self.score = Score(self.world, goal)
         self.contacts = ContactMonitor(self.world, lambda: self.arm.driven_rad_s) if worker else None
-        self._studio = Studio(self.world)
-        overhead = SimCamera("overhead", bench.overhead, self.world, self._studio, self.look.camera, streams[3])
-        wrist = SimCamera("wrist", bench.wrist, self.world, self._studio, self.look.camera, streams[4])
+        sensors = {
+            "overhead": SensorSetup(bench.overhead, self.look.camera, streams[3]),
+            "wrist": SensorSetup(bench.wrist, self.look.camera, streams[4]),
+        }
+        beside = RenderProcess(self.world.model, sensors) if overlap else None
+        self._photographer = beside or Photographer(self.world.model, sensors)
+        overhead = SimCamera("overhead", bench.overhead, self.world, self._photographer.take)
+        wrist = SimCamera("wrist", bench.wrist, self.world, self._photographer.take)
         actors: list[Actor] = [self.arm, self.gripper_node]
         if self.worker is not None:
             actors.append(self.worker)
         samplers: list[Observer] = [self.arm, *([self.contacts] if self.contacts is not None else [])]
         clock = SimClock(self.world, actors, [self.score, overhead, wrist], samplers)
         panel = self.worker or EmptyPanel()
-        self.devices = Devices(clock, overhead, wrist, self.arm, panel, self.report, self.close, self.truth)
+        self.devices = Devices(clock, overhead, wrist, self.arm, panel, self.report, self.close, self.truth, beside)
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""
@@ -102,16 +111,17 @@ class SimCell:
         return sorted(news, key=lambda event: event.time_s)
 
     def close(self) -> None:
-        """Let go of the bus and the graphics contexts."""
+        """Let go of the bus and of what makes the frames."""
         self.gripper_node.close()
-        self._studio.close()
+        self._photographer.close()
 
 
 def open_cell(
     product: Product, bench: Bench, settings: SimSettings, can_interface: str, can_channel: str, seed: int, goal: str
 ) -> Devices:
     """What the configuration names as the factory of devices: a simulated cell with a person; see SimCell."""
-    return SimCell(product, bench, settings, can_interface, can_channel, seed, goal).devices
+    overlap = settings.overlap
+    return SimCell(product, bench, settings, can_interface, can_channel, seed, goal, overlap=overlap).devices
 
 
 def _chosen_goal(product: Product, goal: str, rng: np.random.Generator) -> str:

@@ -67,12 +67,14 @@ class SimSettings(Model):
     """The simulated cell.
 
     Attributes:
+        overlap: frames and detectors in a second process, beside the physics; the log is the same.
         physics: time steps.
         look: preset or file of looks, or a look file's content; each run's look is drawn from it by the seed.
         clutter: how parts stand in the tray.
         person: who stands at the bench.
     """
 
+    overlap: bool = True
     physics: PhysicsSettings = PhysicsSettings()
     look: Annotated[LookRange, WithJsonSchema(LOOK_AS_WRITTEN)] = Field(
         default=LookRange(), json_schema_extra={"default": "nominal"}

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.perception import Frame
 from cell.interfaces.truth import TruthEvent
+
+Answer = TypeVar("Answer")
 
 
 class Camera(Protocol):
@@ -21,7 +23,7 @@ class Camera(Protocol):
         ...
 
     def latest(self) -> Frame | None:
-        """The newest frame, or None before the first; never waits."""
+        """The newest frame, or None before the first; never waits. Raises DeviceFault when no more will come."""
         ...
 
 
@@ -81,11 +83,34 @@ class Panel(Protocol):
         ...
 
 
+class DetectorHost(Protocol):
+    """The process that makes a simulated cell's frames; detectors can run in it, beside the controller."""
+
+    def host(
+        self, build: Callable[..., Callable[[Frame], Answer]], *arguments: object
+    ) -> Callable[[Frame], Callable[[], Answer]]:
+        """Build a detector there.
+
+        Args:
+            build: makes the detector inside the process; a module's function, as it is sent there by name.
+            arguments: for `build`; must be picklable.
+
+        Returns:
+            what sends a frame of this cell to the detector; calling what that returns waits for the answer. Both raise
+            DeviceFault once the process has failed.
+
+        Raises:
+            CellError: as `build` raised it.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Devices:
     """All devices of a cell but the gripper, which is reached over CAN.
 
     Attributes:
+        host: where detectors run in lock-step beside a simulation; None: in the controller's process.
         report: how the finished assembly is judged, by keys of `cell run --json`; empty where nobody can judge.
         close: lets go of everything.
         truth: what really happened since the last call, for the log alone; empty where nobody knows.
@@ -99,3 +124,4 @@ class Devices:
     report: Callable[[], dict[str, object]]
     close: Callable[[], None]
     truth: Callable[[], Sequence[TruthEvent]] = tuple
+    host: DetectorHost | None = None

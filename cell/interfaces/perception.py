@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -30,6 +30,26 @@ class Frame:
     time_s: float
     image: NDArray[np.uint8] = field(repr=False, compare=False)
     world_from_camera: Pose
+
+
+class PendingFrame(Frame):
+    """A frame whose image is still being made: who reads `image` waits for it, whoever does not goes on."""
+
+    def __init__(
+        self, camera: str, sequence: int, time_s: float, image: Callable[[], NDArray[np.uint8]], world_from_camera: Pose
+    ) -> None:
+        fields = {"camera": camera, "sequence": sequence, "time_s": time_s, "world_from_camera": world_from_camera}
+        for name, value in {**fields, "_pending": image}.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """As in `Frame`; raises DeviceFault if it could not be made."""
+        pending: Callable[[], NDArray[np.uint8]] = vars(self)["_pending"]
+        return pending()
+
+    def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
+        return Frame, (self.camera, self.sequence, self.time_s, self.image, self.world_from_camera)
 
 
 @dataclass(frozen=True)

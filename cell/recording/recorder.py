@@ -32,7 +32,7 @@ LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, 
 
 @dataclass
 class Dropped:
-    """What was left out because the disk did not keep up."""
+    """What was left out: the disk did not keep up, or a frame's image could not be made."""
 
     frames: int = 0
     ticks: int = 0
@@ -137,7 +137,7 @@ class McapRecorder:
             self.dropped.can_frames += len(self._can)
             self._can.clear()
             return
-        self._write_collected()
+        self._write_collected(self._encoder.take())
         self._observe(observation, stamp_ns)
         self._json["/tick"].log(tick_json(tick, record.status, record.changes), log_time=stamp_ns)
         for topic, fields in record.notes:
@@ -178,9 +178,9 @@ class McapRecorder:
         self._log.log(line, log_time=stamp_ns)
 
     def close(self, outcome: Outcome) -> None:
-        self._write_collected()
-        self._write_collected()  # images come one call later
+        self._write_collected(self._encoder.take_all())
         self._encoder.close()
+        self.dropped.frames += self._encoder.failed
         fields = ("end", "reason", "ticks", "overruns", "sim_time_s", "wall_time_s")
         self._files.note("outcome", {name: str(getattr(outcome, name)) for name in fields})
         if self.dropped != Dropped():
@@ -258,15 +258,15 @@ class McapRecorder:
         }
         self._write("/command", stamp_ns, values)
 
-    def _write_collected(self) -> None:
-        """CAN frames and truth since the last tick, and images of the tick before: they have been encoded meanwhile."""
+    def _write_collected(self, images: list[tuple[Frame, bytes]]) -> None:
+        """CAN frames and truth since the last tick, and images of earlier ticks: they have been encoded meanwhile."""
         for can in self._can:
             values = {"id": can.identifier, "sent": can.sent, "data_hex": can.data.hex()}
             self._write("/can", _nanoseconds(can.time_s), values)
         self._can.clear()
         for event in self._truth():
             self._write("/truth", _nanoseconds(event.time_s), {"kind": event.kind, **plain(event.fields)})
-        for frame, jpeg in self._encoder.take():
+        for frame, jpeg in images:
             if frame.camera not in self._images:
                 self._images[frame.camera] = CompressedImageChannel(f"/camera/{frame.camera}", context=self.context)
             stamp_ns = _nanoseconds(frame.time_s)

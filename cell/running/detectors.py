@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 from cell.configuration import Perception
 from cell.interfaces.bench import Bench
-from cell.interfaces.clock import Clock
+from cell.interfaces.devices import Devices
 from cell.interfaces.perception import BenchView, Frame, PartDetector, PartsView
 from cell.interfaces.product import Product
-from cell.running.inference import Executor, LockStep, WorkerProcess
+from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
 from learned.classical.bench_watcher import ClassicalBenchWatcher
 from learned.classical.part_detector import ClassicalPartDetector
 
@@ -26,11 +26,20 @@ def part_finder(bench: Bench, product: Product, perception: Perception) -> Calla
 
 
 def lock_step(
-    bench: Bench, product: Product, perception: Perception, clock: Clock
+    bench: Bench, product: Product, perception: Perception, devices: Devices
 ) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
-    """Executors for simulation: answers come a configured latency later in clock time."""
-    watch, find = bench_watcher(bench, product, perception), part_finder(bench, product, perception)
-    return LockStep(watch, clock, perception.latency_s), LockStep(find, clock, perception.latency_s)
+    """Executors for simulation: answers come a configured latency later in clock time.
+
+    The detectors run beside the physics where the devices offer a place for it; the answers are the same.
+    """
+    clock, latency_s, arguments = devices.clock, perception.latency_s, (bench, product, perception)
+    if devices.host is None:
+        watch, find = bench_watcher(*arguments), part_finder(*arguments)
+        return LockStep(watch, clock, latency_s), LockStep(find, clock, latency_s)
+    return (
+        HeldBack(devices.host.host(bench_watcher, *arguments), clock, latency_s),
+        HeldBack(devices.host.host(part_finder, *arguments), clock, latency_s),
+    )
 
 
 def worker_processes(

@@ -44,31 +44,47 @@ class Executor(Protocol[Job_contra, Answer_co]):
         ...
 
 
-class LockStep(Generic[Job, Answer]):
-    """Computes at once and holds the answer back until `latency_s` of clock time have passed.
+class HeldBack(Generic[Job, Answer]):
+    """Begins a job at once and hands its answer out when `latency_s` of clock time have passed, not before.
 
     So a simulated run is deterministic, and no tick knows an answer earlier than on a real cell.
     """
 
-    def __init__(self, detector: Callable[[Job], Answer], clock: Clock, latency_s: float) -> None:
-        self._detector = detector
+    def __init__(self, begin: Callable[[Job], Callable[[], Answer]], clock: Clock, latency_s: float) -> None:
+        """An executor on a clock.
+
+        Args:
+            begin: starts a job; what it returns gives the answer, and waits where that is not ready.
+        """
+        self._begin = begin
         self._clock = clock
         self._latency_s = latency_s
-        self._waiting: deque[tuple[float, Answer]] = deque()
+        self._waiting: deque[tuple[float, Callable[[], Answer]]] = deque()
 
     def submit(self, job: Job) -> bool:
         if len(self._waiting) >= BACKLOG:
             return False
-        self._waiting.append((self._clock.now_s() + self._latency_s, self._detector(job)))
+        self._waiting.append((self._clock.now_s() + self._latency_s, self._begin(job)))
         return True
 
     def poll(self) -> Answer | None:
         if self._waiting and self._waiting[0][0] <= self._clock.now_s() + 1e-9:
-            return self._waiting.popleft()[1]
+            return self._waiting.popleft()[1]()
         return None
 
     def close(self) -> None:
         self._waiting.clear()
+
+
+class LockStep(HeldBack[Job, Answer]):
+    """Computes in `submit`, in this process."""
+
+    def __init__(self, detector: Callable[[Job], Answer], clock: Clock, latency_s: float) -> None:
+        def begin(job: Job) -> Callable[[], Answer]:
+            answer = detector(job)
+            return lambda: answer
+
+        super().__init__(begin, clock, latency_s)
 
 
 class WorkerProcess(Generic[Job, Answer]):

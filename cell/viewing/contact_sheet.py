@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from cell.interfaces.errors import DeviceFault
 from cell.interfaces.observation import Image
 from cell.interfaces.perception import BenchView, Frame
 from cell.observer import Level, Outcome, TickRecord
@@ -39,14 +40,14 @@ class ContactSheet:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._shots: list[Shot] = []
+        self._first: Frame | None = None
         self._frames: dict[str, Frame] = {}
         self._recent: deque[Frame] = deque(maxlen=RECENT_FRAMES)
         self._action = ""
         self._parts = -1
 
     def frame(self, frame: Frame) -> None:
-        if not self._frames:
-            self._take(frame, "begin")
+        self._first = self._first or frame
         self._frames[frame.camera] = frame
         self._recent.append(frame)
 
@@ -76,6 +77,9 @@ class ContactSheet:
         last = self._frames.get("overhead")
         if last is not None:
             self._take(last, f"end: {outcome.reason}")
+        if self._first is not None:  # only now: the first image takes a while
+            self._take(self._first, "begin")
+            self._shots.sort(key=lambda shot: shot.time_s)
         if self._shots:
             sheet = compose(self._shots)
             self.path.write_bytes(cv2.imencode(".png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))[1].tobytes())
@@ -90,7 +94,10 @@ class ContactSheet:
     def _take(self, frame: Frame, caption: str, boxes: list[tuple[int, int, int, int]] | None = None) -> None:
         if self._shots and self._shots[-1].caption == caption:
             return
-        image = frame.image.copy()
+        try:
+            image = frame.image.copy()
+        except DeviceFault:  # it could not be made: the sheet goes without
+            return
         for left, top, right, bottom in boxes or []:
             cv2.rectangle(image, (left, top), (right, bottom), BOX_RGB, 2)
         small = cv2.resize(image, THUMBNAIL_PX, interpolation=cv2.INTER_AREA)

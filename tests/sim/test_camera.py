@@ -11,9 +11,11 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from sim.camera import SimCamera, Studio
+from sim.camera import SimCamera
 from sim.clutter import standing
 from sim.look import Camera
+from sim.photographer import Photographer, SensorSetup
+from sim.studio import Studio
 from sim.world import World, build_world
 from tests.sim.conftest import MakeRig
 
@@ -138,7 +140,9 @@ def test_noise_has_the_configured_strength_and_is_new_in_every_frame(product: Pr
     world = build_world(product, bench, ())
     studio = Studio(world)
     noise = Camera(noise_levels=3.0, brightness_jitter=0.0, blur_px=0.0)
-    camera = SimCamera("overhead", bench.overhead, world, studio, noise, np.random.default_rng(0))
+    sensors = {"overhead": SensorSetup(bench.overhead, noise, np.random.default_rng(0))}
+    photographer = Photographer(world.model, sensors)
+    camera = SimCamera("overhead", bench.overhead, world, photographer.take)
     clean = studio.render("overhead", bench.overhead.width_px, bench.overhead.height_px).astype(int)
     images = []
     for time_s in (0.0, 0.072):
@@ -146,6 +150,7 @@ def test_noise_has_the_configured_strength_and_is_new_in_every_frame(product: Pr
         frame = camera.latest()
         assert frame is not None
         images.append(frame.image.astype(int))
+    photographer.close()
     studio.close()
     bright = clean > 20
     assert (images[0] - clean)[bright].std() == pytest.approx(3.0, rel=0.05)

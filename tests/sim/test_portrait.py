@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.camera import Studio
 from sim.portrait import portrait
+from sim.studio import Studio
 from tests.sim.conftest import MakeRig
 
 

@@ -1,0 +1,219 @@
+"""A process beside the physics: it makes the frames, and runs the detectors that read them, in lock-step (decision 6).
+
+The controller needs an answer only a configured latency after the frame, so both processes work at the same time. What
+comes out is the same as in one process: exposures and frames for detectors are worked off in the order in which they
+were sent, and nobody looks whether something is ready; who needs it waits.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import multiprocessing
+import pickle
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Hashable, Mapping
+from concurrent.futures import Future
+from contextlib import suppress
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import CameraSetup
+from cell.interfaces.errors import CellError, DeviceFault
+from cell.interfaces.perception import Frame, PendingFrame
+from sim.photographer import Exposure, Photographer, SensorSetup
+
+Answer = TypeVar("Answer")
+Build = Callable[..., Callable[[Frame], Answer]]
+Slots = Mapping[str, Any]  # shared memory for SLOTS images of each camera
+
+NAME = "render process"
+SLOTS = 8  # frames of a camera that may wait to be rendered; then the physics waits
+JOIN_S = 2.0
+PATIENCE_S = 60.0  # wall time; a frame takes some milliseconds
+
+
+class RenderProcess:
+    """Makes frames and answers in a process of its own; close it."""
+
+    def __init__(self, model: mujoco.MjModel, sensors: Mapping[str, SensorSetup]) -> None:
+        """Start it; returns before it is ready.
+
+        Args:
+            model: the compiled cell.
+            sensors: by the camera's name.
+        """
+        context = multiprocessing.get_context("forkserver")
+        self._setups = {camera: sensor.setup for camera, sensor in sensors.items()}
+        self._slots = {
+            camera: context.RawArray(ctypes.c_uint8, SLOTS * _size(setup)) for camera, setup in self._setups.items()
+        }
+        self._pending: dict[Hashable, Future[Any]] = {}
+        self._lock = threading.Lock()
+        self._fault: DeviceFault | None = None
+        self._numbers = itertools.count()
+        self._taken: dict[tuple[str, int], Future[Any]] = {}  # by camera and slot
+        compiled = pickle.dumps(model)
+        shared = context.RawArray(ctypes.c_uint8, len(compiled))
+        memoryview(shared).cast("B")[:] = compiled
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(
+            target=_serve, args=(theirs, shared, dict(sensors), self._slots), name=NAME, daemon=True
+        )
+        self._process.start()
+        theirs.close()
+        self._receiver = threading.Thread(target=self._receive, name=NAME, daemon=True)
+        self._receiver.start()
+
+    @property
+    def process_id(self) -> int:
+        """Of the running process."""
+        assert self._process.pid is not None
+        return self._process.pid
+
+    def take(self, exposure: Exposure) -> PendingFrame:
+        """A frame whose image comes later; waits where very many are under way. Raises DeviceFault."""
+        camera, sequence = exposure.camera, exposure.sequence
+        slot = (camera, sequence % SLOTS)
+        if (earlier := self._taken.get(slot)) is not None:
+            _awaited(earlier)  # until then its image lies where this one will
+        future = self._taken[slot] = self._send(("frame", camera, sequence), exposure)
+        return PendingFrame(camera, sequence, exposure.time_s, partial(_awaited, future), exposure.world_from_camera)
+
+    def host(self, build: Build[Answer], *arguments: object) -> Callable[[Frame], Callable[[], Answer]]:
+        """Run a detector there; see `DetectorHost`."""
+        number = next(self._numbers)
+        _awaited(self._send(("built", number), (build, arguments)))
+        return partial(self._begin, number)
+
+    def close(self) -> None:
+        """End the process; harmless when repeated."""
+        if self._process.is_alive():
+            self._process.kill()
+        self._process.join(JOIN_S)
+        self._receiver.join(JOIN_S)
+        self._pipe.close()
+
+    def _begin(self, detector: int, frame: Frame) -> Callable[[], Any]:
+        """Send a frame of ours to a detector; the answer is waited for by who calls the result."""
+        return partial(_awaited, self._send(("answer", next(self._numbers)), (detector, frame.camera, frame.sequence)))
+
+    def _send(self, key: tuple[object, ...], job: object) -> Future[Any]:
+        future: Future[Any] = Future()
+        with self._lock:
+            if self._fault is not None:
+                raise self._fault
+            self._pending[key] = future
+        with suppress(OSError):  # a process that died fails everything that is pending
+            self._pipe.send((key, job))
+        return future
+
+    def _receive(self) -> None:
+        """Hand out what comes back, until the process ends; runs in a thread."""
+        reason = ""
+        try:
+            while True:
+                key, result = self._pipe.recv()
+                if key is None:
+                    reason = result
+                    break
+                self._hand_out(key, result)
+        except (EOFError, OSError):
+            self._process.join(JOIN_S)
+            reason = f"it died (exit code {self._process.exitcode})"
+        with self._lock:
+            self._fault = DeviceFault(NAME, reason)
+            pending, self._pending = self._pending, {}
+        for future in pending.values():
+            future.set_exception(self._fault)
+
+    def _hand_out(self, key: tuple[Any, ...], result: Any) -> None:
+        with self._lock:
+            future = self._pending.pop(key)
+        if isinstance(result, CellError):
+            future.set_exception(result)
+        elif key[0] == "frame":
+            _, camera, sequence = key
+            future.set_result(_fixed(_slot(self._slots, self._setups[camera], camera, sequence).copy()))
+        else:
+            future.set_result(result)
+
+
+def _serve(pipe: Connection, compiled: Any, sensors: Mapping[str, SensorSetup], slots: Slots) -> None:
+    """The process: works off exposures, detectors to build and frames to look at, in their order."""
+    # Signals often go to all processes of a group: this one lives until the controller has stopped the arm.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    cv2.setNumThreads(1)  # the other core has work of its own
+    try:
+        worker = _Worker(pickle.loads(bytes(compiled)), sensors, slots)
+        while True:
+            key, job = pipe.recv()
+            pipe.send((key, worker.work(key, job)))
+    except (EOFError, BrokenPipeError):
+        return  # the controller is gone
+    except Exception as error:  # outermost loop of the process: the controller turns it into a fault
+        pipe.send((None, f"{type(error).__name__}: {error}"))
+
+
+class _Worker:
+    """What the process knows."""
+
+    def __init__(self, model: mujoco.MjModel, sensors: Mapping[str, SensorSetup], slots: Slots) -> None:
+        self._photographer = Photographer(model, sensors)
+        self._sensors, self._slots = sensors, slots
+        self._frames = {camera: deque[Frame](maxlen=SLOTS) for camera in sensors}
+        self._detectors: dict[int, Callable[[Frame], object]] = {}
+
+    def work(self, key: tuple[Any, ...], job: Any) -> object:
+        """One job, and what is sent back for it."""
+        if key[0] == "frame":
+            self._take(job)
+            return None
+        if key[0] == "built":
+            return self._build(key[1], *job)
+        detector, camera, sequence = job
+        return self._detectors[detector](next(kept for kept in self._frames[camera] if kept.sequence == sequence))
+
+    def _take(self, exposure: Exposure) -> None:
+        frame = self._photographer.take(exposure)
+        self._frames[frame.camera].append(frame)
+        _slot(self._slots, self._sensors[frame.camera].setup, frame.camera, frame.sequence)[:] = frame.image
+
+    def _build(self, number: int, build: Build[object], arguments: tuple[object, ...]) -> CellError | None:
+        try:
+            self._detectors[number] = build(*arguments)
+        except CellError as error:  # the user's file is wrong: told as it is
+            return error
+        return None
+
+
+def _awaited(future: Future[Any]) -> Any:
+    try:
+        return future.result(PATIENCE_S)
+    except TimeoutError:
+        raise DeviceFault(NAME, f"nothing came for {PATIENCE_S:g} s") from None
+
+
+def _size(setup: CameraSetup) -> int:
+    return setup.width_px * setup.height_px * 3
+
+
+def _slot(slots: Slots, setup: CameraSetup, camera: str, sequence: int) -> NDArray[np.uint8]:
+    """Where the image of a frame lies in shared memory."""
+    images = np.frombuffer(slots[camera], np.uint8).reshape(SLOTS, setup.height_px, setup.width_px, 3)
+    image: NDArray[np.uint8] = images[sequence % SLOTS]
+    return image
+
+
+def _fixed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    image.setflags(write=False)
+    return image

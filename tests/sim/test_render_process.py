@@ -1,0 +1,136 @@
+"""Frames and answers of the render process are those of one process; when it fails, everyone who waits is told."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.errors import DeviceFault, InputError
+from cell.interfaces.perception import Frame
+from cell.interfaces.product import Product
+from sim.camera import SimCamera
+from sim.look import Camera
+from sim.photographer import Photographer, SensorSetup
+from sim.render_process import SLOTS, RenderProcess
+from sim.world import World, build_world
+
+FRAMES = 2 * SLOTS + 1
+PERIOD_S = 0.2
+
+
+def build_brightness() -> Callable[[Frame], tuple[int, int]]:
+    return lambda frame: (frame.sequence, int(frame.image.sum()))
+
+
+def build_refusing() -> Callable[[Frame], int]:
+    raise InputError("no such product")
+
+
+def build_failing() -> Callable[[Frame], int]:
+    return lambda frame: frame.sequence // 0
+
+
+def sensors(bench: Bench) -> dict[str, SensorSetup]:
+    return {
+        name: SensorSetup(setup, Camera(), np.random.default_rng(number))
+        for number, (name, setup) in enumerate([("overhead", bench.overhead), ("wrist", bench.wrist)])
+    }
+
+
+@pytest.fixture(scope="module")
+def world(product: Product, bench: Bench) -> World:
+    return build_world(product, bench)
+
+
+@pytest.fixture
+def process(world: World, bench: Bench) -> Iterator[RenderProcess]:
+    with closing(RenderProcess(world.model, sensors(bench))) as made:
+        yield made
+
+
+def taken(world: World, bench: Bench, maker: RenderProcess | Photographer) -> list[Frame]:
+    """Frames of both cameras while the arm turns."""
+    overhead = SimCamera("overhead", bench.overhead, world, maker.take)
+    wrist = SimCamera("wrist", bench.wrist, world, maker.take)
+    frames = []
+    for number in range(FRAMES):
+        world.set_arm(np.array(bench.arm_look_rad) + 0.02 * number)
+        wrist.trigger()
+        for camera in (overhead, wrist):
+            camera.observe(number * PERIOD_S)
+            frame = camera.latest()
+            assert frame is not None
+            frames.append(frame)
+    return frames
+
+
+def test_frames_are_those_of_one_process(world: World, bench: Bench, process: RenderProcess) -> None:
+    with closing(Photographer(world.model, sensors(bench))) as photographer:
+        expected = taken(world, bench, photographer)
+    frames = taken(world, bench, process)
+    assert len(frames) == 2 * FRAMES
+    for frame, other in zip(frames, expected, strict=True):
+        assert (frame.camera, frame.sequence, frame.time_s) == (other.camera, other.sequence, other.time_s)
+        assert frame.world_from_camera == other.world_from_camera
+        assert (frame.image == other.image).all()
+    assert (frames[0].image != frames[2].image).any()
+    sent = pickle.loads(pickle.dumps(frames[-1]))
+    assert type(sent) is Frame
+    assert (sent.image == expected[-1].image).all()
+
+
+def test_a_hosted_detector_reads_the_frames_that_it_is_sent(world: World, bench: Bench, process: RenderProcess) -> None:
+    begin = process.host(build_brightness)
+    frames = taken(world, bench, process)[-6:]
+    answers = [begin(frame) for frame in frames]
+    expected = [(frame.sequence, int(frame.image.sum())) for frame in frames]
+    assert [answer() for answer in answers] == expected
+
+
+def test_what_a_detector_says_about_the_users_files_comes_back(process: RenderProcess) -> None:
+    with pytest.raises(InputError, match="no such product"):
+        process.host(build_refusing)
+    process.host(build_brightness)
+
+
+def test_a_detector_that_fails_is_a_fault(world: World, bench: Bench, process: RenderProcess) -> None:
+    begin = process.host(build_failing)
+    answer = begin(taken(world, bench, process)[-1])
+    with pytest.raises(DeviceFault, match="ZeroDivisionError"):
+        answer()
+
+
+def test_all_that_wait_for_a_process_that_died_are_told(world: World, bench: Bench, process: RenderProcess) -> None:
+    begin = process.host(build_brightness)
+    camera = SimCamera("overhead", bench.overhead, world, process.take)
+    camera.observe(0.0)
+    frame = camera.latest()
+    assert frame is not None
+    assert frame.image.any()
+    os.kill(process.process_id, signal.SIGKILL)
+    with pytest.raises(DeviceFault, match="render process: it died"):
+        begin(frame)()
+    camera.observe(PERIOD_S)  # time goes on
+    with pytest.raises(DeviceFault, match="render process: it died"):
+        missing(camera).image.sum()
+
+
+def missing(camera: SimCamera) -> Frame:
+    frame = camera.latest()
+    assert frame is not None
+    return frame
+
+
+def test_interrupts_are_the_controllers_to_handle(world: World, bench: Bench, process: RenderProcess) -> None:
+    begin = process.host(build_brightness)
+    os.kill(process.process_id, signal.SIGINT)
+    os.kill(process.process_id, signal.SIGTERM)
+    frame = taken(world, bench, process)[-1]
+    assert begin(frame)() == (frame.sequence, int(frame.image.sum()))

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, model_validator
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.errors import InputError, Problem
+from cell.interfaces.errors import InputError, Problem, SettingError
 from cell.interfaces.files import shipped
 from cell.interfaces.model import Model
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
+from cell.interfaces.quantity import Duration
 from cell.interfaces.yaml_file import load_yaml, place_of
 from learned.classical.settings import PerceptionSettings as ClassicalSettings
 from sim.look_range import look_range
@@ -35,9 +38,9 @@ class ControllerSettings(Model):
         stop_timeout_s: how long a controlled stop may take before the run ends all the same.
     """
 
-    tick_hz: float = Field(default=25.0, gt=0, le=500)
-    max_duration_s: float = Field(default=300.0, gt=0)
-    stop_timeout_s: float = Field(default=2.0, gt=0)
+    tick_hz: float = Field(default=25.0, ge=5, le=500)
+    max_duration_s: Duration = 300.0
+    stop_timeout_s: float = Field(default=2.0, gt=0, le=60)
 
 
 class Perception(Model):
@@ -110,10 +113,10 @@ class LogSettings(Model):
     jpeg_quality: int = Field(default=80, ge=1, le=100)
     buffer_mb: float = Field(default=16.0, gt=0, le=1024)
     joint_samples: bool = True
-    rotate_mb: float | None = Field(default=None, gt=0)
-    rotate_s: float | None = Field(default=None, gt=0)
+    rotate_mb: float | None = Field(default=None, ge=0.1, le=1e6)
+    rotate_s: float | None = Field(default=None, ge=1, le=86_400)
     keep_parts: int | None = Field(default=None, ge=1)
-    keep_mb: float | None = Field(default=None, gt=0)
+    keep_mb: float | None = Field(default=None, gt=0, le=1e9)
 
     @model_validator(mode="after")
     def _only_parts_are_removed(self) -> LogSettings:
@@ -183,6 +186,28 @@ def simulated(configuration: Configuration, look: str | None = None, person: str
 
 def _weights(name: str, planner: PlannerSettings, folder: Path) -> Path:
     return WEIGHTS / weights_file(name, planner.kind) if planner.weights is None else folder / planner.weights
+
+
+@contextmanager
+def located(path: Path, configuration: Configuration) -> Iterator[None]:
+    """Say of every SettingError in which line of which file it is.
+
+    Args:
+        path: the configuration's file.
+
+    Raises:
+        InputError: for a SettingError.
+    """
+    try:
+        yield
+    except SettingError as error:
+        raise InputError(*(_located(path, configuration, *place) for place in error.places)) from error
+
+
+def _located(path: Path, configuration: Configuration, location: tuple[str, ...], what: str) -> Problem:
+    if location[0] == "product":
+        return Problem(place_of(configuration.product, location[1:]), what)
+    return Problem(place_of(path, location), what)
 
 
 def load_product(configuration: Configuration, path: Path | str = DEFAULT_CONFIGURATION) -> Product:

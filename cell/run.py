@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -19,31 +20,34 @@ from cell.configuration import (
     DEFAULT_CONFIGURATION,
     DEFAULT_TREE,
     Configuration,
+    LogSettings,
     load_configuration,
     load_product,
+    located,
     simulated,
 )
+from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices
-from cell.interfaces.errors import InputError, Problem
+from cell.interfaces.errors import InputError, Place, Problem, SettingError
 from cell.interfaces.files import shipped
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
-from cell.interfaces.yaml_file import place_of
 from cell.observer import Level, Observer, Outcome
+from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
 from cell.running.controller import Controller
 from cell.running.detectors import lock_step, worker_processes
 from cell.running.node_library import node_registry
 from cell.running.reload import WatchedTree
-from cell.running.services import TickClock, make_services
+from cell.running.services import Planners, TickClock, load_planners, make_services
 from cell.running.statistics import RunStatistics
 from cell.viewing.contact_sheet import ContactSheet
 from cell.viewing.live_server import LiveServer
 from cell.viewing.monitor import Monitor
 from cell.viewing.progress import LiveProgress
-from skills.can_gripper import CanGripper, Tap, open_bus
+from skills.can_gripper import CanGripper, Tap
 from skills.planner import MotionPlanner
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
@@ -63,6 +67,7 @@ class RunOptions:
         monitor_hooks: let them put breakpoints and overrides on nodes.
         watch: take over edits of the tree file while it runs.
         live_port: where Foxglove and other viewers may connect; None for no server.
+        overwrite: replace a log that is there.
         person: a simulated person's name or file; None for the configuration's.
         look: what the simulated cell looks like, a preset or a file; None for what the configuration says.
     """
@@ -77,6 +82,7 @@ class RunOptions:
     monitor_hooks: bool = False
     watch: bool = False
     live_port: int | None = None
+    overwrite: bool = False
     person: str | None = None
     look: str | None = None
 
@@ -96,19 +102,26 @@ class Files:
     configuration: Configuration
     product: Product
     tree: Tree
+    planners: Planners
 
 
 def run(options: RunOptions, console: Console) -> RunResult:
     """Run one tree on one cell.
 
     Raises:
-        InputError, ModelError: nothing has moved.
+        InputError: nothing has moved, and no file was touched.
         DeviceFault: a device could not be opened.
     """
     configuration = simulated(load_configuration(options.configuration), options.look, options.person)
-    product = load_product(configuration, options.configuration)
-    files = Files(configuration, product, load_tree(options.tree, node_registry()))
-    log = options.log or _new_log(configuration.log.folder, options.seed)
+    with located(options.configuration, configuration):
+        product = load_product(configuration, options.configuration)
+        tree = load_tree(options.tree, node_registry())
+        log = _log_path(options, configuration.log)
+        return _run(options, Files(configuration, product, tree, load_planners(configuration, product)), log, console)
+
+
+def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunResult:
+    configuration, product = files.configuration, files.product
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     with ExitStack() as stack:
 
@@ -121,6 +134,9 @@ def run(options: RunOptions, console: Console) -> RunResult:
         def blackboard() -> Mapping[str, object]:
             return (ticked.tree if isinstance(ticked, WatchedTree) else ticked).blackboard.values()
 
+        devices = _open_devices(options, files, lambda: recorder.settle())
+        stack.callback(devices.close)
+
         def truth() -> Sequence[TruthEvent]:
             return devices.truth()
 
@@ -131,8 +147,6 @@ def run(options: RunOptions, console: Console) -> RunResult:
         if live is not None:
             stack.callback(live.abandon)
             console.print(f"live: ws://127.0.0.1:{live.port} (layout: {LAYOUT})", highlight=False)
-        devices = _open_devices(options, files, recorder.settle)
-        stack.callback(devices.close)
         statistics, sheet = RunStatistics(), ContactSheet(log.with_suffix(".png"))
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
         observers: tuple[Observer, ...] = (recorder, progress, sheet, statistics)
@@ -162,7 +176,13 @@ def drive(
     configuration, tree = files.configuration, tree or files.tree
     with ExitStack() as stack:
         can_settings = configuration.gripper_can
-        gripper = CanGripper(open_bus(can_settings), devices.clock, can_settings, can_tap)
+        bus = open_bus(can_settings.interface, can_settings.channel, can_settings.bitrate)
+        gripper = CanGripper(
+            bus,
+            devices.clock,
+            can_settings,
+            can_tap,
+        )
         stack.callback(gripper.close)
         detectors = (configuration.bench, files.product, configuration.perception)
         executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices)
@@ -170,7 +190,13 @@ def drive(
             stack.callback(executor.close)
         controller = Controller(devices, gripper, *executors, configuration.controller, observers)
         services = make_services(
-            configuration, files.product, motion, devices.clock, controller.journal, controller.observe()
+            configuration,
+            files.product,
+            files.planners,
+            motion,
+            devices.clock,
+            controller.journal,
+            controller.observe(),
         )
         tree.setup(services, TickClock(services))
         return controller.run(tree, services)
@@ -199,8 +225,7 @@ def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) 
     """The devices; each tick begins once the one before is on the disk."""
     configuration = files.configuration
     can_settings = configuration.gripper_can
-    factory = _factory(options.configuration, configuration.devices.factory)
-    devices = factory(
+    arguments = (
         files.product,
         configuration.bench,
         configuration.devices.simulation,
@@ -209,17 +234,26 @@ def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) 
         options.seed,
         options.goal,
     )
+    devices = _factory(configuration.devices.factory, arguments)(*arguments)
     clock = PacedClock(devices.clock) if options.pace == "real" else devices.clock
     return Devices(**{**vars(devices), "clock": WakingClock(clock, awake)})
 
 
-def _factory(path: Path, dotted: str) -> Callable[..., Devices]:
-    """The function that opens the devices, by its name in the configuration."""
+def _factory(dotted: str, arguments: tuple[Any, ...]) -> Callable[..., Devices]:
+    """The function that opens the devices, by its name in the configuration.
+
+    Raises:
+        SettingError: there is none, or it does not take these arguments.
+    """
+    where = ("devices", "factory")
     module, _, function = dotted.partition(":")
     try:
         factory: Callable[..., Devices] = getattr(importlib.import_module(module), function)
+        inspect.signature(factory).bind(*arguments)
     except (ImportError, AttributeError) as error:
-        raise InputError(Problem(place_of(path, ("devices", "factory")), f"no such factory: {error}")) from None
+        raise SettingError((where, f"no such factory: {error}")) from None
+    except (TypeError, ValueError) as error:
+        raise SettingError((where, f"{dotted} opens no devices: {error}")) from None
     return factory
 
 
@@ -264,6 +298,21 @@ def _version(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "not installed as a package"
+
+
+def _log_path(options: RunOptions, settings: LogSettings) -> Path:
+    """Where the log goes; a file that is there stays, unless it was said otherwise.
+
+    Raises:
+        InputError: the name is no log's, or a log or its contact sheet has it already.
+    """
+    path = options.log or _new_log(settings.folder, options.seed)
+    if path.suffix != ".mcap":
+        raise InputError(Problem(Place(path), "the name of a log ends in .mcap", f"try {path.with_suffix('.mcap')}"))
+    taken = next((file for file in (path, *parts_of(path), path.with_suffix(".png")) if file.exists()), None)
+    if taken is not None and not options.overwrite:
+        raise InputError(Problem(Place(taken), "exists already", "choose another --log, or add --overwrite"))
+    return path
 
 
 def _new_log(folder: Path, seed: int) -> Path:

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from cell.interfaces.bench import Tray
-from cell.interfaces.errors import InputError
+from cell.interfaces.errors import SettingError
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.settings import ClutterSettings
@@ -99,7 +99,7 @@ def _free_spot(
     room = np.array(tray.size_m) / 2 - settings.rim_margin_m
     middle = np.array(tray.centre_m[:2])
     beside = bool(placed) and rng.random() < settings.neighbour_share
-    for _ in range(TRIES):
+    for _ in range(TRIES if room.min() > 0 else 0):
         yaw = rng.uniform(-math.pi, math.pi)
         wanted = 0.0
         if beside:
@@ -112,7 +112,8 @@ def _free_spot(
         inside = bool(np.all(np.abs(body - middle) <= room))
         if inside and all(gap(body, other) >= settings.nearest_gap_m - 1e-9 for other in obstacles):
             return centre, yaw
-    raise InputError(f"no free spot for {len(placed) + 1} parts in a tray of {tray.size_m[0]} x {tray.size_m[1]} m")
+    what = f"no free spot for {len(placed) + 1} parts in a tray of {tray.size_m[0]} x {tray.size_m[1]} m"
+    raise SettingError((("bench", "tray", "size_m"), what))
 
 
 def _beside(

@@ -8,7 +8,7 @@ from itertools import pairwise
 import mujoco
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.errors import InputError
+from cell.interfaces.errors import SettingError
 from cell.interfaces.product import Product
 from sim import palette
 from sim.lighting import add_table_material
@@ -134,12 +134,14 @@ def _longest_peg_m(product: Product) -> float:
 def _check_bracket(product: Product, bench: Bench, radius_m: float) -> None:
     height = bench.bracket.position_m[2]
     if height < _longest_peg_m(product) + 0.002 or height < product.bracket.thickness_m:
-        raise InputError(
+        what = (
             f"the bracket's upper side is {height:.3f} m above the table, too low for its plate of "
             f"{product.bracket.thickness_m:.3f} m and pegs of {_longest_peg_m(product):.3f} m + 0.002 m"
         )
+        raise SettingError((("bench", "bracket", "position_m"), what))
     holes = list(product.bracket.holes_m.items())
     for i, (name, (x, y)) in enumerate(holes):
         for other, (x2, y2) in holes[i + 1 :]:
             if max(abs(x - x2), abs(y - y2)) <= 2 * radius_m:
-                raise InputError(f"holes {name} and {other} overlap: openings are {2 * radius_m:.3f} m wide")
+                what = f"holes {name} and {other} overlap: openings are {2 * radius_m:.3f} m wide"
+                raise SettingError((("product", "bracket", "holes_m", other), what))

@@ -13,6 +13,7 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
+from cell.interfaces.can_bus import open_bus
 from cell.interfaces.files import shipped
 from cell.interfaces.observation import ObjectStatus
 from sim.jaw import Jaw
@@ -68,7 +69,7 @@ class GripperNode:
         assert isinstance(database, Database)
         self._database = database
         self._command_id = database.get_message_by_name("GripperCommand").frame_id
-        self._bus = can.Bus(interface=interface, channel=channel)
+        self._bus = open_bus(interface, channel)
         self._jaw = Jaw(world)
         self._request: Mapping[str, float] = _request(STROKE_M * 1000)
         self._driven: Mapping[str, float] | None = None  # the request that the fingers follow

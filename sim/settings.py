@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, WithJsonSchema, model_validator
 
-from cell.interfaces.model import Model
+from cell.interfaces.model import Disagreement, Model
 from sim.look_range import LookRange
 from sim.person import PERSONS, Person
 
@@ -23,10 +23,10 @@ class PhysicsSettings(Model):
         settle_s: how long parts come to rest before the run begins.
     """
 
-    step_s: float = Field(default=0.001, gt=0)
-    control_period_s: float = Field(default=0.008, gt=0)
-    sample_period_s: float = Field(default=0.002, gt=0)
-    settle_s: float = Field(default=0.3, ge=0)
+    step_s: float = Field(default=0.001, ge=0.0001, le=0.005)
+    control_period_s: float = Field(default=0.008, ge=0.001, le=0.05)
+    sample_period_s: float = Field(default=0.002, ge=0.0001, le=0.05)
+    settle_s: float = Field(default=0.3, ge=0, le=10)
 
     @model_validator(mode="after")
     def _periods_are_whole(self) -> PhysicsSettings:
@@ -58,9 +58,16 @@ class ClutterSettings(Model):
     """
 
     neighbour_share: float = Field(default=0.6, ge=0, le=1)
-    nearest_gap_m: float = Field(default=0.004, gt=0)
-    farthest_gap_m: float = Field(default=0.030, gt=0)
-    rim_margin_m: float = Field(default=0.022, ge=0)
+    nearest_gap_m: float = Field(default=0.004, gt=0, le=0.1)
+    farthest_gap_m: float = Field(default=0.030, gt=0, le=0.2)
+    rim_margin_m: float = Field(default=0.022, ge=0, le=0.2)
+
+    @model_validator(mode="after")
+    def _gaps_are_in_order(self) -> ClutterSettings:
+        if self.nearest_gap_m > self.farthest_gap_m:
+            what = f"nearest_gap_m {self.nearest_gap_m:g} is more than farthest_gap_m {self.farthest_gap_m:g}"
+            raise Disagreement([(("nearest_gap_m",), what)])
+        return self
 
 
 class SimSettings(Model):

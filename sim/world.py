@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from cell.interfaces.bench import JOINTS, Bench, CameraSetup
-from cell.interfaces.errors import InputError
+from cell.interfaces.errors import SettingError
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.clutter import Owner, ScenePart
@@ -188,9 +188,11 @@ def build_world(
 
 
 def person_set(product: Product, bench: Bench) -> tuple[ScenePart, ...]:
-    """One product's parts in the person's bins; raises InputError for a type without a bin."""
+    """One product's parts in the person's bins; raises SettingError for a type without a bin."""
     if missing := [name for name in product.parts if name not in bench.bins_m]:
-        raise InputError(f"bench.bins_m has no place for {', '.join(missing)}; it has {', '.join(bench.bins_m)}")
+        raise SettingError(
+            (("bench", "bins_m"), f"no place for {', '.join(missing)}; there is one for {', '.join(bench.bins_m)}")
+        )
     return tuple(
         ScenePart(name, Pose(spot), "person") for name in product.parts for spot in bin_spots(product, bench, name)
     )

@@ -43,14 +43,6 @@ class CanFrame:
 Tap = Callable[[CanFrame], None]
 
 
-def open_bus(settings: CanSettings) -> can.BusABC:
-    """Open the configured bus; raises DeviceFault where there is none."""
-    try:
-        return can.Bus(interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate)
-    except (can.CanError, OSError, ValueError) as error:
-        raise DeviceFault("gripper", f"no CAN bus {settings.interface!r} {settings.channel!r}: {error}") from error
-
-
 class CanGripper:
     """Implements `Gripper`; everything received is read when `state` is called, nothing runs in between.
 

@@ -2,11 +2,33 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Annotated
 
+from pydantic import AfterValidator, Field
+
+from cell.interfaces.bench import JOINTS
 from cell.interfaces.model import Model
 
 SixFloats = tuple[float, float, float, float, float, float]
+
+
+def _within(shoulder: float, others: float) -> AfterValidator:
+    """Values of the six joints are positive and at most these; the two joints of the shoulder have their own limit."""
+
+    def check(values: SixFloats) -> SixFloats:
+        for number, value in enumerate(values):
+            most = shoulder if number < 2 else others
+            if not 0 < value <= most:
+                raise ValueError(f"{JOINTS[number]} has {value:g}, legal is more than 0 and at most {most:g}")
+        return values
+
+    return AfterValidator(check)
+
+
+Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
+JointSpeeds = Annotated[SixFloats, _within(2.0944, 3.1416)]  # the UR10's datasheet: 120 and 180 deg/s
+JointAccelerations = Annotated[SixFloats, _within(40.0, 40.0)]
+JointJerks = Annotated[SixFloats, _within(1000.0, 1000.0)]
 
 
 class MotionSettings(Model):
@@ -53,43 +75,43 @@ class MotionSettings(Model):
         arrival_tolerance_rad: how near every joint must be to its goal once the arm stands.
     """
 
-    speed_limits_rad_s: SixFloats = (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
-    acceleration_limits_rad_s2: SixFloats = (3.5, 3.5, 6.0, 8.0, 8.0, 8.0)
-    jerk_limits_rad_s3: SixFloats = (30.0, 30.0, 50.0, 80.0, 80.0, 80.0)
-    sample_s: float = Field(default=0.008, gt=0)
-    line_speed_m_s: float = Field(default=0.40, gt=0)
-    line_acceleration_m_s2: float = Field(default=1.6, gt=0)
-    line_jerk_m_s3: float = Field(default=20.0, gt=0)
+    speed_limits_rad_s: JointSpeeds = (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
+    acceleration_limits_rad_s2: JointAccelerations = (3.5, 3.5, 6.0, 8.0, 8.0, 8.0)
+    jerk_limits_rad_s3: JointJerks = (30.0, 30.0, 50.0, 80.0, 80.0, 80.0)
+    sample_s: float = Field(default=0.008, ge=0.001, le=0.1)
+    line_speed_m_s: float = Field(default=0.40, gt=0, le=1.5)
+    line_acceleration_m_s2: float = Field(default=1.6, gt=0, le=20)
+    line_jerk_m_s3: float = Field(default=20.0, gt=0, le=1000)
 
-    tcp_from_tool0_m: float = Field(default=0.156, gt=0)
-    fingertip_beyond_tcp_m: float = Field(default=0.008, ge=0)
-    grasp_depth_m: float = Field(default=0.022, gt=0)
-    fingertip_clearance_m: float = Field(default=0.003, ge=0)
-    finger_clearance_m: float = Field(default=0.006, gt=0)
-    finger_margin_m: float = Field(default=0.002, ge=0)
-    least_finger_clearance_m: float = Field(default=0.003, gt=0)
-    least_finger_margin_m: float = Field(default=0.001, ge=0)
-    close_speed_m_s: float = Field(default=0.08, gt=0)
-    passing_gap_m: float = Field(default=0.002, ge=0)
-    approach_gap_m: float = Field(default=0.015, gt=0)
-    carry_gap_m: float = Field(default=0.020, gt=0)
-    insertion_speed_m_s: float = Field(default=0.08, gt=0)
-    insertion_start_m: float = Field(default=0.002, ge=0)
-    servo_lag_s: float = Field(default=0.016, ge=0)
-    contact_lag_m: float = Field(default=0.002, gt=0)
-    search_shifts_m: tuple[float, ...] = (0.0035, -0.0035, 0.007, -0.007, 0.0105, -0.0105)
-    release_gap_m: float = Field(default=0.0015, ge=0)
-    transit_lift_m: float = Field(default=0.12, gt=0)
-    part_gap_m: float = Field(default=0.030, gt=0)
-    rim_gap_m: float = Field(default=0.030, gt=0)
-    collision_step_rad: float = Field(default=0.02, gt=0)
-    collision_margin_m: float = Field(default=0.004, ge=0)
+    tcp_from_tool0_m: float = Field(default=0.156, gt=0, le=1)
+    fingertip_beyond_tcp_m: float = Field(default=0.008, ge=0, le=1)
+    grasp_depth_m: float = Field(default=0.022, gt=0, le=1)
+    fingertip_clearance_m: float = Field(default=0.003, ge=0, le=1)
+    finger_clearance_m: float = Field(default=0.006, gt=0, le=1)
+    finger_margin_m: float = Field(default=0.002, ge=0, le=1)
+    least_finger_clearance_m: float = Field(default=0.003, gt=0, le=1)
+    least_finger_margin_m: float = Field(default=0.001, ge=0, le=1)
+    close_speed_m_s: float = Field(default=0.08, gt=0, le=1.5)
+    passing_gap_m: float = Field(default=0.002, ge=0, le=1)
+    approach_gap_m: float = Field(default=0.015, gt=0, le=1)
+    carry_gap_m: float = Field(default=0.020, gt=0, le=1)
+    insertion_speed_m_s: float = Field(default=0.08, gt=0, le=1.5)
+    insertion_start_m: float = Field(default=0.002, ge=0, le=1)
+    servo_lag_s: float = Field(default=0.016, ge=0, le=1)
+    contact_lag_m: float = Field(default=0.002, gt=0, le=0.05)
+    search_shifts_m: tuple[Shift, ...] = (0.0035, -0.0035, 0.007, -0.007, 0.0105, -0.0105)
+    release_gap_m: float = Field(default=0.0015, ge=0, le=1)
+    transit_lift_m: float = Field(default=0.12, gt=0, le=1)
+    part_gap_m: float = Field(default=0.030, gt=0, le=1)
+    rim_gap_m: float = Field(default=0.030, gt=0, le=1)
+    collision_step_rad: float = Field(default=0.02, ge=0.001, le=0.1)
+    collision_margin_m: float = Field(default=0.004, ge=0, le=1)
 
     gripper_speed_m_s: float = Field(default=0.15, ge=0.020, le=0.150)
     grip_force_n: float = Field(default=60.0, ge=20, le=235)
-    arm_timeout_s: float = Field(default=1.5, gt=0)
-    gripper_timeout_s: float = Field(default=2.5, gt=0)
-    arrival_tolerance_rad: float = Field(default=0.004, gt=0)
+    arm_timeout_s: float = Field(default=1.5, gt=0, le=60)
+    gripper_timeout_s: float = Field(default=2.5, gt=0, le=60)
+    arrival_tolerance_rad: float = Field(default=0.004, gt=0, le=0.05)
 
 
 class CanSettings(Model):
@@ -105,6 +127,6 @@ class CanSettings(Model):
 
     interface: str = "virtual"
     channel: str = "gripper"
-    bitrate: int = Field(default=500_000, gt=0)
-    heartbeat_period_s: float = Field(default=0.1, gt=0)
-    start_up_s: float = Field(default=1.0, gt=0)
+    bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
+    heartbeat_period_s: float = Field(default=0.1, ge=0.01, le=2)
+    start_up_s: float = Field(default=1.0, gt=0, le=60)

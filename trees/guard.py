@@ -26,8 +26,8 @@ class GuardSettings(Model):
         ask_probability: posterior of "none of these goals" from which the robot asks.
     """
 
-    act_probability: float = Field(default=0.9, gt=0, le=1)
-    ask_probability: float = Field(default=0.5, gt=0, le=1)
+    act_probability: float = Field(default=0.9, ge=0.01, le=1)
+    ask_probability: float = Field(default=0.5, ge=0.01, le=1)
 
 
 @dataclass(frozen=True)

@@ -94,6 +94,7 @@ def run(
     ] = None,
     pace: Annotated[Pace, typer.Option(help="fast: as fast as it goes; real: tied to the wall clock.")] = Pace.fast,
     log: Annotated[Path | None, typer.Option(help="Log file (MCAP); a new one in runs/ by default.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file of --log if it is there.")] = False,
     monitor: Annotated[bool, typer.Option("--monitor", help="Let Groot2 watch, on this machine only.")] = False,
     monitor_port: PortOption = MONITOR_PORT,
     monitor_hooks: Annotated[
@@ -113,7 +114,19 @@ def run(
     screen = console()
     port = monitor_port if monitor or monitor_hooks else None
     options = running.RunOptions(
-        tree, config, goal, seed, pace.value, log, port, monitor_hooks, watch, live_port if live else None, person, look
+        tree=tree,
+        configuration=config,
+        goal=goal,
+        seed=seed,
+        pace=pace.value,
+        log=log,
+        overwrite=overwrite,
+        monitor_port=port,
+        monitor_hooks=monitor_hooks,
+        watch=watch,
+        live_port=live_port if live else None,
+        person=person,
+        look=look,
     )
     result = running.run(options, screen)
     screen.print(table("run", result.summary))

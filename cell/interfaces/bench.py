@@ -5,11 +5,12 @@ World frame: origin at the arm's base on the table top, x towards the person, z 
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.model import Model
+from cell.interfaces.model import Disagreement, Model
 from cell.interfaces.pose import Pose
+from cell.interfaces.quantity import Gap, Joints, Length, Point, Quaternion
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
@@ -22,8 +23,8 @@ class Mount(Model):
         quaternion_wxyz: how it is turned, as a unit quaternion (w, x, y, z); not turned by default.
     """
 
-    position_m: tuple[float, float, float]
-    quaternion_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    position_m: Point
+    quaternion_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
     @property
     def pose(self) -> Pose:
@@ -42,10 +43,10 @@ class CameraSetup(Model):
             between the fingertips). Camera frame: x right, y down, z forward.
     """
 
-    width_px: int = Field(gt=0)
-    height_px: int = Field(gt=0)
-    focal_px: float = Field(gt=0)
-    rate_hz: float = Field(gt=0)
+    width_px: int = Field(ge=16, le=4096)
+    height_px: int = Field(ge=16, le=4096)
+    focal_px: float = Field(ge=10, le=100_000)
+    rate_hz: float = Field(ge=0.1, le=1000)
     triggered: bool = False
     mount: Mount
 
@@ -63,9 +64,9 @@ class Tray(Model):
         wall_m: height of its rim.
     """
 
-    centre_m: tuple[float, float, float]
-    size_m: tuple[float, float]
-    wall_m: float
+    centre_m: Point
+    size_m: tuple[Length, Length]
+    wall_m: Gap
 
 
 class Bench(Model):
@@ -84,9 +85,17 @@ class Bench(Model):
 
     bracket: Mount
     tray: Tray
-    bins_m: dict[str, tuple[float, float, float]]
-    hand_rest_m: tuple[float, float, float]
+    bins_m: dict[str, Point]
+    hand_rest_m: Point
     overhead: CameraSetup
     wrist: CameraSetup
-    arm_park_rad: tuple[float, float, float, float, float, float]
-    arm_look_rad: tuple[float, float, float, float, float, float]
+    arm_park_rad: Joints
+    arm_look_rad: Joints
+
+    @model_validator(mode="after")
+    def _the_overhead_camera_runs_by_itself(self) -> Bench:
+        if self.overhead.triggered:
+            raise Disagreement(
+                [(("overhead", "triggered"), "nothing asks the overhead camera for frames: it must be false")]
+            )
+        return self

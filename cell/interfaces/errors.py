@@ -45,6 +45,21 @@ class InputError(CellError):
         super().__init__("\n".join(str(problem) for problem in problems))
 
 
+class SettingError(InputError):
+    """Settings that are legal one by one do not fit together or this machine; found after the files were read.
+
+    Examples: no room for the parts in the tray, holes that overlap, weights that are missing, no such CAN interface.
+
+    Attributes:
+        places: (location, what is wrong there); a location begins with a key of the configuration, or with "product"
+            and goes on with keys of the product file.
+    """
+
+    def __init__(self, *places: tuple[tuple[str, ...], str]) -> None:
+        self.places = places
+        super().__init__(*(f"{'.'.join(location)}: {what}" for location, what in places))
+
+
 class DeviceFault(CellError):
     """A device stopped answering or reported a fault; the controller stops safely (exit status 3).
 

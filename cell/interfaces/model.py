@@ -17,7 +17,7 @@ _ENTRY = re.compile(r"^    (\w+(?:, \w+)*): ")
 class Model(BaseModel):
     """A part of a configuration file; field names carry their units, the docstring's Attributes their meaning."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @classmethod
     def summary(cls) -> str:

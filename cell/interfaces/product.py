@@ -8,6 +8,9 @@ from functools import cached_property
 from pydantic import Field, model_validator
 
 from cell.interfaces.model import Disagreement, Location, Model
+from cell.interfaces.quantity import Coordinate, Length, Rgb
+
+RESERVED = ("none of these", "random")  # the unknown goal of a belief; any goal, as an option
 
 
 class PartType(Model):
@@ -24,12 +27,12 @@ class PartType(Model):
     """
 
     title: str
-    quantity: int = Field(ge=1)
-    size_m: tuple[float, float, float]
-    peg_diameter_m: float = Field(gt=0)
-    peg_length_m: float = Field(gt=0)
-    colour_rgb: tuple[float, float, float]
-    mass_kg: float = Field(gt=0)
+    quantity: int = Field(ge=1, le=100)
+    size_m: tuple[Length, Length, Length]
+    peg_diameter_m: Length
+    peg_length_m: Length
+    colour_rgb: Rgb
+    mass_kg: float = Field(gt=0, le=10)  # a UR10's payload
 
 
 class Bracket(Model):
@@ -42,10 +45,10 @@ class Bracket(Model):
         holes_m: hole centres (x, y) by position, in the bracket's frame (origin on its upper side).
     """
 
-    thickness_m: float = Field(gt=0)
-    hole_clearance_m: float = Field(gt=0)
-    margin_m: float = Field(gt=0)
-    holes_m: dict[str, tuple[float, float]]
+    thickness_m: Length
+    hole_clearance_m: float = Field(gt=0, le=0.05)
+    margin_m: Length
+    holes_m: dict[str, tuple[Coordinate, Coordinate]] = Field(min_length=1)
 
 
 class Product(Model):
@@ -59,9 +62,9 @@ class Product(Model):
     """
 
     name: str
-    parts: dict[str, PartType]
+    parts: dict[str, PartType] = Field(min_length=1)
     bracket: Bracket
-    goals: dict[str, tuple[str, ...]]
+    goals: dict[str, tuple[str, ...]] = Field(min_length=1)
 
     @cached_property
     def positions(self) -> tuple[str, ...]:
@@ -88,6 +91,8 @@ class Product(Model):
 
     def _misfit(self, goal: str, types: tuple[str, ...]) -> str | None:
         """Why a goal does not fit parts and positions, or None where it does."""
+        if goal in RESERVED:
+            return f"{goal!r} cannot be the name of a goal: the cell itself uses it"
         if unknown := sorted(set(types) - set(self.parts)):
             return f"goal {goal} names unknown part types {unknown}; known: {sorted(self.parts)}"
         if len(types) != len(self.positions):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +18,7 @@ from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.model import Disagreement, Location
 
 M = TypeVar("M", bound=BaseModel)
+SEXAGESIMAL = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 def load_yaml(path: Path | str, model: type[M]) -> M:
@@ -31,10 +32,13 @@ def load_yaml(path: Path | str, model: type[M]) -> M:
     if problems:
         raise InputError(*problems)
     try:
-        return model.model_validate(data, context={"folder": path.parent})
+        read = model.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
         found = [problem for details in error.errors() for problem in _problems(path, root, model, details)]
         raise InputError(*sorted(found, key=lambda p: (p.place.line or 0, p.place.column or 0))) from None
+    if mistaken := list(_truths_for_numbers(path, root, data, read)):
+        raise InputError(*mistaken)
+    return read
 
 
 def place_of(path: Path, location: Location) -> Place:
@@ -50,13 +54,18 @@ def _read(path: Path) -> tuple[Node, object, list[Problem]]:
         raise InputError(Problem(Place(path), f"cannot be read: {error.strerror}")) from None
     except UnicodeDecodeError as error:
         raise InputError(Problem(Place(path), f"is not UTF-8 text (byte {error.start})")) from None
-    loader = yaml.SafeLoader(text)
+    loader: yaml.SafeLoader | None = None
     try:
+        loader = yaml.SafeLoader(text)
         root = loader.get_single_node()
         if root is None:
             raise InputError(Problem(Place(path, 1, 1), "the file is empty"))
         constructor = _Constructor(path, loader)
         return root, constructor.data(root), constructor.problems
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        what = f"the character {error.character!r} is not legal in YAML"
+        raise InputError(Problem(Place(path, line), what)) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = Place(path, mark.line + 1, mark.column + 1) if mark else Place(path)
@@ -64,7 +73,8 @@ def _read(path: Path) -> tuple[Node, object, list[Problem]]:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(Problem(Place(path), f"not YAML: {error}")) from None
     finally:
-        loader.dispose()
+        if loader is not None:
+            loader.dispose()
 
 
 class _Constructor:
@@ -92,6 +102,8 @@ class _Constructor:
         if isinstance(node, SequenceNode):
             return [self.data(item) for item in node.value]
         if not isinstance(node, MappingNode):
+            if ":" in node.value and node.tag in SEXAGESIMAL:
+                return node.value  # YAML 1.1 reads 1:30 as 90; nobody who writes it today means that
             return self._loader.construct_object(node)
         made: dict[str, object] = {}
         lines: dict[str, int] = {}
@@ -103,6 +115,19 @@ class _Constructor:
             lines.setdefault(name, key.start_mark.line + 1)
             made[name] = self.data(value)
         return made
+
+
+def _truths_for_numbers(path: Path, root: Node, data: object, read: object, at: Location = ()) -> Iterator[Problem]:
+    """`true` where a number is wanted: pydantic would take it for 1."""
+    if isinstance(data, bool) and not isinstance(read, bool) and isinstance(read, int | float):
+        yield Problem(_place(path, root, at), f"{_dotted(at)}: input should be a number, not {str(data).lower()}")
+    elif isinstance(data, dict):
+        for key, value in data.items():
+            inner = read.get(key) if isinstance(read, Mapping) else getattr(read, key, None)
+            yield from _truths_for_numbers(path, root, value, inner, (*at, key))
+    elif isinstance(data, list) and isinstance(read, Sequence):
+        for number, (value, inner) in enumerate(zip(data, read, strict=False)):
+            yield from _truths_for_numbers(path, root, value, inner, (*at, number))
 
 
 def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDetails) -> list[Problem]:

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
 from cell.configuration import Configuration
 from cell.interfaces.clock import Clock
+from cell.interfaces.errors import InputError, ModelError, SettingError
 from cell.interfaces.journal import Journal
 from cell.interfaces.observation import Observation
+from cell.interfaces.planning import GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.grasp.planner import load_grasp_planner
 from learned.semantic.planner import load_semantic_planner
@@ -27,31 +34,58 @@ class TickClock:
         """Nodes never wait; the next tick brings another time."""
 
 
+@dataclass(frozen=True)
+class Planners:
+    """The chosen planners, and the rule-based ones that answer where those cannot be used."""
+
+    semantic: SemanticPlanner
+    rule_semantic: SemanticPlanner
+    grasp: GraspPlanner
+    rule_grasp: GraspPlanner
+
+
+def load_planners(configuration: Configuration, product: Product) -> Planners:
+    """The planners that the configuration names.
+
+    Raises:
+        SettingError: weights are missing or do not fit the product, or there is no such kind; all are told at once.
+    """
+    semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
+    assert semantic.weights is not None
+    assert grasp.weights is not None
+    loaders: dict[str, Callable[[], Any]] = {
+        "semantic": partial(load_semantic_planner, semantic.kind, semantic.weights, product),
+        "grasp": partial(load_grasp_planner, grasp.kind, grasp.weights, product),
+    }
+    loaded: dict[str, Any] = {}
+    problems: list[tuple[tuple[str, ...], str]] = []
+    for name, load in loaders.items():
+        try:
+            loaded[name] = load()
+        except (InputError, ModelError) as error:
+            problems.append((("planners", name), str(error)))
+    if problems:
+        raise SettingError(*problems)
+    rules = load_semantic_planner("bayes", None, product), load_grasp_planner("rule", grasp.weights, product)
+    return Planners(loaded["semantic"], rules[0], loaded["grasp"], rules[1])
+
+
 def make_services(
     configuration: Configuration,
     product: Product,
+    planners: Planners,
     motion: MotionPlanner,
     clock: Clock,
     journal: Journal,
     observation: Observation,
 ) -> Services:
-    """Services with the planners that the configuration names.
-
-    Raises:
-        ModelError: weights are missing or do not fit the product.
-    """
-    semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
-    assert semantic.weights is not None
-    assert grasp.weights is not None
+    """What the nodes of a tree work with."""
     return Services(
         product=product,
         bench=configuration.bench,
         clock=clock,
         motion=motion,
-        semantic=load_semantic_planner(semantic.kind, semantic.weights, product),
-        rule_semantic=load_semantic_planner("bayes", None, product),
-        grasp=load_grasp_planner(grasp.kind, grasp.weights, product),
-        rule_grasp=load_grasp_planner("rule", grasp.weights, product),
+        **vars(planners),
         guard=Guard(product, configuration.guard),
         journal=journal,
         observation=observation,

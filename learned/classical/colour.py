@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.errors import InputError
+from cell.interfaces.errors import SettingError
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 
@@ -82,15 +82,17 @@ def _table(references: Array) -> Labels:
 
 
 def _refuse_alike(names: list[str], references: Array) -> None:
-    """Raise InputError where colour cannot tell two types, or a type and the bare bench, apart."""
+    """Raise SettingError where colour cannot tell two types, or a type and the bare bench, apart."""
     for i, name in enumerate(names):
         if (saturation := float(np.linalg.norm(references[i]))) < LEAST_REFERENCE:
-            raise InputError(
-                f"colour of {name} has saturation {saturation:.2f}; classical perception needs {LEAST_REFERENCE}"
-            )
+            what = f"colour of {name} has saturation {saturation:.2f}; classical perception needs {LEAST_REFERENCE}"
+            raise SettingError((_where(name), what))
         for j in range(i):
             if (distance := float(np.linalg.norm(references[i] - references[j]))) < LEAST_DISTANCE:
-                raise InputError(
-                    f"colours of {names[j]} and {name} are {distance:.2f} apart; "
-                    f"classical perception needs {LEAST_DISTANCE} or more"
-                )
+                what = f"colours of {names[j]} and {name} are {distance:.2f} apart; {LEAST_DISTANCE} or more is needed"
+                raise SettingError((_where(name), what))
+
+
+def _where(name: str) -> tuple[str, ...]:
+    """The key that holds a colour."""
+    return ("perception", "classical", "skin_rgb") if name == "skin" else ("product", "parts", name, "colour_rgb")

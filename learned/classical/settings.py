@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from cell.interfaces.model import Model
+from cell.interfaces.quantity import Rgb
 
 
 class PerceptionSettings(Model):
@@ -22,12 +23,12 @@ class PerceptionSettings(Model):
         tray_margin_m: parts this far outside the tray still count.
     """
 
-    skin_rgb: tuple[float, float, float] = (0.87, 0.64, 0.50)
-    hand_height_m: float = Field(default=0.10, ge=0)
-    hand_area_m2: float = Field(default=0.002, gt=0)
-    settle_frames: int = Field(default=3, ge=1)
-    upright_tolerance_m: float = Field(default=0.010, gt=0)
-    at_hole_m: float = Field(default=0.045, gt=0)
-    still_m: float = Field(default=0.006, gt=0)
-    report_s: float = Field(default=0.7, gt=0)
-    tray_margin_m: float = Field(default=0.06, ge=0)
+    skin_rgb: Rgb = (0.87, 0.64, 0.50)
+    hand_height_m: float = Field(default=0.10, ge=0, le=1)
+    hand_area_m2: float = Field(default=0.002, gt=0, le=0.05)
+    settle_frames: int = Field(default=3, ge=1, le=100)
+    upright_tolerance_m: float = Field(default=0.010, gt=0, le=0.1)
+    at_hole_m: float = Field(default=0.045, gt=0, le=0.5)
+    still_m: float = Field(default=0.006, gt=0, le=0.1)
+    report_s: float = Field(default=0.7, gt=0, le=10)
+    tray_margin_m: float = Field(default=0.06, ge=0, le=0.5)

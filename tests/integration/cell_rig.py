@@ -12,6 +12,7 @@ from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 from cell.run import Files, drive
 from cell.running.node_library import node_registry
+from cell.running.services import load_planners
 from sim.cell import SimCell
 from sim.clutter import ScenePart
 from skills.planner import MotionPlanner
@@ -103,7 +104,9 @@ def run_tree(
 ) -> tuple[Outcome, Diary]:
     """Run a tree to its end on a cell."""
     diary = diary or Diary()
-    files = Files(configuration, PRODUCT, load_tree(tree, node_registry(), main, provided))
+    files = Files(
+        configuration, PRODUCT, load_tree(tree, node_registry(), main, provided), load_planners(configuration, PRODUCT)
+    )
     return drive(files, cell.devices, motion_planner(), (diary,)), diary
 
 

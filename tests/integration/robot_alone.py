@@ -11,6 +11,7 @@ import numpy as np
 
 from cell.configuration import load_configuration
 from cell.interfaces.bench import Bench
+from cell.interfaces.can_bus import open_bus
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
@@ -24,7 +25,7 @@ from sim.clutter import standing
 from sim.gripper_node import GripperNode
 from sim.settings import PhysicsSettings
 from sim.world import World, WorldPart, build_world
-from skills.can_gripper import CanGripper, open_bus
+from skills.can_gripper import CanGripper
 from skills.planner import MotionPlanner
 from skills.settings import CanSettings
 
@@ -50,7 +51,7 @@ class RobotAlone:
         self.node = GripperNode(self.world, "virtual", channel)
         self.clock = SimClock(self.world, [self.arm, self.node], [] if watch is None else [watch(self.world)])
         settings = CanSettings(channel=channel)
-        self.gripper = CanGripper(open_bus(settings), self.clock, settings)
+        self.gripper = CanGripper(open_bus(settings.interface, settings.channel), self.clock, settings)
         self.planner = MotionPlanner(self.product, self.bench)
         self.tick = 0
 

@@ -20,7 +20,7 @@ from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.compare import Comparison, Decisions, Difference, decided, differences, logged
 from cell.running.node_library import node_registry
 from cell.running.reload import take_over
-from cell.running.services import TickClock, make_services
+from cell.running.services import TickClock, load_planners, make_services
 from skills.planner import MotionPlanner
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.tree import Tree
@@ -83,6 +83,7 @@ class Replay:
         self._services = make_services(
             configuration,
             product,
+            load_planners(configuration, product),
             MotionPlanner(product, configuration.bench, configuration.motion),
             ManualClock(log.ticks[0].time_s),
             self._journal,

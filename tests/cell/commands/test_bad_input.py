@@ -1,0 +1,202 @@
+"""Bad input to `cell run`: status 2, one message with file and line, nothing opened, nothing lost."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cell.commands.main import main
+from cell.commands.terminal import CONFIGURATION
+
+PRODUCT = CONFIGURATION.with_name("products.yaml")
+NAN, INF = math.nan, math.inf
+
+# (path in config/cell.yaml, value): what fault injection found to crash, to print a traceback or to be accepted
+CELL: list[tuple[str, Any]] = [
+    ("bench.overhead.focal_px", INF),
+    ("bench.overhead.width_px", 1_000_000_000),
+    ("bench.overhead.width_px", True),
+    ("bench.overhead.rate_hz", INF),
+    ("bench.overhead.rate_hz", 1e12),
+    ("bench.overhead.mount.quaternion_wxyz", [0, 0, 0, 0]),
+    ("bench.overhead.mount.quaternion_wxyz", [NAN, 0, 0, 1]),
+    ("bench.overhead.mount.quaternion_wxyz", [1, 1, 0, 0]),
+    ("bench.overhead.triggered", True),
+    ("bench.bracket.position_m", [NAN, 0, 0]),
+    ("bench.bracket.position_m", [INF, 0, 0]),
+    ("bench.tray.size_m", [-0.3, 0.4]),
+    ("bench.tray.size_m", [NAN, 0.4]),
+    ("bench.tray.size_m", [0.01, 0.01]),
+    ("bench.tray.wall_m", -1),
+    ("bench.bins_m.o1", [NAN, 0, 0]),
+    ("bench.hand_rest_m", [0, 0, INF]),
+    ("bench.arm_park_rad", [NAN, 0, 0, 0, 0, 0]),
+    ("bench.arm_park_rad", [100, 0, 0, 0, 0, 0]),
+    ("bench.arm_look_rad", [50, 0, 0, 0, 0, 0]),
+    ("bench.arm_look_rad", [0, 0, 0]),
+    ("controller.tick_hz", 1e-9),
+    ("controller.tick_hz", True),
+    ("controller.max_duration_s", INF),
+    ("controller.stop_timeout_s", 1e300),
+    ("motion.speed_limits_rad_s", [-1, 1, 1, 1, 1, 1]),
+    ("motion.speed_limits_rad_s", [100, 1, 1, 1, 1, 1]),
+    ("motion.acceleration_limits_rad_s2", [0, 1, 1, 1, 1, 1]),
+    ("motion.jerk_limits_rad_s3", [NAN, 1, 1, 1, 1, 1]),
+    ("motion.sample_s", 1e-12),
+    ("motion.sample_s", 100),
+    ("motion.line_speed_m_s", INF),
+    ("motion.line_speed_m_s", 1000),
+    ("motion.search_shifts_m", [NAN]),
+    ("motion.collision_step_rad", 1e6),
+    ("motion.arrival_tolerance_rad", 100),
+    ("motion.contact_lag_m", INF),
+    ("motion.gripper_timeout_s", INF),
+    ("guard.act_probability", 1e-300),
+    ("gripper_can.heartbeat_period_s", INF),
+    ("gripper_can.start_up_s", INF),
+    ("gripper_can.interface", "nonsense"),
+    ("gripper_can.interface", ""),
+    ("gripper_can.interface", "slcan"),
+    ("gripper_can.interface", "pcan"),
+    ("perception.classical.skin_rgb", [NAN, 0, 0]),
+    ("perception.classical.hand_area_m2", INF),
+    ("devices.factory", "json:loads"),
+    ("devices.factory", "os:getcwd"),
+    ("devices.factory", "sim.cell:RANDOM_GOAL"),
+    ("devices.simulation.physics.step_s", 1),
+    ("devices.simulation.physics.settle_s", INF),
+    ("devices.simulation.clutter.nearest_gap_m", 0.5),
+    ("devices.simulation.clutter.nearest_gap_m", 0.05),
+    ("devices.simulation.person.screw.duration_s", [6, 4]),
+    ("devices.simulation.person.pause_s", [NAN, 1]),
+    ("log.rotate_mb", 1e-9),
+    ("log.folder", 7),
+    ("product", "no_such.yaml"),
+    ("planners.semantic.kind", "magic"),
+    ("planners.semantic.weights", "."),
+    ("planners.grasp.kind", "magic"),
+    ("planners.grasp.weights", "missing.onnx"),
+]
+PRODUCTS: list[tuple[str, Any]] = [
+    ("parts.o1.size_m", [-0.045, 0.028, 0.02]),
+    ("parts.o1.size_m", [NAN, 0.028, 0.02]),
+    ("parts.o1.colour_rgb", [2, 0, 0]),
+    ("parts.o1.colour_rgb", [NAN, 0, 0]),
+    ("parts.o1.mass_kg", 1e6),
+    ("parts", {}),
+    ("goals", {}),
+    ("goals", {"none of these": ["o1", "o1", "o1", "o2", "o2", "o3"]}),
+    ("bracket.holes_m.p1", [NAN, 0]),
+    ("bracket.holes_m.p1", [50, 0]),
+    ("bracket.holes_m.p2", [0, 0.2]),
+    ("bracket.holes_m", {}),
+]
+
+
+def set_at(data: dict[str, Any], path: str, value: Any) -> None:
+    """Set a value of nested mappings by its dotted path."""
+    *way, last = path.split(".")
+    for step in way:
+        data = data.setdefault(step, {})
+    data[last] = value
+
+
+def write_cell(folder: Path, cell: tuple[str, Any] | None = None, product: tuple[str, Any] | None = None) -> Path:
+    """The shipped configuration and product in a folder, with one value changed."""
+    texts = {"cell.yaml": (CONFIGURATION, cell), "products.yaml": (PRODUCT, product)}
+    for name, (source, change) in texts.items():
+        data = yaml.safe_load(source.read_text(encoding="utf-8"))
+        if change is not None:
+            set_at(data, *change)
+        (folder / name).write_text(yaml.safe_dump(data, sort_keys=False))
+    return folder / "cell.yaml"
+
+
+def refused(config: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """The message of a run that is refused before it opens a log."""
+    log = config.parent / "log.mcap"
+    status = main(["run", "--config", str(config), "--log", str(log)])
+    captured = capsys.readouterr()
+    assert status == 2, captured.err
+    assert captured.out == ""
+    assert "Traceback" not in captured.err
+    assert not log.exists()
+    return captured.err
+
+
+@pytest.mark.parametrize(("path", "value"), CELL, ids=[f"{path}={value}" for path, value in CELL])
+def test_a_bad_value_of_the_cell(path: str, value: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = write_cell(tmp_path, cell=(path, value))
+    assert f"{config}:" in refused(config, capsys).replace("no_such.yaml: cannot", f"{config}: cannot")
+
+
+@pytest.mark.parametrize(("path", "value"), PRODUCTS, ids=[f"{path}={value}" for path, value in PRODUCTS])
+def test_a_bad_value_of_the_product(path: str, value: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = write_cell(tmp_path, product=(path, value))
+    assert f"{tmp_path / 'products.yaml'}:" in refused(config, capsys)
+
+
+@pytest.mark.parametrize(
+    "text", ["a: \0", "bench: {tray: \x1b[0m}", "controller: {tick_hz: 1:30}", "- 1\n- 2", "a: &a [*a]"]
+)
+def test_text_that_is_no_configuration(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "cell.yaml"
+    config.write_text(text)
+    assert f"{config}:1" in refused(config, capsys)
+
+
+def leaves(data: object, path: str = "") -> Iterator[str]:
+    """Dotted paths of all values of nested mappings."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield from leaves(value, f"{path}.{key}".lstrip("."))
+    else:
+        yield path
+
+
+NUMBERS = [NAN, INF, -INF, 1e300, -1e300, 10**400]
+ODD = st.one_of(
+    st.sampled_from(NUMBERS), st.text(max_size=5), st.booleans(), st.none(), st.lists(st.integers(), max_size=3)
+)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(path=st.sampled_from(sorted(leaves(yaml.safe_load(CONFIGURATION.read_text())["bench"], "bench"))), value=ODD)
+def test_no_value_of_the_bench_ends_in_a_traceback(path: str, value: Any, tmp_path: Path) -> None:
+    from cell.configuration import load_configuration
+    from cell.interfaces.errors import InputError
+
+    config = write_cell(tmp_path, cell=(path, value))
+    with contextlib.suppress(InputError):
+        bench = load_configuration(config).bench
+        assert all(math.isfinite(number) for number in [*bench.arm_park_rad, *bench.bracket.position_m])
+
+
+@pytest.mark.parametrize("taken", ["log.mcap", "log.0003.mcap", "log.png"])
+def test_a_log_that_is_there_stays(taken: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / taken).write_bytes(b"my only log")
+    for goal in ("g9", "g0"):
+        assert main(["run", "--log", str(tmp_path / "log.mcap"), "--goal", goal]) == 2
+        assert f"{tmp_path / taken}: exists already" in capsys.readouterr().err
+    assert (tmp_path / taken).read_bytes() == b"my only log"
+
+
+def test_a_typing_mistake_in_the_goal_leaves_an_old_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "log.mcap").write_bytes(b"my only log")
+    assert main(["run", "--log", str(tmp_path / "log.mcap"), "--overwrite", "--goal", "g9"]) == 2
+    assert "unknown goal 'g9'" in capsys.readouterr().err
+    assert (tmp_path / "log.mcap").read_bytes() == b"my only log"
+
+
+def test_a_log_is_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--log", str(tmp_path / "x.png")]) == 2
+    assert "the name of a log ends in .mcap" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import PartType, Product
+from cell.interfaces.product import Product
 from sim.hand import Hand
 from sim.hand_motion import MotionSettings, min_jerk, plan_reach
+from sim.pinch import widest_near_end
 from sim.worker_sight import SeenPart, Sight
 
 Script = Iterator[None]
@@ -23,8 +24,6 @@ RELAXED_GAP_M = 0.025
 SQUEEZE_M = 0.016  # commanded below the part's width: 20 N a finger
 LOST_GRIP_M = 0.006  # gap this far below the part's width: nothing is between the fingers
 LOST_PART_M = 0.07
-GRIP_HEIGHT_M = (0.010, 0.035)  # least and most above the body's bottom, else half its height
-GRIP_FROM_END = 0.16  # of the body's length, so that the part protrudes ahead of the fingertips
 MOST_YAW_RAD = 1.3
 BEFORE_HOLE_M = 0.012  # of the peg's tip over the plate before the insertion
 PRESS_M = 0.001
@@ -113,12 +112,11 @@ class Handwork:
 
     def grasp(self, seen: SeenPart) -> Script:
         """Reach over a standing part, close the fingers around its end and lift it."""
-        part = self._product.parts[seen.part]
         yaw_rad = fold_yaw(seen.pose.yaw_rad)
-        grip_m, span_m, top_m = self._grip(seen, yaw_rad)
+        grip_m, across_m, top_m = self._grip(seen, yaw_rad)
         over_m = np.array([grip_m[0], grip_m[1], top_m + HOVER_M])
-        width_m = part.size_m[1]
-        yield from self.reach(over_m, yaw_rad, span_m + OPEN_M, arch_m=ARCH_M)
+        _, width_m = widest_near_end(self._product.parts[seen.part])
+        yield from self.reach(over_m, yaw_rad, across_m + OPEN_M, arch_m=ARCH_M)
         yield from self.reach(grip_m, haste=STEADY)
         yield from self.pinch(width_m - SQUEEZE_M)
         yield from self.wait(LOOK_S)
@@ -129,7 +127,7 @@ class Handwork:
     def holds(self, body: str) -> bool:
         """Whether a part is between the fingers."""
         seen = self._sight.part(body)
-        width_m = self._product.parts[seen.part].size_m[1]
+        _, width_m = widest_near_end(self._product.parts[seen.part])
         apart_m = float(np.linalg.norm(np.array(seen.pose.position_m) - self._hand.position_m))
         return self._hand.gap_m > width_m - LOST_GRIP_M and apart_m < LOST_PART_M
 
@@ -169,7 +167,7 @@ class Handwork:
     def reach_over(self, seen: SeenPart) -> Script:
         """Bring the fingertips over the near end of a placed part, where they screw."""
         part = self._product.parts[seen.part]
-        above_m = self._grip_in_part(part)
+        above_m = np.array(widest_near_end(part)[0])
         above_m[2] = part.size_m[2] + SCREW_HEIGHT_M
         yield from self.reach(np.array(seen.pose.position_m) + above_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
 
@@ -199,14 +197,9 @@ class Handwork:
         )
         across = turn(yaw_rad, np.array([0.0, 1.0, 0.0]))
         offsets_m = (corners_m - np.array(seen.pose.position_m)) @ across
-        grip_m = np.array(seen.pose.position_m) + turn(yaw_rad, self._grip_in_part(part))
+        grip_m = np.array(seen.pose.position_m) + turn(yaw_rad, np.array(widest_near_end(part)[0]))
         grip_m += across * (offsets_m.max() + offsets_m.min()) / 2
         return grip_m, float(np.ptp(offsets_m)), float(corners_m[:, 2].max())
-
-    def _grip_in_part(self, part: PartType) -> Array:
-        length_m, _, height_m = part.size_m
-        low_m, high_m = GRIP_HEIGHT_M
-        return np.array([length_m * (0.5 - GRIP_FROM_END), 0.0, min(max(height_m / 2, low_m), high_m)])
 
     def _hand_for(self, body: str, target_m: Array) -> tuple[Array, float]:
         """Where the hand must be so that the held part is at `target_m` with its long side along x."""

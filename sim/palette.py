@@ -47,6 +47,17 @@ def add_cylinder(
     return _add(body, mujoco.mjtGeom.mjGEOM_CYLINDER, centre_m, [diameter_m / 2, length_m / 2, 0.0], rgb, touch)
 
 
+def add_ellipsoid(
+    body: mujoco.MjsBody,
+    centre_m: Sequence[float],
+    size_m: Sequence[float],
+    rgb: Rgb,
+    touch: tuple[int, int] = STATIC_TOUCH,
+) -> mujoco.MjsGeom:
+    """Add an ellipsoid of full extents `size_m`; with NO_TOUCH it is only seen."""
+    return _add(body, mujoco.mjtGeom.mjGEOM_ELLIPSOID, centre_m, [extent / 2 for extent in size_m], rgb, touch)
+
+
 def _add(
     body: mujoco.MjsBody,
     shape: mujoco.mjtGeom,

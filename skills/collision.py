@@ -15,13 +15,14 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
+from skills.grip import PAD_WIDTH_M
 from skills.kinematics import FLANGE, Kinematics, description_share, urdf_text
 from skills.outline import Shape, shapes
 from skills.settings import MotionSettings
 
 # Outline of the 2F-85 in the flange's frame, as boxes: (centre, size) in [m]. Fingers slide along x.
 PALM_M = ((0.0, 0.0, 0.0425), (0.104, 0.076, 0.085))
-FINGER_SIZE_M = (0.012, 0.025, 0.079)
+FINGER_SIZE_M = (0.012, PAD_WIDTH_M, 0.079)
 FINGER_MIDDLE_M = 0.1245
 CAMERA_SIZE_M = (0.050, 0.030, 0.030)
 CAMERA_BEHIND_LENS_M = 0.020

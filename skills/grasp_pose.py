@@ -43,10 +43,19 @@ def tool_down(position_m: Sequence[float], yaw_rad: float) -> Pose:
     return Pose.from_yaw(position_m, yaw_rad) @ _DOWN
 
 
-def grasp_height_m(body_height_m: float, settings: MotionSettings) -> float:
-    """Height of the TCP above a body's bottom: fingertips near its top, but never below its bottom."""
-    fingertips = max(settings.fingertip_clearance_m, body_height_m - settings.grasp_depth_m)
-    return fingertips + settings.fingertip_beyond_tcp_m
+def fingertips_m(kind: PartType, grip: Grip, settings: MotionSettings) -> float:
+    """Height of the fingertips above a body's bottom: near the top of what they hold, never below the bottom."""
+    return max(settings.fingertip_clearance_m, grip.top_m(kind) - settings.grasp_depth_m)
+
+
+def grasp_height_m(kind: PartType, grip: Grip, settings: MotionSettings) -> float:
+    """Height of the TCP above a body's bottom."""
+    return fingertips_m(kind, grip, settings) + settings.fingertip_beyond_tcp_m
+
+
+def grip_of(kind: PartType, opening_m: float, settings: MotionSettings) -> Grip:
+    """How a part is held, by the distance between the fingers; WIDTH where its sides are alike."""
+    return min(Grip, key=lambda grip: abs(grip.held_m(kind, fingertips_m(kind, grip, settings)) - opening_m))
 
 
 def grasps(
@@ -58,7 +67,7 @@ def grasps(
         close: with the least gap between fingers and body instead of the usual one.
     """
     opening = opening_for(kind, grip, settings.least_finger_clearance_m if close else settings.finger_clearance_m)
-    height = grasp_height_m(kind.size_m[2], settings)
+    height = grasp_height_m(kind, grip, settings)
     first, second = _tool_poses(part.world_from_part, grip, height)
     return Grasp(grip, first, opening, height, close), Grasp(grip, second, opening, height, close)
 
@@ -70,7 +79,7 @@ def opening_for(kind: PartType, grip: Grip, clearance_m: float) -> float:
 
 def held_boxes(part: str, kind: PartType, settings: MotionSettings, grip: Grip, *, with_peg: bool) -> tuple[Box, ...]:
     """A grasped part in the tool frame: its body, and its peg where that must not touch either."""
-    height = grasp_height_m(kind.size_m[2], settings)
+    height = grasp_height_m(kind, grip, settings)
     tool_from_part = (Pose.from_yaw((0.0, 0.0, height), grip.heading_rad) @ _DOWN).inverse()
     body = body_box(part, tool_from_part, kind.size_m)
     if not with_peg:
@@ -87,7 +96,7 @@ def hole_pose(product: Product, bench: Bench, position: str) -> Pose:
 
 def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings, grip: Grip) -> tuple[Pose, Pose]:
     """Both tool poses, half a turn apart, that let a held part go just above where it will rest."""
-    return _tool_poses(world_from_part, grip, grasp_height_m(kind.size_m[2], settings) + settings.release_gap_m)
+    return _tool_poses(world_from_part, grip, grasp_height_m(kind, grip, settings) + settings.release_gap_m)
 
 
 def fingers_clear(grasp: Grasp, others: Sequence[PartDetection], settings: MotionSettings) -> bool:

@@ -1,4 +1,4 @@
-"""Across which sides of a body the fingers close, and how the fingers tell it of a part that they hold."""
+"""Across which sides of a body the fingers close, and how far apart they then are."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import math
 from enum import Enum
 
 from cell.interfaces.product import PartType
+from cell.interfaces.solid import span_m
 
 STROKE_M = 0.085
+PAD_WIDTH_M = 0.025
 
 
 class Grip(Enum):
@@ -21,16 +23,29 @@ class Grip(Enum):
         """Direction in which the fingers open, from the body's length."""
         return math.pi / 2 if self is Grip.WIDTH else 0.0
 
+    @property
+    def axis(self) -> int:
+        """Of the part, along which the fingers close: 0 for x, 1 for y."""
+        return 1 if self is Grip.WIDTH else 0
+
     def span_m(self, kind: PartType) -> float:
-        """Distance between the two sides."""
-        return kind.size_m[1] if self is Grip.WIDTH else kind.size_m[0]
+        """Distance between the two sides of the box around the body."""
+        return kind.size_m[self.axis]
+
+    def top_m(self, kind: PartType) -> float:
+        """Height above the body's bottom up to which there is something between the pads."""
+        top = span_m(kind.solids, 2, {1 - self.axis: _PADS_M})
+        return kind.size_m[2] if top is None else top[1]
+
+    def held_m(self, kind: PartType, fingertips_m: float) -> float:
+        """Distance between the pads when they hold the body, the fingertips this far above its bottom."""
+        span = span_m(kind.solids, self.axis, {1 - self.axis: _PADS_M, 2: (fingertips_m, math.inf)})
+        return self.span_m(kind) if span is None else span[1] - span[0]
+
+
+_PADS_M = (-PAD_WIDTH_M / 2, PAD_WIDTH_M / 2)
 
 
 def possible_grips(kind: PartType, clearance_m: float) -> tuple[Grip, ...]:
-    """Grips for which the stroke leaves this gap between each finger and the body."""
+    """Grips for which the stroke leaves this gap between each finger and the box around the body."""
     return tuple(grip for grip in Grip if grip.span_m(kind) + 2 * clearance_m <= STROKE_M)
-
-
-def grip_of(kind: PartType, opening_m: float) -> Grip:
-    """How a part is held, by the distance between the fingers; WIDTH where its sides are alike."""
-    return min(Grip, key=lambda grip: abs(grip.span_m(kind) - opening_m))

@@ -13,8 +13,8 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
 from skills.collision import Box, body_box, part_box
 from skills.contact import Descend
-from skills.grasp_pose import Grasp, fingers_clear, grasps, held_boxes, hole_pose, opening_for, place_poses
-from skills.grip import Grip, grip_of, possible_grips
+from skills.grasp_pose import Grasp, fingers_clear, grasps, grip_of, held_boxes, hole_pose, opening_for, place_poses
+from skills.grip import Grip, possible_grips
 from skills.insertion import Insert
 from skills.phases import Activate, FingersRest, Move, Phase, SetGripper
 from skills.planner import Load, MotionPlanner, at_height
@@ -161,7 +161,7 @@ def carry_over_bracket_m(planner: MotionPlanner, kind: PartType) -> float:
 
 def held_grip(planner: MotionPlanner, name: str, observation: Observation) -> Grip:
     """How the fingers hold a part of this type: their opening tells."""
-    return grip_of(planner.product.parts[name], observation.gripper.opening_m)
+    return grip_of(planner.product.parts[name], observation.gripper.opening_m, planner.settings)
 
 
 def _choose(

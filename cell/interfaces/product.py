@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from functools import cached_property
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from cell.interfaces.model import Disagreement, Location, Model
 from cell.interfaces.quantity import Coordinate, Length, Rgb
+from cell.interfaces.solid import AXES, Solid, span_m
 
 RESERVED = ("none of these", "random")  # the unknown goal of a belief; any goal, as an option
+BOX = "box"
+FILLS_M = 2e-4  # the solids of a shape must reach as far as size_m says, to this much
 
 
 class PartType(Model):
@@ -22,8 +26,10 @@ class PartType(Model):
         size_m: (length, width, height) of the body; the gripper closes across the width.
         peg_diameter_m: diameter of the peg below the body, which goes into a hole.
         peg_length_m: length of that peg.
-        colour_rgb: its paint; the detector finds parts by it.
+        colour_rgb: of its paint or metal; the classical detector finds parts by it.
         mass_kg: mass of the whole part.
+        finish: what its surface is; bare steel shines.
+        shape: the solids that the body is made of, which together fill size_m; `box` is a plain box.
     """
 
     title: str
@@ -33,6 +39,41 @@ class PartType(Model):
     peg_length_m: Length
     colour_rgb: Rgb
     mass_kg: float = Field(gt=0, le=10)  # a UR10's payload
+    finish: Literal["paint", "steel"] = "paint"
+    shape: tuple[Solid, ...] = ()
+
+    @cached_property
+    def solids(self) -> tuple[Solid, ...]:
+        """The body's solids; of a plain box the one that fills it."""
+        return self.shape or (Solid(solid="box", size_m=self.size_m, centre_m=(0.0, 0.0, self.size_m[2] / 2)),)
+
+    @cached_property
+    def alike_after_half_turn(self) -> bool:
+        """Whether nobody can tell the body's two ends apart."""
+        return Counter(solid.mark(1) for solid in self.solids) == Counter(solid.mark(-1) for solid in self.solids)
+
+    @field_validator("shape", mode="before")
+    @classmethod
+    def _box_is_a_word(cls, value: object) -> object:
+        if value == BOX:
+            return ()
+        if isinstance(value, str):
+            raise ValueError(f"must be {BOX!r} or a list of solids")
+        return value
+
+    @model_validator(mode="after")
+    def _shape_fills_size(self) -> PartType:
+        length, width, height = self.size_m
+        wanted = ((-length / 2, length / 2), (-width / 2, width / 2), (0.0, height))
+        problems: list[tuple[Location, str]] = []
+        for axis, (low, high) in enumerate(wanted):
+            span = span_m(self.shape, axis)
+            if span is not None and max(abs(span[0] - low), abs(span[1] - high)) > FILLS_M:
+                what = f"the solids reach from {span[0]:.4g} to {span[1]:.4g} m along {AXES[axis]}"
+                problems.append((("shape",), f"{what}, but size_m says from {low:.4g} to {high:.4g} m"))
+        if problems:
+            raise Disagreement(problems)
+        return self
 
 
 class Bracket(Model):

@@ -13,6 +13,7 @@ from cell.interfaces.product import Product
 from learned.classical.box_model import View
 from learned.classical.colour import ColourModel, Labels
 from learned.classical.settings import PerceptionSettings
+from learned.classical.silhouette import top_areas_m2
 
 TIP_DEPTH_M = 0.012  # fingertips reach this far behind the foremost one
 HELD_BEHIND_M = 0.050  # where a held part may show: behind, ahead of and beside the fingertips
@@ -32,6 +33,7 @@ class ClassicalHandTracker:
         self._product = product
         self._settings = settings
         self._colours = colours
+        self._tops_m2 = dict(zip(product.parts, top_areas_m2(list(product.parts.values())), strict=True))
         view = View(bench.overhead.model, bench.overhead.mount.pose)
         self._scale = view.pixels_per_m((*bench.bracket.position_m[:2], settings.hand_height_m))
 
@@ -91,9 +93,9 @@ class ClassicalHandTracker:
         near = _paste(skin, box, window)
         near = np.asarray(cv2.dilate(near, np.ones((2 * TOUCH_PX + 1, 2 * TOUCH_PX + 1), np.uint8)), np.uint8)
         best: tuple[float, str, Box] | None = None
-        for label, (name, part) in enumerate(self._product.parts.items(), start=1):
+        for label, (name, top_m2) in enumerate(self._tops_m2.items(), start=1):
             area, extent = _touching(crop == label, near)
-            share = area / (part.size_m[0] * part.size_m[1] * self._scale**2)
+            share = area / (top_m2 * self._scale**2)
             if share > HELD_SHARE and (best is None or area > best[0]):
                 best = (area, name, extent)
         if best is None:

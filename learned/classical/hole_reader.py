@@ -16,8 +16,9 @@ from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.classical.box_model import View
 from learned.classical.colour import BACKGROUND, ColourModel, Labels
-from learned.classical.part_fit import BoxFit, BoxFitter
+from learned.classical.part_fit import ShapeFit, ShapeFitter
 from learned.classical.settings import PerceptionSettings
+from learned.classical.silhouette import top_areas_m2
 
 DARK = 0.55  # of the plate's brightness: what the inside of a hole stays below
 PLATE_RANGE = (0.75, 1.3)
@@ -74,6 +75,7 @@ class ClassicalHoleReader:
         self._scale = self._view.pixels_per_m(bench.bracket.position_m)
         radius_m = max(part.peg_diameter_m for part in product.parts.values()) / 2 + product.bracket.hole_clearance_m
         self._radius_px = radius_m * self._scale
+        self._tops_m2 = top_areas_m2(list(product.parts.values()))
         self._window = self._plate_window(bracket.transform(_plate_corners(product)))
         self._masks = {position: self._hole_masks(position) for position in product.positions}
         self._judged: dict[str, tuple[_Blob, Reading | None]] = {}
@@ -124,9 +126,9 @@ class ClassicalHoleReader:
         left, top, _, _ = self._window
         blobs: list[_Blob] = []
         pieces: dict[int, NDArray[np.int32]] = {}
-        for label, part in enumerate(self._product.parts.values(), start=1):
+        for label, top_m2 in enumerate(self._tops_m2, start=1):
             count, pieces[label], stats, middles = cv2.connectedComponentsWithStats((crop == label).astype(np.uint8))
-            least = LEAST_SHARE * part.size_m[0] * part.size_m[1] * self._scale**2
+            least = LEAST_SHARE * top_m2 * self._scale**2
             for index in range(1, count):
                 x, y, width, height, area = (int(value) for value in stats[index])
                 if area > least:
@@ -183,14 +185,14 @@ class ClassicalHoleReader:
         own = np.zeros(labels.shape, np.uint8)
         own[top:bottom, left:right] = pieces == blob.index
         hidden = ((labels != BACKGROUND) & (labels != blob.label)).astype(np.uint8)
-        fitter = BoxFitter(self._view, self._product.parts[name].size_m, self._plate_m)
+        fitter = ShapeFitter(self._view, self._product.parts[name], self._plate_m)
         fit = fitter.refine([self._seed(position, own, name)], own, hidden)[0]
         if fit.support < LEAST_SUPPORT:
             return None
         offset_m = float(np.linalg.norm(np.array([fit.x_m, fit.y_m]) - self._holes_m[position]))
         return Reading(name, offset_m < self._settings.upright_tolerance_m, fit.support)
 
-    def _seed(self, position: str, own: Labels, name: str) -> BoxFit:
+    def _seed(self, position: str, own: Labels, name: str) -> ShapeFit:
         """The part in the middle of its hole, turned as its blob lies in the image."""
         rows, columns = np.nonzero(own)
         height_m = self._plate_m + self._product.parts[name].size_m[2]
@@ -198,7 +200,7 @@ class ClassicalHoleReader:
         spread = np.cov(places.T)
         axis = np.linalg.eigh(spread)[1][:, 1]
         x_m, y_m = self._holes_m[position]
-        return BoxFit(float(x_m), float(y_m), math.atan2(axis[1], axis[0]))
+        return ShapeFit(float(x_m), float(y_m), math.atan2(axis[1], axis[0]))
 
     def _settle(self, position: str, reading: Reading | None, time_s: float) -> None:
         """Take a reading over once it stood for some frames; one that agrees with the view refreshes it."""

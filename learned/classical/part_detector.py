@@ -13,7 +13,7 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.product import PartType, Product
 from learned.classical.box_model import View, body_corners, fill, outline
 from learned.classical.colour import BACKGROUND, ColourModel, Labels
-from learned.classical.part_fit import BoxFit, BoxFitter
+from learned.classical.part_fit import ShapeFit, ShapeFitter
 from learned.classical.settings import PerceptionSettings
 
 LEAST_SUPPORT = 0.75
@@ -23,7 +23,7 @@ NEAREST_M = 0.05  # from the camera to the tray
 
 
 class ClassicalPartDetector:
-    """Segments by colour and fits the projected box of each type to its pixels (PartDetector)."""
+    """Segments by colour and fits the projected shape of each type to its pixels (PartDetector)."""
 
     def __init__(self, bench: Bench, product: Product, settings: PerceptionSettings | None = None) -> None:
         self._bench = bench
@@ -42,7 +42,7 @@ class ClassicalPartDetector:
         for label, name in enumerate(self._product.parts, start=1):
             part = self._product.parts[name]
             bottom_m = self._bench.tray.centre_m[2] + part.peg_length_m
-            fitter = BoxFitter(view, part.size_m, bottom_m)
+            fitter = ShapeFitter(view, part, bottom_m)
             own = (labels == label).astype(np.uint8)
             fits = [fit for fit in fitter.fit(own, _hidden(labels, label)) if self._counts(fit)]
             found += [_detection(name, part, fit, fitter, bottom_m) for fit in fits]
@@ -60,11 +60,11 @@ class ClassicalPartDetector:
             return None
         return fill((view.model.height_px, view.model.width_px), outline(view.pixels(corners)))
 
-    def _counts(self, fit: BoxFit) -> bool:
+    def _counts(self, fit: ShapeFit) -> bool:
         stands = fit.support >= LEAST_SUPPORT and fit.agreement >= LEAST_AGREEMENT
         return stands and fit.visible >= LEAST_VISIBLE and self._near_tray(fit)
 
-    def _near_tray(self, fit: BoxFit) -> bool:
+    def _near_tray(self, fit: ShapeFit) -> bool:
         tray = self._bench.tray
         reach = np.array(tray.size_m) / 2 + self._settings.tray_margin_m
         offset = np.abs(np.array([fit.x_m, fit.y_m]) - np.array(tray.centre_m[:2]))
@@ -79,11 +79,12 @@ def _hidden(labels: Labels, label: int) -> Labels:
     return hidden
 
 
-def _detection(name: str, part: PartType, fit: BoxFit, fitter: BoxFitter, bottom_m: float) -> PartDetection:
-    yaw_rad = (fit.yaw_rad + math.pi / 2) % math.pi - math.pi / 2  # a box looks the same after half a turn
-    polygon = fitter.polygon(fit)
-    left, top = np.floor(polygon.min(axis=0)).astype(int)
-    right, bottom = np.ceil(polygon.max(axis=0)).astype(int) + 1
+def _detection(name: str, part: PartType, fit: ShapeFit, fitter: ShapeFitter, bottom_m: float) -> PartDetection:
+    turn = math.pi if part.alike_after_half_turn else 2 * math.pi
+    yaw_rad = (fit.yaw_rad + turn / 2) % turn - turn / 2
+    points = fitter.silhouette(fit).points
+    left, top = np.floor(points.min(axis=0)).astype(int)
+    right, bottom = np.ceil(points.max(axis=0)).astype(int) + 1
     return PartDetection(
         part=name,
         confidence=fit.support * fit.agreement * (0.5 + 0.5 * fit.visible),

@@ -1,4 +1,4 @@
-"""Fits upright boxes of one type to the pixels of its colour: seeds by correlation, then least squares on outlines."""
+"""Fits upright parts of one type to the pixels of its colour: seeds by correlation, then least squares on outlines."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
-from learned.classical.box_model import View, body_corners, fill, outline, signed_distances
+from cell.interfaces.product import PartType
+from learned.classical.box_model import View, body_corners
+from learned.classical.silhouette import Silhouette, Solids
 
 Mask = NDArray[np.uint8]
 
@@ -28,13 +30,13 @@ EDGE_PX = 0.5  # the true edge runs half a pixel outside the outermost pixel's c
 
 
 @dataclass(frozen=True)
-class BoxFit:
-    """An upright box on the floor.
+class ShapeFit:
+    """An upright part on the floor.
 
     Attributes:
-        support: share of the box's visible pixels that show the right colour.
-        agreement: share of the outline pixels nearest to this box that lie on its outline; low where a part lies
-            on its side.
+        support: share of its visible pixels that show the right colour.
+        agreement: share of the outline pixels nearest to it that lie on its outline; low where a part lies on its
+            side.
         visible: share of its pixels that nothing of another colour hides.
     """
 
@@ -46,53 +48,55 @@ class BoxFit:
     visible: float = 1.0
 
 
-class BoxFitter:
-    """Finds all boxes of one size in a mask of their colour."""
+class ShapeFitter:
+    """Finds all parts of one type in a mask of their colour."""
 
-    def __init__(self, view: View, size_m: tuple[float, float, float], bottom_m: float) -> None:
+    def __init__(self, view: View, part: PartType, bottom_m: float) -> None:
         self._view = view
-        self._size_m = size_m
+        self._solids = Solids(part.solids)
+        self._size_m = part.size_m
         self._bottom_m = bottom_m
+        turns = 1 if part.alike_after_half_turn else 2
+        self._yaws_rad = np.arange(turns * SEED_YAWS) * np.pi / SEED_YAWS
 
-    def polygon(self, fit: BoxFit) -> Array:
-        """Outline (k, 2) of a box in the image."""
-        corners = body_corners(self._size_m, fit.x_m, fit.y_m, fit.yaw_rad, self._bottom_m)
-        return outline(self._view.pixels(corners))
+    def silhouette(self, fit: ShapeFit) -> Silhouette:
+        """What a part covers in the image."""
+        return self._solids.silhouette(self._view, fit.x_m, fit.y_m, fit.yaw_rad, self._bottom_m)
 
-    def fit(self, own: Mask, hidden: Mask) -> list[BoxFit]:
-        """Boxes in a mask.
+    def fit(self, own: Mask, hidden: Mask) -> list[ShapeFit]:
+        """Parts in a mask.
 
         Args:
             own: (height, width), 1 where a pixel has the type's colour.
-            hidden: 1 where something else may stand before a box: other parts, the image's border.
+            hidden: 1 where something else may stand before a part: other parts, the image's border.
         """
         count, components, stats, _ = cv2.connectedComponentsWithStats(own, connectivity=8)
-        fits: list[BoxFit] = []
+        fits: list[ShapeFit] = []
         for index in range(1, count):
             left, top, width, height, area = (int(value) for value in stats[index])
             middle = np.array([[left + width / 2, top + height / 2]])
             x_m, y_m = self._view.on_plane(middle, self._bottom_m + self._size_m[2] / 2)[0]
-            if area < 0.2 * cv2.contourArea(self.polygon(BoxFit(x_m, y_m, 0.0)).astype(np.float32)):
+            if area < 0.2 * self.silhouette(ShapeFit(x_m, y_m, 0.0)).area_px():
                 continue
             fits += self._fit_component((components == index).astype(np.uint8), hidden, (left, top, width, height))
         return fits
 
-    def _fit_component(self, own: Mask, hidden: Mask, box: tuple[int, int, int, int]) -> list[BoxFit]:
-        seeds: list[BoxFit] = []
+    def _fit_component(self, own: Mask, hidden: Mask, box: tuple[int, int, int, int]) -> list[ShapeFit]:
+        seeds: list[ShapeFit] = []
         remaining = own.copy()
         expected = None
         while (seed := self._best_seed(remaining, own, hidden, box)) is not None:
             seeds.append(seed)
-            polygon = self.polygon(seed)
-            expected = expected or cv2.contourArea(polygon.astype(np.float32))
-            remaining &= 1 - fill(own.shape, polygon)
+            silhouette = self.silhouette(seed)
+            expected = expected or silhouette.area_px()
+            remaining &= 1 - silhouette.fill(own.shape)
             if int(remaining.sum()) < 0.3 * expected or len(seeds) > 8:
                 break
         return self._apart(self.refine(seeds, own, hidden)) if seeds else []
 
-    def _apart(self, fits: list[BoxFit]) -> list[BoxFit]:
-        """Without boxes that stand inside an earlier one."""
-        kept: list[BoxFit] = []
+    def _apart(self, fits: list[ShapeFit]) -> list[ShapeFit]:
+        """Without parts that stand inside an earlier one."""
+        kept: list[ShapeFit] = []
         for fit in fits:
             footprint = self._footprint(fit)
             overlaps = [cv2.intersectConvexConvex(footprint, self._footprint(other))[0] for other in kept]
@@ -100,20 +104,20 @@ class BoxFitter:
                 kept.append(fit)
         return kept
 
-    def _footprint(self, fit: BoxFit) -> NDArray[np.float32]:
+    def _footprint(self, fit: ShapeFit) -> NDArray[np.float32]:
         """Corners (4, 2) of the body on the floor, in [mm]."""
         corners = body_corners(self._size_m, fit.x_m, fit.y_m, fit.yaw_rad, self._bottom_m)[:4, :2]
         return (corners * 1e3).astype(np.float32)
 
-    def _best_seed(self, remaining: Mask, own: Mask, hidden: Mask, box: tuple[int, int, int, int]) -> BoxFit | None:
+    def _best_seed(self, remaining: Mask, own: Mask, hidden: Mask, box: tuple[int, int, int, int]) -> ShapeFit | None:
         """The pose where the outline covers most remaining and least bare pixels, with none around it."""
         left, top, width, height = box
         middle = np.array([[left + width / 2, top + height / 2]])
         x_m, y_m = self._view.on_plane(middle, self._bottom_m + self._size_m[2] / 2)[0]
         inside, ring = _evidence(remaining, own, hidden, box, self._margin(x_m, y_m))
-        best: tuple[float, BoxFit] | None = None
-        for yaw in np.arange(SEED_YAWS) * np.pi / SEED_YAWS:
-            kernel, rim = _templates(self.polygon(BoxFit(x_m, y_m, yaw)), middle[0])
+        best: tuple[float, ShapeFit] | None = None
+        for yaw in self._yaws_rad:
+            kernel, rim = _templates(self.silhouette(ShapeFit(x_m, y_m, yaw)), middle[0])
             if kernel.shape[0] > inside.shape[0] * 2 or kernel.shape[1] > inside.shape[1] * 2:
                 continue
             score = _correlate(inside, kernel) + _correlate(ring, rim)
@@ -121,26 +125,26 @@ class BoxFitter:
             if best is None or highest > best[0]:
                 shift = np.array([[column, row]]) * SEED_SCALE + np.array(box[:2]) - self._margin(x_m, y_m)
                 place = self._view.on_plane(shift, self._bottom_m + self._size_m[2] / 2)[0]
-                best = (highest, BoxFit(float(place[0]), float(place[1]), float(yaw)))
+                best = (highest, ShapeFit(float(place[0]), float(place[1]), float(yaw)))
         return best[1] if best is not None and best[0] > LEAST_SEED_SCORE else None
 
     def _margin(self, x_m: float, y_m: float) -> int:
-        """Pixels around a component where boxes may reach that are partly hidden."""
+        """Pixels around a component where parts may reach that are partly hidden."""
         half = self._view.pixels_per_m((x_m, y_m, self._bottom_m)) * self._size_m[0] / 2
         return int(np.ceil(half / SEED_SCALE)) * SEED_SCALE
 
-    def refine(self, seeds: list[BoxFit], own: Mask, hidden: Mask) -> list[BoxFit]:
-        """Least squares of all boxes on the outline points of the mask, each point given to the nearest box."""
+    def refine(self, seeds: list[ShapeFit], own: Mask, hidden: Mask) -> list[ShapeFit]:
+        """Least squares of all parts on the outline points of the mask, each point given to the nearest part."""
         points, certain = _outline_points(own, hidden)
         fits = list(seeds)
         for _ in range(ROUNDS):
-            distances = np.array([signed_distances(points, self.polygon(fit)) + EDGE_PX for fit in fits])
+            distances = np.array([self.silhouette(fit).distances(points) + EDGE_PX for fit in fits])
             nearest = np.abs(distances).argmin(axis=0)
             for index, fit in enumerate(fits):
                 mine = (nearest == index) & (np.abs(distances[index]) < REACH_PX)
                 if int(mine.sum()) >= 8:
                     fits[index] = self._step(fit, points[mine], certain[mine])
-        distances = np.abs([signed_distances(points, self.polygon(fit)) + EDGE_PX for fit in fits])
+        distances = np.abs([self.silhouette(fit).distances(points) + EDGE_PX for fit in fits])
         nearest = distances.argmin(axis=0)
         return [
             replace(
@@ -149,7 +153,7 @@ class BoxFitter:
             for index, fit in enumerate(fits)
         ]
 
-    def _step(self, fit: BoxFit, points: Array, certain: NDArray[np.bool_]) -> BoxFit:
+    def _step(self, fit: ShapeFit, points: Array, certain: NDArray[np.bool_]) -> ShapeFit:
         """Two damped Gauss-Newton steps on (x, y, yaw) with Huber weights."""
         steps = np.array([5e-4, 5e-4, 5e-3])
         values = np.array([fit.x_m, fit.y_m, fit.yaw_rad])
@@ -161,7 +165,7 @@ class BoxFitter:
                 moved[column] += steps[column]
                 jacobian[:, column] = (self._residuals(moved, points) - residuals) / steps[column]
             weights = HUBER_PX / np.maximum(np.abs(residuals), HUBER_PX)
-            # inside the box an edge next to another part may be that part's edge
+            # inside a part an edge next to another part may be that part's edge
             weights[~certain & (residuals < 0)] = 0.0
             normal = jacobian.T @ (weights[:, None] * jacobian)
             normal[np.diag_indices(3)] *= 1.0 + 1e-3
@@ -172,21 +176,21 @@ class BoxFitter:
 
     def _residuals(self, values: Array, points: Array) -> Array:
         x_m, y_m, yaw_rad = (float(value) for value in values)
-        return signed_distances(points, self.polygon(BoxFit(x_m, y_m, yaw_rad))) + EDGE_PX
+        return self.silhouette(ShapeFit(x_m, y_m, yaw_rad)).distances(points) + EDGE_PX
 
-    def _judge(self, fit: BoxFit, own: Mask, hidden: Mask) -> BoxFit:
-        """How much of the box is seen, and how much of what is seen has its colour; its blurred rim does not count."""
-        box = np.asarray(cv2.erode(fill(own.shape, self.polygon(fit)), np.ones((3, 3), np.uint8)), np.uint8)
-        total = max(int(box.sum()), 1)
-        covered = int((box & own).sum())
-        obscured = int((box & hidden & (1 - own)).sum())
+    def _judge(self, fit: ShapeFit, own: Mask, hidden: Mask) -> ShapeFit:
+        """How much of the part is seen, and how much of what is seen has its colour; its blurred rim does not count."""
+        body = np.asarray(cv2.erode(self.silhouette(fit).fill(own.shape), np.ones((3, 3), np.uint8)), np.uint8)
+        total = max(int(body.sum()), 1)
+        covered = int((body & own).sum())
+        obscured = int((body & hidden & (1 - own)).sum())
         return replace(fit, support=covered / max(total - obscured, 1), visible=1.0 - obscured / total)
 
 
 def _evidence(
     remaining: Mask, own: Mask, hidden: Mask, box: tuple[int, int, int, int], margin: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What each pixel around a component says for (+) or against (-) a box over it, and beside it."""
+    """What each pixel around a component says for (+) or against (-) a part over it, and beside it."""
     left, top, width, height = box
     crops: list[NDArray[np.float32]] = []
     for mask in (remaining, own, hidden):
@@ -203,18 +207,17 @@ def _correlate(image: NDArray[np.float32], kernel: NDArray[np.float32]) -> NDArr
     return np.asarray(cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_CONSTANT), np.float32)
 
 
-def _templates(polygon: Array, middle: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Kernels of a box around its middle and of the ring beside it, each of weight one."""
-    local = (polygon - middle) / SEED_SCALE
-    half = int(np.ceil(np.abs(local).max())) + RING_PX + 1
-    shape = (2 * half + 1, 2 * half + 1)
-    box = fill(shape, local + half)
-    ring = cv2.dilate(box, np.ones((2 * RING_PX + 1, 2 * RING_PX + 1), np.uint8)) - box
-    return np.asarray(box / max(box.sum(), 1), np.float32), np.asarray(ring * (0.5 / max(ring.sum(), 1)), np.float32)
+def _templates(silhouette: Silhouette, middle: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Kernels of a part around its middle and of the ring beside it, each of weight one."""
+    local = silhouette.moved(-middle / SEED_SCALE, 1 / SEED_SCALE)
+    half = int(np.ceil(np.abs(local.points).max())) + RING_PX + 1
+    body = local.moved(np.array([half, half])).fill((2 * half + 1, 2 * half + 1))
+    ring = cv2.dilate(body, np.ones((2 * RING_PX + 1, 2 * RING_PX + 1), np.uint8)) - body
+    return np.asarray(body / max(body.sum(), 1), np.float32), np.asarray(ring * (0.5 / max(ring.sum(), 1)), np.float32)
 
 
 def _share_below(distances: Array) -> float:
-    """Share of outline pixels that agree with a box; 1 where none says anything."""
+    """Share of outline pixels that agree with a part; 1 where none says anything."""
     return float((distances < AGREE_PX).mean()) if len(distances) else 1.0
 
 

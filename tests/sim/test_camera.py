@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Literal
 
 import numpy as np
 import pytest
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Array, Pose
+from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.camera import SimCamera
 from sim.clutter import standing
@@ -20,12 +19,6 @@ from sim.world import World, build_world
 from tests.sim.conftest import MakeRig
 
 CameraName = Literal["overhead", "wrist"]
-
-
-def box_corners(size_m: tuple[float, float, float], pose: Pose) -> Array:
-    length, width, height = size_m
-    corners = itertools.product((-length / 2, length / 2), (-width / 2, width / 2), (0.0, height - 0.003))
-    return pose.transform(np.array(list(corners)))
 
 
 @pytest.fixture
@@ -47,7 +40,7 @@ def looking(product: Product, bench: Bench) -> World:
 
 
 def check_silhouette(world: World, camera: CameraName, part_index: int, tolerance_px: float) -> None:
-    """The part's pixels fill the box that the camera model projects, and its top's middle has its colour."""
+    """The part's pixels reach as far as the camera model projects its solids."""
     setup = getattr(world.bench, camera)
     studio = Studio(world)
     image = studio.render(camera, setup.width_px, setup.height_px).astype(np.float64)
@@ -55,7 +48,8 @@ def check_silhouette(world: World, camera: CameraName, part_index: int, toleranc
     part = world.bodies[part_index]
     kind = world.product.parts[part.part]
     pose = world.part_pose(part)
-    pixels = setup.model.project(world.camera_pose(camera), box_corners(kind.size_m, pose))
+    surface = pose.transform(np.concatenate([solid.points() for solid in kind.solids]))
+    pixels = setup.model.project(world.camera_pose(camera), surface)
     left, top = pixels.min(axis=0)
     right, bottom = pixels.max(axis=0)
     main = int(np.argmax(kind.colour_rgb))

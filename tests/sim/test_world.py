@@ -59,6 +59,7 @@ def four_types(product: Product, bench: Bench) -> tuple[Product, Bench]:
     data["parts"]["o4"] = data["parts"]["o1"] | {
         "title": "ball valve",
         "quantity": 2,
+        "shape": "box",
         "size_m": (0.05, 0.035, 0.03),
         "colour_rgb": (0.7, 0.6, 0.05),
     }

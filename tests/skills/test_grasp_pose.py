@@ -10,17 +10,19 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
-from cell.interfaces.product import Product
+from cell.interfaces.product import PartType, Product
 from skills.grasp_pose import (
     fingers_clear,
+    fingertips_m,
     footprint,
     gap_m,
     grasps,
+    grip_of,
     held_boxes,
     hole_pose,
     place_poses,
 )
-from skills.grip import STROKE_M, Grip, grip_of, possible_grips
+from skills.grip import STROKE_M, Grip, possible_grips
 from skills.settings import MotionSettings
 
 SETTINGS = MotionSettings()
@@ -43,7 +45,21 @@ def test_the_stroke_decides_across_which_sides_a_part_fits(product: Product) -> 
 @pytest.mark.parametrize(("part", "grip"), GRIPS)
 def test_the_opening_tells_how_a_part_is_held(product: Product, part: str, grip: Grip) -> None:
     kind = product.parts[part]
-    assert all(grip_of(kind, grip.span_m(kind) + error) is grip for error in (-0.002, 0.0, 0.002))
+    held_m = grip.held_m(kind, fingertips_m(kind, grip, SETTINGS))
+    assert held_m <= grip.span_m(kind) + 1e-9
+    assert all(grip_of(kind, held_m + error, SETTINGS) is grip for error in (-0.002, 0.0, 0.002))
+
+
+def test_fingers_reach_down_to_what_is_between_them(product: Product) -> None:
+    ends = [{"solid": "box", "size_m": (0.01, 0.03, 0.05), "centre_m": (x, 0.0, 0.025)} for x in (-0.035, 0.035)]
+    web = {"solid": "box", "size_m": (0.06, 0.016, 0.02), "centre_m": (0.0, 0.0, 0.01)}
+    yoke = {"size_m": (0.08, 0.03, 0.05), "shape": [*ends, web]}
+    kind = PartType.model_validate(product.parts["o1"].model_dump() | yoke)
+    plain = PartType.model_validate(product.parts["o1"].model_dump() | yoke | {"shape": "box"})
+    assert Grip.WIDTH.top_m(kind) == pytest.approx(0.02)
+    assert Grip.WIDTH.held_m(kind, fingertips_m(kind, Grip.WIDTH, SETTINGS)) == pytest.approx(0.016)
+    assert Grip.WIDTH.top_m(plain) == pytest.approx(0.05)
+    assert Grip.WIDTH.held_m(plain, fingertips_m(plain, Grip.WIDTH, SETTINGS)) == pytest.approx(0.03)
 
 
 @pytest.mark.parametrize(("part", "grip"), GRIPS)

@@ -1,4 +1,4 @@
-"""Synthetic images for perception tests: shaded boxes drawn through the camera model, no simulator needed."""
+"""Synthetic images for perception tests: parts drawn through the camera model, no simulator needed."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product
-from cell.interfaces.pose import Array
-from learned.classical.box_model import View, body_corners
+from cell.interfaces.pose import Array, Pose
+from learned.classical.box_model import View, outline
 
 CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)
 BENCH = CONFIGURATION.bench
 SKIN = np.array(CONFIGURATION.perception.classical.skin_rgb)
 OVERSAMPLING = 4
-FACES = (((4, 5, 6, 7), 1.0), ((0, 1, 5, 4), 0.55), ((1, 2, 6, 5), 0.65), ((2, 3, 7, 6), 0.5), ((3, 0, 4, 7), 0.6))
 
 Image = NDArray[np.uint8]
 Standing = tuple[str, float, float, float, float]  # type, x, y, yaw, height of the body's bottom
@@ -31,7 +30,10 @@ class Canvas:
 
     def polygon(self, points_m: Array, colour: Array) -> None:
         """Fill a flat convex polygon (n, 3) in the world."""
-        pixels = (self._view.pixels(points_m) + 0.5) * OVERSAMPLING - 0.5
+        self._fill(self._view.pixels(points_m), colour)
+
+    def _fill(self, pixels: Array, colour: Array) -> None:
+        pixels = (pixels + 0.5) * OVERSAMPLING - 0.5
         cv2.fillConvexPoly(self._image, np.round(pixels * 16).astype(np.int32), (colour * 255).tolist(), shift=4)
 
     def disc(self, middle_m: Array, radius_m: float, colour: Array) -> None:
@@ -41,16 +43,16 @@ class Canvas:
         self.polygon(middle_m + radius_m * rim, colour)
 
     def part(self, standing: Standing) -> None:
-        """Draw the faces of an upright body that the camera sees."""
+        """Draw an upright part."""
         name, x_m, y_m, yaw_rad, bottom_m = standing
+        self.body(name, Pose.from_yaw((x_m, y_m, bottom_m), yaw_rad))
+
+    def body(self, name: str, world_from_part: Pose) -> None:
+        """Draw the solids of a body, the lowest first."""
         kind = PRODUCT.parts[name]
-        corners = body_corners(kind.size_m, x_m, y_m, yaw_rad, bottom_m)
-        eye, middle = np.array(self._view.world_from_camera.position_m), corners.mean(axis=0)
-        for indices, shade in reversed(FACES):
-            face = corners[list(indices)]
-            outwards = face.mean(axis=0) - middle
-            if outwards @ (eye - face.mean(axis=0)) > 0:
-                self.polygon(face, np.array(kind.colour_rgb) * shade)
+        clouds = [(world_from_part.transform(solid.points()), solid.shade) for solid in kind.solids]
+        for cloud, shade in sorted(clouds, key=lambda one: float(one[0][:, 2].max())):
+            self._fill(outline(self._view.pixels(cloud)), np.array(kind.colour_rgb) * shade)
 
     def parts(self, standing: list[Standing]) -> None:
         """Draw several parts, the farthest from the camera first."""

@@ -8,7 +8,7 @@ import pytest
 from cell.interfaces.errors import DeviceFault
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
-from learned.classical.box_model import View, body_corners, outline, signed_distances
+from learned.classical.box_model import View, outline, signed_distances
 from learned.classical.part_detector import ClassicalPartDetector
 from tests.learned.classical.scenes import BENCH, PRODUCT, Canvas, Standing
 
@@ -76,13 +76,14 @@ def test_a_colour_that_is_no_standing_part_is_ignored() -> None:
     assert ClassicalPartDetector(BENCH, PRODUCT).detect(Frame("wrist", 0, 0.0, image, LOOK)) == ()
 
 
-@pytest.mark.parametrize("name", ["o2", "o3"])
-def test_a_part_on_its_side_is_not_taken_for_a_standing_one(name: str) -> None:
-    length, width, height = PRODUCT.parts[name].size_m
+@pytest.mark.parametrize("name", list(PRODUCT.parts))
+@pytest.mark.parametrize("turn", [-1, 1])
+def test_a_part_on_its_side_is_not_taken_for_a_standing_one(name: str, turn: int) -> None:
     x_m, y_m, z_m = BENCH.tray.centre_m
-    lying = body_corners((length, height, width), x_m + 0.05, y_m - 0.05, 0.4, z_m)
+    half = math.sqrt(0.5)
+    lying = Pose.from_yaw((x_m + 0.05, y_m - 0.05, z_m + PRODUCT.parts[name].size_m[1] / 2), 0.4)
     canvas = Canvas(View(BENCH.wrist.model, LOOK), grey=70)
-    canvas.polygon(lying[4:], np.array(PRODUCT.parts[name].colour_rgb))
+    canvas.body(name, lying @ Pose((0.0, 0.0, 0.0), (half, turn * half, 0.0, 0.0)))
     image = canvas.image(np.random.default_rng(0))
     assert ClassicalPartDetector(BENCH, PRODUCT).detect(Frame("wrist", 0, 0.0, image, LOOK)) == ()
 

@@ -159,8 +159,15 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
         name: planner.model_copy(update={"weights": _weights(name, planner, folder)}) for name, planner in read.planners
     }
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
+    database = read.gripper_can.database
+    gripper = read.gripper_can.model_copy(update={"database": database and folder / database})
     return read.model_copy(
-        update={"product": folder / read.product, "planners": read.planners.model_copy(update=planners), "log": log}
+        update={
+            "product": folder / read.product,
+            "planners": read.planners.model_copy(update=planners),
+            "gripper_can": gripper,
+            "log": log,
+        }
     )
 
 

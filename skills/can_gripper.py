@@ -6,22 +6,29 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import can
-import cantools.database
-from cantools.database.can import Database, Message
+from cantools.database.can import Message
 
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.errors import DeviceFault
-from cell.interfaces.files import shipped
-from cell.interfaces.observation import GripperState, ObjectStatus
+from cell.interfaces.observation import GripperState, NodeState, ObjectStatus
+from skills import gripper_database
 from skills.settings import CanSettings
 
-DATABASE_FILE = shipped("config", "gripper.dbc")
 MISSED_PERIODS = 1.5
+ADOPTED_FORCE_N = 60.0  # the status does not tell with what force an adopted gripper holds
 KEEP_ALIVE_S = 0.25  # the gripper faults after 1 s without a command, and a lost command is repeated by this
 MAJOR_FAULT = 0x08  # lower values of gFLT only say that a command came before activation
+NO_COMMUNICATION = 0x09
+ADOPTION_S = 0.2  # until when an adopted gripper may say that it has heard nothing: it had no master
 INTERNAL_FAULT = 0x0C
 ACTIVE = 3  # gSTA
+NODE_STATES: Mapping[int, NodeState] = {
+    0x00: "boot_up",
+    0x04: "stopped",
+    0x05: "operational",
+    0x7F: "pre_operational",
+}
 
 _OPENING_MM, _SPEED_MM_S, _FORCE_N = (0.0, 85.0), (20.0, 150.0), (20.0, 235.0)
 
@@ -46,19 +53,21 @@ Tap = Callable[[CanFrame], None]
 class CanGripper:
     """Implements `Gripper`; everything received is read when `state` is called, nothing runs in between.
 
+    A gripper that is active already is adopted as it is: the first status tells what it was asked for, and its fingers
+    stay where they are. One that restarts is left alone: nothing activates it again but `activate`.
+
     Attributes:
         ignored_frames: received frames that no message of the database explains, or of the wrong length.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: CanSettings, tap: Tap | None = None) -> None:
-        database = cantools.database.load_file(DATABASE_FILE)
-        assert isinstance(database, Database)
-        self._command = database.get_message_by_name("GripperCommand")
+        database = gripper_database.load_gripper_database(settings.database or gripper_database.SHIPPED)
+        self._command = database.get_message_by_name(gripper_database.COMMAND)
         self._received = {
             message.frame_id: message for message in database.messages if message.name != self._command.name
         }
         self._meanings: Mapping[int, object] = dict(
-            database.get_message_by_name("GripperStatus").get_signal_by_name("gFLT").choices or {}
+            database.get_message_by_name(gripper_database.STATUS).get_signal_by_name("gFLT").choices or {}
         )
         self._bus, self._clock, self._settings, self._tap = bus, clock, settings, tap
         self._request = {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, "rPR": 85.0, "rSP": 20.0, "rFR": 20.0}
@@ -68,6 +77,8 @@ class CanGripper:
         self._status: Mapping[str, float] | None = None
         self._status_s = self._opened_s
         self._emergency = 0
+        self._node_state: NodeState = "unknown"
+        self._adopted_s: float | None = None
         self.ignored_frames = 0
 
     def state(self) -> GripperState:
@@ -77,9 +88,11 @@ class CanGripper:
         if self._sent_s is not None and self._clock.now_s() - self._sent_s >= KEEP_ALIVE_S:
             self._send()
         if self._status is None:
-            return GripperState(self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0)
+            return GripperState(
+                self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0, self._node_state
+            )
         fault = max(int(self._status["gFLT"]), self._emergency)
-        if fault >= MAJOR_FAULT:
+        if fault >= MAJOR_FAULT and not (fault == NO_COMMUNICATION and self._just_adopted):
             raise DeviceFault("gripper", f"fault 0x{fault:02X}: {self._meanings.get(fault, 'unknown')}")
         return GripperState(
             self._status_s,
@@ -88,6 +101,7 @@ class CanGripper:
             self._status["gPO"] / 1000,
             self._status["gCU"],
             fault,
+            self._node_state,
         )
 
     def activate(self) -> None:
@@ -119,7 +133,7 @@ class CanGripper:
         try:
             while (message := self._bus.recv(timeout=0)) is not None:
                 self._receive(message)
-        except can.CanError as error:
+        except (can.CanError, OSError) as error:
             raise DeviceFault("gripper", f"reading the CAN bus failed: {error}") from error
 
     def _receive(self, message: can.Message) -> None:
@@ -132,13 +146,35 @@ class CanGripper:
             self.ignored_frames += 1
             return
         values = _decoded(known, data)
-        if known.name == "GripperHeartbeat":
+        if known.name == gripper_database.HEARTBEAT:
             self._heartbeat_s = now
-        elif known.name == "GripperEmergency":
+            self._node_state = NODE_STATES.get(int(values["NodeState"]), "unknown")
+            if self._node_state == "boot_up":
+                self._forget_activation()
+        elif known.name == gripper_database.EMERGENCY:
             # A node that names no gFLT but an error code has broken down in some other way.
             self._emergency = (int(values["FaultStatus"]) or INTERNAL_FAULT) if values["ErrorCode"] else 0
         else:
+            self._take_status(values)
             self._status, self._status_s = values, now
+
+    def _take_status(self, status: Mapping[str, float]) -> None:
+        """Adopt a gripper that is active already, and notice one that has restarted."""
+        if self._status is None and self._sent_s is None and status["gSTA"] == ACTIVE:
+            self._request |= {"rACT": 1.0, "rGTO": status["gGTO"], "rPR": status["gPR"], "rFR": ADOPTED_FORCE_N}
+            self._adopted_s = self._clock.now_s()
+            self._send()
+        elif self._status is not None and self._status["gACT"] and not status["gACT"]:
+            self._forget_activation()
+
+    @property
+    def _just_adopted(self) -> bool:
+        return self._adopted_s is not None and self._clock.now_s() - self._adopted_s <= ADOPTION_S
+
+    def _forget_activation(self) -> None:
+        """The node has lost what it was told: repeating it would open and close the fingers unasked."""
+        self._request |= {"rACT": 0.0, "rGTO": 0.0}
+        self._sent_s = None
 
     def _check_heartbeat(self) -> None:
         now = self._clock.now_s()
@@ -161,7 +197,7 @@ class CanGripper:
         message = can.Message(arbitration_id=self._command.frame_id, data=data, is_extended_id=False)
         try:
             self._bus.send(message)
-        except can.CanError as error:
+        except (can.CanError, OSError) as error:
             raise DeviceFault("gripper", f"writing to the CAN bus failed: {error}") from error
         self._sent_s = self._clock.now_s()
         self._record(CanFrame(self._sent_s, self._command.frame_id, data, sent=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
@@ -123,6 +124,7 @@ class CanSettings(Model):
         bitrate: of the bus.
         heartbeat_period_s: how often the node sends its heartbeat; silence for 1.5 periods is a fault.
         start_up_s: how long the node may take until its first frame.
+        database: DBC file with the gripper's frames, relative to this file; the shipped one by default.
     """
 
     interface: str = "virtual"
@@ -130,3 +132,4 @@ class CanSettings(Model):
     bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
     heartbeat_period_s: float = Field(default=0.1, ge=0.01, le=2)
     start_up_s: float = Field(default=1.0, gt=0, le=60)
+    database: Path | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,13 +53,18 @@ class ObjectStatus(IntEnum):
     AT_POSITION = 3
 
 
+NodeState = Literal["unknown", "boot_up", "stopped", "operational", "pre_operational"]
+
+
 @dataclass(frozen=True)
 class GripperState:
     """Last status of the gripper.
 
     Attributes:
+        time_s: when the status came; a heartbeat alone does not renew it.
         opening_m: distance between the fingers.
         fault: gFLT register, 0 when healthy (meanings: config/gripper.dbc).
+        node_state: of the CAN node, from its last heartbeat.
     """
 
     time_s: float
@@ -67,6 +73,7 @@ class GripperState:
     opening_m: float
     current_a: float
     fault: int
+    node_state: NodeState = "unknown"
 
     @property
     def holding(self) -> bool:

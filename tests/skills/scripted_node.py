@@ -8,7 +8,7 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
-from skills.can_gripper import DATABASE_FILE
+from skills.gripper_database import SHIPPED
 
 PERIOD_S = 0.020
 HEARTBEAT_EVERY = 5
@@ -26,7 +26,7 @@ class ScriptedNode:
     """
 
     def __init__(self, channel: str) -> None:
-        database = cantools.database.load_file(DATABASE_FILE)
+        database = cantools.database.load_file(SHIPPED)
         assert isinstance(database, Database)
         self._database = database
         self.bus = can.Bus(interface="virtual", channel=channel)
@@ -56,6 +56,12 @@ class ScriptedNode:
         if self._cycle % HEARTBEAT_EVERY == 0 and not self.mute_heartbeat:
             self.send("GripperHeartbeat", {"NodeState": 5})
         self._cycle += 1
+
+    def restart(self) -> None:
+        """Lose power for a moment: nothing that was commanded is remembered."""
+        self._request = {"rACT": 0, "rGTO": 0, "rPR": 85.0, "rSP": 20.0}
+        self._active_in = 10
+        self.send("GripperHeartbeat", {"NodeState": 0})
 
     def send(self, name: str, values: Mapping[str, float]) -> None:
         """Send a frame of the database."""

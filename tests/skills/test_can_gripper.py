@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import can
 import cantools.database
@@ -15,9 +17,10 @@ from hypothesis import strategies as st
 
 from cell.interfaces.can_bus import open_bus
 from cell.interfaces.command import GripperCommand
-from cell.interfaces.errors import DeviceFault
+from cell.interfaces.errors import DeviceFault, SettingError
 from cell.interfaces.observation import ObjectStatus
-from skills.can_gripper import DATABASE_FILE, CanFrame, CanGripper
+from skills.can_gripper import CanFrame, CanGripper
+from skills.gripper_database import SHIPPED, load_gripper_database
 from skills.settings import CanSettings
 from tests.skills import gripper_contract
 from tests.skills.scripted_node import NodeClock, ScriptedNode
@@ -29,6 +32,7 @@ STATUS_ID, HEARTBEAT_ID, EMERGENCY_ID, COMMAND_ID = 0x18A, 0x70A, 0x08A, 0x20A
 class Rig:
     """Driver and node on one bus."""
 
+    channel: str
     node: ScriptedNode
     clock: NodeClock
     gripper: CanGripper
@@ -49,7 +53,7 @@ def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
     clock = NodeClock(node)
     frames: list[CanFrame] = []
     gripper = CanGripper(open_bus(settings.interface, settings.channel), clock, settings, frames.append)
-    yield Rig(node, clock, gripper, frames)
+    yield Rig(settings.channel, node, clock, gripper, frames)
     gripper.close()
     node.bus.shutdown()
 
@@ -176,6 +180,101 @@ def test_a_dead_bus_is_a_device_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch)
         rig.gripper.activate()
 
 
+def test_a_gripper_that_restarts_is_not_activated_again_unasked(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.gripper.command(GripperCommand(0.020, 0.15, 60.0))
+    rig.bench.settle()
+    rig.node.restart()
+    count = len(rig.node.commands)
+    state = rig.bench.wait(2.0)
+    assert not state.activated
+    assert not any(command[0] & 1 for command in rig.node.commands[count:])
+    assert state.opening_m == pytest.approx(0.020, abs=0.001)
+    rig.gripper.activate()
+    assert rig.bench.wait(0.5).activated
+
+
+def test_a_restart_whose_boot_up_frame_is_lost_shows_in_the_status(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.node.mute_heartbeat = True
+    rig.node.restart()
+    rig.node.mute_heartbeat = False
+    count = len(rig.node.commands)
+    assert not rig.bench.wait(1.0).activated
+    assert not any(command[0] & 1 for command in rig.node.commands[count + 1 :])
+
+
+def test_an_active_gripper_is_adopted_with_what_it_holds(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.node.part_m = 0.034
+    rig.gripper.command(GripperCommand(0.020, 0.15, 60.0))
+    held = rig.bench.settle()
+    assert held.holding
+    second = CanGripper(open_bus("virtual", rig.channel), rig.clock, CanSettings(channel=rig.channel))
+    bench = gripper_contract.Bench(second, rig.clock, lambda _: None)
+    adopted = bench.wait(1.5)
+    assert adopted.activated
+    assert adopted.holding
+    assert adopted.opening_m == held.opening_m
+    second.hold()
+    assert bench.wait(0.5).opening_m == held.opening_m
+    second.command(GripperCommand(0.080, 0.15, 60.0))
+    assert bench.settle().opening_m == pytest.approx(0.080, abs=0.001)
+    second.close()
+
+
+def test_the_state_of_the_node_is_told(rig: Rig) -> None:
+    rig.bench.wait(0.2)
+    for raw, state in ((4, "stopped"), (0x7F, "pre_operational"), (5, "operational"), (3, "unknown")):
+        rig.node.send("GripperHeartbeat", {"NodeState": raw})
+        assert rig.gripper.state().node_state == state
+
+
+def test_a_status_that_stays_away_keeps_its_age(rig: Rig) -> None:
+    before = rig.bench.activated()
+    rig.node.mute_status = True
+    after = rig.bench.wait(0.5)
+    assert after.time_s == pytest.approx(before.time_s, abs=0.021)
+
+
+def test_a_dead_network_is_a_device_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(100, "Network is down")
+
+    monkeypatch.setattr(VirtualBus, "recv", refuse)
+    with pytest.raises(DeviceFault, match="Network is down"):
+        rig.gripper.state()
+
+
+BAD_FRAMES = {
+    "empty": lambda _: "",
+    "binary": lambda _: "\x00\x01\x02",
+    "no command": lambda text: text.replace("GripperCommand", "Other"),
+    "no status": lambda text: text.replace("GripperStatus", "Other"),
+    "no heartbeat": lambda text: text.replace("BO_ 1802 GripperHeartbeat", "BO_ 1802 Other"),
+    "no fault": lambda text: text.replace("gFLT", "gXYZ"),
+    "no position": lambda text: text.replace(" SG_ rPR", " SG_ rQQ"),
+    "length": lambda text: text.replace("BO_ 522 GripperCommand: 8", "BO_ 522 GripperCommand: 4"),
+    "flipped": lambda text: text.replace("rPR : 24|8@1+ (-0.333333333333,85)", "rPR : 24|8@1+ (0.333333333333,0)"),
+    "factor": lambda text: text.replace("(0.843137254901,20)", "(1e300,20)"),
+    "overlap": lambda text: text.replace("rSP : 32|8", "rSP : 28|8"),
+}
+
+
+@pytest.mark.parametrize("change", BAD_FRAMES.values(), ids=BAD_FRAMES.keys())
+def test_frames_that_do_not_fit_are_refused(change: Callable[[str], str], tmp_path: Path) -> None:
+    path = tmp_path / "mine.dbc"
+    path.write_text(change(SHIPPED.read_text()))
+    with pytest.raises(SettingError, match=re.escape(str(path))):
+        load_gripper_database(path)
+
+
+@pytest.mark.parametrize("path", ["nowhere.dbc", "."])
+def test_frames_that_cannot_be_read_are_refused(path: str) -> None:
+    with pytest.raises(SettingError, match=re.escape(path)):
+        load_gripper_database(Path(path))
+
+
 def test_the_database_has_the_manuals_bits() -> None:
     database = _database()
     data = database.encode_message(
@@ -205,7 +304,7 @@ def test_encoding_rounds_to_the_registers_step(opening_mm: float, speed_mm_s: fl
 
 
 def _database() -> Database:
-    database = cantools.database.load_file(DATABASE_FILE)
+    database = cantools.database.load_file(SHIPPED)
     assert isinstance(database, Database)
     return database
 

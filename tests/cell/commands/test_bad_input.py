@@ -62,6 +62,8 @@ CELL: list[tuple[str, Any]] = [
     ("guard.act_probability", 1e-300),
     ("gripper_can.heartbeat_period_s", INF),
     ("gripper_can.start_up_s", INF),
+    ("gripper_can.database", "missing.dbc"),
+    ("gripper_can.database", "products.yaml"),
     ("gripper_can.interface", "nonsense"),
     ("gripper_can.interface", ""),
     ("gripper_can.interface", "slcan"),

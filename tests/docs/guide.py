@@ -1,0 +1,110 @@
+"""Does what a guide says: its blocks are files to write, settings to change and commands to type, in order."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tests import ROOT
+
+_BLOCK = re.compile(r"```(yaml|python|console)\n(.*?)```", re.DOTALL)
+LONG = ("cell run", "cell train")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One block of a file, or one command.
+
+    Attributes:
+        kind: yaml, python or console.
+    """
+
+    kind: str
+    text: str
+
+    @property
+    def long(self) -> bool:
+        """It takes more than seconds."""
+        return self.kind == "console" and any(command in self.text for command in LONG)
+
+
+def steps(page: str) -> list[Step]:
+    """What a page in docs/ tells its reader to do."""
+    blocks = _BLOCK.findall((ROOT / "docs" / page).read_text())
+    return [
+        Step(kind, text) for kind, block in blocks for text in (block.splitlines() if kind == "console" else [block])
+    ]
+
+
+class Reader:
+    """Somebody who does what the guide says.
+
+    Attributes:
+        folder: where they are; `cd` changes it.
+        printed: what the last command printed on standard output.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.printed = ""
+
+    def do(self, step: Step) -> None:
+        """One step.
+
+        Raises:
+            AssertionError: the command failed, or the assembly was wrong.
+        """
+        if step.kind == "console":
+            self._type(step.text)
+            return
+        head, _, body = step.text.partition("\n")
+        file = self.folder / head.removeprefix("# ").strip()
+        if step.kind == "yaml" and file.name == "cell.yaml":
+            body = yaml.safe_dump(_changed(yaml.safe_load(file.read_text()), yaml.safe_load(body)), sort_keys=False)
+        file.write_text(body)
+
+    def _type(self, line: str) -> None:
+        words = shlex.split(line)
+        if words[0] == "cd":
+            self.folder = self.folder / words[1]
+            return
+        settings = dict(word.split("=", 1) for word in _settings(words))
+        command = words[len(settings) :]
+        programs = {"cell": [sys.executable, "-m", "cell"], "python": [sys.executable]}
+        extra = ["--json"] if command[:2] == ["cell", "run"] else []
+        path = os.pathsep.join([str(ROOT), str(self.folder / settings.pop("PYTHONPATH", "."))])
+        done = subprocess.run(
+            [*programs[command[0]], *command[1:], *extra],
+            cwd=self.folder,
+            env={**os.environ, **settings, "PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+        self.printed = done.stdout
+        if extra:
+            assert json.loads(done.stdout.splitlines()[-1])["correct"] is True, done.stderr
+
+
+def _settings(words: list[str]) -> Iterator[str]:
+    for word in words:
+        if "=" not in word or word.startswith("-"):
+            return
+        yield word
+
+
+def _changed(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """The old settings with the keys of the new sections in the place of theirs."""
+    merged = {section: {**old.get(section, {}), **keys} for section, keys in new.items()}
+    return {**old, **merged}

@@ -1,0 +1,58 @@
+"""What docs/product.md and docs/bench.md tell their readers to do works, step by step as printed."""
+
+from __future__ import annotations
+
+from itertools import takewhile
+from pathlib import Path
+
+import pytest
+import yaml
+
+from cell.configuration import load_configuration, load_product
+from learned.grasp.planner import load_grasp_planner
+from learned.semantic.planner import load_semantic_planner
+from tests.docs.guide import Reader, Step, steps
+
+GUIDES = ("product.md", "bench.md")
+
+
+def quick_steps(page: str) -> list[Step]:
+    """All steps before anything is trained, without those that take long."""
+    return [step for step in takewhile(lambda step: "cell train" not in step.text, steps(page)) if not step.long]
+
+
+@pytest.mark.parametrize("page", GUIDES)
+def test_the_files_that_a_guide_makes_fit_together(page: str, tmp_path: Path) -> None:
+    reader = Reader(tmp_path)
+    for step in quick_steps(page):
+        reader.do(step)
+    path = reader.folder / "config" / "cell.yaml"
+    configuration = load_configuration(path)
+    product = load_product(configuration, path)
+    semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
+    assert semantic.weights is not None
+    assert grasp.weights is not None
+    load_semantic_planner(semantic.kind, semantic.weights, product)
+    load_grasp_planner(grasp.kind, grasp.weights, product)
+
+
+def test_the_look_pose_of_the_guide_is_the_one_that_its_program_prints(tmp_path: Path) -> None:
+    reader = Reader(tmp_path)
+    told = []
+    for step in quick_steps("bench.md"):
+        reader.do(step)
+        if "look.py" in step.text and step.kind == "console":
+            told.append(reader.printed)
+    assert "# whole tray seen: True" in told[0]
+    printed = yaml.safe_load(told[0])["arm_look_rad"]
+    configured = load_configuration(reader.folder / "config" / "cell.yaml").bench.arm_look_rad
+    assert list(configured) == pytest.approx(printed, abs=2e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", GUIDES)
+def test_a_guide_typed_as_printed_assembles_its_product(page: str, tmp_path: Path) -> None:
+    reader = Reader(tmp_path)
+    for step in steps(page):
+        reader.do(step)
+    assert len(list((reader.folder / "runs").glob("*.mcap"))) == 2

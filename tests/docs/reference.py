@@ -12,11 +12,13 @@ from cell.configuration import Configuration
 from cell.interfaces.model import Model
 from cell.interfaces.product import Product
 from sim.look_range import LookFile
+from sim.person import Person
 
 FILES: dict[str, type[Model]] = {
     "config/cell.yaml": Configuration,
     "config/products.yaml": Product,
     "config/looks/varied.yaml": LookFile,
+    "A person's file, for `cell run --person FILE`": Person,
 }
 PAGE = "docs/configuration.md"
 UNITS = {

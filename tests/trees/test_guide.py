@@ -1,11 +1,14 @@
-"""The examples of docs/authoring.md are what the guide says they are: files that check, and tests that pass."""
+"""The examples of docs/authoring.md are what the guide says they are: clean files that check, and tests that pass."""
 
 from __future__ import annotations
 
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -13,50 +16,72 @@ from cell.running.node_library import node_registry
 from tests import ROOT
 from trees.files.check import check
 
-GUIDE = (ROOT / "docs" / "authoring.md").read_text()
-BLOCK = re.compile(r"```(xml|python)\n(.*?)```", re.DOTALL)
-BLOCKS = BLOCK.findall(GUIDE)
+BLOCK = re.compile(r"```(xml|python)\n(?:<!-- (.*?) -->|# (.*?\.py))\n(.*?)```", re.DOTALL)
+FILES = {xml or python: text for _, xml, python, text in BLOCK.findall((ROOT / "docs" / "authoring.md").read_text())}
+TREES = [name for name in FILES if name.endswith(".xml")]
+MODULES = [name for name in FILES if name.endswith(".py")]
+
+
+def module_name(file: str) -> str:
+    return file.removesuffix(".py").replace("/", ".")
+
+
+def guide_tests(file: str) -> dict[str, Callable[[], None]]:
+    module = ModuleType(module_name(file))
+    exec(compile(FILES[file], f"docs/authoring.md: {file}", "exec"), module.__dict__)
+    return {name: value for name, value in vars(module).items() if name.startswith("test_") and callable(value)}
 
 
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the shipped trees and the guide's own, in which its examples run."""
+    """A folder with the shipped trees and the guide's own, in which its examples run and its leaf can be imported."""
     shutil.copytree(ROOT / "trees", tmp_path / "trees", ignore=shutil.ignore_patterns("*.py", "nodes"))
-    for kind, text in BLOCKS:
-        if kind == "xml":
-            (tmp_path / text.split()[1]).write_text(text)
+    for name in TREES:
+        (tmp_path / name).write_text(FILES[name])
+    leaf = ModuleType("trees.nodes.counting")
+    exec(compile(FILES["trees/nodes/counting.py"], "docs/authoring.md", "exec"), leaf.__dict__)
+    monkeypatch.setitem(sys.modules, leaf.__name__, leaf)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def guide_tests() -> dict[str, Callable[[], None]]:
-    names: dict[str, object] = {"__name__": "guide"}
-    exec(compile("\n".join(text for kind, text in BLOCKS if kind == "python"), "docs/authoring.md", "exec"), names)
-    return {name: value for name, value in names.items() if name.startswith("test_") and callable(value)}
-
-
-TESTS = guide_tests()
-SLOW = [name for name, test in TESTS.items() if hasattr(test, "pytestmark")]
+def named_tests(slow: bool) -> list[tuple[str, str]]:
+    files = [file for file in MODULES if ("pytest.mark.slow" in FILES[file]) == slow]
+    return [(file, name) for file in files for name in re.findall(r"^def (test_\w+)", FILES[file], re.MULTILINE)]
 
 
 def test_the_guide_has_examples_of_each_kind() -> None:
-    assert [kind for kind, _ in BLOCKS].count("xml") >= 2
-    assert len(TESTS) >= 4
-    assert len(SLOW) == 1
+    assert len(TREES) >= 2
+    assert "trees/nodes/counting.py" in MODULES
+    assert len(named_tests(slow=False)) >= 3
+    assert len(named_tests(slow=True)) == 1
 
 
 def test_trees_of_the_guide_have_no_mistakes(checkout: Path) -> None:
     assert check(sorted((checkout / "trees").glob("*.xml")), node_registry()) == []
 
 
-@pytest.mark.parametrize("name", [name for name in TESTS if name not in SLOW])
+@pytest.mark.parametrize("command", [["check"], ["format", "--check"]])
+def test_python_of_the_guide_passes_make_check(command: list[str], tmp_path: Path) -> None:
+    for name in MODULES:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(FILES[name])
+    sources = f"src = ['{tmp_path}', '{ROOT}']"  # so that imports are sorted as in the clone
+    settings = ["--no-cache", "--config", str(ROOT / "pyproject.toml"), "--config", sources]
+    ruff = [sys.executable, "-m", "ruff", *command, *settings, str(tmp_path)]
+    done = subprocess.run(ruff, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(("file", "name"), named_tests(slow=False))
 @pytest.mark.usefixtures("checkout")
-def test_tests_of_the_guide_pass(name: str) -> None:
-    TESTS[name]()
+def test_tests_of_the_guide_pass(file: str, name: str) -> None:
+    guide_tests(file)[name]()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SLOW)
+@pytest.mark.parametrize(("file", "name"), named_tests(slow=True))
 @pytest.mark.usefixtures("checkout")
-def test_tests_of_the_guide_on_the_simulated_cell_pass(name: str) -> None:
-    TESTS[name]()
+def test_tests_of_the_guide_on_the_simulated_cell_pass(file: str, name: str) -> None:
+    guide_tests(file)[name]()

@@ -1,0 +1,38 @@
+"""Pages in docs/ lead somewhere: links and file names in them exist, and lines are short."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests import ROOT
+
+GENERATED = ("configuration.md", "semantic.md", "grasp.md")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
+FILE = re.compile(r"`((?:cell|trees|skills|learned|sim|config|tests|docs)/[\w/.]+\.\w+)`")
+OWN = ("config/cell.yaml", "trees/fetch_two.xml", "trees/mine.xml", "tests/trees/test_patient.py")  # of the reader
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_files_that_a_page_names_exist(page: Path) -> None:
+    text = page.read_text()
+    links = [link for link in LINK.findall(text) if "://" not in link]
+    assert [link for link in links if not (page.parent / link).exists()] == []
+    assert [name for name in FILE.findall(text) if name not in OWN and not (ROOT / name).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_lines_are_wrapped(page: Path) -> None:
+    code = False
+    for number, line in enumerate(page.read_text().splitlines(), 1):
+        code ^= line.startswith("```")
+        if not code and not line.startswith(("|", "![", "    ")) and page.name not in GENERATED:
+            assert len(line) <= 120, f"{page.name}:{number}"
+
+
+def test_every_page_is_in_the_index() -> None:
+    index = (ROOT / "docs" / "README.md").read_text()
+    assert [page.name for page in PAGES if page.name != "README.md" and f"({page.name})" not in index] == []

@@ -149,7 +149,7 @@ class CanGripper:
         if known.name == gripper_database.HEARTBEAT:
             self._heartbeat_s = now
             self._node_state = NODE_STATES.get(int(values["NodeState"]), "unknown")
-            if self._node_state == "boot_up":
+            if self._node_state == "boot_up" and self._status is not None and self._status["gACT"]:
                 self._forget_activation()
         elif known.name == gripper_database.EMERGENCY:
             # A node that names no gFLT but an error code has broken down in some other way.

@@ -223,6 +223,13 @@ def test_an_active_gripper_is_adopted_with_what_it_holds(rig: Rig) -> None:
     second.close()
 
 
+def test_a_node_that_starts_up_after_the_first_command_is_activated(rig: Rig) -> None:
+    rig.gripper.activate()
+    rig.node.send("GripperHeartbeat", {"NodeState": 0})
+    assert rig.bench.wait(0.5).activated
+    assert rig.bench.wait(2.0).activated
+
+
 def test_the_state_of_the_node_is_told(rig: Rig) -> None:
     rig.bench.wait(0.2)
     for raw, state in ((4, "stopped"), (0x7F, "pre_operational"), (5, "operational"), (3, "unknown")):

@@ -4,14 +4,16 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all check bench pictures train-deps doctor clean
+.PHONY: help run test test-all check bench pictures train-deps constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
+PACKAGES := cell trees skills learned sim config
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri libopengl0 libosmesa6 fonts-dejavu-core
-# pytest's exit status where no test is marked so
-NO_TESTS := 5
 RUN_ARGS ?= --goal random --seed 1
+TEST_ARGS ?=
+JUNIT ?=
+export JUNIT
 
 # uv installs in seconds what pip installs in minutes; it gets the settings that this machine gives to pip.
 pip_setting = $(shell $(BIN)/python -m pip config get $(1) 2>/dev/null)
@@ -20,18 +22,20 @@ certificates = $(or $(PIP_CERT),$(call pip_setting,global.cert))
 uv_setting = $(if $(2),$(1)="$(2)")
 uv_settings = $(call uv_setting,UV_DEFAULT_INDEX,$(index)) $(call uv_setting,SSL_CERT_FILE,$(certificates)) \
   $(call uv_setting,UV_FIND_LINKS,$(or $(UV_FIND_LINKS),$(PIP_FIND_LINKS))) UV_HTTP_TIMEOUT=180 UV_LINK_MODE=copy
-UV = $(uv_settings) $(BIN)/uv pip install --quiet --python $(BIN)/python
+UV = $(uv_settings) $(BIN)/uv pip install --quiet --python $(BIN)/python --compile-bytecode \
+  --constraints constraints.txt --build-constraints constraints.txt
 APT := export DEBIAN_FRONTEND=noninteractive; apt-get update -qq && apt-get install -y -qq --no-install-recommends
 export OMP_NUM_THREADS := 1
 
 help:
 	@echo "make run        assemble one bracket in simulation (RUN_ARGS=\"--goal g0 --seed 3\")"
-	@echo "make test       run the tests"
+	@echo "make test       run the tests (TEST_ARGS=\"tests/sim -k arm\" for some; JUNIT=FOLDER for JUnit files)"
 	@echo "make check      ruff, mypy, import-linter"
 	@echo "make bench      benchmarks"
 	@echo "make test-all   the tests and the long experiments"
-	@echo "make train-deps what 'cell train' needs"
+	@echo "make train-deps what 'cell train' needs (4.7 GB)"
 	@echo "make pictures   docs: the pictures, and the page of all keys"
+	@echo "make constraints  newest versions of all packages into constraints.txt"
 	@echo "make doctor     what is missing on this machine"
 
 run: .venv/system
@@ -40,14 +44,11 @@ run: .venv/system
 doctor: .venv/runtime
 	$(BIN)/cell doctor
 
-# Software OpenGL and torch crash in one process, so tests marked `torch` have a process of their own.
-test: .venv/tests .venv/system
-	$(BIN)/python -m pytest -n auto -m "not slow and not torch"
-	$(BIN)/python -m pytest -m "torch and not slow" || [ $$? = $(NO_TESTS) ]
+test: .venv/tests .venv/system .venv/browser
+	.ci/test $(BIN)/python test "not slow" auto $(TEST_ARGS)
 
-test-all: .venv/tests .venv/system
-	$(BIN)/python -m pytest -m "not torch"
-	$(BIN)/python -m pytest -m "torch" || [ $$? = $(NO_TESTS) ]
+test-all: .venv/tests .venv/system .venv/browser
+	.ci/test $(BIN)/python test-all "" 0 $(TEST_ARGS)
 
 check: .venv/tests
 	$(BIN)/ruff check .
@@ -68,6 +69,13 @@ pictures: .venv/tests .venv/system
 
 train-deps: .venv/tests
 
+# The ranges of pyproject.toml hold; what they allow is pinned by name and version, without addresses.
+constraints: .venv/uv
+	{ echo '# All packages, pinned. Made by: make constraints'; \
+	  $(uv_settings) $(BIN)/uv pip compile --quiet --all-extras --no-header --no-annotate --no-emit-index-url \
+	  --python-version 3.11 pyproject.toml; } > constraints.new
+	mv constraints.new constraints.txt
+
 clean:
 	rm -rf .venv build *.egg-info
 
@@ -79,15 +87,16 @@ clean:
 	  if [ "$$(id -u)" = 0 ]; then $(APT) python3-venv >/dev/null; \
 	  else echo "python3-venv is missing: sudo apt-get install -y python3-venv"; exit 2; fi; fi
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt uv
 	@touch $@
 
-.venv/runtime: .venv/uv pyproject.toml
-	@echo 'installing what the cell needs into .venv'; $(UV) --editable .
+.venv/runtime: .venv/uv pyproject.toml constraints.txt
+	@echo 'installing what the cell needs into .venv (1.3 GB)'; $(UV) --editable .
+	@$(BIN)/python -m compileall -q $(PACKAGES)
 	@touch $@
 
 .venv/tests: .venv/runtime
-	@echo 'installing what tests and training need into .venv'; $(UV) --editable '.[train,dev]'
+	@echo 'installing what tests and training need into .venv (4.7 GB more, torch alone 4.2)'; $(UV) --editable '.[train,dev]'
 	@touch $@
 
 # Rendering is tried, not guessed: whatever OpenGL is here may do.
@@ -97,3 +106,9 @@ clean:
 	    $(BIN)/python -m cell.running.rendering || { echo "nothing renders here, see: make doctor"; exit 2; }; \
 	  else echo "software OpenGL is missing: sudo apt-get install -y $(SYSTEM_PACKAGES)"; exit 2; fi; fi
 	@touch $@
+
+# Tests look at the pages that the program makes; without a browser they are skipped.
+.venv/browser:
+	@if ! { command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null; then \
+	  if [ "$$(id -u)" = 0 ]; then echo 'installing a browser for the tests'; $(APT) chromium >/dev/null; \
+	  else echo "no browser: tests that look at pages are skipped (sudo apt-get install -y chromium)"; fi; fi

@@ -91,7 +91,7 @@ clean:
 	@touch $@
 
 .venv/runtime: .venv/uv pyproject.toml constraints.txt
-	@echo 'installing what the cell needs into .venv (1.3 GB)'; $(UV) --editable .
+	@echo 'installing what the cell needs into .venv (1.4 GB)'; $(UV) --editable .
 	@$(BIN)/python -m compileall -q $(PACKAGES)
 	@touch $@
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import subprocess
 import sys
 from collections.abc import Sequence
 
@@ -26,6 +24,7 @@ from tests.integration.cell_rig import (
     run_tree,
     with_person,
 )
+from tests.processes import SLOW_MACHINE_S, started
 from trees.nodes.people import WaitForHandClearOfPart
 
 
@@ -50,17 +49,9 @@ def test_a_bracket_is_assembled_together(goal: str, seed: int) -> None:
 
 
 def test_the_same_seed_decides_the_same_in_two_processes() -> None:
-    runs = [
-        subprocess.Popen(
-            [sys.executable, "-m", "tests.integration.digest", "g0", "1"],
-            cwd=ROOT,
-            env={**os.environ, "PYTHONHASHSEED": hash_seed},
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for hash_seed in ("1", "2")
-    ]
-    first, second = (json.loads(run.communicate(timeout=300)[0]) for run in runs)
+    command = [sys.executable, "-m", "tests.integration.digest", "g0", "1"]
+    with started(command, ROOT, {"PYTHONHASHSEED": "1"}) as one, started(command, ROOT, {"PYTHONHASHSEED": "2"}) as two:
+        first, second = (json.loads(run.communicate(timeout=SLOW_MACHINE_S)[0]) for run in (one, two))
     assert first == second
     assert first["correct"]
     assert first["ticks"] > 500

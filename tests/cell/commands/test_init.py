@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 
 from cell.commands.main import main
 from tests import ROOT
+from tests.processes import finished
 
 FILES = {
     "README.md",
@@ -28,9 +28,8 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 def in_folder(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """A command of this clone's program, called in another folder."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
+    return finished([sys.executable, "-m", *arguments], folder, environment)
 
 
 @pytest.fixture

@@ -268,7 +268,7 @@ def test_a_breakpoint_waits_and_the_loop_goes_on(make: Callable[..., Bench]) -> 
 def test_a_client_from_outside_shows_the_tree(make: Callable[..., Bench]) -> None:
     bench = make()
     bench.tick()
-    client: Any = Groot2Client(port=bench.port, timeout_ms=10_000)
+    client: Any = Groot2Client(port=bench.port, timeout_ms=60_000)
     try:
         tree = bench.served(client.fetch_tree)
         shown = {node.uid: node.name for node in tree.walk()}

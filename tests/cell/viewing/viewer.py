@@ -75,7 +75,7 @@ class LiveViewer:
     def learn(self, *wanted: str) -> None:
         """Read advertisements until these topics are known."""
         while not set(wanted) <= self.channels.keys():
-            self._take(json.loads(self._websocket.recv(timeout=10)))
+            self._take(json.loads(self._websocket.recv(timeout=60)))
 
     def subscribe(self, *wanted: str) -> None:
         """Ask for the messages of topics."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
-import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -19,6 +19,7 @@ from cell.log.reading.mcap_file import Message
 from cell.log.reading.reader import Log
 from cell.log.telling.report import report_html, write_report
 from cell.log.telling.summary import beliefs, node_rows, placements, verdicts
+from tests.processes import finished
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PROBE = """
@@ -133,14 +134,15 @@ def test_nothing_to_tell_and_nowhere_to_write_are_typed_errors(assembly_log: Log
 
 
 def browsed(page: Path, *options: str) -> list[str]:
-    """What a browser's console says of a page; skips where no browser is installed."""
+    """What a browser's console says of a page; where none is installed, skips, or fails if one is required."""
     browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if browser is None:
-        pytest.skip(f"no browser is installed, so nobody has looked at the page: {', '.join(BROWSERS)}")
+        missing = f"no browser is installed, so nobody has looked at the page: {', '.join(BROWSERS)}"
+        pytest.fail(missing) if os.environ.get("REQUIRE_BROWSER") else pytest.skip(missing)
     common = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--hide-scrollbars"]
     common += ["--virtual-time-budget=5000"]
     common += [f"--user-data-dir={page.parent / 'browser'}", "--enable-logging=stderr", *options]
-    told = subprocess.run([browser, *common, page.as_uri()], capture_output=True, text=True, timeout=120, check=False)
+    told = finished([browser, *common, page.as_uri()])
     return [line for line in told.stderr.splitlines() if "CONSOLE" in line]
 
 

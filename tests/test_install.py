@@ -1,0 +1,124 @@
+"""What is installed is whole and pinned, and both halves of the tests run."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from packaging.requirements import Requirement
+
+from tests import ROOT
+from tests.processes import finished
+
+PACKAGES = ("cell", "config", "learned", "sim", "skills", "trees")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+NO_TESTS = 5
+
+
+def sources() -> set[str]:
+    """Files of the packages in this clone."""
+    found = (path for package in PACKAGES for path in (ROOT / package).rglob("*") if path.is_file())
+    return {str(path.relative_to(ROOT)) for path in found if "__pycache__" not in path.parts}
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wheel, built from a copy without network."""
+    folder = tmp_path_factory.mktemp("source")
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    build = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
+    told = finished([sys.executable, "-c", build, str(folder / "dist")], folder, {"PYTHONPATH": ""})
+    assert told.returncode == 0, told.stderr
+    return next((folder / "dist").iterdir())
+
+
+def test_the_wheel_holds_every_file_of_the_packages_and_nothing_else(wheel: Path) -> None:
+    names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    assert names == sources()
+    assert {"trees/assemble.xml", "config/gripper.dbc", "learned/weights/grasp_pairwise.onnx"} <= names
+
+
+@pytest.mark.slow
+def test_an_installed_cell_assembles_a_bracket_in_a_new_folder(wheel: Path, tmp_path: Path) -> None:
+    """As a user does it, in a new environment and without the clone; downloads 0.5 GB."""
+    program = tmp_path / "env" / "bin"
+    nowhere = {"PYTHONPATH": "", "VIRTUAL_ENV": ""}
+    for command in (
+        [sys.executable, "-m", "venv", str(tmp_path / "env")],
+        [str(program / "python"), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt"), str(wheel)],
+        [str(program / "cell"), "init", "demo"],
+    ):
+        told = finished(command, tmp_path, nowhere)
+        assert told.returncode == 0, told.stderr
+    told = finished([str(program / "cell"), "run", "--goal", "g1", "--seed", "2", "--json"], tmp_path / "demo", nowhere)
+    assert told.returncode == 0, told.stderr
+    assert '"correct": true' in told.stdout
+    assert list((tmp_path / "demo" / "runs").glob("*.mcap"))
+
+
+def test_constraints_pin_every_requirement_by_name_and_version_alone() -> None:
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = dict(line.split("==") for line in lines if not line.startswith("#"))
+    assert all(re.fullmatch(r"[a-z0-9-]+==[\w.+!]+", f"{name}=={version}") for name, version in pinned.items())
+    extras = PROJECT["project"]["optional-dependencies"].values()
+    needed = [*PROJECT["project"]["dependencies"], *(one for extra in extras for one in extra)]
+    needed += PROJECT["build-system"]["requires"]
+    for requirement in map(Requirement, needed):
+        name = requirement.name.lower().replace("_", "-")
+        assert name in pinned, f"{name} is not pinned: make constraints"
+        assert requirement.specifier.contains(pinned[name]), f"{name} {pinned[name]} is out of range: make constraints"
+
+
+def test_what_nothing_imports_is_not_pinned() -> None:
+    text = (ROOT / "constraints.txt").read_text()
+    left_out = [Requirement(one).name for one in PROJECT["tool"]["uv"]["override-dependencies"]]
+    assert "meshcat" in left_out
+    assert not [name for name in (*left_out, "ipython", "pyngrok") if f"\n{name}==" in text]
+
+
+@pytest.fixture
+def suite(tmp_path: Path) -> Path:
+    """A folder with one test for each half, which fail where a file says so."""
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = torch\n")
+    (tmp_path / "test_one.py").write_text(
+        "import pathlib, pytest\n"
+        "def fails(name): return pathlib.Path(name).exists()\n"
+        "def test_plain(): assert not fails('plain')\n"
+        "@pytest.mark.torch\n"
+        "def test_torch(): assert not fails('torch')\n"
+    )
+    return tmp_path
+
+
+def run_suite(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [str(ROOT / ".ci" / "test"), sys.executable, "test", "", "0", *arguments]
+    return finished(command, folder, {"JUNIT": "reports"})
+
+
+@pytest.mark.parametrize("failing", [[], ["plain"], ["torch"], ["plain", "torch"]])
+def test_one_half_that_fails_does_not_hide_the_other(failing: list[str], suite: Path) -> None:
+    for name in failing:
+        (suite / name).touch()
+    told = run_suite(suite)
+    assert (told.returncode == 0) == (not failing)
+    words = {True: "FAILED (status 1)", False: "passed"}
+    assert f"without torch: {words['plain' in failing]}; tests with torch: {words['torch' in failing]}" in told.stdout
+    for name, half in (("test.xml", "plain"), ("test-torch.xml", "torch")):
+        (case,) = ElementTree.parse(suite / "reports" / name).getroot().iter("testcase")
+        assert case.get("name") == f"test_{half}"
+        assert (case.find("failure") is not None) == (half in failing)
+
+
+def test_tests_of_one_half_may_be_chosen_and_none_is_a_failure(suite: Path) -> None:
+    assert run_suite(suite, "-k", "torch").returncode == 0
+    assert run_suite(suite, "-k", "plain").returncode == 0
+    assert run_suite(suite, "-k", "nothing").returncode == NO_TESTS

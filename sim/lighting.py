@@ -54,15 +54,10 @@ def add_table_material(spec: mujoco.MjSpec, surfaces: Surfaces) -> str:
     """A material with the table's pattern; returns its name, or "" for a plain table."""
     if surfaces.table_grain == 0:
         return ""
-    pattern = grain(surfaces)
-    spec.add_texture(
-        name="grain",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        width=GRAIN_PX,
-        height=GRAIN_PX,
-        nchannel=3,
-        data=pattern.tobytes(),
+    texture = spec.add_texture(
+        name="grain", type=mujoco.mjtTexture.mjTEXTURE_2D, width=GRAIN_PX, height=GRAIN_PX, nchannel=3
     )
+    texture.data = grain(surfaces).tobytes()
     material = spec.add_material(name="table", rgba=[1.0] * 4, specular=0.2, shininess=0.3, texrepeat=[1, 1])
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grain"
     return "table"

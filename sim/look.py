@@ -137,7 +137,8 @@ class Appearance(Model):
         hand_size: of all lengths of the hand.
         left_hand: the left hand works.
         second_hand: the other hand rests on the table.
-        lean_m: how far head and shoulder reach in over the table's edge; 0: they are out of sight.
+        lean_m: how far the head reaches into the overhead view; 0: head and shoulders are out of sight.
+        lean_side_m: how far the head is to the person's right of the bracket's middle.
     """
 
     skin_tone: float = knob(0.2, 0, 1, "share")
@@ -147,7 +148,8 @@ class Appearance(Model):
     hand_size: float = knob(1, 0.7, 1.3, "factor")
     left_hand: bool = False
     second_hand: bool = False
-    lean_m: float = knob(0, 0, 0.5, "m")
+    lean_m: float = knob(0, 0, 0.3, "m")
+    lean_side_m: float = knob(0, -0.4, 0.4, "m")
 
     @property
     def skin_rgb(self) -> tuple[float, float, float]:

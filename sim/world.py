@@ -17,9 +17,11 @@ from sim.clutter import Owner, ScenePart
 from sim.furniture import add_furniture, bin_spots
 from sim.lighting import add_lights, fit_shadows
 from sim.look import NOMINAL, Look, MountError
+from sim.onlooker import add_onlooker
 from sim.parts import add_part
 from sim.robot import STROKE_M, add_gripper, arm_spec
 from sim.settings import PhysicsSettings
+from sim.things import add_things
 
 # MuJoCo's cameras look along -z with y up; ours along z with y down.
 CAMERA_FROM_MUJOCO = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
@@ -182,6 +184,8 @@ def build_world(
     _add_camera(spec.worldbody, "overhead", bench.overhead, look.mounts.overhead)
     _add_camera(spec.body("tool"), "wrist", bench.wrist, look.mounts.wrist)
     add_lights(spec, look.light)
+    add_things(spec, product, bench, look.things)
+    add_onlooker(spec, bench, look.person)
     if extend is not None:
         extend(spec)
     return World(spec, product, bench, scene, physics, look)

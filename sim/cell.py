@@ -14,7 +14,7 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from sim.arm import SimArm
-from sim.camera import SimCamera
+from sim.camera import Delivery, SimCamera
 from sim.clock import Actor, Observer, SimClock
 from sim.clutter import ScenePart, full_set, sample_clutter
 from sim.contacts import ContactMonitor
@@ -69,7 +69,7 @@ class SimCell:
         clutter: Sequence[ScenePart] | None = None,
         overlap: bool = False,
     ) -> None:
-        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(6)]
+        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(8)]
         goal = _chosen_goal(product, goal, streams[0])
         if clutter is None:
             clutter = sample_clutter(product, bench.tray, full_set(product), streams[1], settings.clutter)
@@ -91,8 +91,9 @@ class SimCell:
         }
         beside = RenderProcess(self.world.model, sensors) if overlap else None
         self._photographer = beside or Photographer(self.world.model, sensors)
-        overhead = SimCamera("overhead", bench.overhead, self.world, self._photographer.take)
-        wrist = SimCamera("wrist", bench.wrist, self.world, self._photographer.take)
+        deliveries = [Delivery(self.look.camera, 0.0, stream) for stream in streams[6:8]]
+        overhead = SimCamera("overhead", bench.overhead, self.world, self._photographer.take, deliveries[0])
+        wrist = SimCamera("wrist", bench.wrist, self.world, self._photographer.take, deliveries[1])
         actors: list[Actor] = [self.arm, self.gripper_node]
         if self.worker is not None:
             actors.append(self.worker)

@@ -33,7 +33,7 @@ def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, surfaces:
     table = add_box(world, (x, y, -TABLE_SIZE_M[2] / 2), TABLE_SIZE_M, surfaces.table_rgb)
     if material := add_table_material(spec, surfaces):
         table.material, table.rgba = material, [1.0] * 4
-    add_box(world, (x, y, ROOM_FLOOR_M), (6.0, 6.0, 0.02), surfaces.floor_rgb, palette.NO_TOUCH)
+    add_box(world, (x, y, ROOM_FLOOR_M), (6.0, 6.0, 0.02), palette.FLOOR, palette.NO_TOUCH)
     _add_bracket(world, product, bench, surfaces.plate_rgb)
     spec.add_material(name="plate", specular=surfaces.plate_shine, shininess=PLATE_SHININESS)
     for geom in spec.body("bracket").geoms:

@@ -115,6 +115,7 @@ class Hand:
         self._data = data
         self._rest_m: Array = model.body("hand").pos.copy()
         self._body = int(model.body("hand").id)
+        self._palm_m: Array = model.geom_pos[model.body_geomadr[self._body]].copy()  # its first shape is the palm
         self._joints = [int(model.joint(name).qposadr[0]) for name in GANTRY + DIGITS]
         self._speeds = [int(model.joint(name).dofadr[0]) for name in GANTRY[:3]]
         self._motors = [int(model.actuator(name).id) for name in GANTRY + DIGITS]
@@ -128,7 +129,7 @@ class Hand:
     @property
     def palm_m(self) -> Array:
         """Where the palm's middle is (3,)."""
-        palm: Array = self._data.xpos[self._body] + self._data.xmat[self._body].reshape(3, 3) @ np.array(PALM_M)
+        palm: Array = self._data.xpos[self._body] + self._data.xmat[self._body].reshape(3, 3) @ self._palm_m
         return palm
 
     @property

@@ -1,4 +1,4 @@
-"""The lens of a simulated camera: focal length and radial distortion that the controller's camera model does not have."""
+"""The lens of a simulated camera: a focal length and a distortion that the controller's camera model does not have."""
 
 from __future__ import annotations
 
@@ -32,13 +32,14 @@ class Lens:
         bent = (np.stack([columns, rows], axis=-1) - middle) / focal_px
         straight = _straightened(bent, look.distortion_k1, look.distortion_k2)
         self.rendered_focal_px = float((middle / np.abs(straight).max(axis=(0, 1))).min())
-        self._sources = (straight * self.rendered_focal_px + middle).astype(np.float32)
+        self._sources: NDArray[np.float32] = (straight * self.rendered_focal_px + middle).astype(np.float32)
 
     def bend(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """What the lens makes of an image that was rendered with `rendered_focal_px`."""
         if self.plain:
             return image
-        bent = cv2.remap(image, self._sources, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        columns, rows = self._sources[..., 0], self._sources[..., 1]
+        bent = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return bent.astype(np.uint8, copy=False)
 
 

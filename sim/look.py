@@ -96,7 +96,7 @@ class Surfaces(Model):
     """Colours of what stands still, and of the parts' paint.
 
     Attributes:
-        table_rgb, floor_rgb, plate_rgb, tray_rgb, bin_rgb: colour of table, floor, bracket, tray and bins.
+        table_rgb, plate_rgb, tray_rgb, bin_rgb: colour of table, bracket, tray and bins.
         table_grain: contrast of the table's pattern, 0 for a plain one.
         grain_number: which pattern the table has.
         plate_shine: how much the bracket's plate mirrors a lamp.
@@ -107,7 +107,6 @@ class Surfaces(Model):
     table_rgb: Rgb = (0.24, 0.22, 0.19)
     table_grain: float = knob(0, 0, 1, "share")
     grain_number: int = knob(0, 0, 999_999, "number")
-    floor_rgb: Rgb = (0.35, 0.35, 0.34)
     plate_rgb: Rgb = (0.46, 0.47, 0.48)
     plate_shine: float = knob(0.5, 0, 1, "share")
     tray_rgb: Rgb = (0.16, 0.16, 0.17)

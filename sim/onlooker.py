@@ -1,4 +1,4 @@
-"""The rest of the person at the bench: the hand that does not work, head and shoulders. They are seen and never touched."""
+"""The rest of the person at the bench: the hand that does not work, head and shoulders. They are only seen."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _add_head(world: mujoco.MjsBody, bench: Bench, person: Appearance) -> None:
     body = world.add_body(name="head", pos=[*middle, HEAD_HEIGHT_M])
     hair = HAIRS[round(999 * (person.skin_tone + abs(person.lean_side_m))) % len(HAIRS)]
     _ellipsoid(body, (0.0, 0.0, 0.0), HEAD_M, person.skin_rgb)
-    _ellipsoid(body, (0.018, 0.0, 0.020), (0.090, 0.080, 0.104), hair)
+    _ellipsoid(body, (0.012, 0.0, 0.016), (0.096, 0.080, 0.107), hair)
     _ellipsoid(body, (-0.097, 0.0, -0.025), (0.018, 0.014, 0.024), person.skin_rgb)  # nose
     _ellipsoid(body, (0.11, 0.0, -0.20), SHOULDERS_M, person.sleeve_rgb)
     for side in (-1, 1):

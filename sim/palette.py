@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import mujoco
 
+FLOOR = (0.35, 0.35, 0.34)  # out of sight of the cameras
 HOLE = (0.02, 0.02, 0.02)
 LINK = (0.58, 0.61, 0.64)
 JOINT = (0.34, 0.42, 0.50)

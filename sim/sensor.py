@@ -61,11 +61,13 @@ class Sensor:
 
     def _grain(self, image: Image) -> NDArray[np.int16]:
         start = int(self._rng.integers(self._bank.size - image.size + 1))
-        return self._bank[start : start + image.size].reshape(image.shape)
+        grain: NDArray[np.int16] = self._bank[start : start + image.size].reshape(image.shape)
+        return grain
 
 
 def _compressed(image: Image, quality: int) -> Image:
     """What JPEG leaves of an image."""
     _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
-    decoded = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-    return decoded.astype(np.uint8, copy=False)
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)

@@ -15,8 +15,10 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.clutter import Owner, ScenePart
 from sim.furniture import add_furniture, bin_spots
+from sim.hand_fit import fit_hand
+from sim.lens import Lens
 from sim.lighting import add_lights, fit_shadows
-from sim.look import NOMINAL, Look, MountError
+from sim.look import NOMINAL, Camera, Look, MountError
 from sim.onlooker import add_onlooker
 from sim.parts import add_part
 from sim.robot import STROKE_M, add_gripper, arm_spec
@@ -181,13 +183,14 @@ def build_world(
         kind = product.parts[entry.part]
         kind = kind.model_copy(update={"colour_rgb": look.surfaces.painted(kind.colour_rgb)})
         add_part(spec, name, entry, kind, kinds.index(entry.part))
-    _add_camera(spec.worldbody, "overhead", bench.overhead, look.mounts.overhead)
-    _add_camera(spec.body("tool"), "wrist", bench.wrist, look.mounts.wrist)
+    _add_camera(spec.worldbody, "overhead", bench.overhead, look.mounts.overhead, look.camera)
+    _add_camera(spec.body("tool"), "wrist", bench.wrist, look.mounts.wrist, look.camera)
     add_lights(spec, look.light)
     add_things(spec, product, bench, look.things)
     add_onlooker(spec, bench, look.person)
     if extend is not None:
         extend(spec)
+    fit_hand(spec, look.person)
     return World(spec, product, bench, scene, physics, look)
 
 
@@ -226,11 +229,11 @@ def _set_options(spec: mujoco.MjSpec, physics: PhysicsSettings) -> None:
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 18, 9
 
 
-def _add_camera(body: mujoco.MjsBody, name: str, setup: CameraSetup, error: MountError) -> None:
+def _add_camera(body: mujoco.MjsBody, name: str, setup: CameraSetup, error: MountError, look: Camera) -> None:
     pose = error.apply(setup.mount.pose) @ CAMERA_FROM_MUJOCO
     body.add_camera(
         name=name,
         pos=list(pose.position_m),
         quat=list(pose.quaternion_wxyz),
-        fovy=math.degrees(2 * math.atan(setup.height_px / 2 / setup.focal_px)),
+        fovy=math.degrees(2 * math.atan(setup.height_px / 2 / Lens(setup, look).rendered_focal_px)),
     )

@@ -12,7 +12,7 @@ from cell.interfaces.model import Location
 from sim.look import NOMINAL, Look
 from sim.look_range import LookRange, leaves, look_range, presets
 
-DIRECTIONS = ("azimuth_rad", "elevation_rad", "glove_hsv.0", "left_hand", "glove")
+DIRECTIONS = ("azimuth_rad", "elevation_rad", "lean_side_m", "glove_hsv.0", "left_hand", "glove")
 
 
 def dotted(location: Location) -> str:

@@ -147,10 +147,10 @@ class CanGripper:
             return
         values = _decoded(known, data)
         if known.name == gripper_database.HEARTBEAT:
-            self._heartbeat_s = now
             self._node_state = NODE_STATES.get(int(values["NodeState"]), "unknown")
-            if self._node_state == "boot_up" and self._status is not None and self._status["gACT"]:
+            if self._node_state == "boot_up" and self._heartbeat_s is not None:  # the first one is no restart
                 self._forget_activation()
+            self._heartbeat_s = now
         elif known.name == gripper_database.EMERGENCY:
             # A node that names no gFLT but an error code has broken down in some other way.
             self._emergency = (int(values["FaultStatus"]) or INTERNAL_FAULT) if values["ErrorCode"] else 0

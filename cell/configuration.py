@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError, Problem, SettingError
 from cell.interfaces.files import shipped
+from cell.interfaces.judgement import FaultTable
 from cell.interfaces.model import Model
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
@@ -25,6 +26,7 @@ from skills.settings import CanSettings, MotionSettings
 from trees.guard import GuardSettings
 
 DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
+DEFAULT_FAULTS = shipped("config", "faults.yaml")
 WEIGHTS = shipped("learned", "weights")
 DEFAULT_TREE = shipped("trees", "assemble.xml")
 
@@ -132,9 +134,11 @@ class Configuration(Model):
         product: the product file, relative to this file.
         bench: where arm, bracket, tray and cameras stand. World frame: origin at the arm's base on the table top, x
             towards the person, z up.
+        faults: what the supervisor does about each sign of trouble, relative to this file; none for the shipped table.
     """
 
     product: Path
+    faults: Path | None = None
     bench: Bench
     controller: ControllerSettings = ControllerSettings()
     perception: Perception = Perception()
@@ -158,12 +162,14 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     planners = {
         name: planner.model_copy(update={"weights": _weights(name, planner, folder)}) for name, planner in read.planners
     }
+    faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
     database = read.gripper_can.database
     gripper = read.gripper_can.model_copy(update={"database": database and folder / database})
     return read.model_copy(
         update={
             "product": folder / read.product,
+            "faults": faults,
             "planners": read.planners.model_copy(update=planners),
             "gripper_can": gripper,
             "log": log,
@@ -193,6 +199,15 @@ def simulated(configuration: Configuration, look: str | None = None, person: str
 
 def _weights(name: str, planner: PlannerSettings, folder: Path) -> Path:
     return WEIGHTS / weights_file(name, planner.kind) if planner.weights is None else folder / planner.weights
+
+
+def load_faults(configuration: Configuration) -> FaultTable:
+    """Read the table of faults that a configuration names.
+
+    Raises:
+        InputError: with every problem of the file.
+    """
+    return load_yaml(configuration.faults or DEFAULT_FAULTS, FaultTable)
 
 
 @contextmanager

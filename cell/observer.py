@@ -7,6 +7,7 @@ from typing import Literal, Protocol
 
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.journal import Topic
+from cell.interfaces.judgement import Judgement
 from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import Frame
 from trees.engine.node import StatusChange
@@ -29,12 +30,13 @@ class TickRecord:
     """One tick: what it knew, what changed in the tree, and what was done.
 
     Attributes:
-        status: of the root, by name; "ERROR" where the tick raised.
+        status: of the root, by name; "ERROR" where the tick raised, "STOPPING" where the tree was not ticked any more.
         notes: what nodes reported, in order.
         command: what the nodes asked for.
         wall_s: how long observe, tick and act took on this machine.
         overrun: that was longer than the period.
         joints: what the arm measured since the tick before, at its own rate.
+        judgement: what the supervisor allowed; None in tests that have none.
     """
 
     observation: Observation
@@ -46,6 +48,7 @@ class TickRecord:
     wall_s: float
     overrun: bool
     joints: JointSamples | None = None
+    judgement: Judgement | None = None
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,8 @@ class Outcome:
 
     Attributes:
         detail: more than one line about an error inside the controller, for the log only.
+        condition: how arm and gripper were left, in words.
+        observer_problems: what observers raised; they do not change how the run ended.
     """
 
     end: End
@@ -63,6 +68,8 @@ class Outcome:
     sim_time_s: float
     wall_time_s: float
     detail: str = ""
+    condition: str = ""
+    observer_problems: tuple[str, ...] = ()
 
     @property
     def exit_status(self) -> int:

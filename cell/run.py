@@ -22,6 +22,7 @@ from cell.configuration import (
     Configuration,
     LogSettings,
     load_configuration,
+    load_faults,
     load_product,
     located,
     simulated,
@@ -31,6 +32,7 @@ from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError, Place, Problem, SettingError
 from cell.interfaces.files import shipped
+from cell.interfaces.judgement import FaultTable
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from cell.observer import Level, Observer, Outcome
@@ -43,6 +45,7 @@ from cell.running.node_library import node_registry
 from cell.running.reload import WatchedTree
 from cell.running.services import Planners, TickClock, load_planners, make_services
 from cell.running.statistics import RunStatistics
+from cell.running.supervisor import make_supervisor
 from cell.viewing.contact_sheet import ContactSheet
 from cell.viewing.live_server import LiveServer
 from cell.viewing.monitor import Monitor
@@ -103,6 +106,7 @@ class Files:
     product: Product
     tree: Tree
     planners: Planners
+    faults: FaultTable
 
 
 def run(options: RunOptions, console: Console) -> RunResult:
@@ -117,7 +121,12 @@ def run(options: RunOptions, console: Console) -> RunResult:
         product = load_product(configuration, options.configuration)
         tree = load_tree(options.tree, node_registry())
         log = _log_path(options, configuration.log)
-        return _run(options, Files(configuration, product, tree, load_planners(configuration, product)), log, console)
+        return _run(
+            options,
+            Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration)),
+            log,
+            console,
+        )
 
 
 def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunResult:
@@ -188,7 +197,8 @@ def drive(
         executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices)
         for executor in executors:
             stack.callback(executor.close)
-        controller = Controller(devices, gripper, *executors, configuration.controller, observers)
+        supervisor = make_supervisor(files.faults)
+        controller = Controller(devices, gripper, *executors, configuration.controller, supervisor, observers)
         services = make_services(
             configuration,
             files.product,
@@ -259,8 +269,10 @@ def _factory(dotted: str, arguments: tuple[Any, ...]) -> Callable[..., Devices]:
 
 def _heading(options: RunOptions, files: Files) -> Heading:
     """What a log needs to be run again: files as attachments, the rest as metadata."""
+    assert files.configuration.faults is not None
     attachments = {
         "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
+        "faults.yaml": ("application/yaml", files.configuration.faults.read_bytes()),
         "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
         "simulation.json": ("application/json", files.configuration.devices.simulation.model_dump_json().encode()),
     }
@@ -336,6 +348,8 @@ def _summary(
         "finished": outcome.end == "finished",
         "end": outcome.end,
         "reason": outcome.reason,
+        "condition": outcome.condition,
+        "observer_problems": list(outcome.observer_problems),
         **devices.report(),
         "inferred_goal": statistics.inferred_goal,
         "help_requests": statistics.help_requests,

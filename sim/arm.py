@@ -6,6 +6,7 @@ import numpy as np
 
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.command import JointTrajectory
+from cell.interfaces.devices import KEEP_ALIVE_S
 from cell.interfaces.errors import DeviceFault
 from cell.interfaces.observation import ArmState, JointSamples
 from cell.interfaces.pose import Array
@@ -14,7 +15,9 @@ from sim.world import World
 POSITION_LIMITS_RAD = np.array([2 * np.pi, 2 * np.pi, np.pi, 2 * np.pi, 2 * np.pi, 2 * np.pi])
 SPEED_LIMITS_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
 SPEED_TOLERANCE = 1.02  # sampled trajectories overshoot a little between their samples
-STOP_DECELERATION_RAD_S2 = 6.0
+# Braking and speeding up along the path: what each joint may do, so that the strongest does not wait for the weakest.
+PACE_ACCELERATION_RAD_S2 = np.array([3.5, 3.5, 6.0, 8.0, 8.0, 8.0])
+LEAST_BRAKING = 0.5  # of that, also where the path itself asks for all of it
 START_TOLERANCE_RAD = 0.05
 TRACKING_LIMIT_RAD = 0.10
 TRACKING_PERIODS = 5
@@ -26,18 +29,24 @@ class SimArm:
 
     Attributes:
         driven_rad_s: how fast the servos' set points move, (6,); what pushes the arm besides is not in it.
+
+    Args:
+        keep_alive_s: without a call of `pace` for this long the arm stands still on its path; tests may wait for ever.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, keep_alive_s: float = KEEP_ALIVE_S) -> None:
         self._world = world
         self._period_s = world.physics.control_period_s
         model = world.model
         stiffness = model.actuator_gainprm[world.arm_ctrl, 0]
         damping = -model.actuator_biasprm[world.arm_ctrl, 2] + model.dof_damping[world.arm_qvel]
         self._lag_s = damping / stiffness  # a servo trails a moving set point by this much time
+        self._keep_alive_s = keep_alive_s
         self._reference = self._positions()[np.newaxis]
-        self._cursor = 0
-        self._time_s = 0.0
+        self._progress = 0.0  # in control periods along the reference
+        self._rate = self._share = 1.0  # of speed: as it is, and as it was asked for
+        self._stopping = self._following = False
+        self._time_s = self._heard_s = 0.0
         self._late_periods = 0
         self._fault: str | None = None
         self._joints = len(world.arm_qpos)
@@ -46,15 +55,16 @@ class SimArm:
         self.driven_rad_s: Array = np.zeros(self._joints)
 
     def state(self) -> ArmState:
-        """Joints as measured; raises DeviceFault after a protective stop."""
-        if self._fault is not None:
-            raise DeviceFault("arm", self._fault)
+        """Joints as measured; the mode tells of a protective stop."""
         velocities = self._world.data.qvel[self._world.arm_qvel]
         return ArmState(
             self._time_s,
             tuple(float(value) for value in self._positions()),
             tuple(float(value) for value in velocities),
             self._moving,
+            "normal" if self._fault is None else "protective_stop",
+            self._progress * self._period_s if self._following else None,
+            self._fault or "",
         )
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
@@ -63,21 +73,22 @@ class SimArm:
         count = int(np.ceil(trajectory.duration_s / self._period_s - 1e-9))
         times = np.arange(count + 1) * self._period_s
         columns = [np.interp(times, trajectory.times_s, column) for column in trajectory.positions_rad.T]
-        self._reference, self._cursor = np.column_stack(columns), 0
+        self._reference, self._progress = np.column_stack(columns), 0.0
+        self._stopping, self._following = False, True
+        self._heard_s, self._rate = self._time_s, self._share
         return trajectory
 
+    def pace(self, share: float) -> None:
+        """Follow at this share of the trajectory's speed, along the path that was checked for collisions."""
+        self._share, self._heard_s = min(max(share, 0.0), 1.0), self._time_s
+
     def stop(self) -> None:
-        """Slow down along the path that is being followed, so that what was checked for collisions stays true."""
-        if not self._moving:
-            return
-        ahead = self._reference[self._cursor :]
-        speed = np.abs(ahead[1] - ahead[0]).max() / self._period_s
-        count = max(1, int(np.ceil(speed / STOP_DECELERATION_RAD_S2 / self._period_s)))
-        rates = 1.0 - (np.arange(count) + 0.5) / count
-        progress = np.concatenate([[0.0], np.cumsum(rates)])
-        samples = np.arange(len(ahead), dtype=np.float64)
-        self._reference = np.column_stack([np.interp(progress, samples, column) for column in ahead.T])
-        self._cursor = 0
+        """Slow down along the path that is being followed, and give up what is left of it."""
+        self._stopping = self._moving
+
+    def acknowledge(self) -> None:
+        """Somebody unlocked the protective stop at the arm."""
+        self._fault, self._late_periods = None, 0
 
     def observe(self, time_s: float, /) -> None:
         """Measure the joints."""
@@ -98,22 +109,58 @@ class SimArm:
     def update(self, time_s: float, dt_s: float) -> None:
         """Set the servos for one control period."""
         self._watch_tracking()
-        here = self._reference[self._cursor]
+        here = self._at(self._progress)
         if self._moving:
-            self._cursor += 1
-        there = self._reference[self._cursor]
+            before = self._rate
+            self._rate += self._change(dt_s)
+            self._progress = min(self._progress + (before + self._rate) / 2, len(self._reference) - 1.0)
+        there = self._at(self._progress)
+        if self._stopping and (self._rate <= 0 or not self._moving):
+            self._reference, self._progress = there[np.newaxis], 0.0
+            self._stopping = self._following = False
         self.driven_rad_s = velocity = (there - here) / dt_s
         self._world.data.ctrl[self._world.arm_ctrl] = (here + there) / 2 + velocity * self._lag_s
         self._time_s = time_s + dt_s
 
+    def _change(self, dt_s: float) -> float:
+        """How much the share of speed may change in this period, no joint beyond its acceleration."""
+        silent = self._time_s - self._heard_s > self._keep_alive_s
+        wanted = (0.0 if silent or self._stopping else self._share) - self._rate
+        if wanted == 0:
+            return 0.0
+        index = min(int(self._progress), len(self._reference) - 2)
+        speeds = (self._reference[index + 1] - self._reference[index]) / dt_s
+        after = self._reference[min(index + 2, len(self._reference) - 1)]
+        before = self._reference[max(index - 1, 0)]
+        bends = (after - self._reference[index + 1] - self._reference[index] + before) / (2 * dt_s**2)
+        moves = np.abs(speeds) > 1e-6
+        if not moves.any():
+            return wanted
+        limits = PACE_ACCELERATION_RAD_S2[moves] / np.abs(speeds[moves])
+        along = bends[moves] * np.sign(speeds[moves]) * self._rate**2 / np.abs(speeds[moves])
+        slowest = LEAST_BRAKING * limits.min()
+        brake = max(float((limits + along).min()), slowest)
+        hasten = max(float((limits - along).min()), slowest)
+        return float(min(max(wanted, -brake * dt_s), hasten * dt_s))
+
+    def _at(self, progress: float) -> Array:
+        """The reference between its samples."""
+        index = int(progress)
+        part = progress - index
+        if part == 0:
+            row: Array = self._reference[index]
+            return row
+        between: Array = (1 - part) * self._reference[index] + part * self._reference[index + 1]
+        return between
+
     @property
     def tracking_error_rad(self) -> float:
         """Widest distance of a joint from its reference."""
-        return float(np.abs(self._positions() - self._reference[self._cursor]).max())
+        return float(np.abs(self._positions() - self._at(self._progress)).max())
 
     @property
     def _moving(self) -> bool:
-        return self._cursor < len(self._reference) - 1
+        return self._progress < len(self._reference) - 1
 
     def _positions(self) -> Array:
         positions: Array = self._world.data.qpos[self._world.arm_qpos].copy()
@@ -123,12 +170,13 @@ class SimArm:
         """Protective stop: hold still once the arm is held back from its reference."""
         self._late_periods = self._late_periods + 1 if self.tracking_error_rad > TRACKING_LIMIT_RAD else 0
         if self._late_periods >= TRACKING_PERIODS and self._fault is None:
-            error = np.abs(self._positions() - self._reference[self._cursor])
+            error = np.abs(self._positions() - self._at(self._progress))
             self._fault = (
                 f"protective stop: {JOINTS[int(error.argmax())]} is {error.max():.3f} rad from its trajectory, "
                 f"limit {TRACKING_LIMIT_RAD} rad"
             )
-            self._reference, self._cursor = self._positions()[np.newaxis], 0
+            self._reference, self._progress = self._positions()[np.newaxis], 0.0
+            self._stopping = self._following = False
 
     def _refuse_bad(self, trajectory: JointTrajectory) -> None:
         if self._fault is not None:

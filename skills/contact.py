@@ -22,7 +22,7 @@ def meets_something(planner: MotionPlanner, move: Move, observation: Observation
     if move.trajectory is None:
         return False
     settings = planner.settings
-    followed_s = observation.time_s - move.started_s - settings.servo_lag_s
+    followed_s = move.followed_s(observation) - settings.servo_lag_s
     expected = planner.kinematics.forward(move.trajectory.at(followed_s))
     return tool_height_m(planner, observation) - expected.position_m[2] > settings.contact_lag_m
 

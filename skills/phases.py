@@ -13,7 +13,6 @@ from cell.interfaces.skill import Progress, SkillStatus
 from skills.planner import Planning
 from skills.settings import MotionSettings
 
-STANDING_RAD_S = 0.05
 DROPPED_TICKS = 3  # the fingers may settle for a moment without having lost the part
 ACTIVATION_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 5.0
@@ -50,18 +49,18 @@ class Move:
         if self._lost(observation):
             return failed(f"{self._holding} was dropped while {self._doing}")
         if self._deadline_s is None:
-            self._deadline_s = observation.time_s + self._settings.arm_timeout_s
+            self._deadline_s = observation.worked_s + self._settings.arm_timeout_s
         if self._asked is not None and self._asked.follow is not self.trajectory:
             self.trajectory = None  # a skill that was halted later in that tick stopped the arm: begin again
         self._asked = None
         if self.trajectory is None:
             return self._start(observation, command)
-        if not observation.arm.moving and _stands(observation) and self._arrived(observation):
+        if not observation.arm.moving and observation.arm.stands and self._arrived(observation):
             return done(self._doing)
         return self._running(observation)
 
     def _start(self, observation: Observation, command: Command) -> Progress:
-        if _stopping(observation, command):
+        if _stopping(observation, command) or held(observation):
             return self._running(observation)
         plan = self._plan(np.array(observation.arm.positions_rad))
         if isinstance(plan, str):
@@ -70,7 +69,7 @@ class Move:
         if plan.duration_s == 0:
             return done(self._doing)
         command.follow, self._asked = plan, command
-        self._deadline_s = observation.time_s + plan.duration_s + self._settings.arm_timeout_s
+        self._deadline_s = observation.worked_s + plan.duration_s + self._settings.arm_timeout_s
         return Progress(SkillStatus.RUNNING, self._doing)
 
     def _lost(self, observation: Observation) -> bool:
@@ -85,9 +84,16 @@ class Move:
 
     def _running(self, observation: Observation) -> Progress:
         assert self._deadline_s is not None
-        if observation.time_s > self._deadline_s:
+        if observation.worked_s > self._deadline_s:
             return failed(f"{self._doing}: the arm did not arrive in time")
         return Progress(SkillStatus.RUNNING, self._doing)
+
+    def followed_s(self, observation: Observation) -> float:
+        """How far along its trajectory the arm should be, as time of the trajectory."""
+        path_s = observation.arm.path_s
+        if path_s is None or observation.time_s <= self.started_s:  # what the arm tells is of the trajectory before
+            return observation.time_s - self.started_s
+        return path_s
 
 
 class SetGripper:
@@ -106,11 +112,13 @@ class SetGripper:
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Send the goal once, then read the object status."""
         if self._deadline_s is None:
+            if held(observation):
+                return Progress(SkillStatus.RUNNING, self._doing)
             command.gripper = self._goal
-            self._deadline_s = observation.time_s + self._timeout_s
+            self._deadline_s = observation.worked_s + self._timeout_s
             return Progress(SkillStatus.RUNNING, self._doing) if self._wait else done(self._doing)
         if observation.gripper.object_status is ObjectStatus.MOVING:
-            if observation.time_s > self._deadline_s:
+            if observation.worked_s > self._deadline_s:
                 return failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
             return Progress(SkillStatus.RUNNING, self._doing)
         if self._must_hold and not observation.gripper.holding:
@@ -128,10 +136,10 @@ class FingersRest:
     def poll(self, observation: Observation, command: Command) -> Progress:  # noqa: ARG002
         """Read the object status."""
         if self._deadline_s is None:
-            self._deadline_s = observation.time_s + self._timeout_s
+            self._deadline_s = observation.worked_s + self._timeout_s
         if observation.gripper.object_status is not ObjectStatus.MOVING:
             return done(self._doing)
-        if observation.time_s > self._deadline_s:
+        if observation.worked_s > self._deadline_s:
             return failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
         return Progress(SkillStatus.RUNNING, self._doing)
 
@@ -146,10 +154,10 @@ class Activate:
         """Ask once, then wait."""
         if observation.gripper.activated:
             return done("gripper active")
-        if self._deadline_s is None:
+        if self._deadline_s is None and not held(observation):
             command.activate_gripper = True
-            self._deadline_s = observation.time_s + ACTIVATION_TIMEOUT_S
-        if observation.time_s > self._deadline_s:
+            self._deadline_s = observation.worked_s + ACTIVATION_TIMEOUT_S
+        if self._deadline_s is not None and observation.worked_s > self._deadline_s:
             return failed(f"the gripper did not finish its activation in {ACTIVATION_TIMEOUT_S} s")
         return Progress(SkillStatus.RUNNING, "activating the gripper")
 
@@ -203,8 +211,8 @@ class PhasedSkill:
 
     def _wait(self, observation: Observation) -> Progress:
         if self._waits_since_s is None:
-            self._waits_since_s = observation.time_s
-        if observation.time_s - self._waits_since_s > STOP_TIMEOUT_S:
+            self._waits_since_s = observation.worked_s
+        if observation.worked_s - self._waits_since_s > STOP_TIMEOUT_S:
             return self._finish(failed(f"the arm did not come to rest in {STOP_TIMEOUT_S} s"))
         return Progress(SkillStatus.RUNNING, "waiting until the arm has stopped")
 
@@ -215,11 +223,12 @@ class PhasedSkill:
 
 def _stopping(observation: Observation, command: Command) -> bool:
     """Whether the arm still comes to rest, or is told in this very tick to do so."""
-    return command.stop_arm or observation.arm.moving or not _stands(observation)
+    return command.stop_arm or observation.arm.moving or not observation.arm.stands
 
 
-def _stands(observation: Observation) -> bool:
-    return max(abs(speed) for speed in observation.arm.velocities_rad_s) < STANDING_RAD_S
+def held(observation: Observation) -> bool:
+    """Whether the supervisor lets nothing begin now."""
+    return observation.share == 0
 
 
 def done(doing: str) -> Progress:

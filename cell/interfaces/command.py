@@ -76,6 +76,7 @@ class Command:
         stop_arm: bring the arm to a controlled stop; wins over `follow`.
         activate_gripper: begin the gripper's activation, which must finish before its first motion.
         gripper: a new gripper goal, None to leave it as it is.
+        contested: "arm" or "gripper" where two goals were set for it in this tick.
         look: ask the wrist camera for a frame and the part detector for its answer.
         display: what to show from now on, None to leave it as it is.
     """
@@ -86,3 +87,14 @@ class Command:
     gripper: GripperCommand | None = None
     look: bool = False
     display: Display | None = None
+    contested: tuple[str, ...] = ()
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Note who is given a second goal: two nodes that command one device do not know of each other."""
+        before = getattr(self, name, None)
+        if name in _DEVICES and value is not None and before is not None and before is not value:
+            object.__setattr__(self, "contested", (*self.contested, _DEVICES[name]))
+        object.__setattr__(self, name, value)
+
+
+_DEVICES = {"follow": "arm", "gripper": "gripper"}

@@ -14,6 +14,8 @@ from cell.interfaces.truth import TruthEvent
 
 Answer = TypeVar("Answer")
 
+KEEP_ALIVE_S = 0.2  # an arm that hears nothing for this long stands still on its path
+
 
 class Camera(Protocol):
     """A camera whose intrinsics and mount the bench file gives."""
@@ -31,7 +33,7 @@ class Arm(Protocol):
     """A six-joint arm that follows joint trajectories on its own clock tick (125 Hz on a UR10)."""
 
     def state(self) -> ArmState:
-        """Joints as last measured; raises DeviceFault when the arm has faulted."""
+        """Joints as last measured, with the arm's mode; raises DeviceFault when the arm does not answer."""
         ...
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
@@ -39,7 +41,14 @@ class Arm(Protocol):
         ...
 
     def stop(self) -> None:
-        """Controlled stop within the limits; harmless when standing."""
+        """Controlled stop within the limits, which also gives up the trajectory; harmless when standing."""
+        ...
+
+    def pace(self, share: float) -> None:
+        """Follow the trajectory at this share of its speed, 0 to 1; 0 stands still on it and can be resumed.
+
+        Called in every tick: an arm that was not called for KEEP_ALIVE_S slows down to 0 by itself.
+        """
         ...
 
     def samples(self) -> JointSamples | None:

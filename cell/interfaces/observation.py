@@ -14,19 +14,38 @@ from cell.interfaces.perception import BenchView, PartsView
 Image = NDArray[np.uint8]
 
 
+STANDING_RAD_S = 0.05  # an arm whose joints are all slower stands
+
+ArmMode = Literal[
+    "normal", "reduced", "protective_stop", "recovery", "safeguard_stop", "emergency_stop", "violation", "fault"
+]  # the safety status of a UR controller
+
+
 @dataclass(frozen=True)
 class ArmState:
     """Joints of the arm as measured.
 
     Attributes:
+        time_s: when they were measured.
         positions_rad, velocities_rad_s: (6,) shoulder_pan to wrist_3.
-        moving: a trajectory is being followed or a stop is under way.
+        moving: a trajectory is being followed, also while it is held, or a stop is under way.
+        mode: safety status of the arm's own controller; only "normal" and "reduced" let it move.
+        path_s: how far along its trajectory it is, as time of that trajectory; None where the arm does not tell.
+        reason: why the mode is not normal, in the arm's words.
     """
 
     time_s: float
     positions_rad: tuple[float, ...]
     velocities_rad_s: tuple[float, ...]
     moving: bool
+    mode: ArmMode = "normal"
+    path_s: float | None = None
+    reason: str = ""
+
+    @property
+    def stands(self) -> bool:
+        """No joint moves; a speed that is not a number is not slow."""
+        return all(abs(speed) < STANDING_RAD_S for speed in self.velocities_rad_s)
 
 
 @dataclass(frozen=True)
@@ -82,13 +101,31 @@ class GripperState:
 
 
 @dataclass(frozen=True)
+class Trouble:
+    """A device that could not be read, or that refused what it was told.
+
+    Attributes:
+        device: "arm", "gripper", "camera overhead", "camera wrist", "detector overhead" or "detector wrist".
+    """
+
+    device: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class Observation:
     """Everything that a tick may read.
 
     Attributes:
         tick: number of the tick, from 0.
+        arm, gripper: as last read; `troubles` tells where they could not be read in this tick.
         bench: newest answer of the bench watcher; None before the first.
         parts: newest answer of the part detector; None before the first.
+        troubles: what devices raised since the tick before.
+        late_s: how much later than its deadline the tick began.
+        acknowledged: somebody acknowledged what holds the cell since the tick before.
+        share: of the speed that the supervisor allows in this tick; 0 while it holds.
+        work_s: time that skills had to work so far: it stands while the supervisor holds. None in old logs.
     """
 
     tick: int
@@ -97,3 +134,13 @@ class Observation:
     gripper: GripperState
     bench: BenchView | None = None
     parts: PartsView | None = None
+    troubles: tuple[Trouble, ...] = ()
+    late_s: float = 0.0
+    acknowledged: bool = False
+    share: float = 1.0
+    work_s: float | None = None
+
+    @property
+    def worked_s(self) -> float:
+        """The time that deadlines of skills go by."""
+        return self.time_s if self.work_s is None else self.work_s

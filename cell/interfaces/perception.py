@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -61,6 +62,7 @@ class HandSample:
         fingertips_m: (x, y) of the fingertips on the bench, in the world frame.
         palm_m: (x, y) of the palm.
         held_part: type of the part seen between the fingers, or None.
+        velocity_m_s: (x, y) of the palm; None where the track is too short to tell.
     """
 
     time_s: float
@@ -68,6 +70,12 @@ class HandSample:
     fingertips_m: tuple[float, float]
     palm_m: tuple[float, float]
     held_part: str | None = None
+    velocity_m_s: tuple[float, float] | None = None
+
+    @property
+    def speed_m_s(self) -> float | None:
+        """How fast the palm moves along the bench."""
+        return None if self.velocity_m_s is None else math.hypot(*self.velocity_m_s)
 
 
 @dataclass(frozen=True)
@@ -128,7 +136,10 @@ class BenchView:
 
     Attributes:
         sequence, time_s: of the frame that this answers.
+        hand: None where no hand is seen; that means that there is none only where `hand_unknown` is empty.
         holes: by position name; a position that was never seen unobstructed is absent.
+        health: what is wrong with the image, in words: "dark", "frozen" and the like; empty for a sound one.
+        hand_unknown: why it is not known where the hand is; empty where it is known, or known to be absent.
     """
 
     sequence: int
@@ -136,6 +147,8 @@ class BenchView:
     hand: HandSample | None
     holes: Mapping[str, HoleView]
     action: Action
+    health: str = ""
+    hand_unknown: str = ""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, plain, 
 from cell.recording.snapshot import Snapshot
 from skills.can_gripper import CanFrame
 
+USUALLY_NOTHING = ("troubles", "late_s", "acknowledged")  # fields of an observation that most ticks leave out
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
 
 
@@ -139,6 +140,8 @@ class McapRecorder:
             return
         self._write_collected(self._encoder.take())
         self._observe(observation, stamp_ns)
+        if record.judgement is not None:
+            self._write("/judgement", stamp_ns, {"tick": tick, **plain(record.judgement)})
         self._json["/tick"].log(tick_json(tick, record.status, record.changes), log_time=stamp_ns)
         for topic, fields in record.notes:
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
@@ -181,7 +184,7 @@ class McapRecorder:
         self._write_collected(self._encoder.take_all())
         self._encoder.close()
         self.dropped.frames += self._encoder.failed
-        fields = ("end", "reason", "ticks", "overruns", "sim_time_s", "wall_time_s")
+        fields = ("end", "reason", "condition", "ticks", "overruns", "sim_time_s", "wall_time_s")
         self._files.note("outcome", {name: str(getattr(outcome, name)) for name in fields})
         if self.dropped != Dropped():
             self._files.note("dropped", {name: str(count) for name, count in vars(self.dropped).items()})
@@ -240,6 +243,9 @@ class McapRecorder:
             "gripper": plain(seen.gripper),
             "bench": seen.bench and seen.bench.sequence,
             "parts": seen.parts and seen.parts.sequence,
+            "share": seen.share,
+            "work_s": seen.work_s,
+            **{name: plain(value) for name in USUALLY_NOTHING if (value := getattr(seen, name))},
         }
         self._write("/observation", stamp_ns, values)
 

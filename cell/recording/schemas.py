@@ -27,6 +27,7 @@ OBJECT = {"type": "object"}
 
 _FIELDS: dict[str, dict[str, dict[str, str]]] = {
     "/tick": {"tick": INTEGER, "status": TEXT, "changes": LIST},
+    "/judgement": {"tick": INTEGER, "action": TEXT, "share": NUMBER, "reasons": LIST},
     "/timing": {"tick": INTEGER, "wall_s": NUMBER, "overrun": FLAG},
     "/observation": {"tick": INTEGER, "time_s": NUMBER, "arm": OBJECT, "gripper": OBJECT, "bench": INTEGER},
     "/bench": {"sequence": INTEGER, "time_s": NUMBER, "hand": OBJECT, "holes": OBJECT, "action": OBJECT},

@@ -1,27 +1,34 @@
-"""The controller: a fixed-rate loop of observe, tick, act and record, and the safe stop at its end."""
+"""The controller: a fixed-rate loop of observe, judge, tick, act and record, and the safe stop at its end."""
 
 from __future__ import annotations
 
-import signal
+import math
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from types import FrameType
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 from py_trees.common import Status
 
 from cell.configuration import ControllerSettings
 from cell.interfaces.command import Command
-from cell.interfaces.devices import Camera, Devices, Gripper
-from cell.interfaces.errors import CellError, DeviceFault
+from cell.interfaces.devices import Devices, Gripper
 from cell.interfaces.journal import ListJournal
-from cell.interfaces.observation import Observation
+from cell.interfaces.judgement import Action, Judgement
+from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
-from cell.observer import End, Level, Observer, Outcome, SentCommand, TickRecord
+from cell.observer import End, Observer, Outcome, SentCommand, TickRecord
+from cell.running.audience import Audience
 from cell.running.inference import Executor
+from cell.running.reading import DeviceReader, HeldFingers, describe
+from cell.running.signals import Interrupted, StopSignals
+from cell.running.supervisor import Supervisor
 from trees.engine.node import StatusChange
+
+Answer = TypeVar("Answer")
+STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked
+STOPPING = "STOPPING"  # ... and in the ticks of the safe stop
 
 
 class TickedTree(Protocol):
@@ -46,26 +53,20 @@ class TickServices(Protocol):
 
     observation: Observation
     command: Command
+    held_part: str | None
 
 
-class CameraReader:
-    """A camera and the detector that reads its frames; keeps the newest frame's number and the newest answer."""
+@dataclass(frozen=True)
+class _Ending:
+    """Why the loop ended."""
 
-    def __init__(self, camera: Camera) -> None:
-        self.camera = camera
-        self._sequence = -1
-
-    def new_frame(self) -> Frame | None:
-        """The camera's newest frame if it was not handed out before."""
-        frame = self.camera.latest()
-        if frame is None or frame.sequence <= self._sequence:
-            return None
-        self._sequence = frame.sequence
-        return frame
+    end: End
+    reason: str
+    detail: str = ""
 
 
 class Controller:
-    """Runs one tree on one cell until the tree ends, time is over, a signal comes or something fails.
+    """Runs one tree on one cell until the tree ends, time is over, a signal comes or the supervisor stops it.
 
     Attributes:
         journal: what nodes write their notes into.
@@ -78,202 +79,270 @@ class Controller:
         watcher: Executor[Frame, BenchView],
         finder: Executor[Frame, PartsView],
         settings: ControllerSettings,
+        supervisor: Supervisor,
         observers: Sequence[Observer] = (),
     ) -> None:
         self.journal = ListJournal()
         self._devices = devices
         self._clock = devices.clock
         self._gripper = gripper
-        self._watcher = watcher
-        self._finder = finder
         self._settings = settings
-        self._observeres = tuple(observers)
-        self._overhead = CameraReader(devices.overhead)
-        self._wrist = CameraReader(devices.wrist)
-        self._bench: BenchView | None = None
-        self._parts: PartsView | None = None
-        self._signal: str | None = None
-        self._stopping = False
+        self._supervisor = supervisor
+        self._period_s = 1.0 / settings.tick_hz
+        self._audience = Audience(observers, devices.clock)
+        self._reader = DeviceReader(
+            devices, gripper, watcher, finder, self._audience.frame, lambda text: self._audience.say("warning", text)
+        )
+        self._fingers = HeldFingers(gripper)
+        self._signals = StopSignals()
+        self._judgement = Judgement()
+        self._said: tuple[str, ...] = ()
+        self._acknowledged = False
+        self._seen: Observation | None = None
+        self._scheduled_s = self._deadline_s = 0.0
         self._ticks = 0
         self._overruns = 0
 
     def observe(self) -> Observation:
-        """Read every device once."""
-        for eye, executor in ((self._overhead, self._watcher), (self._wrist, self._finder)):
-            if (frame := eye.new_frame()) is not None:
-                for observer in self._observeres:
-                    observer.frame(frame)
-                if not executor.submit(frame):
-                    self._say("warning", f"the detector of camera {frame.camera} is late: frame dropped")
-        self._bench = self._watcher.poll() or self._bench
-        self._parts = self._finder.poll() or self._parts
-        return Observation(
-            tick=self._ticks,
-            time_s=self._clock.now_s(),
-            arm=self._devices.arm.state(),
-            gripper=self._gripper.state(),
-            bench=self._bench,
-            parts=self._parts,
-        )
+        """Read every device once, without a judgement.
+
+        Raises:
+            DeviceFault: arm or gripper cannot be read and never could.
+        """
+        seen = self._reader.observe(self._ticks)
+        late_s = max(0.0, seen.time_s - self._scheduled_s)
+        acknowledged, self._acknowledged = self._acknowledged, False
+        worked_s = 0.0 if self._seen is None else self._seen.worked_s
+        gone_s = 0.0 if self._seen is None else seen.time_s - self._seen.time_s
+        worked_s += self._judgement.share * gone_s
+        return replace(seen, late_s=late_s, acknowledged=acknowledged, work_s=worked_s)
+
+    def acknowledge(self) -> None:
+        """Somebody at the cell acknowledges what holds it; the next tick knows."""
+        self._acknowledged = True
 
     def run(self, tree: TickedTree, services: TickServices) -> Outcome:
-        """Run to the end and stop safely; raises nothing that a device, a node or a observer may raise."""
+        """Run to the end and stop safely; raises nothing that a device, a node or an observer may raise."""
         began_s, wall_began_s = self._clock.now_s(), time.monotonic()
-        detail = ""
-        with self._signals():
-            try:
-                end, reason = self._loop(tree, services)
-            except DeviceFault as fault:
-                end, reason = "fault", str(fault)
-            except KeyboardInterrupt:
-                end, reason = "interrupted", "interrupted in mid-tick"
-            except Exception as error:  # the outermost loop: whatever happened, arm and gripper stop first
-                end, reason = "fault", describe(error)
-                detail = traceback.format_exc()
-            self._stopping = True
-            problems = self._stop(tree, services)
-        if problems := [problem for problem in problems if reason not in problem]:
-            end, reason = "fault", "; ".join([reason, *problems])
-        outcome = Outcome(
-            end=end,
-            reason=reason,
-            ticks=self._ticks,
-            overruns=self._overruns,
-            sim_time_s=self._clock.now_s() - began_s,
-            wall_time_s=time.monotonic() - wall_began_s,
-            detail=detail,
-        )
-        return self._close(outcome)
-
-    def _loop(self, tree: TickedTree, services: TickServices) -> tuple[End, str]:
-        period_s = 1.0 / self._settings.tick_hz
-        began_s = deadline_s = self._clock.now_s()
-        while True:
-            status = self._tick(tree, services, period_s)
-            if status is Status.SUCCESS:
-                return "finished", "the tree succeeded"
-            if status is Status.FAILURE:
-                return "failed", "the tree failed"
-            if self._signal:
-                return "interrupted", f"stopped by {self._signal}"
-            if self._clock.now_s() - began_s >= self._settings.max_duration_s:
-                return "timeout", f"not finished after {self._settings.max_duration_s:g} s"
-            # After an overrun of whole periods the loop does not catch up in a burst of ticks.
-            deadline_s = max(deadline_s + period_s, self._clock.now_s())
-            self._clock.sleep_until(deadline_s)
-
-    def _tick(self, tree: TickedTree, services: TickServices, period_s: float) -> Status:
-        began_s = time.perf_counter()
-        observation, joints = self.observe(), self._devices.arm.samples()
-        services.observation, services.command = observation, Command()
-        status, sent = None, SentCommand()
-        try:
-            status = tree.tick()
-            sent = self._act(services.command)
-        finally:  # a tick that failed is recorded too: it is the one that will be looked at
-            wall_s = time.perf_counter() - began_s
-            self._ticks += 1
-            self._overruns += wall_s > period_s
-            record = TickRecord(
-                observation=observation,
-                status=status.name if status is not None else "ERROR",
-                changes=tuple(tree.status_changes),
-                notes=self.journal.take(),
-                command=services.command,
-                sent=sent,
-                wall_s=wall_s,
-                overrun=wall_s > period_s,
-                joints=joints,
+        self._scheduled_s = self._deadline_s = began_s
+        with self._signals.heard():  # no signal raises in here, but in a tick of the tree
+            ending = self._until_end(tree, services)
+            condition, problems = self._stop(tree, services)
+            end, reason = ending.end, ending.reason
+            if problems:
+                end, reason = "fault", "; ".join([reason, *problems])
+            outcome = Outcome(
+                end=end,
+                reason=reason,
+                ticks=self._ticks,
+                overruns=self._overruns,
+                sim_time_s=self._clock.now_s() - began_s,
+                wall_time_s=time.monotonic() - wall_began_s,
+                detail=ending.detail,
+                condition=condition,
             )
-            for observer in self._observeres:
-                observer.tick(record)
+            return self._close(outcome)
+
+    def _until_end(self, tree: TickedTree, services: TickServices) -> _Ending:
+        try:
+            return self._loop(tree, services)
+        except Interrupted as interrupted:
+            return _Ending("interrupted", str(interrupted))
+        except BaseException as error:  # the outermost loop: whatever happened, arm and gripper stop first
+            return _Ending("fault", describe(error), traceback.format_exc())
+
+    def _loop(self, tree: TickedTree, services: TickServices) -> _Ending:
+        began_s = self._clock.now_s()
+        while True:
+            status = self._tick(tree, services)
+            if self._judgement.action is Action.STOP:
+                return _Ending("fault", self._judgement.words)
+            if status is Status.SUCCESS:
+                return _Ending("finished", "the tree succeeded")
+            if status is Status.FAILURE:
+                return _Ending("failed", "the tree failed")
+            if self._signals.name:
+                return _Ending("interrupted", f"stopped by {self._signals.name}")
+            if self._clock.now_s() - began_s >= self._settings.max_duration_s:
+                return _Ending("timeout", f"not finished after {self._settings.max_duration_s:g} s")
+            self._sleep()
+
+    def _tick(self, tree: TickedTree, services: TickServices) -> Status | None:
+        """One tick; None where the supervisor stops the run before the tree is asked."""
+        began_s = time.perf_counter()
+        seen, joints = self._look()
+        services.observation, services.command = seen, Command()
+        asked, status, sent = Command(), None, SentCommand()
+        changes: Sequence[StatusChange] = ()
+        name = "ERROR"
+        try:
+            if self._judgement.action is Action.STOP:
+                name = STOPPED
+                return None
+            status = self._signals.interruptible(tree.tick)
+            name, asked = status.name, replace(services.command)
+            self._judgement = self._supervisor.judge_command(seen, services.command)
+            sent = self._act(services.command, seen)
+        finally:  # a tick that failed is recorded too: it is the one that will be looked at
+            if name != STOPPED:
+                changes = tree.status_changes
+            asked = services.command if name == "ERROR" else asked
+            self._record(seen, name, changes, asked, sent, joints, began_s)
         return status
 
-    def _act(self, command: Command) -> SentCommand:
-        """Carry out a command; returns what the devices really sent."""
+    def _look(self) -> tuple[Observation, JointSamples | None]:
+        """Observe, and let the supervisor judge; the observation says what it allows."""
+        seen, joints = self.observe(), self._reader.samples()
+        self._judgement = self._supervisor.judge(seen)
+        self._seen = self._fingers.seen(replace(seen, share=self._judgement.share))
+        reasons = tuple(signal for signal, _ in self._judgement.reasons)
+        if reasons != self._said:
+            self._said = reasons
+            words = f"{self._judgement.action.name.lower()}: {self._judgement.words}" if reasons else "all clear"
+            self._audience.say("warning" if reasons else "info", words)
+        return self._seen, joints
+
+    def _act(self, command: Command, seen: Observation) -> SentCommand:
+        """Carry out a command as far as the supervisor lets it; returns what the devices really sent."""
+        held = self._judgement.action >= Action.HOLD
         trajectory = gripper = None
+        if held:
+            withhold(command)
+        self._command("arm", lambda: self._devices.arm.pace(self._judgement.share))
+        self._command("gripper", lambda: self._fingers.keep(seen, held))
         if command.stop_arm:
-            self._devices.arm.stop()
-        elif command.follow is not None:
-            trajectory = self._devices.arm.follow(command.follow)
+            self._command("arm", self._devices.arm.stop)
+        elif (follow := command.follow) is not None:
+            trajectory = self._command("arm", lambda: self._devices.arm.follow(follow))
         if command.activate_gripper:
-            self._gripper.activate()
-        if command.gripper is not None:
-            gripper = self._gripper.command(command.gripper)
+            self._command("gripper", self._gripper.activate)
+        if (goal := command.gripper) is not None:
+            gripper = self._command("gripper", lambda: self._gripper.command(goal))
+            self._fingers.sent(goal)
         if command.look:
-            self._devices.wrist.trigger()
-        if command.display is not None:
-            self._devices.panel.show(command.display)
+            self._command("camera wrist", self._devices.wrist.trigger)
+        if (display := command.display) is not None:
+            self._command("panel", lambda: self._devices.panel.show(display))
         return SentCommand(trajectory, gripper)
 
-    def _stop(self, tree: TickedTree, services: TickServices) -> list[str]:
-        """Controlled stop: arm, gripper, then the tree; what fails does not keep the others from stopping."""
+    def _command(self, device: str, order: Callable[[], Answer]) -> Answer | None:
+        try:
+            return order()
+        except Exception as error:  # the next observation tells the supervisor
+            self._reader.refused(device, error)
+            return None
+
+    def _record(
+        self,
+        seen: Observation,
+        status: str,
+        changes: Sequence[StatusChange],
+        command: Command,
+        sent: SentCommand,
+        joints: JointSamples | None,
+        began_s: float,
+    ) -> None:
+        wall_s = time.perf_counter() - began_s
+        overrun = wall_s > self._period_s
+        self._ticks += 1
+        self._overruns += overrun
+        notes = self.journal.take()
+        self._audience.tick(
+            TickRecord(seen, status, tuple(changes), notes, command, sent, wall_s, overrun, joints, self._judgement)
+        )
+
+    def _sleep(self) -> None:
+        """To the next deadline; periods that are over are left out, so that ticks never come in a burst."""
+        self._scheduled_s = self._deadline_s + self._period_s
+        missed = max(0, math.floor((self._clock.now_s() - self._scheduled_s) / self._period_s))
+        self._deadline_s = self._scheduled_s + missed * self._period_s
+        self._clock.sleep_until(self._deadline_s)
+
+    def _stop(self, tree: TickedTree, services: TickServices) -> tuple[str, list[str]]:
+        """The safe stop, ticked and recorded until the arm stands; how things are at its end, and what went wrong."""
+        emergency = self._seen is not None and self._seen.arm.mode == "emergency_stop"
+        halted = Command()
 
         def halt_tree() -> None:
-            services.command = Command()
+            services.command = halted
             tree.halt()
 
-        problems = []
-        steps: tuple[tuple[str, Callable[[], None]], ...] = (
-            ("the arm did not stop", self._devices.arm.stop),
-            ("the gripper did not hold", self._gripper.hold),
-            ("the tree did not halt", halt_tree),
-            ("the arm did not come to rest", self._rest),
-        )
-        for what, step in steps:
-            try:
-                step()
-            except Exception as error:  # the safe stop goes on with the other devices
-                problems.append(f"{what}: {describe(error)}")
-        return problems
+        orders: list[tuple[str, Callable[[], None]]] = [("the arm did not stop", self._devices.arm.stop)]
+        if not emergency:
+            orders.append(("the gripper did not hold", self._gripper.hold))
+        problems = {what: text for what, order in orders if (text := _failure(order))}
+        problem = _failure(halt_tree)
+        if problem:
+            problems["the tree did not halt"] = problem
+        changes: Sequence[StatusChange] = tuple(tree.status_changes)
+        until_s = self._clock.now_s() + self._settings.stop_timeout_s
+        while True:
+            self._sleep()
+            began_s = time.perf_counter()
+            seen = self._stopping_tick(services, changes, began_s)
+            changes = ()
+            if seen is not None and _at_rest(seen):
+                break
+            if self._clock.now_s() >= until_s:
+                unknown = seen is None or any(trouble.device == "arm" for trouble in seen.troubles)
+                what = "not known to stand" if unknown else "still moving"
+                problems["the arm did not come to rest"] = f"{what} {self._settings.stop_timeout_s:g} s after the stop"
+                break
+            for what, order in orders:  # what was refused is ordered again
+                if what in problems and not _failure(order):
+                    del problems[what]
+        return _condition(seen, services.held_part), [f"{what}: {text}" for what, text in problems.items()]
 
-    def _rest(self) -> None:
-        """Wait until the arm stands, so that nothing moves once the program has ended."""
-        deadline_s = self._clock.now_s() + self._settings.stop_timeout_s
-        while self._devices.arm.state().moving:
-            now_s = self._clock.now_s()
-            if now_s >= deadline_s:
-                raise DeviceFault("arm", f"still moving {self._settings.stop_timeout_s:g} s after the stop")
-            self._clock.sleep_until(now_s + 1.0 / self._settings.tick_hz)
+    def _stopping_tick(
+        self, services: TickServices, changes: Sequence[StatusChange], began_s: float
+    ) -> Observation | None:
+        """One tick without the tree: see, keep the devices alive, record."""
+        try:
+            seen, joints = self._look()
+            words = self._judgement.reasons
+            self._judgement = Judgement(Action.STOP, 0.0, words)
+            services.observation = seen
+            self._command("arm", lambda: self._devices.arm.pace(0.0))
+            self._record(seen, STOPPING, changes, Command(), SentCommand(), joints, began_s)
+        except Exception:  # nothing may keep the loop from trying again until its time is over
+            return None
+        return seen
 
     def _close(self, outcome: Outcome) -> Outcome:
-        level: Level = "error" if outcome.end == "fault" else "info"
-        problems = []
-        for observer in self._observeres:
-            try:
-                observer.message(self._clock.now_s(), level, f"{outcome.end}: {outcome.reason}")
-                if outcome.detail:
-                    observer.message(self._clock.now_s(), "error", outcome.detail)
-                observer.close(outcome)
-            except Exception as error:  # every observer is closed, whatever another one does
-                problems.append(describe(error))
-        if not problems:
-            return outcome
-        return Outcome(**{**vars(outcome), "end": "fault", "reason": "; ".join([outcome.reason, *problems])})
-
-    def _say(self, level: Level, text: str) -> None:
-        for observer in self._observeres:
-            observer.message(self._clock.now_s(), level, text)
-
-    @contextmanager
-    def _signals(self) -> Iterator[None]:
-        """SIGINT and SIGTERM end the loop after the tick under way; a second one interrupts that tick."""
-
-        def remember(number: int, _: FrameType | None) -> None:
-            again, self._signal = self._signal, signal.Signals(number).name
-            if again and not self._stopping:
-                raise KeyboardInterrupt
-
-        before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        self._audience.say("error" if outcome.end == "fault" else "info", f"{outcome.end}: {outcome.reason}")
+        self._audience.say("info", outcome.condition)
+        if outcome.detail:
+            self._audience.say("error", outcome.detail)
+        self._audience.close(outcome)
+        return replace(outcome, observer_problems=tuple(self._audience.problems))
 
 
-def describe(error: Exception) -> str:
-    """One line about an error: our own in their words, others with their type."""
-    if isinstance(error, CellError):
-        return str(error)
-    return f"{type(error).__name__}: {error}"
+def withhold(command: Command) -> None:
+    """Take out of a command what would begin to move; nodes see it and begin again."""
+    command.follow, command.gripper, command.activate_gripper = None, None, False
+
+
+def _failure(order: Callable[[], object]) -> str:
+    """What an order raised, in words; empty for nothing."""
+    try:
+        order()
+    except Exception as error:  # the safe stop goes on with the other devices
+        return describe(error)
+    return ""
+
+
+def _at_rest(seen: Observation) -> bool:
+    """The arm answered in this tick, gave up its trajectory, and no joint moves."""
+    answered = not any(trouble.device == "arm" for trouble in seen.troubles)
+    return answered and not seen.arm.moving and seen.arm.stands
+
+
+def _condition(seen: Observation | None, part: str | None) -> str:
+    """How the cell was left, for people."""
+    if seen is None:
+        return "nothing is known of arm and gripper"
+    arm = "the arm stands" if _at_rest(seen) else "the arm is not known to stand"
+    if any(trouble.device == "gripper" for trouble in seen.troubles):
+        return f"{arm}, nothing is known of the gripper"
+    holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"
+    return f"{arm}, the gripper {holds}"

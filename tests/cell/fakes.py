@@ -8,19 +8,23 @@ from dataclasses import dataclass, field
 import numpy as np
 from py_trees.common import Status
 
-from cell.configuration import ControllerSettings
+from cell.configuration import ControllerSettings, load_configuration, load_faults
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices
-from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
+from cell.interfaces.observation import ArmMode, ArmState, GripperState, JointSamples, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
-from cell.observer import Level, Outcome, TickRecord
+from cell.observer import Level, Observer, Outcome, TickRecord
+from cell.running.checks import CHECKS
 from cell.running.controller import Controller
 from cell.running.inference import LockStep
+from cell.running.supervisor import Supervisor
 from trees.engine.node import StatusChange
 
 PARKED = (0.0,) * 6
+FAULTS = load_faults(load_configuration())
+OF_CAMERAS = ("bench_stale", "bench_in_the_future", "camera_unhealthy", "hand_unknown")  # most fakes have no frames
 
 
 def frame(sequence: int, time_s: float = 0.0, camera: str = "overhead") -> Frame:
@@ -51,11 +55,13 @@ class FakeArm:
     calls: list[str] = field(default_factory=list)
     coast_polls: int = 0
     stop_error: Exception | None = None
+    shares: list[float] = field(default_factory=list)
+    mode: ArmMode = "normal"
 
     def state(self) -> ArmState:
         moving = "stop" in self.calls and self.coast_polls > 0
         self.coast_polls -= moving
-        return ArmState(self.clock.now_s(), PARKED, PARKED, moving)
+        return ArmState(self.clock.now_s(), PARKED, PARKED, moving, self.mode)
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
         self.calls.append("follow")
@@ -65,6 +71,9 @@ class FakeArm:
         self.calls.append("stop")
         if self.stop_error is not None:
             raise self.stop_error
+
+    def pace(self, share: float) -> None:
+        self.shares.append(share)
 
     def samples(self) -> JointSamples | None:
         return None
@@ -117,6 +126,7 @@ class FakeServices:
 
     observation: Observation
     command: Command = field(default_factory=Command)
+    held_part: str | None = None
 
 
 @dataclass
@@ -176,7 +186,12 @@ class Rig:
         services: what a test's tree reads and fills.
     """
 
-    def __init__(self, settings: ControllerSettings | None = None, latency_s: float = 0.1) -> None:
+    def __init__(
+        self,
+        settings: ControllerSettings | None = None,
+        latency_s: float = 0.1,
+        observers: Sequence[Observer] = (),
+    ) -> None:
         self.clock = ManualClock()
         self.overhead, self.wrist = FakeCamera(self.clock), FakeCamera(self.clock)
         self.arm, self.gripper, self.panel = FakeArm(self.clock), FakeGripper(self.clock), FakePanel()
@@ -188,7 +203,8 @@ class Rig:
             LockStep(idle_view, self.clock, latency_s),
             LockStep(no_parts, self.clock, latency_s),
             settings or ControllerSettings(),
-            [self.observer],
+            Supervisor([fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS], CHECKS),
+            [self.observer, *observers],
         )
         self.services = FakeServices(self.controller.observe())
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cell.configuration import Configuration, load_configuration, load_product
+from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 from cell.run import Files, drive
@@ -104,9 +104,9 @@ def run_tree(
 ) -> tuple[Outcome, Diary]:
     """Run a tree to its end on a cell."""
     diary = diary or Diary()
-    files = Files(
-        configuration, PRODUCT, load_tree(tree, node_registry(), main, provided), load_planners(configuration, PRODUCT)
-    )
+    loaded = load_tree(tree, node_registry(), main, provided)
+    planners, faults = load_planners(configuration, PRODUCT), load_faults(configuration)
+    files = Files(configuration, PRODUCT, loaded, planners, faults)
     return drive(files, cell.devices, motion_planner(), (diary,)), diary
 
 

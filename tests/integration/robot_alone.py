@@ -89,6 +89,7 @@ class RobotAlone:
 
     def act(self, command: Command) -> None:
         """Carry a command out and advance by one tick."""
+        self.arm.pace(1.0)
         if command.stop_arm:
             self.arm.stop()
         elif command.follow is not None:

@@ -51,6 +51,7 @@ class Rig:
         end_s = clock.now_s() + duration_s
         while clock.now_s() < end_s - 1e-9:
             self.send()
+            self.cell.arm.pace(1.0)
             clock.sleep_until(min(end_s, clock.now_s() + TICK_S))
             self.listen()
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -10,7 +12,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.errors import DeviceFault
 from cell.interfaces.pose import Array
-from sim.arm import KEPT_SAMPLES, SPEED_LIMITS_RAD_S, STOP_DECELERATION_RAD_S2
+from sim.arm import KEPT_SAMPLES, PACE_ACCELERATION_RAD_S2, SPEED_LIMITS_RAD_S
 from sim.settings import PhysicsSettings
 from tests.sim.conftest import MakeRig
 from tests.sim.rig import Rig
@@ -54,14 +56,48 @@ def test_a_stop_stays_on_the_path_and_within_the_limit(make_rig: MakeRig, bench:
         rig.wait(PERIOD_S)
         speeds.append(np.array(arm.state().velocities_rad_s))
     rig.wait(0.3)
-    decelerations = np.abs(np.diff(speeds, axis=0)).max() / PERIOD_S
-    assert decelerations < 1.5 * STOP_DECELERATION_RAD_S2
+    decelerations = np.abs(np.diff(speeds, axis=0)).max(axis=0) / PERIOD_S
+    assert (decelerations < 1.5 * PACE_ACCELERATION_RAD_S2).all()
     stopped = np.array(arm.state().positions_rad)
     travel = trajectory.positions_rad[-1] - start
     share = (stopped - start) @ travel / (travel @ travel)
     assert 0.5 < share < 0.7
     np.testing.assert_allclose(stopped, start + share * travel, atol=2e-3)
     assert np.abs(arm.state().velocities_rad_s).max() < 1e-3
+
+
+def test_a_held_arm_stands_on_its_path_and_goes_on_to_its_end(make_rig: MakeRig, bench: Bench) -> None:
+    rig = make_rig()
+    arm, clock = rig.cell.arm, rig.cell.devices.clock
+    start, goal = np.array(arm.state().positions_rad), np.array(bench.arm_look_rad)
+    trajectory = ramp(rig, goal, 3.0)
+    arm.follow(trajectory)
+    shares = [1.0] * 30 + [0.0] * 40 + [0.3] * 40 + [1.0] * 60
+    speeds = []
+    for share in shares:
+        arm.pace(share)
+        clock.sleep_until(clock.now_s() + 0.04)
+        state = arm.state()
+        speeds.append(np.abs(state.velocities_rad_s).max())
+        assert state.path_s is not None
+        assert np.abs(np.array(state.positions_rad) - trajectory.at(state.path_s)).max() < 0.02
+    assert max(speeds[55:70]) < 1e-3
+    assert arm.state().moving is False
+    np.testing.assert_allclose(arm.state().positions_rad, goal, atol=5e-4)
+    assert not np.allclose(start, goal)
+
+
+def test_an_arm_that_nobody_paces_stands_still_by_itself(make_rig: MakeRig, bench: Bench) -> None:
+    rig = make_rig()
+    arm, clock = rig.cell.arm, rig.cell.devices.clock
+    arm.follow(ramp(rig, np.array(bench.arm_look_rad), 3.0))
+    rig.wait(1.5)
+    clock.sleep_until(clock.now_s() + 0.2 + 0.8)
+    state = arm.state()
+    assert state.moving
+    assert state.stands
+    rig.wait(3.0)
+    assert not arm.state().moving
 
 
 def test_a_stop_of_a_standing_arm_is_harmless(make_rig: MakeRig) -> None:
@@ -110,8 +146,13 @@ def test_an_arm_that_is_held_back_stops_and_says_why(make_rig: MakeRig, bench: B
     into_the_table[1] += 0.8
     rig.cell.arm.follow(ramp(rig, into_the_table, 3.0))
     rig.wait(3.2)
-    with pytest.raises(DeviceFault, match=r"protective stop: .* rad from its trajectory, limit"):
-        rig.cell.arm.state()
+    state = rig.cell.arm.state()
+    assert state.mode == "protective_stop"
+    assert re.search(r"protective stop: .* rad from its trajectory, limit", state.reason)
+    with pytest.raises(DeviceFault, match="protective stop"):
+        rig.cell.arm.follow(ramp(rig, np.array(bench.arm_look_rad), 3.0))
+    rig.cell.arm.acknowledge()
+    assert rig.cell.arm.state().mode == "normal"
 
 
 def test_joints_are_measured_at_500_hz_and_handed_out_once(make_rig: MakeRig, bench: Bench) -> None:

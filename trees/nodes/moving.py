@@ -30,17 +30,22 @@ class ActivateGripper(CellNode):
 
     timeout_s = InputPort(float, "longest wait for the gripper", default=6.0)
 
-    _asked_s = 0.0
+    _asked_s: float | None = None
 
     def initialise(self) -> None:
-        self._asked_s = self.services.observation.time_s
-        self.services.command.activate_gripper = not self.services.observation.gripper.activated
+        self._asked_s = None
 
     def update(self) -> Status:
-        if self.services.observation.gripper.activated:
+        seen = self.services.observation
+        if seen.gripper.activated:
             return Status.SUCCESS
         self.feedback_message = "the gripper opens and closes once"
-        late = self.services.observation.time_s - self._asked_s > self.timeout_s.get()
+        if self._asked_s is None:
+            if seen.share == 0:
+                return Status.RUNNING
+            self._asked_s = seen.worked_s
+            self.services.command.activate_gripper = True
+        late = seen.worked_s - self._asked_s > self.timeout_s.get()
         return Status.FAILURE if late else Status.RUNNING
 
 

@@ -13,13 +13,13 @@ from py_trees.common import Status
 from pydantic import TypeAdapter, ValidationError
 
 from cell.interfaces.errors import LogError
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
+from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from cell.interfaces.perception import BenchView, PartsView
 from cell.log.reading.mcap_file import Message
 from trees.engine.node import StatusChange
 
 Note = tuple[str, dict[str, Any]]
-OF_A_TICK = ("/tick", "/command", "/display", "/timing")
+OF_A_TICK = ("/judgement", "/tick", "/command", "/display", "/timing")
 FROM_OUTSIDE = {"/edit": "edit", "/hook": "hook"}
 SNAPSHOT = "/snapshot"
 
@@ -30,11 +30,12 @@ class LoggedTick:
 
     Attributes:
         observation: rebuilt bit for bit; views of bench and parts are the same object in all ticks that saw them.
-        status: of the root, by name; "ERROR" where the tick raised.
+        status: of the root, by name; "ERROR" where the tick raised, "STOPPING" where the run was being stopped.
         notes: (topic, fields) in order: belief, plan, verdict, help, skill.
         command: what the nodes asked of arm and gripper, and what was sent, as plain data; None for nothing.
         display: what the person was shown from this tick on, as plain data; None for no change.
         wall_s: how long the tick took on the machine that ran it.
+        judgement: what the supervisor allowed, as plain data; None in logs from before it.
         inputs: what came from outside before this tick, in order: ("edit", files of a tree that takes over in it) and
             ("hook", an order about breakpoints and overrides).
     """
@@ -50,6 +51,7 @@ class LoggedTick:
     wall_s: float
     overrun: bool
     inputs: tuple[Note, ...] = ()
+    judgement: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,7 @@ class _Pending:
             wall_s=timing["wall_s"],
             overrun=timing["overrun"],
             inputs=self.inputs,
+            judgement=self.parts.get("/judgement"),
         )
 
 
@@ -175,6 +178,11 @@ class TickBuilder:
             gripper=_adapter(GripperState).validate_python(gripper),
             bench=bench,
             parts=parts,
+            troubles=tuple(Trouble(**one) for one in fields.get("troubles", ())),
+            late_s=fields.get("late_s", 0.0),
+            acknowledged=fields.get("acknowledged", False),
+            share=fields.get("share", 1.0),
+            work_s=fields.get("work_s"),
         )
         inputs = tuple((kind, one) for kind, one in self._outside if one["tick"] <= number)
         self._outside = self._outside[len(inputs) :]

@@ -19,7 +19,18 @@ from cell.log.replaying.replay import Changes, Replay, recorded_weights
 
 LARGEST_BYTES = 1_000_000
 CHUNK_BYTES = 32 * 1024 * 1024  # one chunk, so that it is packed as a whole
-TICK_TOPICS = ("/edit", "/hook", "/observation", "/bench", "/parts", "/tick", "/command", "/display", "/timing")
+TICK_TOPICS = (
+    "/edit",
+    "/hook",
+    "/observation",
+    "/bench",
+    "/parts",
+    "/judgement",
+    "/tick",
+    "/command",
+    "/display",
+    "/timing",
+)
 WEIGHTS = "weights/"
 # Other processors round otherwise, so the last digits of learned beliefs and of trajectories may differ.
 TOLERANCE = 1e-6

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cell.interfaces.command import Command
+from cell.interfaces.judgement import Judgement
 from cell.log.reading.reader import LoggedTick, Note
 from cell.recording.schemas import asked_of_devices, plain
 from trees.engine.node import StatusChange
@@ -22,6 +23,7 @@ class Decisions:
     """Everything that one tick decided, as plain data.
 
     Attributes:
+        judgement: what the supervisor allowed; None where it was not asked.
         error: what the tick raised.
     """
 
@@ -30,6 +32,7 @@ class Decisions:
     notes: tuple[Note, ...]
     command: Mapping[str, Any] | None
     display: Mapping[str, Any] | None
+    judgement: Mapping[str, Any] | None = None
     error: str = ""
 
 
@@ -38,8 +41,8 @@ class Difference:
     """One thing that was decided otherwise in one tick.
 
     Attributes:
-        aspect: "node", "status", "command", "display", a topic of notes ("belief", "plan", "verdict", "help",
-            "skill"), or for two logs also an input: "time", "arm", "gripper", "bench", "parts", "length".
+        aspect: "node", "status", "command", "display", "judgement", a topic of notes ("belief", "plan", "verdict",
+            "help", "skill"), or for two logs also an input: "time", "arm", "gripper", "bench", "parts", "length".
         node: path of the node where `aspect` is "node".
     """
 
@@ -101,11 +104,16 @@ class Comparison:
 def logged(tick: LoggedTick) -> Decisions:
     """What a tick of a log decided."""
     command = tick.command and {key: value for key, value in tick.command.items() if not key.startswith("sent_")}
-    return Decisions(tick.status, tick.changes, tick.notes, command, tick.display)
+    return Decisions(tick.status, tick.changes, tick.notes, command, tick.display, tick.judgement)
 
 
 def decided(
-    status: str, changes: Iterable[StatusChange], notes: Iterable[tuple[str, Any]], command: Command, error: str = ""
+    status: str,
+    changes: Iterable[StatusChange],
+    notes: Iterable[tuple[str, Any]],
+    command: Command,
+    judgement: Judgement | None = None,
+    error: str = "",
 ) -> Decisions:
     """What a tick decided that has just been made, in the form in which a log has it."""
     return Decisions(
@@ -114,6 +122,7 @@ def decided(
         notes=tuple((topic, plain(fields)) for topic, fields in notes),
         command=asked_of_devices(command),
         display=plain(command.display),
+        judgement=plain(judgement),
         error=error,
     )
 
@@ -134,6 +143,8 @@ def differences(number: int, time_s: float, was: Decisions, now: Decisions, by_n
     # Where the recorded tick raised, a device may have: nodes, notes and command tell whether this one is the same.
     pairs.append(("status", was.status, was.status if was.status == "ERROR" else status))
     pairs += [("command", was.command, now.command), ("display", was.display, now.display)]
+    if was.judgement is not None:  # logs from before the supervisor have none
+        pairs.append(("judgement", was.judgement, now.judgement))
     found += [Difference(number, time_s, aspect, *_narrowed(a, b)) for aspect, a, b in pairs if a != b]
     return found
 

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import Configuration, load_configuration, load_product
+from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
 from cell.interfaces.errors import InputError, LogError
 from cell.interfaces.journal import ListJournal
+from cell.interfaces.judgement import Action, FaultTable, Judgement
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml
 from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.compare import Comparison, Decisions, Difference, decided, differences, logged
+from cell.running.controller import STOPPED, STOPPING, withhold
 from cell.running.node_library import node_registry
 from cell.running.reload import take_over
 from cell.running.services import TickClock, load_planners, make_services
+from cell.running.supervisor import make_supervisor
 from skills.planner import MotionPlanner
 from trees.engine.hooks import ORDERS, Hooks
+from trees.engine.node import StatusChange
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
 
@@ -78,13 +82,16 @@ class Replay:
         self.log = log
         self.remarks: list[str] = []
         self._by_name = changes.tree is not None
-        configuration, product, self.tree = _load(log, changes)
+        configuration, product, self.tree, faults = _load(log, changes)
+        motion = MotionPlanner(product, configuration.bench, configuration.motion)
+        self._supervisor = make_supervisor(faults)
+        self._halted = False
         self._journal = ListJournal()
         self._services = make_services(
             configuration,
             product,
             load_planners(configuration, product),
-            MotionPlanner(product, configuration.bench, configuration.motion),
+            motion,
             ManualClock(log.ticks[0].time_s),
             self._journal,
             log.ticks[0].observation,
@@ -114,9 +121,14 @@ class Replay:
                 comparison.add(found)
                 if watch(Step(tick, now, self.tree.blackboard.values(), found)) is False:
                     break
-            if now.status in ENDS or tick.status in ENDS:
+            if (now.status in ENDS or tick.status in ENDS) and not self._stops_next(place):
                 break
         return comparison
+
+    def _stops_next(self, place: int) -> bool:
+        """Whether the next tick of the log is one of the safe stop."""
+        following = self.log.ticks[place + 1 : place + 2]
+        return bool(following) and following[0].status == STOPPING
 
     def _cut_short(self, place: int, tick: LoggedTick) -> bool:
         """Not to be compared: what follows missing ticks, and a last tick that a second signal stopped anywhere."""
@@ -128,14 +140,34 @@ class Replay:
 
     def _tick(self, tick: LoggedTick) -> Decisions:
         self._services.observation, self._services.command = tick.observation, Command()
+        judgement = self._supervisor.judge(tick.observation)
+        if tick.status == STOPPED:
+            return decided(STOPPED, (), (), Command(), judgement)
+        if tick.status == STOPPING:
+            return self._stopping_tick(judgement)
         for kind, fields in tick.inputs:
             self._take(kind, fields, tick)
         error = ""
+        command = self._services.command
         try:
             status = self.tree.tick().name
+            asked = replace(command)
+            judgement = self._supervisor.judge_command(tick.observation, command)
+            if judgement.action >= Action.HOLD:
+                withhold(command)
         except Exception as problem:  # as in the controller's loop: a tick that raises is a result to compare
-            status, error = "ERROR", f"{type(problem).__name__}: {problem}"
-        return decided(status, self.tree.status_changes, self._journal.take(), self._services.command, error)
+            status, error, asked = "ERROR", f"{type(problem).__name__}: {problem}", command
+        return decided(status, self.tree.status_changes, self._journal.take(), asked, judgement, error)
+
+    def _stopping_tick(self, judgement: Judgement) -> Decisions:
+        """A tick of the safe stop: the supervisor goes on judging, and the tree is halted once."""
+        changes: Sequence[StatusChange] = ()
+        if not self._halted:
+            self._halted = True
+            self.tree.halt()
+            changes = self.tree.status_changes
+        stopped = Judgement(Action.STOP, 0.0, judgement.reasons)
+        return decided(STOPPING, changes, self._journal.take(), Command(), stopped)
 
     def _take(self, kind: str, fields: Mapping[str, Any], tick: LoggedTick) -> None:
         """Do again what came from outside, where nodes are those of the log."""
@@ -171,7 +203,7 @@ def _nobody(_: int) -> None:
     """Nobody waits for news of breakpoints."""
 
 
-def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Tree]:
+def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Tree, FaultTable]:
     with tempfile.TemporaryDirectory(prefix="cell-replay-") as name:
         folder = Path(name)
         _unpack(log, folder)
@@ -182,7 +214,10 @@ def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Tree]:
             configuration = load_configuration(changes.configuration)
             product = load_product(configuration, changes.configuration)
         tree = load_tree(changes.tree or folder / "tree" / log.metadata["tree"], node_registry())
-    return _with_weights(log, configuration, changes), product, tree
+        recorded = folder / "faults.yaml"
+        own = changes.configuration is None and recorded.exists()
+        faults = load_yaml(recorded, FaultTable) if own else load_faults(configuration)
+    return _with_weights(log, configuration, changes), product, tree, faults
 
 
 def _unpack(log: Log, folder: Path) -> None:

@@ -48,14 +48,16 @@ def test_ticks_come_at_the_configured_rate() -> None:
     rig.run(after(50, Status.SUCCESS))
     times = [record.observation.time_s for record in rig.observer.records]
     assert np.allclose(np.diff(times), 0.04)
-    assert [record.observation.tick for record in rig.observer.records] == list(range(51))
+    assert [record.observation.tick for record in rig.observer.records] == list(range(52))
+    assert [record.status for record in rig.observer.records][-2:] == ["SUCCESS", "STOPPING"]
 
 
 @pytest.mark.parametrize(("status", "end"), [(Status.SUCCESS, "finished"), (Status.FAILURE, "failed")])
 def test_the_run_ends_with_the_root(status: Status, end: str) -> None:
     rig = Rig()
     outcome, tree = rig.run(after(4, status))
-    assert (outcome.end, outcome.ticks) == (end, 5)
+    assert (outcome.end, outcome.ticks) == (end, 5 + 1)
+    assert outcome.condition == "the arm stands, the gripper holds nothing"
     assert stopped_safely(rig, tree.halts)
 
 
@@ -63,11 +65,11 @@ def test_the_run_ends_when_time_is_over() -> None:
     rig = Rig(ControllerSettings(max_duration_s=2.0))
     outcome, tree = rig.run(after(10**6, Status.SUCCESS))
     assert outcome.end == "timeout"
-    assert outcome.sim_time_s == pytest.approx(2.0)
+    assert outcome.sim_time_s == pytest.approx(2.0 + 0.04)
     assert stopped_safely(rig, tree.halts)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_run_after_its_tick(number: signal.Signals) -> None:
     def act(tick: int) -> Status:
         if tick == 3:
@@ -76,7 +78,7 @@ def test_a_signal_ends_the_run_after_its_tick(number: signal.Signals) -> None:
 
     rig = Rig()
     outcome, tree = rig.run(act)
-    assert (outcome.end, outcome.reason, outcome.ticks) == ("interrupted", f"stopped by {number.name}", 4)
+    assert (outcome.end, outcome.reason, outcome.ticks) == ("interrupted", f"stopped by {number.name}", 4 + 1)
     assert stopped_safely(rig, tree.halts)
 
 
@@ -116,8 +118,8 @@ def test_any_exception_of_a_node_is_a_safe_stop_and_its_tick_is_recorded() -> No
     outcome, tree = rig.run(raising(ZeroDivisionError("division by zero")))
     assert (outcome.end, outcome.reason) == ("fault", "ZeroDivisionError: division by zero")
     assert "raising" in outcome.detail or "act" in outcome.detail
-    assert rig.observer.records[-1].status == "ERROR"
-    assert len(rig.observer.records) == outcome.ticks == 4
+    assert [record.status for record in rig.observer.records][-2:] == ["ERROR", "STOPPING"]
+    assert len(rig.observer.records) == outcome.ticks == 4 + 1
     assert stopped_safely(rig, tree.halts)
 
 
@@ -130,11 +132,11 @@ def test_a_device_that_fails_to_stop_does_not_keep_the_others_from_stopping() ->
     assert stopped_safely(rig, tree.halts)
 
 
-def test_a_fault_that_lasts_is_told_once() -> None:
+def test_a_stop_that_failed_is_told_also_where_the_reason_is_the_same() -> None:
     rig = Rig()
-    rig.arm.stop_error = DeviceFault("arm", "protective stop")
-    outcome, _ = rig.run(raising(DeviceFault("arm", "protective stop")))
-    assert outcome.reason == "arm: protective stop"
+    rig.arm.stop_error = DeviceFault("arm", "connection lost")
+    outcome, _ = rig.run(raising(DeviceFault("arm", "connection lost")))
+    assert outcome.reason == "arm: connection lost; the arm did not stop: arm: connection lost"
 
 
 def test_the_run_waits_until_the_arm_stands() -> None:
@@ -142,7 +144,8 @@ def test_the_run_waits_until_the_arm_stands() -> None:
     rig.arm.coast_polls = 10
     outcome, _ = rig.run(after(0, Status.SUCCESS))
     assert outcome.end == "finished"
-    assert rig.clock.now_s() == pytest.approx(10 * 0.04)
+    assert rig.clock.now_s() == pytest.approx(11 * 0.04)
+    assert [record.status for record in rig.observer.records] == ["SUCCESS"] + ["STOPPING"] * 11
 
 
 def test_an_arm_that_never_stands_is_a_fault() -> None:
@@ -186,7 +189,7 @@ def test_commands_reach_the_devices_and_what_was_sent_is_recorded() -> None:
     assert rig.gripper.calls == ["activate", "command", "hold"]
     assert rig.wrist.triggers == 1
     assert rig.panel.shown == [display]
-    first, second, _ = rig.observer.records
+    first, second, *_ = rig.observer.records
     assert first.sent.trajectory is trajectory
     assert first.sent.gripper == GripperCommand(0.040)
     assert second.sent.gripper is None
@@ -229,7 +232,8 @@ def test_notes_belong_to_the_tick_that_made_them() -> None:
         return after(2, Status.SUCCESS)(tick)
 
     rig.run(act)
-    assert [record.notes for record in rig.observer.records] == [(("plan", {"number": tick}),) for tick in range(3)]
+    notes = [record.notes for record in rig.observer.records]
+    assert notes == [*((("plan", {"number": tick}),) for tick in range(3)), ()]
 
 
 def test_exit_statuses_are_those_of_the_design() -> None:

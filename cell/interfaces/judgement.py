@@ -1,0 +1,176 @@
+"""What the supervisor may decide and by which table: actions, conditions for clearing, faults (config/faults.yaml)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Annotated, Literal, get_args
+
+from pydantic import Field, PlainSerializer, field_validator, model_validator
+
+from cell.interfaces.model import Disagreement, Model
+
+Signal = Literal[
+    "arm_lost",
+    "arm_not_plausible",
+    "arm_stale",
+    "arm_off_path",
+    "arm_protective_stop",
+    "arm_safeguard_stop",
+    "arm_emergency_stop",
+    "arm_fault",
+    "arm_reduced",
+    "gripper_lost",
+    "gripper_stale",
+    "gripper_refuses",
+    "gripper_restarted_empty",
+    "gripper_restarted_holding",
+    "detector_lost",
+    "camera_lost",
+    "bench_stale",
+    "bench_in_the_future",
+    "camera_unhealthy",
+    "hand_unknown",
+    "tick_late",
+    "tick_very_late",
+    "command_contested",
+]
+
+SIGNALS: dict[Signal, str] = {
+    "arm_lost": "the arm's state cannot be read, or the arm refuses a command",
+    "arm_not_plausible": "the arm's state has a value that is not finite, beyond its limits, or not six joints",
+    "arm_stale": "the arm's state is older than two ticks",
+    "arm_off_path": "the arm is more than 0.025 rad from where its trajectory has it, or does not follow it",
+    "arm_protective_stop": "the arm stopped by itself because it was held back",
+    "arm_safeguard_stop": "the arm's safeguard input is open",
+    "arm_emergency_stop": "an emergency stop is pressed",
+    "arm_fault": "the arm reports a fault",
+    "arm_reduced": "the arm's reduced mode is on",
+    "gripper_lost": "no heartbeat, a dead bus, or a major fault of the gripper",
+    "gripper_stale": "no status of the gripper for more than 0.1 s, although its heartbeat comes",
+    "gripper_refuses": "an active gripper does not take commands (gFLT 5 or 7)",
+    "gripper_restarted_empty": "the gripper was active and is not any more; nothing was between its fingers",
+    "gripper_restarted_holding": "the gripper was active and is not any more, with a part between its fingers",
+    "detector_lost": "the process of a detector died",
+    "camera_lost": "a camera raises an error",
+    "bench_stale": "the newest view of the bench is older than 0.5 s, or there is none yet",
+    "bench_in_the_future": "the view of the bench has a time stamp that is still to come",
+    "camera_unhealthy": "the overhead image is dark, bright, frozen, discoloured, blurred, or its landmarks moved",
+    "hand_unknown": "the hand vanished inside the view, or a forearm is seen without its hand",
+    "tick_late": "a tick began more than two periods late",
+    "tick_very_late": "a tick began more than ten periods late",
+    "command_contested": "two nodes commanded the arm or the gripper in one tick",
+}
+assert set(SIGNALS) == set(get_args(Signal))
+
+
+class Action(IntEnum):
+    """What is done about a sign of trouble; the greatest of all wins."""
+
+    RUN = 0
+    WARN = 1
+    SLOW = 2
+    HOLD = 3
+    STOP = 4
+
+
+class Clear(Enum):
+    """When a sign that has gone is forgotten."""
+
+    ITSELF = "itself"
+    STANDSTILL = "standstill"
+    PERSON = "person"
+    NEVER = "never"
+
+
+def _by_name(value: object) -> object:
+    """An action by its name in small letters, as files have it."""
+    names = {action.name.lower(): action for action in Action}
+    return names.get(value, value) if isinstance(value, str) else value
+
+
+NamedAction = Annotated[Action, PlainSerializer(lambda action: action.name.lower(), return_type=str)]
+
+
+class Fault(Model):
+    """One row of the table.
+
+    Attributes:
+        signal: what is seen.
+        action: run, warn, slow, hold or stop.
+        clear: itself (once it has gone), standstill (and the arm stands), person (and somebody acknowledged it), never.
+        delay_s: how long it must be seen before anything is done.
+        clear_s: how long it must be gone.
+        stop_after_s: a hold or slow that lasts longer than this becomes a stop; None for never.
+        share: largest share of speed of a `slow`; what a check itself finds may be less.
+    """
+
+    signal: Signal
+    action: NamedAction
+    clear: Clear
+    delay_s: float = Field(default=0.0, ge=0, le=10, allow_inf_nan=False)
+    clear_s: float = Field(default=0.0, ge=0, le=60, allow_inf_nan=False)
+    stop_after_s: float | None = Field(default=None, gt=0, le=3600, allow_inf_nan=False)
+    share: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
+
+    @field_validator("action", mode="before")
+    @classmethod
+    def _named(cls, value: object) -> object:
+        named = _by_name(value)
+        if not isinstance(named, Action):
+            raise ValueError(f"legal: {', '.join(action.name.lower() for action in Action)}")
+        return named
+
+
+class FaultTable(Model):
+    """The whole table: every signal once."""
+
+    faults: tuple[Fault, ...]
+
+    @model_validator(mode="after")
+    def _every_signal_once(self) -> FaultTable:
+        found: set[str] = set()
+        wrong: list[tuple[tuple[str | int, ...], str]] = []
+        for row, fault in enumerate(self.faults):
+            if fault.signal in found:
+                wrong.append((("faults", row), f"signal {fault.signal} stands in the table twice"))
+            found.add(fault.signal)
+        wrong += [
+            (("faults",), f"no row for signal {name}: {what}") for name, what in SIGNALS.items() if name not in found
+        ]
+        if wrong:
+            raise Disagreement(wrong)
+        return self
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the supervisor allows in one tick.
+
+    Attributes:
+        share: of the speed along the path, 0 to 1; 0 holds the arm on its path.
+        reasons: (signal, words for an operator) of all that acts, the gravest first.
+    """
+
+    action: Action = Action.RUN
+    share: float = 1.0
+    reasons: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def words(self) -> str:
+        """All reasons, for people."""
+        return "; ".join(what for _, what in self.reasons)
+
+
+def fault_table_markdown(table: FaultTable) -> str:
+    """The table for docs/safety.md."""
+    rows = [
+        "| signal | seen when | action | clears | after s | gone s | stops after s |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for fault in table.faults:
+        action = f"{fault.action.name.lower()} to {fault.share:.0%}" if fault.share < 1 else fault.action.name.lower()
+        stops = "" if fault.stop_after_s is None else f"{fault.stop_after_s:g}"
+        cells = (fault.signal, SIGNALS[fault.signal], action, fault.clear.value, f"{fault.delay_s:g}")
+        rows.append(f"| {' | '.join(cells)} | {fault.clear_s:g} | {stops} |")
+    return "\n".join(rows) + "\n"

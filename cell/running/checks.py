@@ -1,0 +1,200 @@
+"""What the supervisor looks for: one pure function a signal, on the observation, the command and a short memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.interfaces.command import Command, JointTrajectory
+from cell.interfaces.judgement import Action, Judgement
+from cell.interfaces.observation import ArmMode, Observation
+
+STALE_ARM_S = 0.085  # two ticks
+STALE_GRIPPER_S = 0.1
+STALE_BENCH_S = 0.5
+FUTURE_S = 0.05
+LATE_S, VERY_LATE_S = 0.08, 0.40
+POSITION_LIMIT_RAD = 2 * math.pi + 0.01
+SPEED_LIMITS_RAD_S = np.array([2.1, 2.1, 3.15, 3.15, 3.15, 3.15]) * 1.3  # datasheet, and what a measurement adds
+OFF_PATH_RAD = 0.025
+SERVO_LAGS_S = (0.0, 0.008, 0.016)  # an arm trails its trajectory by at most the last
+REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
+
+
+@dataclass(frozen=True)
+class Sign:
+    """Something was found.
+
+    Attributes:
+        reason: in words for an operator.
+        share: largest share of speed where the fault's action is to slow down.
+    """
+
+    reason: str
+    share: float = 1.0
+
+
+class Memory:
+    """What a check must know of earlier ticks.
+
+    Attributes:
+        was_active, was_holding: the gripper in the tick before this one.
+        ever_active: the gripper was active at some time of the run.
+        trajectory: what the arm was last sent and was not told to give up.
+    """
+
+    def __init__(self) -> None:
+        self.was_active = self.was_holding = self.ever_active = False
+        self.trajectory: JointTrajectory | None = None
+        self._gripper = (False, False)
+
+    def see(self, observation: Observation) -> None:
+        """A tick begins."""
+        self.was_active, self.was_holding = self._gripper
+        self._gripper = (observation.gripper.activated, observation.gripper.holding)
+        self.ever_active |= observation.gripper.activated
+        if observation.arm.mode in ("protective_stop", "recovery"):  # it stands where it was stopped, off its path
+            self.trajectory = None
+
+    def command(self, command: Command, judgement: Judgement) -> None:
+        """A tick ends with what goes out."""
+        if command.stop_arm:
+            self.trajectory = None
+        elif command.follow is not None and judgement.action < Action.HOLD:
+            self.trajectory = command.follow
+
+
+Check = Callable[[Observation, Command, Memory], Sign | None]
+
+
+def _trouble_of(*devices: str) -> Check:
+    def check(seen: Observation, _: Command, __: Memory) -> Sign | None:
+        found = [trouble.reason for trouble in seen.troubles if trouble.device in devices]
+        return Sign("; ".join(found)) if found else None
+
+    return check
+
+
+def _mode(text: str, *modes: ArmMode) -> Check:
+    def check(seen: Observation, _: Command, __: Memory) -> Sign | None:
+        return Sign(seen.arm.reason or text) if seen.arm.mode in modes else None
+
+    return check
+
+
+def _not_plausible(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    arm = seen.arm
+    values = (*arm.positions_rad, *arm.velocities_rad_s)
+    if len(arm.positions_rad) != 6 or len(arm.velocities_rad_s) != 6:
+        return Sign(f"the arm told {len(arm.positions_rad)} positions and {len(arm.velocities_rad_s)} speeds, not 6")
+    if not all(map(math.isfinite, values)):
+        return Sign("the arm told a value that is not finite")
+    if max(map(abs, arm.positions_rad)) > POSITION_LIMIT_RAD:
+        return Sign("the arm told a joint beyond its range")
+    if (np.abs(arm.velocities_rad_s) > SPEED_LIMITS_RAD_S).any():
+        return Sign("the arm told a joint faster than it can be")
+    return None
+
+
+def _stale_arm(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    age_s = seen.time_s - seen.arm.time_s
+    return Sign(f"the arm's state is {age_s:.2f} s old") if not age_s <= STALE_ARM_S else None
+
+
+def _off_path(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+    """The arm is elsewhere than its trajectory has it, or does not follow it at all."""
+    sent, path_s = memory.trajectory, seen.arm.path_s
+    if sent is None or len(seen.arm.positions_rad) != 6:
+        return None
+    measured = np.array(seen.arm.positions_rad)
+    if seen.arm.moving and path_s is not None:
+        off = min(float(np.abs(measured - sent.at(path_s - lag_s)).max()) for lag_s in SERVO_LAGS_S)
+        return Sign(f"a joint is {off:.3f} rad off its path") if off > OFF_PATH_RAD else None
+    if not seen.arm.moving and seen.arm.stands and np.abs(measured - sent.positions_rad[-1]).max() > OFF_PATH_RAD:
+        return Sign("the arm does not follow its trajectory")
+    return None
+
+
+def _stale_gripper(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    age_s = seen.time_s - seen.gripper.time_s
+    return Sign(f"the gripper's status is {age_s:.2f} s old") if not age_s <= STALE_GRIPPER_S else None
+
+
+def _refuses(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+    refused = memory.ever_active and seen.gripper.fault in REFUSALS
+    return Sign(f"the gripper takes no command, gFLT 0x{seen.gripper.fault:02X}") if refused else None
+
+
+def _restarted(holding: bool) -> Check:
+    what = "with a part between its fingers" if holding else "with empty fingers"
+
+    def check(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+        restarted = memory.was_active and not seen.gripper.activated
+        return Sign(f"the gripper restarted {what}") if restarted and memory.was_holding == holding else None
+
+    return check
+
+
+def _stale_bench(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    if seen.bench is None:
+        return Sign("no view of the bench yet")
+    age_s = seen.time_s - seen.bench.time_s
+    return Sign(f"the view of the bench is {age_s:.1f} s old") if not age_s <= STALE_BENCH_S else None
+
+
+def _future_bench(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    ahead = seen.bench is not None and not seen.bench.time_s <= seen.time_s + FUTURE_S
+    return Sign("the view of the bench is stamped with a time to come") if ahead else None
+
+
+def _health(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    if seen.bench is None or not seen.bench.health:
+        return None
+    return Sign(f"the overhead image is {seen.bench.health}")
+
+
+def _hand_unknown(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    if seen.bench is None or not seen.bench.hand_unknown:
+        return None
+    return Sign(f"where the hand is, is not known: {seen.bench.hand_unknown}")
+
+
+def _late(limit_s: float) -> Check:
+    def check(seen: Observation, _: Command, __: Memory) -> Sign | None:
+        return Sign(f"a tick came {seen.late_s:.2f} s late") if seen.late_s > limit_s else None
+
+    return check
+
+
+def _contested(_: Observation, command: Command, __: Memory) -> Sign | None:
+    return Sign(f"two nodes commanded the {' and the '.join(command.contested)}") if command.contested else None
+
+
+CHECKS: Mapping[str, Check] = {
+    "arm_lost": _trouble_of("arm"),
+    "arm_not_plausible": _not_plausible,
+    "arm_stale": _stale_arm,
+    "arm_off_path": _off_path,
+    "arm_protective_stop": _mode("protective stop of the arm", "protective_stop", "recovery"),
+    "arm_safeguard_stop": _mode("safeguard stop of the arm", "safeguard_stop"),
+    "arm_emergency_stop": _mode("emergency stop", "emergency_stop"),
+    "arm_fault": _mode("the arm reports a fault", "violation", "fault"),
+    "arm_reduced": _mode("the arm is in reduced mode", "reduced"),
+    "gripper_lost": _trouble_of("gripper"),
+    "gripper_stale": _stale_gripper,
+    "gripper_refuses": _refuses,
+    "gripper_restarted_empty": _restarted(holding=False),
+    "gripper_restarted_holding": _restarted(holding=True),
+    "detector_lost": _trouble_of("detector overhead", "detector wrist"),
+    "camera_lost": _trouble_of("camera overhead", "camera wrist"),
+    "bench_stale": _stale_bench,
+    "bench_in_the_future": _future_bench,
+    "camera_unhealthy": _health,
+    "hand_unknown": _hand_unknown,
+    "tick_late": _late(LATE_S),
+    "tick_very_late": _late(VERY_LATE_S),
+    "command_contested": _contested,
+}

@@ -1,0 +1,156 @@
+"""Reads every device once a tick into an Observation; what a device raises becomes part of it, never control flow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+from cell.interfaces.command import GripperCommand
+from cell.interfaces.devices import Camera, Devices, Gripper
+from cell.interfaces.errors import CellError, DeviceFault
+from cell.interfaces.observation import (
+    ArmState,
+    GripperState,
+    JointSamples,
+    ObjectStatus,
+    Observation,
+    Trouble,
+)
+from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.running.inference import Executor
+
+Value = TypeVar("Value")
+
+
+class CameraReader:
+    """A camera and the detector that reads its frames; keeps the newest frame's number."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self._sequence = -1
+        self._time_s = float("-inf")
+
+    def new_frame(self) -> Frame | None:
+        """The camera's newest frame if it was not handed out before.
+
+        A camera that was plugged in again counts from 0: then the later time stamp tells that the frame is new.
+        """
+        frame = self.camera.latest()
+        if frame is None or (frame.sequence <= self._sequence and frame.time_s <= self._time_s):
+            return None
+        self._sequence, self._time_s = frame.sequence, frame.time_s
+        return frame
+
+
+class DeviceReader:
+    """What the loop sees of the cell.
+
+    Args:
+        framed: told of every new camera frame.
+        say: told of frames that a detector had no time for.
+    """
+
+    def __init__(
+        self,
+        devices: Devices,
+        gripper: Gripper,
+        watcher: Executor[Frame, BenchView],
+        finder: Executor[Frame, PartsView],
+        framed: Callable[[Frame], None],
+        say: Callable[[str], None],
+    ) -> None:
+        self._devices, self._gripper = devices, gripper
+        self._watcher, self._finder = watcher, finder
+        self._framed, self._say = framed, say
+        self._overhead, self._wrist = CameraReader(devices.overhead), CameraReader(devices.wrist)
+        self._arm: ArmState | None = None
+        self._fingers: GripperState | None = None
+        self._bench: BenchView | None = None
+        self._parts: PartsView | None = None
+        self._troubles: list[Trouble] = []
+
+    def refused(self, device: str, error: Exception) -> None:
+        """A device raised when it was commanded: the next observation tells."""
+        self._troubles.append(Trouble(device, describe(error)))
+
+    def observe(self, tick: int) -> Observation:
+        """Read every device once.
+
+        Raises:
+            DeviceFault: arm or gripper cannot be read and never could.
+        """
+        self._detect(self._overhead, self._watcher, "overhead")
+        self._detect(self._wrist, self._finder, "wrist")
+        self._bench = self._read("detector overhead", self._watcher.poll) or self._bench
+        self._parts = self._read("detector wrist", self._finder.poll) or self._parts
+        self._arm = self._read("arm", self._devices.arm.state) or self._arm
+        self._fingers = self._read("gripper", self._gripper.state) or self._fingers
+        troubles, self._troubles = tuple(self._troubles), []
+        if self._arm is None or self._fingers is None:
+            raise DeviceFault("cell", "; ".join(trouble.reason for trouble in troubles) or "a device told nothing")
+        return Observation(
+            tick=tick,
+            time_s=self._devices.clock.now_s(),
+            arm=self._arm,
+            gripper=self._fingers,
+            bench=self._bench,
+            parts=self._parts,
+            troubles=troubles,
+        )
+
+    def samples(self) -> JointSamples | None:
+        """What the arm measured since the last call; None where it cannot be asked."""
+        return self._read("arm", self._devices.arm.samples)
+
+    def _detect(self, reader: CameraReader, executor: Executor[Frame, object], name: str) -> None:
+        frame = self._read(f"camera {name}", reader.new_frame)
+        if frame is None:
+            return
+        self._framed(frame)
+        if self._read(f"detector {name}", lambda: executor.submit(frame)) is False:
+            self._say(f"the detector of camera {name} is late: frame dropped")
+
+    def _read(self, device: str, read: Callable[[], Value]) -> Value | None:
+        try:
+            return read()
+        except Exception as error:  # whatever a driver raises: the supervisor decides what it means
+            self._troubles.append(Trouble(device, describe(error)))
+            return None
+
+
+class HeldFingers:
+    """Stops moving fingers while the supervisor holds, and lets them go on; skills see fingers that still move."""
+
+    def __init__(self, gripper: Gripper) -> None:
+        self._gripper = gripper
+        self._goal: GripperCommand | None = None
+        self._withheld = False
+
+    def sent(self, goal: GripperCommand) -> None:
+        """The fingers were sent to a new goal."""
+        self._goal, self._withheld = goal, False
+
+    def seen(self, observation: Observation) -> Observation:
+        """The observation as skills are to see it."""
+        if not self._withheld:
+            return observation
+        return replace(observation, gripper=replace(observation.gripper, object_status=ObjectStatus.MOVING))
+
+    def keep(self, observation: Observation, held: bool) -> None:
+        """Stop fingers that move, or let them go on."""
+        if held and not self._withheld and self._goal is not None:
+            if observation.gripper.object_status is ObjectStatus.MOVING and observation.gripper.activated:
+                self._gripper.hold()
+                self._withheld = True
+        elif not held and self._withheld and self._goal is not None:
+            self._gripper.command(self._goal)
+            self._withheld = False
+
+
+def describe(error: BaseException) -> str:
+    """One line about an error: our own in their words, others with their type; never raises itself."""
+    try:
+        return str(error) if isinstance(error, CellError) else f"{type(error).__name__}: {error}"
+    except Exception:  # an exception whose words raise
+        return type(error).__name__

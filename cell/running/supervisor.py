@@ -1,0 +1,114 @@
+"""The supervisor: judges every tick by a table of faults; its only actuators are a share of speed and the run's end.
+
+It is pure: the same observations and commands in the same order give the same judgements, so a log is enough to judge
+again. Modelled after PX4's failsafe: every sign has an action and a condition for clearing, and the severest wins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from cell.interfaces.command import Command
+from cell.interfaces.judgement import Action, Clear, Fault, FaultTable, Judgement
+from cell.interfaces.observation import Observation
+from cell.running.checks import CHECKS, Check, Memory, Sign
+
+NO_SIGN = Sign("")
+
+
+@dataclass
+class _State:
+    """Where one row of the table stands.
+
+    Attributes:
+        since_s: since when its sign is seen; None while it is not.
+        active_s: since when it acts; None while it does not.
+        last_s: when its sign was seen last.
+        sign: the newest one.
+    """
+
+    since_s: float | None = None
+    active_s: float | None = None
+    last_s: float = 0.0
+    sign: Sign = NO_SIGN
+    expired: bool = False
+    acknowledged: bool = False
+
+
+_Row = tuple[Fault, Check, _State]
+OF_COMMANDS = ("command_contested",)  # asked again when the tree has been ticked
+
+
+class Supervisor:
+    """Stands above the tree: is asked before it with what is seen, and after it with what it wants.
+
+    Args:
+        table: what is done about each sign.
+        checks: by signal, what finds the sign; a signal without one is not judged.
+    """
+
+    def __init__(self, table: FaultTable | Sequence[Fault], checks: Mapping[str, Check]) -> None:
+        faults = table.faults if isinstance(table, FaultTable) else table
+        self._rows: list[_Row] = [(fault, checks[fault.signal], _State()) for fault in faults if fault.signal in checks]
+        self._memory = Memory()
+
+    def judge(self, observation: Observation) -> Judgement:
+        """What is allowed in the tick that saw this."""
+        self._memory.see(observation)
+        return self._judge(observation, Command(), self._rows)
+
+    def judge_command(self, observation: Observation, command: Command) -> Judgement:
+        """The same with what the nodes ask for; what must not go out is for the controller to withhold."""
+        judgement = self._judge(observation, command, [row for row in self._rows if row[0].signal in OF_COMMANDS])
+        self._memory.command(command, judgement)
+        return judgement
+
+    def _judge(self, observation: Observation, command: Command, asked: Sequence[_Row]) -> Judgement:
+        for fault, check, state in asked:
+            _update(fault, state, check(observation, command, self._memory), observation)
+        found: list[tuple[Action, str, str]] = []
+        share = 1.0
+        for fault, _, state in self._rows:
+            if state.active_s is None:
+                continue
+            action = Action.STOP if state.expired else fault.action
+            found.append((action, fault.signal, state.sign.reason))
+            if action is Action.SLOW:
+                share = min(share, fault.share, state.sign.share)
+        worst = max((action for action, *_ in found), default=Action.RUN)
+        found.sort(key=lambda entry: -entry[0])
+        reasons = tuple((signal, reason) for _, signal, reason in found)
+        return Judgement(worst, 0.0 if worst >= Action.HOLD else share, reasons)
+
+
+def make_supervisor(table: FaultTable) -> Supervisor:
+    """The supervisor of a cell, for a run and for its replay alike."""
+    return Supervisor(table, CHECKS)
+
+
+def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -> None:
+    now_s = seen.time_s
+    if sign is not None:
+        state.since_s = now_s if state.since_s is None else state.since_s
+        state.last_s, state.sign, state.acknowledged = now_s, sign, False
+        if state.active_s is None and now_s - state.since_s >= fault.delay_s:
+            state.active_s = now_s
+    else:
+        state.since_s = None
+        if state.active_s is not None and _clears(fault, state, seen):
+            state.active_s, state.expired = None, False
+    if state.active_s is not None and fault.stop_after_s is not None:
+        state.expired |= fault.action > Action.WARN and now_s - state.active_s > fault.stop_after_s
+
+
+def _clears(fault: Fault, state: _State, seen: Observation) -> bool:
+    if fault.clear is Clear.NEVER or state.expired:
+        return False
+    state.acknowledged |= seen.acknowledged
+    if fault.clear is Clear.PERSON and not state.acknowledged:
+        return False
+    if fault.clear is Clear.STANDSTILL and not seen.arm.stands:
+        state.last_s = seen.time_s
+        return False
+    return seen.time_s - state.last_s >= fault.clear_s

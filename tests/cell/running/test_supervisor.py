@@ -1,0 +1,240 @@
+"""The supervisor: one case a row of the table, and laws that hold for all of them together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cell.configuration import load_configuration, load_faults
+from cell.interfaces.command import Command, JointTrajectory
+from cell.interfaces.errors import InputError
+from cell.interfaces.judgement import SIGNALS, Action, Clear, Fault, FaultTable, Judgement, fault_table_markdown
+from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
+from cell.interfaces.perception import Action as SeenAction
+from cell.interfaces.perception import BenchView
+from cell.interfaces.yaml_file import load_yaml
+from cell.running.checks import CHECKS
+from cell.running.supervisor import Supervisor, make_supervisor
+
+TABLE = load_faults(load_configuration())
+TICK_S = 0.04
+ARM = ArmState(0.0, (0.1,) * 6, (0.0,) * 6, False)
+GRIPPER = GripperState(0.0, True, ObjectStatus.AT_POSITION, 0.05, 0.0, 0)
+VIEW = BenchView(0, 0.0, None, {}, SeenAction("idle", 1.0))
+Spoil = Callable[[Observation], Observation]
+
+
+def sound(tick: int) -> Observation:
+    """Nothing is wrong."""
+    time_s = tick * TICK_S
+    return Observation(
+        tick, time_s, replace(ARM, time_s=time_s), replace(GRIPPER, time_s=time_s), replace(VIEW, time_s=time_s)
+    )
+
+
+def arm(**changes: object) -> Spoil:
+    return lambda seen: replace(seen, arm=replace(seen.arm, **changes))  # type: ignore[arg-type]
+
+
+def gripper(**changes: object) -> Spoil:
+    return lambda seen: replace(seen, gripper=replace(seen.gripper, **changes))  # type: ignore[arg-type]
+
+
+def view(**changes: object) -> Spoil:
+    def spoil(seen: Observation) -> Observation:
+        assert seen.bench is not None
+        return replace(seen, bench=replace(seen.bench, **changes))  # type: ignore[arg-type]
+
+    return spoil
+
+
+def trouble(device: str) -> Spoil:
+    return lambda seen: replace(seen, troubles=(*seen.troubles, Trouble(device, f"{device} is broken")))
+
+
+SPOILS: dict[str, Spoil] = {
+    "arm_lost": trouble("arm"),
+    "arm_not_plausible": arm(positions_rad=(0.1, 0.1, math.nan, 0.1, 0.1, 0.1)),
+    "arm_stale": lambda seen: replace(seen, arm=replace(seen.arm, time_s=seen.time_s - 0.13)),
+    "arm_off_path": arm(positions_rad=(0.14, 0.1, 0.1, 0.1, 0.1, 0.1)),
+    "arm_protective_stop": arm(mode="protective_stop"),
+    "arm_safeguard_stop": arm(mode="safeguard_stop"),
+    "arm_emergency_stop": arm(mode="emergency_stop"),
+    "arm_fault": arm(mode="violation"),
+    "arm_reduced": arm(mode="reduced"),
+    "gripper_lost": trouble("gripper"),
+    "gripper_stale": lambda seen: replace(seen, gripper=replace(seen.gripper, time_s=seen.time_s - 0.15)),
+    "gripper_refuses": gripper(fault=7),
+    "gripper_restarted_empty": gripper(activated=False),
+    "gripper_restarted_holding": gripper(activated=False),
+    "detector_lost": trouble("detector overhead"),
+    "camera_lost": trouble("camera overhead"),
+    "bench_stale": lambda seen: replace(seen, bench=None),
+    "bench_in_the_future": lambda seen: view(time_s=seen.time_s + 1000.0)(seen),
+    "camera_unhealthy": view(health="dark"),
+    "hand_unknown": view(hand_unknown="it vanished"),
+    "tick_late": lambda seen: replace(seen, late_s=0.1),
+    "tick_very_late": lambda seen: replace(seen, late_s=0.5),
+}
+STAY = JointTrajectory(np.array([0.0, 1.0]), np.full((2, 6), 0.1))
+
+
+def begun(signal: str = "") -> Supervisor:
+    """A supervisor that has seen two sound ticks, and a trajectory that stays where the arm is."""
+    supervisor = make_supervisor(TABLE)
+    for tick in (0, 1):
+        seen = sound(tick)
+        if signal == "gripper_restarted_holding":
+            seen = gripper(object_status=ObjectStatus.CONTACT_CLOSING)(seen)
+        assert supervisor.judge(seen).action is Action.RUN
+        supervisor.judge_command(seen, Command(follow=STAY))
+    return supervisor
+
+
+def row(signal: str) -> Fault:
+    return next(fault for fault in TABLE.faults if fault.signal == signal)
+
+
+@pytest.mark.parametrize("signal", sorted(SPOILS))
+def test_each_sign_is_answered_as_the_table_says_and_only_then(signal: str) -> None:
+    fault, supervisor = row(signal), begun(signal)
+    waits = math.ceil(round(fault.delay_s / TICK_S, 6))
+    judged = [supervisor.judge(SPOILS[signal](sound(tick))) for tick in range(2, 3 + waits)]
+    acts = [signal in dict(judgement.reasons) for judgement in judged]
+    assert acts == [False] * waits + [True]
+    assert judged[-1].action >= fault.action
+    assert (judged[-1].share == 0) == (judged[-1].action >= Action.HOLD)
+
+
+@pytest.mark.parametrize("signal", sorted(SPOILS))
+def test_each_sign_clears_as_the_table_says(signal: str) -> None:
+    fault, supervisor = row(signal), begun(signal)
+    waits = math.ceil(round(fault.delay_s / TICK_S, 6))
+    for tick in range(2, 3 + waits):
+        supervisor.judge(SPOILS[signal](sound(tick)))
+    gone = math.ceil(round(fault.clear_s / TICK_S, 6))
+    later = [supervisor.judge(sound(tick)) for tick in range(3 + waits, 3 + waits + gone + 2)]
+    acts = [signal in dict(judgement.reasons) for judgement in later]
+    if fault.clear is Clear.NEVER:
+        assert all(acts)
+    else:
+        assert not acts[-1]
+        assert all(acts[: max(0, gone - 1)])
+
+
+def test_every_signal_has_a_check_and_a_test() -> None:
+    assert set(CHECKS) == set(SIGNALS)
+    assert set(SPOILS) | {"command_contested"} == set(SIGNALS)
+
+
+def test_a_hold_that_lasts_becomes_a_stop_for_good() -> None:
+    supervisor = begun()
+    limit_s = row("gripper_stale").stop_after_s
+    assert limit_s is not None
+    actions = [supervisor.judge(SPOILS["gripper_stale"](sound(tick))).action for tick in range(2, 40)]
+    assert actions[0] is Action.HOLD
+    assert actions[-1] is Action.STOP
+    assert actions.index(Action.STOP) == pytest.approx(limit_s / TICK_S, abs=1.5)
+    assert supervisor.judge(sound(41)).action is Action.STOP
+
+
+def test_a_person_must_acknowledge_where_the_table_says_so() -> None:
+    fault = Fault(signal="camera_unhealthy", action=Action.HOLD, clear=Clear.PERSON)
+    supervisor = Supervisor([fault], CHECKS)
+    supervisor.judge(SPOILS["camera_unhealthy"](sound(0)))
+    assert supervisor.judge(sound(1)).action is Action.HOLD
+    assert supervisor.judge(replace(sound(2), acknowledged=True)).action is Action.RUN
+
+
+def test_an_arm_that_still_moves_does_not_clear_at_standstill() -> None:
+    supervisor = begun()
+    supervisor.judge(SPOILS["arm_protective_stop"](sound(2)))
+    moving = arm(velocities_rad_s=(0.2,) * 6)
+    assert [supervisor.judge(moving(sound(tick))).action for tick in range(3, 40)] == [Action.HOLD] * 37
+
+
+def test_two_goals_for_one_arm_in_a_tick_stop_the_cell() -> None:
+    supervisor, command = begun(), Command()
+    command.follow = STAY
+    command.follow = JointTrajectory(np.array([0.0]), np.zeros((1, 6)))
+    supervisor.judge(sound(2))
+    judgement = supervisor.judge_command(sound(2), command)
+    assert judgement.action is Action.STOP
+    assert judgement.words == "two nodes commanded the arm"
+
+
+def test_an_arm_that_ignores_its_trajectory_is_found() -> None:
+    supervisor = make_supervisor(TABLE)
+    away = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.1] * 6, [0.9] * 6]))
+    supervisor.judge(sound(0))
+    supervisor.judge_command(sound(0), Command(follow=away))
+    actions = [supervisor.judge(sound(tick)).action for tick in range(1, 6)]
+    assert Action.STOP in actions
+
+
+# After a protective stop an arm is off its path without fault, so that sign alone hides another one.
+ALL = sorted(set(SPOILS) - {"arm_protective_stop"})
+
+
+@given(
+    st.lists(
+        st.tuples(st.sets(st.sampled_from(ALL), max_size=4), st.sets(st.sampled_from(ALL))),
+        min_size=1,
+        max_size=12,
+    )
+)
+@settings(max_examples=150, deadline=None)
+def test_more_trouble_never_gives_less_reaction(history: list[tuple[set[str], set[str]]]) -> None:
+    less, more = begun(), begun()
+    for tick, (some, others) in enumerate(history, start=2):
+        few, many = judged(less, tick, some), judged(more, tick, some | others)
+        assert many.action >= few.action
+        assert many.share <= few.share
+
+
+def judged(supervisor: Supervisor, tick: int, signals: set[str]) -> Judgement:
+    """What it says to all these signs together; an arm has one mode, so the gravest is spoiled last."""
+    seen = sound(tick)
+    for signal in sorted(SPOILS, key=lambda name: row(name).action):
+        if signal in signals:
+            seen = SPOILS[signal](seen) if seen.bench is not None or signal not in OF_VIEW else seen
+    return supervisor.judge(seen)
+
+
+OF_VIEW = ("bench_in_the_future", "camera_unhealthy", "hand_unknown")
+
+
+def test_the_same_observations_give_the_same_judgements() -> None:
+    one, other = begun(), begun()
+    for tick in range(2, 60):
+        seen = SPOILS[sorted(SPOILS)[tick % len(SPOILS)]](sound(tick))
+        assert one.judge(seen) == other.judge(seen)
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("- {signal: arm_lost, action: stop, clear: never}", "no row for signal"),
+        ("- {signal: arm_lost, action: halt, clear: never}", "legal: run, warn, slow, hold, stop"),
+        ("- {signal: arm_lost, action: stop, clear: never, delay_s: .inf}", "delay_s"),
+        ("- {signal: arm_lots, action: stop, clear: never}", "signal"),
+    ],
+)
+def test_a_table_that_is_wrong_is_refused_with_its_place(tmp_path, line: str, complaint: str) -> None:  # type: ignore[no-untyped-def]
+    file = tmp_path / "faults.yaml"
+    file.write_text(f"faults:\n  {line}\n")
+    with pytest.raises(InputError, match=complaint) as caught:
+        load_yaml(file, FaultTable)
+    assert f"{file}:" in str(caught.value)
+
+
+def test_the_guide_shows_the_table_as_it_is() -> None:
+    from tests import ROOT
+
+    assert fault_table_markdown(TABLE) in (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, IntEnum
-from typing import Annotated, Literal, get_args
+from enum import IntEnum
+from typing import Literal, get_args
 
-from pydantic import Field, PlainSerializer, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from cell.interfaces.model import Disagreement, Model
 
@@ -48,7 +48,7 @@ SIGNALS: dict[Signal, str] = {
     "arm_reduced": "the arm's reduced mode is on",
     "gripper_lost": "no heartbeat, a dead bus, or a major fault of the gripper",
     "gripper_stale": "no status of the gripper for more than 0.1 s, although its heartbeat comes",
-    "gripper_refuses": "an active gripper does not take commands (gFLT 5 or 7)",
+    "gripper_refuses": "an active gripper does not take commands (gFLT 5 or 7), or its node is stopped",
     "gripper_restarted_empty": "the gripper was active and is not any more; nothing was between its fingers",
     "gripper_restarted_holding": "the gripper was active and is not any more, with a part between its fingers",
     "detector_lost": "the process of a detector died",
@@ -74,24 +74,6 @@ class Action(IntEnum):
     STOP = 4
 
 
-class Clear(Enum):
-    """When a sign that has gone is forgotten."""
-
-    ITSELF = "itself"
-    STANDSTILL = "standstill"
-    PERSON = "person"
-    NEVER = "never"
-
-
-def _by_name(value: object) -> object:
-    """An action by its name in small letters, as files have it."""
-    names = {action.name.lower(): action for action in Action}
-    return names.get(value, value) if isinstance(value, str) else value
-
-
-NamedAction = Annotated[Action, PlainSerializer(lambda action: action.name.lower(), return_type=str)]
-
-
 class Fault(Model):
     """One row of the table.
 
@@ -106,24 +88,25 @@ class Fault(Model):
     """
 
     signal: Signal
-    action: NamedAction
-    clear: Clear
+    action: Literal["run", "warn", "slow", "hold", "stop"]
+    clear: Literal["itself", "standstill", "person", "never"]
     delay_s: float = Field(default=0.0, ge=0, le=10, allow_inf_nan=False)
     clear_s: float = Field(default=0.0, ge=0, le=60, allow_inf_nan=False)
     stop_after_s: float | None = Field(default=None, gt=0, le=3600, allow_inf_nan=False)
     share: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
 
-    @field_validator("action", mode="before")
-    @classmethod
-    def _named(cls, value: object) -> object:
-        named = _by_name(value)
-        if not isinstance(named, Action):
-            raise ValueError(f"legal: {', '.join(action.name.lower() for action in Action)}")
-        return named
+    @property
+    def does(self) -> Action:
+        """The action, in the order of severity."""
+        return Action[self.action.upper()]
 
 
 class FaultTable(Model):
-    """The whole table: every signal once."""
+    """What the supervisor does about each sign of trouble: every signal has one row.
+
+    Attributes:
+        faults: the rows, in any order.
+    """
 
     faults: tuple[Fault, ...]
 
@@ -169,8 +152,8 @@ def fault_table_markdown(table: FaultTable) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for fault in table.faults:
-        action = f"{fault.action.name.lower()} to {fault.share:.0%}" if fault.share < 1 else fault.action.name.lower()
+        action = f"{fault.action} to {fault.share:.0%}" if fault.share < 1 else fault.action
         stops = "" if fault.stop_after_s is None else f"{fault.stop_after_s:g}"
-        cells = (fault.signal, SIGNALS[fault.signal], action, fault.clear.value, f"{fault.delay_s:g}")
+        cells = (fault.signal, SIGNALS[fault.signal], action, fault.clear, f"{fault.delay_s:g}")
         rows.append(f"| {' | '.join(cells)} | {fault.clear_s:g} | {stops} |")
     return "\n".join(rows) + "\n"

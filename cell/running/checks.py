@@ -124,6 +124,8 @@ def _stale_gripper(seen: Observation, _: Command, __: Memory) -> Sign | None:
 
 
 def _refuses(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+    if seen.gripper.node_state == "stopped":
+        return Sign("the gripper's node is stopped")
     refused = memory.ever_active and seen.gripper.fault in REFUSALS
     return Sign(f"the gripper takes no command, gFLT 0x{seen.gripper.fault:02X}") if refused else None
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cell.interfaces.command import Command
-from cell.interfaces.judgement import Action, Clear, Fault, FaultTable, Judgement
+from cell.interfaces.judgement import Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
 from cell.running.checks import CHECKS, Check, Memory, Sign
 
@@ -72,7 +72,7 @@ class Supervisor:
         for fault, _, state in self._rows:
             if state.active_s is None:
                 continue
-            action = Action.STOP if state.expired else fault.action
+            action = Action.STOP if state.expired else fault.does
             found.append((action, fault.signal, state.sign.reason))
             if action is Action.SLOW:
                 share = min(share, fault.share, state.sign.share)
@@ -99,16 +99,16 @@ def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -
         if state.active_s is not None and _clears(fault, state, seen):
             state.active_s, state.expired = None, False
     if state.active_s is not None and fault.stop_after_s is not None:
-        state.expired |= fault.action > Action.WARN and now_s - state.active_s > fault.stop_after_s
+        state.expired |= fault.does > Action.WARN and now_s - state.active_s > fault.stop_after_s
 
 
 def _clears(fault: Fault, state: _State, seen: Observation) -> bool:
-    if fault.clear is Clear.NEVER or state.expired:
+    if fault.clear == "never" or state.expired:
         return False
     state.acknowledged |= seen.acknowledged
-    if fault.clear is Clear.PERSON and not state.acknowledged:
+    if fault.clear == "person" and not state.acknowledged:
         return False
-    if fault.clear is Clear.STANDSTILL and not seen.arm.stands:
+    if fault.clear == "standstill" and not seen.arm.stands:
         state.last_s = seen.time_s
         return False
     return seen.time_s - state.last_s >= fault.clear_s

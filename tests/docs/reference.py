@@ -9,6 +9,7 @@ from typing import Any
 import orjson
 
 from cell.configuration import Configuration
+from cell.interfaces.judgement import FaultTable
 from cell.interfaces.model import Model
 from cell.interfaces.product import Product
 from sim.look_range import LookFile
@@ -17,6 +18,7 @@ from sim.person import Person
 FILES: dict[str, type[Model]] = {
     "config/cell.yaml": Configuration,
     "config/products.yaml": Product,
+    "config/faults.yaml": FaultTable,
     "config/looks/varied.yaml": LookFile,
     "A person's file, for `cell run --person FILE`": Person,
 }

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cell.configuration import load_configuration, load_faults
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.errors import InputError
-from cell.interfaces.judgement import SIGNALS, Action, Clear, Fault, FaultTable, Judgement, fault_table_markdown
+from cell.interfaces.judgement import SIGNALS, Action, Fault, FaultTable, Judgement, fault_table_markdown
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView
@@ -108,7 +108,7 @@ def test_each_sign_is_answered_as_the_table_says_and_only_then(signal: str) -> N
     judged = [supervisor.judge(SPOILS[signal](sound(tick))) for tick in range(2, 3 + waits)]
     acts = [signal in dict(judgement.reasons) for judgement in judged]
     assert acts == [False] * waits + [True]
-    assert judged[-1].action >= fault.action
+    assert judged[-1].action >= fault.does
     assert (judged[-1].share == 0) == (judged[-1].action >= Action.HOLD)
 
 
@@ -121,7 +121,7 @@ def test_each_sign_clears_as_the_table_says(signal: str) -> None:
     gone = math.ceil(round(fault.clear_s / TICK_S, 6))
     later = [supervisor.judge(sound(tick)) for tick in range(3 + waits, 3 + waits + gone + 2)]
     acts = [signal in dict(judgement.reasons) for judgement in later]
-    if fault.clear is Clear.NEVER:
+    if fault.clear == "never":
         assert all(acts)
     else:
         assert not acts[-1]
@@ -145,7 +145,7 @@ def test_a_hold_that_lasts_becomes_a_stop_for_good() -> None:
 
 
 def test_a_person_must_acknowledge_where_the_table_says_so() -> None:
-    fault = Fault(signal="camera_unhealthy", action=Action.HOLD, clear=Clear.PERSON)
+    fault = Fault(signal="camera_unhealthy", action="hold", clear="person")
     supervisor = Supervisor([fault], CHECKS)
     supervisor.judge(SPOILS["camera_unhealthy"](sound(0)))
     assert supervisor.judge(sound(1)).action is Action.HOLD
@@ -201,7 +201,7 @@ def test_more_trouble_never_gives_less_reaction(history: list[tuple[set[str], se
 def judged(supervisor: Supervisor, tick: int, signals: set[str]) -> Judgement:
     """What it says to all these signs together; an arm has one mode, so the gravest is spoiled last."""
     seen = sound(tick)
-    for signal in sorted(SPOILS, key=lambda name: row(name).action):
+    for signal in sorted(SPOILS, key=lambda name: row(name).does):
         if signal in signals:
             seen = SPOILS[signal](seen) if seen.bench is not None or signal not in OF_VIEW else seen
     return supervisor.judge(seen)
@@ -221,7 +221,7 @@ def test_the_same_observations_give_the_same_judgements() -> None:
     ("line", "complaint"),
     [
         ("- {signal: arm_lost, action: stop, clear: never}", "no row for signal"),
-        ("- {signal: arm_lost, action: halt, clear: never}", "legal: run, warn, slow, hold, stop"),
+        ("- {signal: arm_lost, action: halt, clear: never}", "action.*legal|action.*'run', 'warn'"),
         ("- {signal: arm_lost, action: stop, clear: never, delay_s: .inf}", "delay_s"),
         ("- {signal: arm_lots, action: stop, clear: never}", "signal"),
     ],

@@ -60,7 +60,7 @@ def trouble(device: str) -> Spoil:
 
 SPOILS: dict[str, Spoil] = {
     "arm_lost": trouble("arm"),
-    "arm_not_plausible": arm(positions_rad=(0.1, 0.1, math.nan, 0.1, 0.1, 0.1)),
+    "arm_not_plausible": arm(velocities_rad_s=(0.0, 0.0, math.nan, 0.0, 0.0, 0.0)),
     "arm_stale": lambda seen: replace(seen, arm=replace(seen.arm, time_s=seen.time_s - 0.13)),
     "arm_off_path": arm(positions_rad=(0.14, 0.1, 0.1, 0.1, 0.1, 0.1)),
     "arm_protective_stop": arm(mode="protective_stop"),

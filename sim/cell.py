@@ -20,12 +20,14 @@ from sim.clutter import ScenePart, full_set, sample_clutter
 from sim.contacts import ContactMonitor
 from sim.gripper_node import GripperNode
 from sim.hand import add_hand
+from sim.person import Storage
 from sim.photographer import Photographer, SensorSetup
 from sim.render_process import RenderProcess
 from sim.score import Score
 from sim.settings import SimSettings
+from sim.storage import lay_out
 from sim.worker import Worker
-from sim.world import build_world, person_set
+from sim.world import build_world
 
 RANDOM_GOAL = "random"
 
@@ -74,12 +76,12 @@ class SimCell:
         if clutter is None:
             clutter = sample_clutter(product, bench.tray, full_set(product), streams[1], settings.clutter)
         self.look = settings.look.draw(seed)
-        scene = (*person_set(product, bench), *clutter) if worker else tuple(clutter)
-        hand = partial(add_hand, bench=bench, person=self.look.person) if worker else None
-        self.world = build_world(product, bench, scene, settings.physics, hand, self.look)
-        self.worker = (
-            Worker(self.world, product, bench, settings.person, goal, streams[2], streams[5]) if worker else None
-        )
+        person = settings.person
+        layout = lay_out(product, bench, person.storage if worker else Storage(), streams[5])
+        scene = (*layout.parts, *clutter) if worker else tuple(clutter)
+        hand = partial(add_hand, bench=bench, person=self.look.person, habits=person) if worker else None
+        self.world = build_world(product, bench, scene, settings.physics, hand, self.look, layout.bins)
+        self.worker = Worker(self.world, product, bench, person, goal, streams[2], streams[5]) if worker else None
         self.world.settle()
         self.arm = SimArm(self.world)
         self.gripper_node = GripperNode(self.world, can_interface, can_channel)

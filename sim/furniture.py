@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import mujoco
@@ -14,6 +15,7 @@ from sim import palette
 from sim.lighting import add_table_material
 from sim.look import Surfaces
 from sim.palette import add_box
+from sim.storage import Bin
 
 TABLE_SIZE_M = (1.90, 2.10, 0.04)
 TABLE_CENTRE_M = (0.50, 0.05)
@@ -21,12 +23,11 @@ ROOM_FLOOR_M = -0.80
 WALL_M = 0.006
 BIN_FLOOR_M = 0.004
 BIN_RIM_M = 0.006
-BIN_GAP_M = 0.032  # between bodies in a bin: room for a thumb beside a finger
 PLATE_SHININESS = 0.5
 RELIEF_M = 0.0004  # plate pieces beside a hole lie this much lower, so that bodies rest on the two long ones alone
 
 
-def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, surfaces: Surfaces) -> None:
+def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, bins: Sequence[Bin], surfaces: Surfaces) -> None:
     """Add everything that does not move."""
     world = spec.worldbody
     x, y = TABLE_CENTRE_M
@@ -39,29 +40,14 @@ def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, surfaces:
     for geom in spec.body("bracket").geoms:
         geom.material = "plate"
     _add_tray(world, bench, surfaces.tray_rgb)
-    for name, centre in bench.bins_m.items():
-        if name in product.parts:
-            _add_bin(world, product, name, centre, surfaces.bin_rgb)
+    for one in bins:
+        _add_bin(world, one, surfaces.bin_rgb)
 
 
-def bin_spots(product: Product, bench: Bench, name: str) -> tuple[tuple[float, float, float], ...]:
-    """Where the parts of one type stand in their bin: a row along y, body lengths along x (body bottoms)."""
-    x, y, z = bench.bins_m[name]
-    part = product.parts[name]
-    pitch = part.size_m[1] + BIN_GAP_M
-    first = y - pitch * (part.quantity - 1) / 2
-    return tuple((x, first + pitch * i, z + part.peg_length_m) for i in range(part.quantity))
-
-
-def _add_bin(
-    world: mujoco.MjsBody, product: Product, name: str, centre_m: tuple[float, float, float], rgb: palette.Rgb
-) -> None:
-    part = product.parts[name]
-    x, y, z = centre_m
-    length = part.size_m[0] + 0.04
-    width = (part.size_m[1] + BIN_GAP_M) * part.quantity
-    add_box(world, (x, y, z - BIN_FLOOR_M / 2), (length, width, BIN_FLOOR_M), rgb)
-    _add_rim(world, (x, y, z - BIN_FLOOR_M), (length, width), BIN_FLOOR_M + BIN_RIM_M, rgb)
+def _add_bin(world: mujoco.MjsBody, one: Bin, rgb: palette.Rgb) -> None:
+    x, y, z = one.centre_m
+    add_box(world, (x, y, z - BIN_FLOOR_M / 2), (*one.size_m, BIN_FLOOR_M), rgb)
+    _add_rim(world, (x, y, z - BIN_FLOOR_M), one.size_m, BIN_FLOOR_M + BIN_RIM_M, rgb)
 
 
 def _add_tray(world: mujoco.MjsBody, bench: Bench, rgb: palette.Rgb) -> None:

@@ -15,7 +15,9 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
 from sim import palette
 from sim.look import NOMINAL, Appearance
+from sim.person import PERSONS, Person
 
+CAREFUL = PERSONS["careful"]
 SPECULAR = 0.1
 PALM_BEHIND_TIPS_M = 0.105  # the rest position of the bench file is that of the palm's middle
 PALM_M = (0.108, 0.037, 0.050)
@@ -33,6 +35,7 @@ SKIN_GROUP, FOREARM_SKIN_GROUP = 3, 4  # hidden from the cameras
 PUSH_N, TWIST_NM, PINCH_N = 150.0, 8.0, 150.0  # the most that the person's arm, wrist and fingers give
 
 GANTRY = ("hand_x", "hand_y", "hand_z", "hand_yaw")
+WRIST_JOINTS = ("hand_tilt", "hand_roll")  # of a person whose wrist does more than turn
 DIGITS = ("hand_thumb", "hand_index")
 GANTRY_KP = (8000.0, 8000.0, 8000.0, 80.0)  # N/m and N m/rad: a held part sags by less than 0.5 mm
 DIGIT_KP = 2500.0
@@ -55,6 +58,7 @@ THUMB: tuple[Segment, ...] = (
     ((0.012, -0.0080, 0.001), (0.050, -0.020, 0.020), 0.0090),
     ((0.050, -0.020, 0.020), (0.105, 0.010, 0.042), 0.0120),
 )
+LONG_THUMB_M = 0.127
 INDEX: tuple[Segment, ...] = (
     ((-0.006, 0.0075, 0.0), (0.012, 0.0075, 0.0), TIP_RADIUS_M),
     ((0.012, 0.0078, 0.001), (0.036, 0.012, 0.030), 0.0080),
@@ -72,11 +76,16 @@ CURLED: tuple[Segment, ...] = (
     ((0.062, 0.070, 0.024), (0.066, 0.070, 0.042), 0.0070),  # little finger
     ((0.066, 0.070, 0.042), (0.090, 0.068, 0.050), 0.0075),
 )
+TOOL_AWAY_M = 1.6
+TOOL = (  # from, to, radius in [m], colour
+    ((0.0, 0.0, -0.065), (0.0, 0.0, 0.0), 0.003, (0.5, 0.5, 0.52)),
+    ((0.0, 0.0, 0.0), (0.02, 0.0, 0.06), 0.011, (0.75, 0.55, 0.1)),
+)
 SLEEVE: Segment = ((0.205, 0.058, 0.072), (0.400, 0.110, 0.140), 0.036)
 WRIST: Segment = ((0.135, 0.042, 0.054), (0.205, 0.058, 0.072), 0.027)
 
 
-def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.person) -> None:
+def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.person, habits: Person = CAREFUL) -> None:
     """Add the hand to a world that is not yet compiled; with all controls at 0 it rests."""
     for name, rgb in (("hand_skin", person.hand_rgb), ("hand_sleeve", person.sleeve_rgb)):
         spec.add_material(name=name, rgba=(*rgb, 1.0), specular=SPECULAR, shininess=SPECULAR)
@@ -85,21 +94,56 @@ def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.per
     for name, axis in zip(GANTRY[:3], np.eye(3), strict=True):
         hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
     hand.add_joint(name="hand_yaw", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1), armature=0.004)
+    if habits.grip.tilts:
+        for name, axis in zip(WRIST_JOINTS, ((0, -1, 0), (1, 0, 0)), strict=True):
+            hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, armature=0.004)
     _add_ellipsoid(hand, PALM_M, (0.048, 0.043, 0.018), mass_kg=0.3)
     for segment in CURLED:
         _add_capsule(hand, segment, mass_kg=0.02)
     _add_capsule(hand, WRIST, mass_kg=0.2, forearm=True)
     _add_capsule(hand, SLEEVE, mass_kg=0.2, forearm=True, material="hand_sleeve")
-    for name, outwards, segments in ((DIGITS[0], -1, THUMB), (DIGITS[1], 1, INDEX)):
+    for name, outwards, segments in ((DIGITS[0], -1, _thumb(habits.grip.thumb_m)), (DIGITS[1], 1, INDEX)):
         digit = hand.add_body(name=name, gravcomp=1)
         digit.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, outwards, 0))
         for segment in segments:
             _add_capsule(digit, segment, mass_kg=0.03)
     forces = (PUSH_N,) * 3 + (TWIST_NM, PINCH_N, PINCH_N)
-    for name, kp, most in zip(GANTRY + DIGITS, (*GANTRY_KP, DIGIT_KP, DIGIT_KP), forces, strict=True):
+    motors = [*zip(GANTRY + DIGITS, (*GANTRY_KP, DIGIT_KP, DIGIT_KP), forces, strict=True)]
+    motors += [(name, GANTRY_KP[3], TWIST_NM) for name in WRIST_JOINTS if habits.grip.tilts]
+    for name, kp, most in motors:
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-most, most])
         motor.set_to_position(kp=kp, dampratio=1.0, timeconst=CONTROL_FILTER_S)
         motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+    if habits.screw.tool > 0:
+        _add_tool(spec, hand)
+
+
+def _add_tool(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
+    """A screwdriver that touches nothing; where it is not needed, it is far behind the person, out of every view."""
+    tool = hand.add_body(name="hand_tool", pos=(TOOL_AWAY_M, 0, 0), gravcomp=1)
+    tool.add_joint(name="hand_tool", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(1, 0, 0), armature=0.01)
+    for start, end, radius_m, rgb in TOOL:
+        tool.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=(*start, *end),
+            size=(radius_m, 0, 0),
+            mass=0.0005,
+            rgba=(*rgb, 1.0),
+            **NO_TOUCH,
+        )
+    motor = spec.add_actuator(name="hand_tool", target="hand_tool", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor.set_to_position(kp=100.0, dampratio=1.0)
+
+
+def _thumb(length_m: float) -> tuple[Segment, ...]:
+    """The thumb; a shorter one ends earlier, and meets the palm there."""
+    share = length_m / LONG_THUMB_M
+    if share == 1:
+        return THUMB
+    tip, middle, root = THUMB
+    start, knuckle, end = (np.array(point) for point in (middle[0], middle[1], root[1]))
+    bent, foot = (tuple(float(x) for x in start + share * (point - start)) for point in (knuckle, end))
+    return tip, (middle[0], bent, middle[2]), (bent, foot, root[2])  # type: ignore[return-value]
 
 
 def hand_rest_m(bench: Bench) -> tuple[float, float, float]:
@@ -119,6 +163,9 @@ class Hand:
         self._joints = [int(model.joint(name).qposadr[0]) for name in GANTRY + DIGITS]
         self._speeds = [int(model.joint(name).dofadr[0]) for name in GANTRY[:3]]
         self._motors = [int(model.actuator(name).id) for name in GANTRY + DIGITS]
+        names = {model.actuator(index).name for index in range(model.nu)}
+        self._tool = int(model.actuator("hand_tool").id) if "hand_tool" in names else None
+        self._wrist = [int(model.actuator(name).id) for name in WRIST_JOINTS if name in names]
 
     @property
     def position_m(self) -> Array:
@@ -147,8 +194,26 @@ class Hand:
         """How fast the hand frame's origin moves."""
         return float(np.linalg.norm(self._data.qvel[self._speeds]))
 
-    def command(self, position_m: Array, yaw_rad: float, gap_m: float) -> None:
-        """Where to go; a gap smaller than what is held squeezes it with 1.25 N for each millimetre."""
+    def command(
+        self,
+        position_m: Array,
+        yaw_rad: float,
+        gap_m: float,
+        tilt_rad: float = 0.0,
+        roll_rad: float = 0.0,
+        *,
+        tool: bool = False,
+    ) -> None:
+        """Where to go; a gap smaller than what is held squeezes it with 1.25 N for each millimetre.
+
+        Args:
+            tilt_rad, roll_rad: fingers down, and leaning to the right; a hand without such a wrist ignores them.
+            tool: hold the tool, if the person has one.
+        """
+        if self._tool is not None:
+            self._data.ctrl[self._tool] = -TOOL_AWAY_M if tool else 0.0
+        if self._wrist:
+            self._data.ctrl[self._wrist] = tilt_rad, roll_rad
         self._data.ctrl[self._motors[:3]] = position_m - self._rest_m
         self._data.ctrl[self._motors[3]] = yaw_rad
         self._data.ctrl[self._motors[4:]] = min(gap_m, MAX_GAP_M) / 2

@@ -13,6 +13,7 @@ from cell.interfaces.pose import Array
 
 PEAK_TO_MEAN = 1.875  # of a minimum-jerk reach: its top speed over its mean speed
 TREMOR_HZ = (7.0, 11.0)
+FASTEST_M_S = 1.4  # of the commanded profile; skew and bow come on top
 
 
 class MotionSettings(Model):
@@ -33,6 +34,17 @@ class MotionSettings(Model):
     speed_spread: float = Field(default=0.12, ge=0)
     bow: float = Field(default=0.04, ge=0)
     tremor_m: float = Field(default=0.0004, ge=0)
+
+
+def at_pace(settings: MotionSettings, pace: float) -> MotionSettings:
+    """The same habits, faster or slower; the top speed stays one that a human reach has."""
+    return settings.model_copy(
+        update={
+            "mean_speed_m_s": settings.mean_speed_m_s * pace,
+            "start_s": settings.start_s / pace,
+            "peak_speed_m_s": min(settings.peak_speed_m_s * pace, max(settings.peak_speed_m_s, FASTEST_M_S)),
+        }
+    )
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
+from cell.interfaces.product import PartType, Product
 from sim.hand import Hand
-from sim.hand_motion import MotionSettings, min_jerk, plan_reach
-from sim.pinch import widest_near_end
+from sim.hand_motion import at_pace, min_jerk, plan_reach
+from sim.person import Person, drawn
+from sim.pinch import widest, widest_near_end
 from sim.worker_sight import SeenPart, Sight
 
 Script = Iterator[None]
 
 CLEAR_M = 0.025  # between a carried part's peg and the tallest part in the bracket
 HOVER_M = 0.03  # of the fingertips over a part before they close around it
-OPEN_M = 0.014  # how much wider than the part the fingers open; neighbours are near
 RELAXED_GAP_M = 0.025
 SQUEEZE_M = 0.016  # commanded below the part's width: 20 N a finger
 LOST_GRIP_M = 0.006  # gap this far below the part's width: nothing is between the fingers
@@ -33,7 +33,7 @@ FINGERS_S, LOOK_S = 0.25, 0.12
 BACK_OFF_M = 0.07
 CAREFUL, STEADY = 0.45, 0.7  # haste
 ARCH_M = 0.04
-SCREW_HEIGHT_M = 0.012  # of the fingertips over the part's top
+TOOL_M = 0.07  # from the fingertips to the end of a tool
 SCREW_EASE_S = 0.4
 
 
@@ -47,23 +47,45 @@ class ScrewMotion:
     yaw_rad: float
 
 
+@dataclass(frozen=True)
+class GripStyle:
+    """How one part is gripped; see `Grip`."""
+
+    tilt_rad: float
+    roll_rad: float
+    from_middle_m: float | None
+    open_m: float
+
+
 class Handwork:
     """Runs one hand; owns what is commanded: position, yaw and gap.
 
     Attributes:
         position_m, yaw_rad, gap_m: commanded to the hand at the end of each period.
+        wrist_rad: tilt and roll (2,), commanded with them.
+        tool_out: there is a tool in the hand.
+        pace: how fast this person is, as a factor.
         clear_height_m: of a carried body's bottom, at which it passes over everything in the bracket.
         dt_s: length of a period.
     """
 
     def __init__(
-        self, hand: Hand, sight: Sight, product: Product, motion: MotionSettings, rng: np.random.Generator
+        self,
+        hand: Hand,
+        sight: Sight,
+        product: Product,
+        person: Person,
+        rng: np.random.Generator,
+        chance: np.random.Generator,
     ) -> None:
         self._hand = hand
         self._sight = sight
         self._product = product
-        self._motion = motion
-        self._rng = rng
+        self._grip_habits = person.grip
+        self._rng, self._chance = rng, chance
+        self.pace = drawn(person.pace, chance)
+        self._motion = at_pace(person.motion, self.pace)
+        self._style = self._draw_style()
         kinds = product.parts.values()
         top_m = max(float(hole[2]) for hole in sight.holes_m.values())
         self.clear_height_m = (
@@ -73,10 +95,12 @@ class Handwork:
         self.position_m = hand.position_m
         self.yaw_rad = hand.yaw_rad
         self.gap_m = RELAXED_GAP_M
+        self.wrist_rad = np.zeros(2)
+        self.tool_out = False
 
     def send(self) -> None:
         """Command the hand."""
-        self._hand.command(self.position_m, self.yaw_rad, self.gap_m)
+        self._hand.command(self.position_m, self.yaw_rad, self.gap_m, *self.wrist_rad, tool=self.tool_out)
 
     def wait(self, duration_s: float) -> Script:
         """Stay for a while."""
@@ -94,6 +118,7 @@ class Handwork:
         arch_m: float = 0.0,
         haste: float = 1.0,
         duration_s: float | None = None,
+        wrist_rad: tuple[float, float] | None = None,
     ) -> Script:
         """One reach; wrist and fingers move along with it. It takes as long as is drawn, or as it is told."""
         path = plan_reach(self.position_m, target_m, self._motion, self._rng, arch_m=arch_m, haste=haste)
@@ -102,21 +127,25 @@ class Handwork:
         yaw_from, gap_from = self.yaw_rad, self.gap_m
         yaw_by = 0.0 if yaw_rad is None else yaw_rad - yaw_from
         gap_by = 0.0 if gap_m is None else gap_m - gap_from
+        wrist_from = self.wrist_rad
+        wrist_by = np.zeros(2) if wrist_rad is None else np.array(wrist_rad) - wrist_from
         elapsed_s = 0.0
         while elapsed_s < path.duration_s:
             elapsed_s += self.dt_s
             done = min_jerk(min(elapsed_s / path.duration_s, 1.0))
-            self.position_m = path.at(elapsed_s)
+            self.position_m, self.wrist_rad = path.at(elapsed_s), wrist_from + done * wrist_by
             self.yaw_rad, self.gap_m = yaw_from + done * yaw_by, gap_from + done * gap_by
             yield
 
     def grasp(self, seen: SeenPart) -> Script:
         """Reach over a standing part, close the fingers around its end and lift it."""
+        self._style = self._draw_style()
         yaw_rad = fold_yaw(seen.pose.yaw_rad)
         grip_m, across_m, top_m = self._grip(seen, yaw_rad)
         over_m = np.array([grip_m[0], grip_m[1], top_m + HOVER_M])
-        _, width_m = widest_near_end(self._product.parts[seen.part])
-        yield from self.reach(over_m, yaw_rad, across_m + OPEN_M, arch_m=ARCH_M)
+        _, width_m = self._pinch_place(self._product.parts[seen.part])
+        wrist_rad = (self._style.tilt_rad, self._style.roll_rad)
+        yield from self.reach(over_m, yaw_rad, across_m + self._style.open_m, arch_m=ARCH_M, wrist_rad=wrist_rad)
         yield from self.reach(grip_m, haste=STEADY)
         yield from self.pinch(width_m - SQUEEZE_M)
         yield from self.wait(LOOK_S)
@@ -127,7 +156,7 @@ class Handwork:
     def holds(self, body: str) -> bool:
         """Whether a part is between the fingers."""
         seen = self._sight.part(body)
-        _, width_m = widest_near_end(self._product.parts[seen.part])
+        _, width_m = self._pinch_place(self._product.parts[seen.part])
         apart_m = float(np.linalg.norm(np.array(seen.pose.position_m) - self._hand.position_m))
         return self._hand.gap_m > width_m - LOST_GRIP_M and apart_m < LOST_PART_M
 
@@ -150,25 +179,29 @@ class Handwork:
     def pinch(self, gap_m: float) -> Script:
         """Move the fingers to a gap."""
         gap_from, elapsed_s = self.gap_m, 0.0
-        while elapsed_s < FINGERS_S:
+        duration_s = FINGERS_S / min(self.pace, 1.0)
+        while elapsed_s < duration_s:
             elapsed_s += self.dt_s
-            self.gap_m = gap_from + min_jerk(min(elapsed_s / FINGERS_S, 1.0)) * (gap_m - gap_from)
+            self.gap_m = gap_from + min_jerk(min(elapsed_s / duration_s, 1.0)) * (gap_m - gap_from)
             yield
 
     def let_go(self, part: str) -> Script:
         """Open the fingers."""
-        yield from self.pinch(self._product.parts[part].size_m[1] + OPEN_M)
+        yield from self.pinch(self._product.parts[part].size_m[1] + self._style.open_m)
 
     def back_off(self) -> Script:
-        """Move the fingers up and away towards the person."""
+        """Move the fingers up and away towards the person, and put a tool away."""
         away_m = turn(self.yaw_rad, np.array([BACK_OFF_M, 0.0, BACK_OFF_M]))
-        yield from self.reach(self.position_m + away_m, 0.0, haste=STEADY)
+        yield from self.reach(self.position_m + away_m, 0.0, haste=STEADY, wrist_rad=(0.0, 0.0))
+        self.tool_out = False
 
-    def reach_over(self, seen: SeenPart) -> Script:
-        """Bring the fingertips over the near end of a placed part, where they screw."""
+    def reach_over(self, seen: SeenPart, height_m: float, *, tool: bool) -> Script:
+        """Bring the fingertips, or the tool's end, over a placed part, where they screw."""
         part = self._product.parts[seen.part]
-        above_m = np.array(widest_near_end(part)[0])
-        above_m[2] = part.size_m[2] + SCREW_HEIGHT_M
+        self._style = self._draw_style()
+        above_m = np.array(self._pinch_place(part)[0])
+        above_m[2] = part.size_m[2] + height_m + (TOOL_M if tool else 0.0)
+        self.tool_out = tool
         yield from self.reach(np.array(seen.pose.position_m) + above_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
 
     def screw(self, motion: ScrewMotion, stop: Callable[[], bool]) -> Script:
@@ -197,9 +230,25 @@ class Handwork:
         )
         across = turn(yaw_rad, np.array([0.0, 1.0, 0.0]))
         offsets_m = (corners_m - np.array(seen.pose.position_m)) @ across
-        grip_m = np.array(seen.pose.position_m) + turn(yaw_rad, np.array(widest_near_end(part)[0]))
+        grip_m = np.array(seen.pose.position_m) + turn(yaw_rad, np.array(self._pinch_place(part)[0]))
         grip_m += across * (offsets_m.max() + offsets_m.min()) / 2
         return grip_m, float(np.ptp(offsets_m)), float(corners_m[:, 2].max())
+
+    def _pinch_place(self, part: PartType) -> tuple[tuple[float, float, float], float]:
+        """Where in its frame a part is pinched in the present style, and how wide it is there."""
+        if self._style.from_middle_m is None:
+            return widest_near_end(part)
+        return widest(part, round(self._style.from_middle_m, 3))
+
+    def _draw_style(self) -> GripStyle:
+        """How the next part is gripped; nothing is drawn where the person always does it alike."""
+        habits = self._grip_habits
+        return GripStyle(
+            tilt_rad=drawn(habits.tilt_rad, self._chance),
+            roll_rad=drawn(habits.roll_rad, self._chance),
+            from_middle_m=None if habits.from_middle_m is None else drawn(habits.from_middle_m, self._chance),
+            open_m=drawn(habits.open_m, self._chance),
+        )
 
     def _hand_for(self, body: str, target_m: Array) -> tuple[Array, float]:
         """Where the hand must be so that the held part is at `target_m` with its long side along x."""

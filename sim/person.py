@@ -17,13 +17,21 @@ from sim.hand_motion import MotionSettings
 
 def _rising(span: tuple[float, float]) -> tuple[float, float]:
     low, high = span
-    if not (math.isfinite(low) and math.isfinite(high) and 0 <= low <= high):
-        raise ValueError(f"[{low:g}, {high:g}] must be two finite numbers from 0 on, the smaller one first")
+    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+        raise ValueError(f"[{low:g}, {high:g}] must be two finite numbers, the smaller one first")
     return span
 
 
-Span = Annotated[tuple[float, float], AfterValidator(_rising)]
+def _from_nothing(span: tuple[float, float]) -> tuple[float, float]:
+    if span[0] < 0:
+        raise ValueError(f"[{span[0]:g}, {span[1]:g}] must not begin below 0")
+    return span
+
+
+SignedSpan = Annotated[tuple[float, float], AfterValidator(_rising)]
+Span = Annotated[SignedSpan, AfterValidator(_from_nothing)]
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Order = Literal["random", "positions", "reversed", "parts", "any"]
 
 
 class ScrewHabits(Model):
@@ -35,7 +43,9 @@ class ScrewHabits(Model):
         duration_s: shortest and longest screwing.
         rate_hz: slowest and fastest turning.
         radius_m: least and greatest radius of the motion.
-        yaw_rad: how far the hand turns, least and most.
+        yaw_rad: how far the wrist turns, least and most.
+        height_m: of the fingertips over the part's top, least and most.
+        tool: share of the times in which it is done with a tool, farther away from the part.
     """
 
     probability: Share = 0.6
@@ -44,6 +54,69 @@ class ScrewHabits(Model):
     rate_hz: Span = (1.5, 2.0)
     radius_m: Span = (0.008, 0.008)
     yaw_rad: Span = (0.12, 0.12)
+    height_m: Span = (0.012, 0.012)
+    tool: Share = 0.0
+
+
+class Grip(Model):
+    """How the hand holds parts; drawn anew for each grasp.
+
+    Attributes:
+        tilt_rad: how far the wrist tips the fingers down, least and most.
+        roll_rad: how far the hand leans to a side, least and most; positive to the right.
+        from_middle_m: where along the part it is gripped, from its middle towards the person; null for near its end.
+        open_m: how much wider than the part the fingers open.
+        thumb_m: length of the thumb.
+    """
+
+    tilt_rad: Span = (0.0, 0.0)
+    roll_rad: SignedSpan = (0.0, 0.0)
+    from_middle_m: SignedSpan | None = None
+    open_m: Span = (0.014, 0.014)
+    thumb_m: float = Field(default=0.127, ge=0.08, le=0.15)
+
+    @property
+    def tilts(self) -> bool:
+        """Whether the wrist does more than turn about the vertical."""
+        return self.tilt_rad[1] > 0 or self.roll_rad != (0.0, 0.0)
+
+
+class Storage(Model):
+    """Where the person's parts are when the run begins.
+
+    Attributes:
+        bins: each type in its own bin of the bench file, or types and bins permuted anew in every run.
+        mixed: how likely it is that two bins have one part exchanged.
+        elsewhere: share of parts that lie on the table before the bracket, as the robot left them.
+        from_tray: share of fetches for which the person reaches into the robot's tray, where it has such a part.
+    """
+
+    bins: Literal["own", "permuted"] = "own"
+    mixed: Share = 0.0
+    elsewhere: Share = 0.0
+    from_tray: Share = 0.0
+
+
+class Lapses(Model):
+    """What goes wrong or takes time on the way of a part to its hole; each is a probability for each part.
+
+    Attributes:
+        holds: the hand stays with the part before it goes to the bracket.
+        hold_s: how long, least and most.
+        hesitates: it stays over another hole first.
+        hesitate_s: how long, least and most.
+        regrips: the part is set down again after the grasp and gripped anew.
+        wrong_part: a part of another type is fetched and placed; it is noticed afterwards, and taken away.
+        takes_away: a part that sits well is taken away again.
+    """
+
+    holds: Share = 0.0
+    hold_s: Span = (0.5, 4.0)
+    hesitates: Share = 0.0
+    hesitate_s: Span = (0.3, 1.2)
+    regrips: Share = 0.0
+    wrong_part: Share = 0.0
+    takes_away: Share = 0.0
 
 
 class BesideRobot(Model):
@@ -76,26 +149,59 @@ class Person(Model):
     """A person; of two values every one between them is as likely, and it is drawn anew each time.
 
     Attributes:
-        order: in which order open positions are filled: at random, or p1, p2, ...
+        order: in which order open positions are filled: at random; p1, p2, ...; backwards; one type of part after the
+            other; or any of these, drawn for the run.
+        pace: how fast the person is, least and most, as a factor; drawn for the run.
         pause_s: shortest and longest reaction before each fetch.
         retries: how often a part that does not sit well is placed again.
         motion: how the hand moves.
+        grip: how the hand holds parts.
+        storage: where the person's parts are.
+        lapses: what goes wrong or takes time on the way of a part to its hole.
         screw: how the person screws.
         robot: how the person behaves beside a robot.
     """
 
-    order: Literal["random", "positions"] = "random"
+    order: Order = "random"
+    pace: Span = (1.0, 1.0)
     pause_s: Span = (0.1, 0.5)
     retries: int = Field(default=2, ge=0, le=20)
     motion: MotionSettings = MotionSettings()
+    grip: Grip = Grip()
+    storage: Storage = Storage()
+    lapses: Lapses = Lapses()
     screw: ScrewHabits = ScrewHabits()
     robot: BesideRobot = BesideRobot()
 
 
+_ORDINARY = Person(
+    order="any",
+    pace=(0.6, 2.0),
+    pause_s=(0.0, 1.5),
+    motion=MotionSettings(speed_spread=0.2, bow=0.08),
+    grip=Grip(
+        tilt_rad=(0.1, 0.6),
+        roll_rad=(-0.12, 0.12),
+        from_middle_m=(-0.008, 0.013),
+        open_m=(0.010, 0.018),
+        thumb_m=0.105,
+    ),
+    storage=Storage(bins="permuted", mixed=0.5, elsewhere=0.15, from_tray=0.05),
+    lapses=Lapses(holds=0.25, hesitates=0.1, regrips=0.08, wrong_part=0.03, takes_away=0.04),
+    screw=ScrewHabits(
+        duration_s=(1.5, 7.0),
+        rate_hz=(0.5, 3.0),
+        radius_m=(0.002, 0.010),
+        yaw_rad=(0.05, 0.6),
+        height_m=(0.003, 0.012),
+        tool=0.3,
+    ),
+    robot=BesideRobot(waits=0.9, intrusions_per_min=0.5, intrusion_m_s=(0.4, 1.0), pulls=0.0),
+)
 PERSONS = {
     "careful": Person(),
-    "ordinary": Person(robot=BesideRobot(waits=0.9, intrusions_per_min=0.5, intrusion_m_s=(0.4, 1.0), pulls=0.0)),
-    "careless": Person(robot=BesideRobot(waits=0.3, intrusions_per_min=6.0)),
+    "ordinary": _ORDINARY,
+    "careless": _ORDINARY.model_copy(update={"robot": BesideRobot(waits=0.3, intrusions_per_min=6.0)}),
 }
 
 
@@ -117,3 +223,8 @@ def drawn(span: tuple[float, float], rng: np.random.Generator) -> float:
     """A value of a span; one without width takes nothing from the generator."""
     low, high = span
     return float(rng.uniform(low, high)) if low < high else low
+
+
+def happens(share: float, rng: np.random.Generator) -> bool:
+    """Whether something of this probability happens; what never or always does takes nothing from the generator."""
+    return share >= 1 or (share > 0 and float(rng.random()) < share)

@@ -21,6 +21,7 @@ SEATED_SLACK_M = 0.002
 SEATED_TILT_RAD = math.radians(5)
 GRASPABLE_TILT_RAD = math.radians(35)
 OWN_BIN_M = 0.16  # parts this close to a bin's middle lie in it
+BEFORE_BRACKET_M, BESIDE_BRACKET_M, LYING_M = (0.07, 0.25), 0.35, 0.06  # where parts on the table are noticed
 ARM_NEAR_BRACKET_M = 0.13
 ARM_MOVING_RAD_S = 0.02
 ARM_PARKED_RAD = 0.05
@@ -60,6 +61,7 @@ class Sight:
     """Reads the world as a person's eyes do; everything is looked up anew at each call."""
 
     def __init__(self, world: WorkerWorld, product: Product, bench: Bench) -> None:
+        self.bracket_m = bench.bracket.position_m
         self._model, self._data = world.model, world.data
         self._product = product
         self._bench = bench
@@ -103,11 +105,28 @@ class Sight:
         )
 
     def spares(self, part: str) -> list[SeenPart]:
-        """Parts of a type in the person's own bin, the rightmost first: there a right hand has most room."""
-        middle = np.array(self._bench.bins_m[part])
-        seen = [self.part(body) for body, (_, name) in self._bodies.items() if name == part]
-        own = [one for one in seen if np.linalg.norm(np.array(one.pose.position_m) - middle) < OWN_BIN_M]
+        """Parts of a type on the person's side, the rightmost first: there a right hand has most room."""
+        own = [one for one in self._of_type(part) if self._on_own_side(np.array(one.pose.position_m))]
         return sorted(own, key=lambda one: -one.pose.position_m[1])
+
+    def in_tray(self, part: str) -> list[SeenPart]:
+        """Parts of a type in the robot's tray, the nearest to the person first."""
+        middle, half = np.array(self._bench.tray.centre_m), np.array(self._bench.tray.size_m) / 2
+        lying = [
+            one for one in self._of_type(part) if np.all(np.abs(np.array(one.pose.position_m) - middle)[:2] < half)
+        ]
+        return sorted(lying, key=lambda one: -one.pose.position_m[0])
+
+    def _of_type(self, part: str) -> list[SeenPart]:
+        return [self.part(body) for body, (_, name) in self._bodies.items() if name == part]
+
+    def _on_own_side(self, position_m: Array) -> bool:
+        near_bin = any(
+            np.linalg.norm(position_m - np.array(bin_m)) < OWN_BIN_M for bin_m in self._bench.bins_m.values()
+        )
+        off = position_m - np.array(self.bracket_m)
+        before_bracket = BEFORE_BRACKET_M[0] < off[0] < BEFORE_BRACKET_M[1] and abs(off[1]) < BESIDE_BRACKET_M
+        return bool(near_bin or (before_bracket and position_m[2] < LYING_M))
 
     @property
     def has_arm(self) -> bool:

@@ -10,11 +10,10 @@ import mujoco
 import numpy as np
 
 from cell.interfaces.bench import JOINTS, Bench, CameraSetup
-from cell.interfaces.errors import SettingError
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.clutter import Owner, ScenePart
-from sim.furniture import add_furniture, bin_spots
+from sim.furniture import add_furniture
 from sim.hand_fit import fit_hand
 from sim.lens import Lens
 from sim.lighting import add_lights, fit_shadows
@@ -23,6 +22,7 @@ from sim.onlooker import add_onlooker
 from sim.parts import add_part
 from sim.robot import STROKE_M, add_gripper, arm_spec
 from sim.settings import PhysicsSettings
+from sim.storage import Bin, own_bins, person_set
 from sim.things import add_things
 
 # MuJoCo's cameras look along -z with y up; ours along z with y down.
@@ -164,6 +164,7 @@ def build_world(
     physics: PhysicsSettings | None = None,
     extend: Callable[[mujoco.MjSpec], None] | None = None,
     look: Look = NOMINAL,
+    bins: Sequence[Bin] | None = None,
 ) -> World:
     """Build a cell.
 
@@ -171,13 +172,14 @@ def build_world(
         scene: all parts and where they start; by default the person's own set in the bins and nothing in the tray.
         extend: adds more to the specification before it is compiled, for example the person's hand.
         look: light, colours, things lying about, and where the cameras really hang.
+        bins: the person's; by default one for each type, where the bench file says.
     """
     physics = physics or PhysicsSettings()
     scene = person_set(product, bench) if scene is None else scene
     spec = arm_spec()
     _set_options(spec, physics)
     add_gripper(spec, bench.wrist)
-    add_furniture(spec, product, bench, look.surfaces)
+    add_furniture(spec, product, bench, own_bins(product, bench) if bins is None else bins, look.surfaces)
     kinds = list(product.parts)
     for name, entry in zip(part_names(scene), scene, strict=True):
         kind = product.parts[entry.part]
@@ -192,17 +194,6 @@ def build_world(
         extend(spec)
     fit_hand(spec, look.person)
     return World(spec, product, bench, scene, physics, look)
-
-
-def person_set(product: Product, bench: Bench) -> tuple[ScenePart, ...]:
-    """One product's parts in the person's bins; raises SettingError for a type without a bin."""
-    if missing := [name for name in product.parts if name not in bench.bins_m]:
-        raise SettingError(
-            (("bench", "bins_m"), f"no place for {', '.join(missing)}; there is one for {', '.join(bench.bins_m)}")
-        )
-    return tuple(
-        ScenePart(name, Pose(spot), "person") for name in product.parts for spot in bin_spots(product, bench, name)
-    )
 
 
 def part_names(scene: Sequence[ScenePart]) -> list[str]:

@@ -24,7 +24,7 @@ from learned.classical.part_detector import ClassicalPartDetector
 from sim.camera import SimCamera
 from sim.cell import SimCell
 from sim.clutter import ScenePart, sample_clutter, standing
-from sim.worker import ActionEvent
+from sim.diary import ActionEvent
 from sim.world import WorldPart
 from skills.grasp_pose import tool_down
 from skills.kinematics import Kinematics

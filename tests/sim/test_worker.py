@@ -10,7 +10,7 @@ from cell.interfaces.pose import Pose
 from sim.clutter import ScenePart
 from sim.hand import Hand
 from sim.person import Person, ScrewHabits
-from sim.world import person_set
+from sim.storage import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_with_hand
 
 GOALS = tuple(product().goals)

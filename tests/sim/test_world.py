@@ -17,7 +17,8 @@ from cell.interfaces.product import Product
 from sim.cell import SimCell
 from sim.clutter import full_set, sample_clutter
 from sim.settings import SimSettings
-from sim.world import build_world, person_set
+from sim.storage import person_set
+from sim.world import build_world
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,6 +14,7 @@ from cell.interfaces.product import Product
 from sim.clutter import ScenePart
 from sim.hand import add_hand
 from sim.person import Person
+from sim.storage import lay_out
 from sim.worker import Worker
 from sim.world import World, build_world
 
@@ -37,6 +38,15 @@ def world_with_hand(scene: Sequence[ScenePart] | None = None) -> World:
     return world
 
 
+def world_of(person: Person, seed: int) -> World:
+    """The bench of a person who keeps parts in their own way."""
+    layout = lay_out(product(), bench(), person.storage, np.random.default_rng(seed))
+    extend = partial(add_hand, bench=bench(), habits=person)
+    world = build_world(product(), bench(), layout.parts, extend=extend, bins=layout.bins)
+    world.settle()
+    return world
+
+
 class Shift:
     """A worker in a world, advanced together."""
 
@@ -45,7 +55,8 @@ class Shift:
     ) -> None:
         self.world = world or world_with_hand()
         rng = np.random.default_rng(seed)
-        self.worker = Worker(self.world, product(), bench(), settings or Person(), goal, rng)
+        chance = np.random.default_rng(seed + 1000)
+        self.worker = Worker(self.world, product(), bench(), settings or Person(), goal, rng, chance)
         self.goal = goal
         self.time_s = 0.0
 

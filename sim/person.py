@@ -180,9 +180,8 @@ _ORDINARY = Person(
     pause_s=(0.0, 1.5),
     motion=MotionSettings(speed_spread=0.2, bow=0.08),
     grip=Grip(
-        tilt_rad=(0.1, 0.6),
+        tilt_rad=(0.0, 0.5),
         roll_rad=(-0.12, 0.12),
-        from_middle_m=(-0.008, 0.013),
         open_m=(0.010, 0.018),
         thumb_m=0.105,
     ),
@@ -198,9 +197,11 @@ _ORDINARY = Person(
     ),
     robot=BesideRobot(waits=0.9, intrusions_per_min=0.5, intrusion_m_s=(0.4, 1.0), pulls=0.0),
 )
+_VARIED = _ORDINARY.model_copy(update={"grip": _ORDINARY.grip.model_copy(update={"from_middle_m": (-0.010, 0.029)})})
 PERSONS = {
     "careful": Person(),
     "ordinary": _ORDINARY,
+    "varied": _VARIED,  # for data made without physics: there, a pinch holds anywhere
     "careless": _ORDINARY.model_copy(update={"robot": BesideRobot(waits=0.3, intrusions_per_min=6.0)}),
 }
 

@@ -114,7 +114,7 @@ def test_a_bracket_too_low_for_its_pegs_is_refused(product: Product, bench: Benc
 
 def test_a_type_without_a_bin_is_refused(product: Product, bench: Bench) -> None:
     bins = {name: spot for name, spot in bench.bins_m.items() if name != "o2"}
-    with pytest.raises(InputError, match="no place for o2; it has o1, o3"):
+    with pytest.raises(InputError, match="no place for o2; there is one for o1, o3"):
         build_world(product, bench.model_copy(update={"bins_m": bins}))
 
 

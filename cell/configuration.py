@@ -115,8 +115,8 @@ class LogSettings(Model):
     jpeg_quality: int = Field(default=80, ge=1, le=100)
     buffer_mb: float = Field(default=16.0, gt=0, le=1024)
     joint_samples: bool = True
-    rotate_mb: float | None = Field(default=None, ge=0.1, le=1e6)
-    rotate_s: float | None = Field(default=None, ge=1, le=86_400)
+    rotate_mb: float | None = Field(default=None, ge=0.001, le=1e6)
+    rotate_s: float | None = Field(default=None, ge=0.1, le=86_400)
     keep_parts: int | None = Field(default=None, ge=1)
     keep_mb: float | None = Field(default=None, gt=0, le=1e9)
 

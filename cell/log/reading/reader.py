@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cell.interfaces.errors import LogError
-from cell.log.reading.mcap_file import McapContent, Message, read_mcap
+from cell.log.reading.mcap_file import PROFILE, McapContent, Message, read_mcap
 from cell.log.reading.ticks import SNAPSHOT, Gap, TickBuilder
 from cell.log.reading.ticks import LoggedTick as LoggedTick  # who reads a log needs them
 from cell.log.reading.ticks import Note as Note
@@ -70,8 +70,10 @@ def read_log(path: Path | Sequence[Path]) -> Log:
     paths = files_of(path) if isinstance(path, Path) else list(path)
     parts = list(_parts(paths))
     first, last = parts[0], parts[-1]
-    lossy = any(name in part.content.metadata for part in parts for name in ("recovered", "dropped"))
-    ticks = TickBuilder(first.path, lossy, 0 if first.number <= 1 else None)
+    lossy = bool(first.content.cropped) or any(
+        name in part.content.metadata for part in parts for name in ("recovered", "dropped")
+    )
+    ticks = TickBuilder(first.path, lossy, 0 if first.number <= 1 and not first.content.cropped else None)
     messages: list[Message] = []
     told: list[str] = []
     for part in parts:
@@ -89,7 +91,7 @@ def read_log(path: Path | Sequence[Path]) -> Log:
         outcome=last.content.metadata.get("outcome", {}),
         ticks=tuple(ticks.done),
         messages=tuple(messages),
-        unfinished="; ".join([*told, *_missing(last, ticks)]),
+        unfinished="; ".join([*told, *_missing(first, last, ticks)]),
         gaps=tuple(ticks.gaps),
         parts=tuple(paths),
     )
@@ -107,6 +109,8 @@ def _parts(paths: Sequence[Path]) -> Iterator[_Part]:
     before: _Part | None = None
     for path in paths:
         content = read_mcap(path)
+        if content.profile not in (PROFILE, None) and "run" not in content.metadata:
+            raise LogError(path, f"is no log of this program: an MCAP file with profile {content.profile!r}")
         number = _number(path, content)
         if before is not None:
             if not (number and before.number):
@@ -143,8 +147,13 @@ def _broken_off(part: _Part, ticks: TickBuilder) -> list[str]:
     return [f"{part.path.name} {part.content.unfinished}"]
 
 
-def _missing(last: _Part, ticks: TickBuilder) -> list[str]:
+def _missing(first: _Part, last: _Part, ticks: TickBuilder) -> list[str]:
     told = [str(gap) for gap in ticks.gaps]
+    if cropped := first.content.cropped:
+        told.append(f"the beginning was cropped: {sum(cropped.values())} messages of {', '.join(sorted(cropped))}")
+    counted = last.content.metadata.get("outcome", {}).get("ticks", "")
+    if counted.isdigit() and ticks.done and ticks.done[-1].number + 1 < int(counted):
+        told.append(f"the end was cropped: the run had {counted} ticks, the last one here is {ticks.done[-1].number}")
     if ticks.blind:
         told.append(f"{ticks.blind} ticks saw answers of detectors that are missing")
     if last.content.unfinished:

@@ -9,6 +9,7 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 
 from cell.interfaces.errors import LogError
+from cell.log.reading.mcap_file import PROFILE
 from cell.log.reading.recovered import Loss, Salvage
 from cell.log.reading.salvage import salvage
 
@@ -33,23 +34,25 @@ def recover(path: Path, out: Path) -> Loss:
 
 
 def _write(found: Salvage, stream: Any) -> None:
-    """A complete file; messages are numbered anew, the loss stands in the metadata `recovered`."""
+    """A complete file; messages of own logs are numbered anew, the loss stands in the metadata `recovered`."""
     writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
-    writer.start(profile="cell", library="cell log recover")
+    writer.start(profile=found.profile, library="cell log recover")
     for one in found.attachments:
-        writer.add_attachment(one.created_ns, one.time_ns, one.name, one.media_type, one.data)
-    for name, values in found.metadata:
-        writer.add_metadata(name, values)
+        writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
+    for record in found.metadata:
+        writer.add_metadata(record.name, record.metadata)
     if found.loss.lossy:
         writer.add_metadata("recovered", {name: json.dumps(value) for name, value in vars(found.loss).items()})
     schemas = {key: writer.register_schema(one.name, one.encoding, one.data) for key, one in found.schemas.items()}
     channels = {
-        number: writer.register_channel(one.topic, one.encoding, schemas.get(one.schema, 0), dict(one.metadata))
+        number: writer.register_channel(one.topic, one.message_encoding, schemas.get(one.schema_id, 0), one.metadata)
         for number, one in found.channels.items()
     }
+    own = found.profile == PROFILE
     sequences: dict[int, int] = {}
     for message in found.messages:
         channel = channels[message.channel]
         sequences[channel] = sequences.get(channel, 0) + 1
-        writer.add_message(channel, message.time_ns, message.data, message.published_ns, sequences[channel])
+        number = sequences[channel] if own else message.sequence
+        writer.add_message(channel, message.time_ns, message.data, message.published_ns, number)
     writer.finish()  # type: ignore[no-untyped-call]

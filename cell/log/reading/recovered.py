@@ -8,6 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from mcap.records import Attachment, Channel, Metadata, Schema
+
+from cell.log.reading.mcap_file import PROFILE
+
 
 @dataclass(frozen=True)
 class Loss:
@@ -58,43 +62,21 @@ class RecoveredMessage(NamedTuple):
     data: bytes
 
 
-class Schema(NamedTuple):
-    """A schema record."""
-
-    name: str
-    encoding: str
-    data: bytes
-
-
-class Channel(NamedTuple):
-    """A channel record."""
-
-    schema: int
-    topic: str
-    encoding: str
-    metadata: Mapping[str, str]
-
-
-class Attachment(NamedTuple):
-    """An attachment record."""
-
-    time_ns: int
-    created_ns: int
-    name: str
-    media_type: str
-    data: bytes
-
-
 @dataclass
 class Salvage:
-    """What was found in a file, in the order of writing."""
+    """What was found in a file, in the order of writing; records are those of the `mcap` package.
+
+    Attributes:
+        profile: what the writer calls its kind of file.
+    """
 
     path: Path
+    profile: str = ""
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     messages: list[RecoveredMessage] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
-    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    metadata: list[Metadata] = field(default_factory=list)
     loss: Loss = field(default_factory=lambda: Loss(0, (), {}, False, False, ()))
 
 
@@ -114,6 +96,9 @@ def missing_ticks(found: Salvage) -> Iterator[int]:
 
 
 def missing_messages(found: Salvage) -> dict[str, int]:
+    """Messages that are missing, by topic; only this program's own logs number all messages of a channel."""
+    if found.profile != PROFILE:
+        return {}
     last: dict[int, int] = {}
     missing: dict[str, int] = {}
     for one in found.messages:

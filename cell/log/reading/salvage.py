@@ -10,17 +10,8 @@ from pathlib import Path
 from mcap.opcode import Opcode
 
 from cell.interfaces.errors import LogError
-from cell.log.reading.mcap_file import HEAD, MAGIC, MESSAGE, Damage, Fields, inflate
-from cell.log.reading.recovered import (
-    Attachment,
-    Channel,
-    Loss,
-    RecoveredMessage,
-    Salvage,
-    Schema,
-    missing_messages,
-    missing_ticks,
-)
+from cell.log.reading.records import CHECKSUM_BYTES, HEAD, MAGIC, MESSAGE, Damage, parse, unpacked
+from cell.log.reading.recovered import Loss, RecoveredMessage, Salvage, missing_messages, missing_ticks
 
 # An opcode and a length below 4 GiB: what the beginning of a record looks like.
 RECORD_BEGIN = re.compile(rb"[\x01-\x0f][\s\S]{4}\x00\x00\x00\x00")
@@ -97,10 +88,9 @@ class _Salvager:
                 self._chunk(body)
             elif opcode == Opcode.ATTACHMENT:
                 self._effort_bytes -= len(body)
-                if not _attachment(body)[1]:
-                    return False
+                return bool(any(body[-CHECKSUM_BYTES:])) and parse(opcode, body) is not None
             elif opcode == Opcode.METADATA:
-                _metadata(body)
+                return bool(parse(opcode, body).name)
             elif opcode == Opcode.DATA_END:
                 return self._ends_here(at, body)
             else:
@@ -126,61 +116,46 @@ class _Salvager:
         opcode, body = self._cut(at)
         if opcode == Opcode.CHUNK:
             self._take(self._chunk(body))
+        elif opcode == Opcode.HEADER and at == len(MAGIC):
+            self._found.profile = parse(opcode, body).profile
         elif opcode == Opcode.ATTACHMENT:
-            attachment, right = _attachment(body)
-            if not right:
-                raise Damage(f"attachment {attachment.name} does not match its checksum")
-            self._found.attachments.append(attachment)
+            self._found.attachments.append(parse(opcode, body))
         elif opcode == Opcode.METADATA:
-            self._found.metadata.append(_metadata(body))
+            self._found.metadata.append(parse(opcode, body))
         elif opcode == Opcode.DATA_END:
             self._end(at, body)
         elif opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
+            if opcode == Opcode.MESSAGE and len(body) < MESSAGE.size:
+                raise Damage("a message is too short")
             self._take([(opcode, body)])
-        elif opcode == Opcode.MESSAGE_INDEX:
-            fields = Fields(body)
-            fields.take(2)  # channel
-            fields.take(fields.number("I"))
-            fields.end()
-        elif opcode != Opcode.HEADER or at != len(MAGIC):
+        elif opcode in (Opcode.HEADER, 0):
             raise Damage(f"a record of type {opcode:#04x} stands where none may")
+        else:
+            parse(opcode, body)  # an index, or a record that this program does not know
         return at + HEAD.size + len(body)
 
     def _chunk(self, body: memoryview) -> list[tuple[int, memoryview]]:
-        fields = Fields(body)
-        fields.take(16)  # first and last time
-        size, checksum = fields.number("Q"), fields.number("I")
-        compression, packed = fields.text(), fields.take(fields.number("Q"))
-        fields.end()
-        data = inflate(compression, bytes(packed), size)
-        self._effort_bytes -= len(data) + len(packed)
-        if len(data) != size or (checksum and zlib.crc32(data) != checksum):
-            raise Damage("a chunk does not match its checksum")
-        return list(_inner(memoryview(data)))
+        chunk = parse(Opcode.CHUNK, body)
+        data = unpacked(chunk)
+        self._effort_bytes -= len(data) + len(chunk.data)
+        return list(_inner(data))
 
     def _take(self, records: list[tuple[int, memoryview]]) -> None:
         for opcode, body in records:
-            fields = Fields(body)
+            if opcode == Opcode.MESSAGE:
+                channel, sequence, time_ns, published_ns = MESSAGE.unpack_from(body)
+                data = bytes(body[MESSAGE.size :])
+                self._found.messages.append(RecoveredMessage(channel, sequence, time_ns, published_ns, data))
+                continue
+            record = parse(opcode, body)
             if opcode == Opcode.SCHEMA:
-                number = fields.number("H")
-                name, encoding = fields.text(), fields.text()
-                text = bytes(fields.take(fields.number("I")))
-                self._found.schemas.setdefault(number, Schema(name, encoding, text))  # the index comes last
+                self._found.schemas.setdefault(record.id, record)  # the index comes last
             elif opcode == Opcode.CHANNEL:
-                number, schema = fields.number("H"), fields.number("H")
-                topic, encoding = fields.text(), fields.text()
-                self._found.channels.setdefault(number, Channel(schema, topic, encoding, fields.mapping()))
-            elif opcode == Opcode.MESSAGE:
-                channel, sequence = fields.number("H"), fields.number("I")
-                times_ns = fields.number("Q"), fields.number("Q")
-                data = bytes(fields.take(fields.left))
-                self._found.messages.append(RecoveredMessage(channel, sequence, *times_ns, data))
+                self._found.channels.setdefault(record.id, record)
 
     def _end(self, at: int, body: memoryview) -> None:
         """The data's checksum, and channels from the index for chunks that lost theirs."""
-        fields = Fields(body)
-        checksum = fields.number("I")
-        fields.end()
+        checksum = parse(Opcode.DATA_END, body).data_section_crc
         self._closed = self._data.endswith(MAGIC)
         self._unchecked = bool(checksum) and zlib.crc32(self._view[:at]) != checksum
         begin = at + HEAD.size + len(body)
@@ -188,7 +163,12 @@ class _Salvager:
             while begin < len(self._data) - len(MAGIC):
                 opcode, record = self._cut(begin)
                 if opcode == Opcode.STATISTICS:
-                    self._counted = _statistics(record)
+                    counted = parse(opcode, record)
+                    self._counted = {
+                        "messages": counted.message_count,
+                        "attachments": counted.attachment_count,
+                        "metadata": counted.metadata_count,
+                    }
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._take([(opcode, record)])
                 begin += HEAD.size + len(record)
@@ -231,31 +211,3 @@ def _inner(data: memoryview) -> Iterator[tuple[int, memoryview]]:
             raise Damage("a chunk ends in mid-record")
         yield opcode, body
         at += HEAD.size + length
-
-
-def _attachment(body: memoryview) -> tuple[Attachment, bool]:
-    """An attachment, and whether it matches its checksum."""
-    fields = Fields(body)
-    times_ns = fields.number("Q"), fields.number("Q")
-    name, media_type = fields.text(), fields.text()
-    content = bytes(fields.take(fields.number("Q")))
-    checksum = fields.number("I")
-    fields.end()
-    return Attachment(*times_ns, name, media_type, content), zlib.crc32(body[:-4]) == checksum
-
-
-def _metadata(body: memoryview) -> tuple[str, dict[str, str]]:
-    fields = Fields(body)
-    name = fields.text()
-    values = fields.mapping()
-    fields.end()
-    if not name:
-        raise Damage("metadata without a name")
-    return name, values
-
-
-def _statistics(body: memoryview) -> dict[str, int]:
-    fields = Fields(body)
-    messages = fields.number("Q")
-    fields.take(6)  # schemas and channels
-    return {"messages": messages, "attachments": fields.number("I"), "metadata": fields.number("I")}

@@ -6,6 +6,7 @@ import math
 import tempfile
 from collections import Counter
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -47,16 +48,16 @@ def write_case(log: Log, path: Path, until_s: float = math.inf) -> int:
         raise LogError(log.path, f"holds no tick up to {until_s:g} s")
     weights = _weights(log)
     try:
+        content = BytesIO()
+        _write(log, weights, until_s, content)
+        size = len(content.getvalue())
+        if size >= LARGEST_BYTES:
+            limit = f"legal: less than {LARGEST_BYTES}; shorten it with --until"
+            raise InputError(f"{path}: the case would have {size} bytes; {limit}")
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb") as stream:
-            _write(log, weights, until_s, stream)
+        path.write_bytes(content.getvalue())
     except OSError as error:
         raise InputError(f"{path}: the case cannot be written: {error.strerror or error}") from None
-    size = path.stat().st_size
-    if size >= LARGEST_BYTES:
-        path.unlink()
-        limit = f"legal: less than {LARGEST_BYTES}; shorten it with --until"
-        raise InputError(f"{path}: the case would have {size} bytes; {limit}")
     return size
 
 

@@ -11,13 +11,16 @@ import cv2
 import numpy as np
 import pytest
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.errors import LogError
 from cell.log.reading.frames import Frames
-from cell.log.reading.mcap_file import HEAD, MAGIC, read_mcap
+from cell.log.reading.mcap_file import read_mcap
 from cell.log.reading.reader import read_log
+from cell.log.reading.records import HEAD, MAGIC
 from cell.log.reading.recover import recover
 from cell.observer import SentCommand
 from cell.recording.recorder import Heading, McapRecorder
@@ -39,7 +42,7 @@ def path(tmp_path: Path) -> Path:
     for number in range(TICKS):
         recorder.frame(frame(number, number * 0.04))
         recorder.tick(record(number, busy if number == 3 else None, SentCommand(trajectory) if number == 3 else None))
-    recorder.close(OUTCOME)
+    recorder.close(dataclasses.replace(OUTCOME, ticks=TICKS))
     return path
 
 
@@ -99,6 +102,42 @@ def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, reason: str) 
     path.write_bytes(content)
     with pytest.raises(LogError, match=reason):
         read_log(path)
+
+
+def cropped(path: Path, first_tick: int, end_tick: int) -> Path:
+    """A log without the messages of some ticks, as tools of others crop it: numbers and outcome stay as they were."""
+    out = path.with_name("cropped.mcap")
+    with path.open("rb") as stream, out.open("wb") as made:
+        reader = make_reader(stream)
+        writer = Writer(made)
+        writer.start(profile=reader.get_header().profile, library="crop")
+        for attachment in reader.iter_attachments():
+            writer.add_attachment(0, 0, attachment.name, attachment.media_type, attachment.data)
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.id not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data) if schema else 0
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            if first_tick * 0.04 - 0.001 < message.log_time / 1e9 < end_tick * 0.04 - 0.001:
+                writer.add_message(
+                    channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence
+                )
+        writer.finish()  # type: ignore[no-untyped-call]
+    return out
+
+
+def test_a_log_whose_end_was_cropped_says_so(path: Path) -> None:
+    log = read_log(cropped(path, 0, 12))
+    assert len(log.ticks) == 12
+    assert f"the run had {TICKS} ticks" in log.unfinished
+
+
+def test_a_log_whose_beginning_was_cropped_says_so(path: Path) -> None:
+    log = read_log(cropped(path, 5, TICKS))
+    assert log.ticks[0].number == 5
+    assert "the beginning was cropped" in log.unfinished
 
 
 def test_images_come_back_by_time(path: Path, tmp_path: Path) -> None:

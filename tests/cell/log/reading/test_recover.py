@@ -15,8 +15,9 @@ from mcap.reader import make_reader
 from cell.commands.main import main
 from cell.configuration import LogSettings
 from cell.interfaces.errors import LogError
-from cell.log.reading.mcap_file import HEAD, MAGIC, McapContent, read_mcap
+from cell.log.reading.mcap_file import McapContent, read_mcap
 from cell.log.reading.reader import read_log
+from cell.log.reading.records import HEAD, MAGIC
 from cell.log.reading.recover import recover
 from cell.log.reading.recovered import Salvage
 from cell.log.reading.salvage import salvage
@@ -181,5 +182,5 @@ def equal_salvage(found: McapContent | Salvage, original: McapContent) -> bool:
     return (
         messages == [(one.topic, one.time_ns, one.data) for one in original.messages]
         and {one.name: one.data for one in found.attachments} == original.attachments
-        and dict(found.metadata) == original.metadata
+        and {one.name: one.metadata for one in found.metadata} == original.metadata
     )

@@ -1,0 +1,121 @@
+"""Records of MCAP files, parsed by the `mcap` package; what does not fit raises Damage and no other error.
+
+The package takes a short read for a whole field and unpacks a chunk to any size; here both are Damage.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from typing import Any
+
+import lz4.frame
+import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+
+MAGIC = b"\x89MCAP0\r\n"
+LARGEST_CHUNK_BYTES = 64 * 1024 * 1024
+HEAD = struct.Struct("<BQ")  # opcode and length of a record
+MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+CHECKSUM_BYTES = 4
+
+_PARSERS: dict[int, Any] = {
+    Opcode.HEADER: records.Header,
+    Opcode.FOOTER: records.Footer,
+    Opcode.SCHEMA: records.Schema,
+    Opcode.CHANNEL: records.Channel,
+    Opcode.CHUNK: records.Chunk,
+    Opcode.MESSAGE_INDEX: records.MessageIndex,
+    Opcode.ATTACHMENT: records.Attachment,
+    Opcode.METADATA: records.Metadata,
+    Opcode.STATISTICS: records.Statistics,
+    Opcode.DATA_END: records.DataEnd,
+}
+
+
+class Damage(Exception):
+    """Why a record cannot be taken; becomes a LogError with the place."""
+
+
+class _ExactStream(ReadDataStream):
+    """Reads all bytes that a field should have, or raises Damage."""
+
+    def read(self, length: int) -> bytes:
+        try:
+            data = self._stream.read(length)
+        except OverflowError:
+            data = b""
+        if len(data) != length:
+            raise Damage("a field is longer than its record")
+        self._count += length
+        return data
+
+
+def cut(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview]]:
+    """(place, opcode, body) of whole records from a place on; ends before one that runs over the end."""
+    while at + HEAD.size <= len(data):
+        opcode, length = HEAD.unpack_from(data, at)
+        begin = at + HEAD.size
+        if begin + length > len(data):
+            return
+        yield at, opcode, data[begin : begin + length]
+        at = begin + length
+
+
+def parse(opcode: int, body: memoryview) -> Any:
+    """The record, or None for an opcode that this program does not know: the specification wants it ignored.
+
+    Bytes after the last known field are ignored, as the specification wants.
+
+    Raises:
+        Damage: a field is missing or wrong, or an attachment does not match its checksum.
+    """
+    if opcode not in _PARSERS:
+        return None
+    stream = _ExactStream(BytesIO(body))
+    try:
+        record = _PARSERS[opcode].read(stream)
+    except UnicodeDecodeError:
+        raise Damage("a text is not UTF-8") from None
+    if opcode == Opcode.ATTACHMENT:
+        end = stream.count - CHECKSUM_BYTES
+        checksum = int.from_bytes(body[end : stream.count], "little")
+        if checksum and zlib.crc32(body[:end]) != checksum:
+            raise Damage(f"attachment {record.name} does not match its checksum")
+    return record
+
+
+def unpacked(chunk: Any) -> memoryview:
+    """Records of a chunk, checked.
+
+    Args:
+        chunk: a `mcap.records.Chunk`.
+
+    Raises:
+        Damage: it does not match its size or checksum, or cannot be decompressed.
+    """
+    data = _inflated(chunk.compression, chunk.data, chunk.uncompressed_size)
+    if len(data) != chunk.uncompressed_size or (chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc):
+        raise Damage("a chunk does not match its checksum")
+    return memoryview(data)
+
+
+def _inflated(compression: str, packed: bytes, size: int) -> bytes:
+    """Content of at most one byte more than the promised size, so that a bomb stays small."""
+    if size > LARGEST_CHUNK_BYTES:
+        raise Damage(f"a chunk of {size} bytes; legal: up to {LARGEST_CHUNK_BYTES}")
+    try:
+        if compression == "":
+            return packed
+        if compression == "zstd":
+            with zstandard.ZstdDecompressor().stream_reader(packed) as stream:
+                return bytes(stream.read(size + 1))
+        if compression == "lz4":
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise Damage(f"a chunk cannot be decompressed: {error}") from None
+    raise Damage(f"unknown compression {compression!r}; legal: none, zstd, lz4")

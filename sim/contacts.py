@@ -72,8 +72,11 @@ class ContactMonitor:
         """Look at the contacts of the last physics step."""
         geoms = self._data.contact.geom
         codes = self._codes[geoms]
-        touches = [(int(index), *geoms[index]) for index in np.flatnonzero((codes & SKIN).any(axis=1))]
-        touches += self._through_parts(geoms, codes)
+        both = codes[:, 0] | codes[:, 1]
+        touches: list[tuple[int, int, int]] = []
+        if (both & (SKIN | FLESH)).any():
+            touches = [(int(index), *geoms[index]) for index in np.flatnonzero(both & SKIN)]
+            touches += self._through_parts(geoms, both)
         if touches:
             self._extend(self._measure(time_s, touches))
         elif self._now is not None and time_s - self._now.end_s > APART_S:
@@ -110,9 +113,8 @@ class ContactMonitor:
             return PART
         return FINGER if name.startswith("finger_") else 0
 
-    def _through_parts(self, geoms: NDArray[np.int32], codes: NDArray[np.uint8]) -> list[tuple[int, int, int]]:
+    def _through_parts(self, geoms: NDArray[np.int32], both: NDArray[np.uint8]) -> list[tuple[int, int, int]]:
         """Contacts of the hand with a part that both fingers of the gripper touch."""
-        both = codes[:, 0] | codes[:, 1]
         touched = np.flatnonzero(both == FLESH | PART)
         gripped = np.flatnonzero(both == FINGER | PART)
         if not len(touched) or len(gripped) < 2:

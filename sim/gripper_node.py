@@ -79,6 +79,7 @@ class GripperNode:
         self._injected = self._announced = 0
         self._heard_s = 0.0
         self._booted = self._silent = False
+        self._encoded: dict[str, tuple[dict[str, float], int, bytes]] = {}  # the last frame of each message
         self._statuses = self._heartbeats = 0
 
     def inject_fault(self, fault: int) -> None:
@@ -193,9 +194,12 @@ class GripperNode:
     def _send(self, name: str, values: dict[str, float]) -> None:
         if self._silent:
             return
-        message = self._database.get_message_by_name(name)
-        data = message.encode(values)
-        self._bus.send(can.Message(arbitration_id=message.frame_id, data=data, is_extended_id=False))
+        last_values, frame_id, data = self._encoded.get(name, ({}, 0, b""))
+        if values != last_values:  # most frames repeat the one before, and encoding takes longer than sending
+            message = self._database.get_message_by_name(name)
+            frame_id, data = message.frame_id, message.encode(values)
+            self._encoded[name] = dict(values), frame_id, data
+        self._bus.send(can.Message(arbitration_id=frame_id, data=data, is_extended_id=False))
 
 
 def _request(opening_mm: float) -> dict[str, float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 import multiprocessing
+import os
 import pickle
 import signal
 import threading
@@ -152,7 +153,9 @@ def _serve(pipe: Connection, compiled: Any, sensors: Mapping[str, SensorSetup], 
     # Signals often go to all processes of a group: this one lives until the controller has stopped the arm.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    cv2.setNumThreads(1)  # the other core has work of its own
+    # The other core has work of its own: no threads for images or, where MuJoCo renders in software, for triangles.
+    cv2.setNumThreads(1)
+    os.environ.setdefault("LP_NUM_THREADS", "0")
     try:
         worker = _Worker(pickle.loads(bytes(compiled)), sensors, slots)
         while True:

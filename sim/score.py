@@ -51,6 +51,7 @@ class Score:
         names = [world.model.body(index).name for index in range(world.model.nbody)]
         self._robot = np.array([name.startswith("finger_") for name in names])
         self._human = np.array([name.startswith("hand") for name in names])
+        self._handling = self._robot | self._human
         self._part = {part.body: part for part in world.bodies}
         self._movable = np.array([index in self._part for index in range(len(names))])
         self._touched: dict[str, Hand] = {}
@@ -58,13 +59,15 @@ class Score:
     def observe(self, _time_s: float, /) -> None:
         """Note who touches parts that are not seated; brushing a seated one does not count."""
         pairs = self._world.model.geom_bodyid[self._world.data.contact.geom]
+        if not self._handling[pairs].any():
+            return
         for mine, other in ((pairs[:, 0], pairs[:, 1]), (pairs[:, 1], pairs[:, 0])):
             self._note("robot", mine[self._movable[mine] & self._robot[other]])
             self._note("human", mine[self._movable[mine] & self._human[other]])
 
     def _note(self, hand: Hand, bodies: NDArray[np.int32]) -> None:
-        for body in bodies:
-            part = self._part[int(body)]
+        for body in set(bodies.tolist()):
+            part = self._part[body]
             if not any(self._seated(part, hole) for hole in self._holes.values()):
                 self._touched[part.name] = hand
 

@@ -59,11 +59,20 @@ class Studio:
         """One clean image (height, width, 3), RGB."""
         renderer = self._renderers.get((width_px, height_px))
         if renderer is None:
-            renderer = mujoco.Renderer(self._scene.model, height_px, width_px)
-            self._renderers[width_px, height_px] = renderer
+            renderer = self._renderers[width_px, height_px] = self._renderer(width_px, height_px)
         renderer.update_scene(self._scene.data, camera, self._options)
         image: NDArray[np.uint8] = renderer.render()
         return image
+
+    def _renderer(self, width_px: int, height_px: int) -> mujoco.Renderer:
+        """With a buffer no larger than the image: for each image all of it is cleared."""
+        screen = self._scene.model.vis.global_
+        largest = screen.offwidth, screen.offheight
+        screen.offwidth, screen.offheight = width_px, height_px
+        try:
+            return mujoco.Renderer(self._scene.model, height_px, width_px)
+        finally:
+            screen.offwidth, screen.offheight = largest
 
     def close(self) -> None:
         """Let go of the graphics contexts; open ones complain when Python exits."""

@@ -26,26 +26,26 @@ PAPER, INK = 32, (255, 255, 255)
 Image = NDArray[np.uint8]
 
 
-def look_sheet(
-    product: Product, bench: Bench, settings: SimSettings, looks: Sequence[tuple[LookRange, int]]
-) -> Image:
+def look_sheet(product: Product, bench: Bench, settings: SimSettings, looks: Sequence[tuple[LookRange, int]]) -> Image:
     """One tile for each (look, seed): overhead view on the left, wrist view on the right; RGB.
 
     Args:
         settings: of the simulated cell, but for the look.
     """
+    looking = bench.model_copy(update={"arm_park_rad": bench.arm_look_rad})
     tiles = []
     for number, (look, seed) in enumerate(looks):
         changed = settings.model_copy(update={"look": look})
-        cell = SimCell(product, bench, changed, "virtual", f"sheet-{number}", seed, "random")
-        try:
-            cell.devices.clock.sleep_until(WORK_S)
-            overhead = _frame(cell, cell.devices.overhead)
-            cell.world.set_arm(bench.arm_look_rad)
-            wrist = _frame(cell, cell.devices.wrist)
-        finally:
-            cell.close()
-        tiles.append(_tile(f"{look.name} {seed}", overhead, wrist))
+        frames = []
+        for camera, place in (("overhead", bench), ("wrist", looking)):
+            cell = SimCell(product, place, changed, "virtual", f"sheet-{number}", seed, "random")
+            try:
+                if camera == "overhead":
+                    cell.devices.clock.sleep_until(WORK_S)
+                frames.append(_frame(cell, getattr(cell.devices, camera)))
+            finally:
+                cell.close()
+        tiles.append(_tile(f"{look.name} {seed}", *frames))
     return _grid(tiles)
 
 

@@ -26,6 +26,7 @@ from sim.render_process import RenderProcess
 from sim.score import Score
 from sim.settings import SimSettings
 from sim.storage import lay_out
+from sim.tray_truth import resting_event, resting_parts
 from sim.worker import Worker
 from sim.world import build_world
 
@@ -83,6 +84,7 @@ class SimCell:
         self.world = build_world(product, bench, scene, settings.physics, hand, self.look, layout.bins)
         self.worker = Worker(self.world, product, bench, person, goal, streams[2], streams[5]) if worker else None
         self.world.settle()
+        self._resting = [resting_event(one) for one in resting_parts(self.world)]
         self.arm = SimArm(self.world)
         self.gripper_node = GripperNode(self.world, can_interface, can_channel)
         self.score = Score(self.world, goal)
@@ -110,7 +112,9 @@ class SimCell:
 
     def truth(self) -> list[TruthEvent]:
         """What happened at the bench since the last call, in order."""
-        news = [*(self.worker.news() if self.worker else []), *(self.contacts.news() if self.contacts else [])]
+        resting, self._resting = self._resting, []
+        acts, contacts = self.worker.news() if self.worker else [], self.contacts.news() if self.contacts else []
+        news = [*resting, *acts, *contacts]
         return sorted(news, key=lambda event: event.time_s)
 
     def close(self) -> None:

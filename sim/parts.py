@@ -11,6 +11,7 @@ from cell.interfaces.product import PartType
 from cell.interfaces.solid import Solid
 from sim import palette
 from sim.clutter import ScenePart
+from sim.foreign import ForeignObject
 from sim.palette import add_box, add_cylinder, add_ellipsoid
 
 PEG_RGB = (0.38, 0.38, 0.36)
@@ -33,9 +34,7 @@ def add_part(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, kind: PartTy
     Args:
         style: chooses the fitting on top of a plain box; the index of the type.
     """
-    pose = scene_part.world_from_part
-    body = spec.worldbody.add_body(name=name, pos=list(pose.position_m), quat=list(pose.quaternion_wxyz))
-    body.add_freejoint(name=name)
+    body = _free_body(spec, name, scene_part)
     mass_kg = kind.mass_kg * (1 - PEG_MASS_SHARE)
     if kind.shape:
         add_solids(body, kind.shape, kind.colour_rgb, mass_kg)
@@ -44,6 +43,21 @@ def add_part(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, kind: PartTy
     _add_peg(body, kind)
     if kind.finish == "steel":
         _polish(spec, body)
+
+
+def add_foreign(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, foreign: ForeignObject) -> None:
+    """Add one free object of no type."""
+    body = _free_body(spec, name, scene_part)
+    add_solids(body, foreign.solids, foreign.colour_rgb, foreign.mass_kg)
+    if foreign.finish == "steel":
+        _polish(spec, body)
+
+
+def _free_body(spec: mujoco.MjSpec, name: str, scene_part: ScenePart) -> mujoco.MjsBody:
+    pose = scene_part.world_from_part
+    body = spec.worldbody.add_body(name=name, pos=list(pose.position_m), quat=list(pose.quaternion_wxyz))
+    body.add_freejoint(name=name)
+    return body
 
 
 def add_solids(body: mujoco.MjsBody, solids: tuple[Solid, ...], rgb: palette.Rgb, mass_kg: float) -> None:

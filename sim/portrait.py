@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -27,9 +28,24 @@ SHADOW_MAP_PX = 4096
 
 def portrait(world: World, width_px: int = 1280, height_px: int = 720) -> NDArray[np.uint8]:
     """Render the cell as it stands, (height, width, 3) RGB; slow, and without effect on the cell's cameras."""
+    return picture(world, View((0.56, -0.05, 0.16), 1.85, -27.0, 152.0), width_px, height_px)
+
+
+@dataclass(frozen=True)
+class View:
+    """From where one looks at what."""
+
+    at_m: tuple[float, float, float]
+    distance_m: float
+    elevation_deg: float
+    azimuth_deg: float
+
+
+def picture(world: World, view: View, width_px: int, height_px: int) -> NDArray[np.uint8]:
+    """As `portrait`, from anywhere."""
     camera = mujoco.MjvCamera()
-    camera.lookat = [0.56, -0.05, 0.16]
-    camera.distance, camera.azimuth, camera.elevation = 1.85, 152.0, -27.0
+    camera.lookat = list(view.at_m)
+    camera.distance, camera.azimuth, camera.elevation = view.distance_m, view.azimuth_deg, view.elevation_deg
     options = mujoco.MjvOption()
     options.geomgroup[3] = 0
     with _good_light(world.model), mujoco.Renderer(world.model, height_px, width_px) as renderer:

@@ -48,19 +48,25 @@ class PhysicsSettings(Model):
 
 
 class ClutterSettings(Model):
-    """How parts stand in the tray.
+    """How parts stand and lie in the tray.
 
     Attributes:
         neighbour_share: probability that a part stands right beside another one.
         nearest_gap_m: least gap between the bodies of such neighbours.
         farthest_gap_m: largest gap between the bodies of such neighbours.
         rim_margin_m: least distance of a body from the tray's rim.
+        lying_share: probability that a part lies on one of its other sides.
+        stacked_share: probability that a part is put on top of others; about a third of those stay there.
+        foreign_objects: how many objects of no type lie among the parts.
     """
 
     neighbour_share: float = Field(default=0.6, ge=0, le=1)
     nearest_gap_m: float = Field(default=0.004, gt=0, le=0.1)
     farthest_gap_m: float = Field(default=0.030, gt=0, le=0.2)
     rim_margin_m: float = Field(default=0.022, ge=0, le=0.2)
+    lying_share: float = Field(default=0.0, ge=0, le=1)
+    stacked_share: float = Field(default=0.0, ge=0, le=1)
+    foreign_objects: int = Field(default=0, ge=0, le=5)
 
     @model_validator(mode="after")
     def _gaps_are_in_order(self) -> ClutterSettings:

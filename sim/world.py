@@ -19,7 +19,7 @@ from sim.lens import Lens
 from sim.lighting import add_lights, fit_shadows
 from sim.look import NOMINAL, Camera, Look, MountError
 from sim.onlooker import add_onlooker
-from sim.parts import add_part
+from sim.parts import add_foreign, add_part
 from sim.robot import STROKE_M, add_gripper, arm_spec
 from sim.settings import PhysicsSettings
 from sim.storage import Bin, own_bins, person_set
@@ -27,6 +27,8 @@ from sim.things import add_things
 
 # MuJoCo's cameras look along -z with y up; ours along z with y down.
 CAMERA_FROM_MUJOCO = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+LONGEST_FALL_S = 4.0
+REST = np.array([0.002] * 3 + [0.05] * 3)  # m/s and rad/s of a part that does not move
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class World:
     Attributes:
         look: what it looks like; neither physics nor controller know it.
         parts: type of every part by the name of its body, in the order of the scene.
-        bodies: the same parts with their places in the state.
+        bodies: the same parts with their places in the state, and objects of no type.
         arm_qpos, arm_qvel, arm_ctrl: indices of the six joints, shoulder_pan to wrist_3.
     """
 
@@ -73,7 +75,7 @@ class World:
         self.data = mujoco.MjData(self.model)
         names = part_names(scene)
         self.bodies = tuple(self._world_part(name, entry) for name, entry in zip(names, scene, strict=True))
-        self.parts = {body.name: body.part for body in self.bodies}
+        self.parts = {body.name: body.part for body in self.bodies if body.part in product.parts}
         joints = [self.model.joint(f"{name}_joint") for name in JOINTS]
         self.arm_qpos = np.array([joint.qposadr[0] for joint in joints])
         self.arm_qvel = np.array([joint.dofadr[0] for joint in joints])
@@ -110,9 +112,18 @@ class World:
         mujoco.mj_step(self.model, self.data, self.physics.steps_per_sample)
 
     def settle(self) -> None:
-        """Let parts come to rest while the arm stands."""
-        for _ in range(math.ceil(self.physics.settle_s / self.physics.control_period_s)):
+        """Let parts come to rest while the arm stands: for the time that is set, longer where some still move."""
+        periods = math.ceil(self.physics.settle_s / self.physics.control_period_s)
+        longest = periods + math.ceil(LONGEST_FALL_S / self.physics.control_period_s)
+        for number in range(longest):
+            if number >= periods and self._rest():
+                return
             self.step_period()
+
+    def _rest(self) -> bool:
+        """Whether no part moves."""
+        speeds = np.array([self.data.qvel[body.qvel : body.qvel + 6] for body in self.bodies]).reshape(-1, 6)
+        return bool(np.all(np.abs(speeds) < REST))
 
     def body_pose(self, body: int) -> Pose:
         """world_from_body of any body by its id."""
@@ -182,6 +193,9 @@ def build_world(
     add_furniture(spec, product, bench, own_bins(product, bench) if bins is None else bins, look.surfaces)
     kinds = list(product.parts)
     for name, entry in zip(part_names(scene), scene, strict=True):
+        if entry.foreign is not None:
+            add_foreign(spec, name, entry, entry.foreign)
+            continue
         kind = product.parts[entry.part]
         kind = kind.model_copy(update={"colour_rgb": look.surfaces.painted(kind.colour_rgb)})
         add_part(spec, name, entry, kind, kinds.index(entry.part))

@@ -12,7 +12,7 @@ class TruthEvent:
 
     Attributes:
         kind: "action" (of the hand: begins or ends), "act" (of the person, a mistake or a habit), "contact" (of
-            person and robot).
+            person and robot), "resting" (of a part in the tray as the run begins).
         fields: what else is known, with units in the names.
     """
 

@@ -21,14 +21,17 @@ MADE: dict[str, Callable[[], str]] = {
     "docs/clear_and_grasp.svg": _tree("clear_and_grasp"),
 }
 PHOTOGRAPH = "docs/cell.png"
+PARTS = "docs/parts.png"
 
 
 def main() -> None:
+    from tests.docs.parts_sheet import sheet
     from tests.docs.photograph import photograph, png
 
     for name, make in MADE.items():
         (ROOT / name).write_text(make())
     (ROOT / PHOTOGRAPH).write_bytes(png(photograph()))
+    (ROOT / PARTS).write_bytes(png(sheet()))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests import ROOT
-from tests.docs.pictures import MADE, PHOTOGRAPH
+from tests.docs.pictures import MADE, PARTS, PHOTOGRAPH
 
 DOCS = ROOT / "docs"
 PLOTS = re.compile(r"(semantic|grasp)_\w+\.png")  # of `cell eval`, which takes hours
@@ -31,9 +31,20 @@ def test_the_photograph_shows_the_cell_of_today() -> None:
     assert np.abs(shown - photograph()).mean() < 2, "make pictures"
 
 
+@pytest.mark.slow
+def test_the_sheet_shows_the_parts_of_today() -> None:
+    import cv2
+
+    from tests.docs.parts_sheet import sheet
+
+    stored = cv2.imread(str(ROOT / PARTS))
+    assert stored is not None
+    assert np.abs(cv2.cvtColor(stored, cv2.COLOR_BGR2RGB).astype(float) - sheet()).mean() < 2, "make pictures"
+
+
 def test_every_picture_is_shown_and_made() -> None:
     pages = "".join(page.read_text() for page in [ROOT / "README.md", *DOCS.glob("*.md")])
     pictures = {path.name for path in DOCS.iterdir() if path.suffix in (".png", ".svg")}
-    made = {name.rpartition("/")[2] for name in [*MADE, PHOTOGRAPH]}
+    made = {name.rpartition("/")[2] for name in [*MADE, PHOTOGRAPH, PARTS]}
     assert {name for name in pictures if name not in pages} == set()
     assert {name for name in pictures if name not in made and not PLOTS.fullmatch(name)} == set()

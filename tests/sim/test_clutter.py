@@ -9,11 +9,15 @@ import pytest
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError
-from cell.interfaces.pose import Array
+from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from sim.clutter import ScenePart, full_set, gap, rectangle, sample_clutter
+from cell.interfaces.solid import span_m
+from sim.clutter import ScenePart, full_set, gap, rectangle, sample_clutter, standing
+from sim.foreign import UNKNOWN, draw_foreign
+from sim.posture import stance, whole
 from sim.settings import ClutterSettings
-from sim.world import build_world
+from sim.tray_truth import resting_parts
+from sim.world import World, build_world
 
 
 def footprints(product: Product, scene: tuple[ScenePart, ...]) -> list[Array]:
@@ -69,3 +73,79 @@ def test_scenes_come_to_rest_where_they_were_put(product: Product, bench: Bench,
 def test_a_tray_that_is_full_says_so(product: Product, bench: Bench) -> None:
     with pytest.raises(InputError, match="no free spot"):
         sample_clutter(product, bench.tray, ("o3",) * 60, np.random.default_rng(0))
+
+
+MIXED = ClutterSettings(lying_share=0.5, stacked_share=0.6, foreign_objects=1)
+
+
+def rested(product: Product, bench: Bench, seed: int, settings: ClutterSettings = MIXED) -> World:
+    scene = sample_clutter(product, bench.tray, full_set(product), np.random.default_rng(seed), settings)
+    world = build_world(product, bench, scene)
+    world.settle()
+    return world
+
+
+def test_parts_that_lie_and_are_stacked_come_to_rest_in_the_tray(product: Product, bench: Bench) -> None:
+    middle, half = np.array(bench.tray.centre_m[:2]), np.array(bench.tray.size_m) / 2
+    for seed in range(8):
+        world = rested(product, bench, seed)
+        assert sorted(part.part for part in world.bodies) == sorted([*full_set(product), UNKNOWN])
+        assert set(world.parts.values()) == set(product.parts)
+        for part in world.bodies:
+            position = np.array(world.part_pose(part).position_m)
+            assert (np.abs(position[:2] - middle) < half).all()
+            assert position[2] > bench.tray.centre_m[2] - 1e-3
+            assert np.abs(world.data.qvel[part.qvel : part.qvel + 6]).max() < 0.05
+
+
+def test_the_truth_knows_what_stands_what_lies_and_what_is_on_what(product: Product, bench: Bench) -> None:
+    found = [one for seed in range(8) for one in resting_parts(rested(product, bench, seed))]
+    upright = [one for one in found if one.posture == "upright" and not one.on_top and one.part != UNKNOWN]
+    on_top = [one for one in found if one.on_top]
+    assert len(upright) > 8
+    assert len([one for one in found if one.posture == "lying" and not one.on_top]) > 8
+    assert len(on_top) > 3
+    floor_m = bench.tray.centre_m[2]
+    for one in upright:
+        assert one.world_from_part.position_m[2] == pytest.approx(
+            floor_m + product.parts[one.part].peg_length_m, abs=1e-3
+        )
+
+
+def test_a_part_on_another_one_names_it(product: Product, bench: Bench) -> None:
+    x, y, z = bench.tray.centre_m
+    below = stance(whole(product.parts["o3"]), "left side")
+    above = stance(whole(product.parts["o1"]), "left side")
+    scene = [
+        ScenePart("o3", Pose((x, y, z)) @ below.spot_from_body),
+        ScenePart("o1", Pose.from_yaw((x, y - 0.012, z + 0.046), 0.0) @ above.spot_from_body),
+        ScenePart("o2", standing(product, bench.tray, "o2", (x + 0.1, y), 0.0).world_from_part),
+    ]
+    world = build_world(product, bench, scene)
+    world.settle()
+    first, second, third = resting_parts(world)
+    assert (first.posture, first.on) == ("lying", ())
+    assert (second.posture, second.on) == ("lying", ("o3_robot_0",))
+    assert (third.posture, third.on) == ("upright", ())
+
+
+def test_nominal_trays_stay_what_they_are(product: Product, bench: Bench) -> None:
+    scene = sample_clutter(product, bench.tray, full_set(product), np.random.default_rng(0))
+    settings = ClutterSettings(foreign_objects=2)
+    with_things = sample_clutter(product, bench.tray, full_set(product), np.random.default_rng(0), settings)
+    assert with_things[: len(scene)] == scene
+    assert [entry.part for entry in with_things[len(scene) :]] == [UNKNOWN] * 2
+    assert all(
+        resting.posture == "upright" and not resting.on for resting in resting_parts(build_world(product, bench, scene))
+    )
+
+
+def test_things_that_nobody_knows_differ() -> None:
+    rng = np.random.default_rng(0)
+    things = [draw_foreign(rng) for _ in range(60)]
+    assert len({thing.colour_rgb for thing in things}) >= 5
+    assert len({tuple(solid.solid for solid in thing.solids) for thing in things}) >= 4
+    for thing in things:
+        extents = [span[1] - span[0] for axis in range(3) if (span := span_m(thing.solids, axis))]
+        assert 0.01 < min(extents) < max(extents) < 0.085
+        assert 0.003 < thing.mass_kg < 0.4

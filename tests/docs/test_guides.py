@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from inspect import isfunction
 from itertools import takewhile
 from pathlib import Path
 
@@ -9,8 +11,11 @@ import pytest
 import yaml
 
 from cell.configuration import load_configuration, load_product
+from cell.interfaces.clock import Clock
+from cell.interfaces.devices import Arm, Camera, Panel
 from learned.grasp.planner import load_grasp_planner
 from learned.semantic.planner import load_semantic_planner
+from tests import ROOT
 from tests.docs.guide import Reader, Step, steps
 
 GUIDES = ("product.md", "bench.md")
@@ -47,6 +52,14 @@ def test_the_look_pose_of_the_guide_is_the_one_that_its_program_prints(tmp_path:
     printed = yaml.safe_load(told[0])["arm_look_rad"]
     configured = load_configuration(reader.folder / "config" / "cell.yaml").bench.arm_look_rad
     assert list(configured) == pytest.approx(printed, abs=2e-3)
+
+
+@pytest.mark.parametrize("protocol", [Arm, Camera, Panel, Clock], ids=lambda protocol: protocol.__name__)
+def test_the_guide_names_all_functions_that_a_driver_needs(protocol: type) -> None:
+    row = re.search(rf"^\| `{protocol.__name__}` \|(.*)\|$", (ROOT / "docs" / "bench.md").read_text(), re.MULTILINE)
+    assert row is not None
+    functions = {name for name, value in vars(protocol).items() if isfunction(value) and not name.startswith("_")}
+    assert functions <= set(re.findall(r"`(\w+)`", row[1]))
 
 
 @pytest.mark.slow

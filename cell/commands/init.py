@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from cell.commands.schema import modeline, schemas
 from cell.commands.terminal import console
 from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.files import shipped
@@ -33,7 +34,11 @@ def new_cell() -> dict[str, bytes]:
     """Contents by their names in the folder."""
     files = {f"{package}/{name}": shipped(package, name) for package, names in SHIPPED.items() for name in names}
     files |= {name: shipped("cell.commands", "new_cell", name) for name in OWN}
-    return {name: file.read_bytes() for name, file in files.items()}
+    contents = {name: file.read_bytes() for name, file in files.items()}
+    for name in ("cell", "products"):
+        first_line = f"{modeline(f'schema/{name}.json')}\n".encode()
+        contents[f"config/{name}.yaml"] = first_line + contents[f"config/{name}.yaml"]
+    return contents | {f"config/schema/{name}": text.encode() for name, text in schemas().items()}
 
 
 def write_new(folder: Path, files: Mapping[str, bytes]) -> None:

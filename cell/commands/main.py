@@ -15,6 +15,7 @@ from cell.commands.init import init
 from cell.commands.log import log_app, report
 from cell.commands.models import data_app, eval_app, train_app
 from cell.commands.replay import replay
+from cell.commands.schema import schema
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
 from cell.interfaces.files import own_or_shipped
@@ -27,11 +28,18 @@ BAD_INPUT, SAFE_STOP = 2, 3
 MONITOR_PORT = 1667
 LIVE_PORT = 8765
 
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        from importlib import metadata
+
+        sys.stdout.write(f"cell {metadata.version('cell')}\n")
+        raise typer.Exit
+
+
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
-    help="Behaviour-tree controller for a human-robot assembly cell.",
 )
 app.add_typer(train_app, name="train")
 app.add_typer(eval_app, name="eval")
@@ -40,6 +48,16 @@ app.add_typer(log_app, name="log")
 app.command()(init)
 app.command()(replay)
 app.command()(report)
+app.command()(schema)
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_tell_version, help="Say the version and end.")
+    ] = False,
+) -> None:
+    """Behaviour-tree controller for a human-robot assembly cell."""
 
 
 class Pace(StrEnum):
@@ -158,7 +176,7 @@ def check(
         return BAD_INPUT if problems else 0
     if problems:
         raise InputError(*problems)
-    console().print(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong", highlight=False)
+    sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong\n")
     return 0
 
 

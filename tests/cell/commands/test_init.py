@@ -16,6 +16,10 @@ FILES = {
     "README.md",
     "config/cell.yaml",
     "config/products.yaml",
+    "config/schema/cell.json",
+    "config/schema/look.json",
+    "config/schema/person.json",
+    "config/schema/products.json",
     "tests/test_assemble.py",
     "trees/assemble.xml",
     "trees/clear_and_grasp.xml",
@@ -80,7 +84,7 @@ def test_commands_take_the_files_of_the_working_folder(folder: Path) -> None:
     configuration.write_text(sound.replace("tick_hz:", "tick_hs:"))
     told = in_folder(folder, "cell", "run")
     assert told.returncode == 2
-    assert "config/cell.yaml:37:3: unknown key 'tick_hs'" in told.stderr
+    assert "config/cell.yaml:38:3: unknown key 'tick_hs'" in told.stderr
     configuration.write_text(sound)
     tree.write_text(tree.read_text().replace("<ActivateGripper/>", "<ActivateGriper/>"))
     told = in_folder(folder, "cell", "run")

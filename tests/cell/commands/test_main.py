@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from cell.commands.main import TREE, main
 from cell.commands.terminal import CONFIGURATION
 from tests import ROOT
+from tests.processes import finished
 from trees.views.picture import draws_text
 
 
@@ -195,3 +197,14 @@ def test_a_run_never_imports_torch() -> None:
     )
     result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert re.fullmatch(r"cell \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+
+def test_a_shell_completes_commands() -> None:
+    asked = {"_CELL_COMPLETE": "complete_bash", "COMP_WORDS": "cell re", "COMP_CWORD": "1"}
+    told = finished([sys.executable, "-m", "cell"], ROOT, asked)
+    assert told.stdout.split() == ["replay", "report"]

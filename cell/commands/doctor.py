@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib import metadata
+from importlib import metadata, util
 from pathlib import Path
 
 import can
 
-from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration, load_product
+from cell.commands.weights import need_torch
+from cell.configuration import Configuration, load_configuration, load_product
 from cell.interfaces.errors import CellError
 from cell.interfaces.product import Product
 from cell.running.rendering import chosen_backend, renders
 
 GL_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0 libosmesa6"
+FREE_GB = 1.0  # a log takes about 0.02 GB a minute
+TRIAL_S = 2.0  # of simulated time, to see how fast it passes
+INSTALL = "make .venv/runtime in a clone, or pip install again"
 
 
 @dataclass(frozen=True)
@@ -26,24 +33,33 @@ class Finding:
 
     Attributes:
         remedy: a command or sentence that helps; empty where all is well.
+        needed: a run is not possible without.
     """
 
     what: str
     ok: bool
     remedy: str = ""
+    needed: bool = True
+
+    def __str__(self) -> str:
+        state = "ok" if self.ok else "MISSING" if self.needed else "note"
+        return f"{state:8}{self.what}" + (f"\n{'':8}{self.remedy}" if self.remedy else "")
 
 
-def examine(path: Path = DEFAULT_CONFIGURATION) -> list[Finding]:
-    """Look at everything that `cell run` needs."""
-    findings = [_python(), *_packages(), _rendering(), _font()]
+def examine(path: Path) -> list[Finding]:
+    """Look at everything that `cell run` needs with this configuration; what matters first comes first."""
+    rendering = _rendering()
+    rest = [_training(), _font(), _python(), _packages()]
     try:
         configuration = load_configuration(path)
         product = load_product(configuration, path)
     except CellError as error:
-        return [*findings, Finding("configuration", False, str(error))]
-    findings.append(Finding(f"configuration {path}", True))
-    findings += [_weights(name, configuration, product) for name in ("semantic", "grasp")]
-    return [*findings, _can(configuration), _writable(configuration.log.folder)]
+        return [rendering, Finding("configuration", False, str(error)), *rest]
+    logs = configuration.log.folder
+    machine = [rendering, _disk(logs), _writable(logs), _can(configuration)]
+    devices = _devices(configuration, product) if all(finding.ok for finding in (rendering, machine[-1])) else ()
+    planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
+    return [*machine, *devices, Finding(f"configuration {path}", True), *planners, *rest]
 
 
 def _python() -> Finding:
@@ -52,21 +68,74 @@ def _python() -> Finding:
     return Finding(f"Python {version}", fits, "" if fits else "install Python 3.11 or 3.12, remove .venv, make run")
 
 
-def _packages() -> Iterator[Finding]:
+def _packages() -> Finding:
     """The runtime's packages, as the installed project lists them."""
     try:
-        needed = metadata.requires("cell") or []
+        listed = metadata.requires("cell") or []
     except metadata.PackageNotFoundError:
-        yield Finding("the project is installed in this environment", False, "make .venv/runtime")
+        return Finding("the project is not installed in this environment", False, INSTALL)
+    needed = [re.split(r"[^\w.-]", one, maxsplit=1)[0] for one in listed if "extra ==" not in one]
+    missing = [name for name in needed if not _installed(name)]
+    if missing:
+        return Finding(f"{len(missing)} of {len(needed)} packages: {', '.join(missing)}", False, INSTALL)
+    return Finding(f"{len(needed)} packages", True)
+
+
+def _installed(package: str) -> bool:
+    try:
+        metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def _disk(folder: Path) -> Finding:
+    free_gb = shutil.disk_usage(_there(folder)).free / 1e9
+    enough = free_gb >= FREE_GB
+    remedy = "" if enough else f"logs take 0.02 GB a minute: make room, or log to another disk (--log, {FREE_GB:g} GB)"
+    return Finding(f"{free_gb:.1f} GB free for logs", enough, remedy, needed=False)
+
+
+def _there(folder: Path) -> Path:
+    """The folder, or what it would be made in."""
+    return next(one for one in (folder, *folder.parents) if one.exists())
+
+
+def _devices(configuration: Configuration, product: Product) -> Iterator[Finding]:
+    """Cameras and speed of the simulated cell; devices of another factory are opened by a run alone."""
+    factory = configuration.devices.factory
+    if factory != "sim.cell:open_cell":
+        module = factory.partition(":")[0]
+        found = util.find_spec(module.partition(".")[0]) is not None
+        remedy = "" if found else f"there is no module {module}: install it into this environment"
+        yield Finding(f"devices of {factory}; only a run opens them", found, remedy)
         return
-    for requirement in needed:
-        if "extra ==" in requirement:
-            continue
-        name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
-        try:
-            yield Finding(f"{name} {metadata.version(name)}", True)
-        except metadata.PackageNotFoundError:
-            yield Finding(name, False, "make .venv/runtime")
+    from sim.cell import open_cell
+
+    bus = configuration.gripper_can
+    devices = open_cell(
+        product, configuration.bench, configuration.devices.simulation, bus.interface, bus.channel, 0, "random"
+    )
+    try:
+        devices.wrist.trigger()
+        begun_s = time.perf_counter()
+        devices.clock.sleep_until(devices.clock.now_s() + TRIAL_S)
+        speed = TRIAL_S / (time.perf_counter() - begun_s)
+        blind = [name for name in ("overhead", "wrist") if getattr(devices, name).latest() is None]
+    finally:
+        devices.close()
+    told = f"simulation {speed:.1f} x real time on {os.cpu_count()} CPUs"
+    yield Finding(told, speed >= 1, "" if speed >= 1 else "--pace real will fall behind; end other programs", False)
+    yield Finding("cameras overhead, wrist", not blind, f"no frame of {', '.join(blind)}" if blind else "")
+
+
+def _training() -> Finding:
+    """Only `cell train` needs it."""
+    try:
+        need_torch()
+    except CellError as error:
+        return Finding("training", False, str(error), needed=False)
+    return Finding("training", True)
 
 
 def _rendering() -> Finding:
@@ -82,7 +151,7 @@ def _font() -> Finding:
     from trees.views.picture import FONT_PACKAGE, draws_text
 
     what = "a font for pictures of trees (cell show --png)"
-    return Finding(what, True) if draws_text() else Finding(what, False, f"apt-get install -y {FONT_PACKAGE}")
+    return Finding(what, True) if draws_text() else Finding(what, False, f"apt-get install -y {FONT_PACKAGE}", False)
 
 
 def _weights(name: str, configuration: Configuration, product: Product) -> Finding:
@@ -111,8 +180,7 @@ def _can(configuration: Configuration) -> Finding:
 
 def _writable(folder: Path) -> Finding:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        with tempfile.TemporaryFile(dir=_there(folder)):
             return Finding(f"logs can be written to {folder}", True)
     except OSError as error:
         return Finding(f"logs can be written to {folder}", False, f"{error.strerror}; choose a file by --log")

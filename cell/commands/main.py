@@ -79,6 +79,7 @@ LookOption = Annotated[
     str | None,
     typer.Option(help="What the simulation looks like: nominal, varied, hard, PRESET:SECTION or a look file."),
 ]
+DoctorJsonOption = Annotated[bool, typer.Option("--json", help="One line of JSON instead.")]
 PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
 
 
@@ -226,19 +227,16 @@ def nodes(
 
 
 @app.command()
-def doctor(as_json: JsonOption = False) -> int:
-    """Say what is missing on this machine and how to get it."""
+def doctor(config: ConfigOption = CONFIGURATION, as_json: DoctorJsonOption = False) -> int:
+    """Say what is missing on this machine and how to get it; 1 where a run is not possible."""
     from cell.commands.doctor import examine
 
-    screen = console()
-    findings = examine()
-    for finding in findings:
-        screen.print(f"{'ok     ' if finding.ok else 'MISSING'} {finding.what}", highlight=False, markup=False)
-        if not finding.ok and finding.remedy:
-            screen.print(f"        {finding.remedy}", highlight=False, markup=False)
-    healthy = all(finding.ok for finding in findings)
+    findings = examine(config)
+    healthy = all(finding.ok for finding in findings if finding.needed)
     if as_json:
         print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
+    else:
+        sys.stdout.writelines(f"{finding}\n" for finding in findings)
     return 0 if healthy else 1
 
 

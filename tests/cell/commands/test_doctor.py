@@ -1,0 +1,99 @@
+"""`cell doctor`: what matters first, on standard output; only what a run needs makes a machine unfit."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import namedtuple
+from pathlib import Path
+
+import pytest
+
+from cell.commands import doctor
+from cell.commands.doctor import examine
+from cell.commands.main import main
+from cell.interfaces.errors import InputError
+from tests import ROOT
+
+Usage = namedtuple("Usage", "total used free")
+
+
+def configuration(folder: Path, old: str = "", new: str = "") -> Path:
+    """A copy of the shipped configuration with one change."""
+    shutil.copytree(ROOT / "config", folder / "config", ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+    path = folder / "config" / "cell.yaml"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    return path
+
+
+def test_what_matters_comes_first_and_packages_are_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status = main(["doctor"])
+    told = capsys.readouterr()
+    assert (status, told.err) == (0, "")
+    words = [
+        "rendering",
+        "GB free",
+        "logs can be written",
+        "CAN",
+        "x real time",
+        "cameras",
+        "configuration",
+        "packages",
+    ]
+    places = [told.out.index(word) for word in words]
+    assert places == sorted(places)
+    assert len(told.out.splitlines()) <= 20
+    assert list(tmp_path.iterdir()) == [], "it only looks"
+
+
+def test_json_is_one_line_and_all(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["doctor", "--json"])
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["healthy"]
+    assert all(set(finding) == {"what", "ok", "remedy", "needed"} for finding in answer["findings"])
+
+
+def test_what_only_training_needs_is_a_note(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def absent() -> None:
+        raise InputError("training needs torch; install with: make train-deps")
+
+    monkeypatch.setattr(doctor, "need_torch", absent)
+    assert main(["doctor"]) == 0
+    assert "note    training\n        training needs torch; install with: make train-deps" in capsys.readouterr().out
+
+
+def test_a_full_disk_and_a_missing_package_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: Usage(10**12, 10**12, 4 * 10**8))
+    monkeypatch.setattr(doctor, "_installed", lambda name: name != "placo")
+    monkeypatch.setattr(doctor, "_devices", lambda *_: ())
+    findings = {finding.what: finding for finding in examine(configuration(tmp_path))}
+    assert not findings["0.4 GB free for logs"].ok
+    (packages,) = [finding for what, finding in findings.items() if what.endswith("packages: placo")]
+    assert (packages.ok, packages.needed) == (False, True)
+
+
+def test_without_rendering_no_device_is_opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(doctor, "renders", lambda _: False)
+    first, *others = examine(configuration(tmp_path))
+    assert (first.ok, first.needed) == (False, True)
+    assert "apt-get install -y libegl1" in first.remedy
+    assert not any("cameras" in finding.what for finding in others)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("interface: virtual", "interface: socketcan", "ip link set gripper up type can"),
+        ("sim.cell:open_cell", "our_bench:open_cell", "there is no module our_bench"),
+        ("tick_hz: 25.0", "tick_hz: -1", "cell.yaml:37:"),
+    ],
+)
+def test_a_configuration_that_does_not_fit_the_machine_is_told(old: str, new: str, words: str, tmp_path: Path) -> None:
+    bad = [finding for finding in examine(configuration(tmp_path, old, new)) if finding.needed and not finding.ok]
+    assert [words in finding.remedy for finding in bad] == [True]

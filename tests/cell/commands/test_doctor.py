@@ -91,7 +91,7 @@ def test_without_rendering_no_device_is_opened(monkeypatch: pytest.MonkeyPatch, 
     [
         ("interface: virtual", "interface: socketcan", "ip link set gripper up type can"),
         ("sim.cell:open_cell", "our_bench:open_cell", "there is no module our_bench"),
-        ("tick_hz: 25.0", "tick_hz: -1", "cell.yaml:37:"),
+        ("tick_hz: 25.0", "tick_hz: -1", "controller.tick_hz: input should be"),
     ],
 )
 def test_a_configuration_that_does_not_fit_the_machine_is_told(old: str, new: str, words: str, tmp_path: Path) -> None:

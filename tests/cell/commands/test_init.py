@@ -17,6 +17,7 @@ FILES = {
     "config/cell.yaml",
     "config/products.yaml",
     "config/schema/cell.json",
+    "config/schema/faults.json",
     "config/schema/look.json",
     "config/schema/person.json",
     "config/schema/products.json",
@@ -84,7 +85,8 @@ def test_commands_take_the_files_of_the_working_folder(folder: Path) -> None:
     configuration.write_text(sound.replace("tick_hz:", "tick_hs:"))
     told = in_folder(folder, "cell", "run")
     assert told.returncode == 2
-    assert "config/cell.yaml:38:3: unknown key 'tick_hs'" in told.stderr
+    line = next(number for number, text in enumerate(sound.splitlines(), 1) if "tick_hz:" in text)
+    assert f"config/cell.yaml:{line}:3: unknown key 'tick_hs'" in told.stderr
     configuration.write_text(sound)
     tree.write_text(tree.read_text().replace("<ActivateGripper/>", "<ActivateGriper/>"))
     told = in_folder(folder, "cell", "run")

@@ -19,6 +19,7 @@ CONFIG = ROOT / "config"
 FILES = [
     *(("cell", path) for path in CONFIG.glob("cell*.yaml")),
     *(("products", path) for path in CONFIG.glob("products*.yaml")),
+    *(("faults", path) for path in CONFIG.glob("faults*.yaml")),
     *(("look", path) for path in (CONFIG / "looks").glob("*.yaml")),
 ]
 
@@ -34,7 +35,7 @@ def test_shipped_files_fit_their_schema(kind: str, path: Path) -> None:
 
 
 def test_every_kind_of_shipped_file_is_tried() -> None:
-    assert {kind for kind, _ in FILES} == {"cell", "products", "look"}
+    assert {kind for kind, _ in FILES} == {"cell", "products", "faults", "look"}
     assert len(FILES) == len(list(CONFIG.rglob("*.yaml")))
 
 

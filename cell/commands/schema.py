@@ -46,6 +46,7 @@ def schemas() -> dict[str, str]:
     """Texts of the schemas by file name, one for each kind of YAML file."""
     from cell.configuration import Configuration
     from cell.interfaces.judgement import FaultTable
+    from cell.interfaces.model import Model
     from cell.interfaces.product import Product
     from sim.look_range import LookFile
     from sim.person import Person
@@ -55,7 +56,7 @@ def schemas() -> dict[str, str]:
     inline = {key: value for key, value in look.items() if key != "$defs"}
     cell["$defs"] |= look["$defs"]
     cell["$defs"]["SimSettings"]["properties"]["look"]["anyOf"] = [{"type": "string"}, inline]
-    others = {"products": Product, "faults": FaultTable, "person": Person}
+    others: dict[str, type[Model]] = {"products": Product, "faults": FaultTable, "person": Person}
     made = {"cell": cell, "look": look, **{name: model.model_json_schema() for name, model in others.items()}}
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$comment": MARK}
     return {f"{name}.json": json.dumps({**head, **schema}, indent=2) + "\n" for name, schema in made.items()}

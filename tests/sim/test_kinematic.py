@@ -1,0 +1,96 @@
+"""The person without physics: the same assemblies, the same bits for the same seed, far faster than real time."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from sim.kinematic import KinematicBench, Recording
+from sim.labels import guarded, labels
+from sim.person import PERSONS, Lapses, Person
+from tests.sim.worker_bench import bench, product
+
+
+@pytest.fixture(scope="module")
+def varied() -> KinematicBench:
+    return KinematicBench(product(), bench(), PERSONS["varied"])
+
+
+def standing(world: KinematicBench) -> dict[str, str]:
+    """Type of the part in each hole."""
+    found = {}
+    for position, (x, y) in product().bracket.holes_m.items():
+        hole = bench().bracket.pose.transform(np.array([x, y, 0.0]))
+        for part in world.world.bodies:
+            pose = world.world.part_pose(part)
+            if np.linalg.norm(np.array(pose.position_m) - hole) < 0.005 and pose.rotation[2, 2] > 0.999:
+                found[position] = part.part
+    return found
+
+
+def equal(first: Recording, second: Recording) -> bool:
+    return np.array_equal(first.fingertips_m, second.fingertips_m) and first.acts == second.acts
+
+
+@pytest.mark.parametrize("seed", range(9))
+def test_every_goal_is_assembled(varied: KinematicBench, seed: int) -> None:
+    goal = sorted(product().goals)[seed % 3]
+    varied.record(goal, seed)
+    assert standing(varied) == product().goal_placements(goal)
+
+
+def test_the_same_seed_gives_the_same_bits_whatever_came_before(varied: KinematicBench) -> None:
+    first = varied.record("g0", 5)
+    other = varied.record("g0", 6)
+    assert equal(first, varied.record("g0", 5))
+    assert equal(first, KinematicBench(product(), bench(), PERSONS["varied"]).record("g0", 5))
+    assert not equal(first, other)
+
+
+def test_motion_is_a_hundred_times_as_fast_as_real_time(varied: KinematicBench) -> None:
+    began_s = time.process_time()
+    recording = varied.record("g1", 1)
+    assert recording.times_s[-1] > 100 * (time.process_time() - began_s)
+
+
+def test_samples_come_at_the_rate_and_the_hand_keeps_to_a_human_pace(varied: KinematicBench) -> None:
+    recording = varied.record("g2", 3)
+    steps_s = np.diff(recording.times_s)
+    assert np.allclose(steps_s, 1 / 15)
+    speeds_m_s = np.linalg.norm(np.diff(recording.fingertips_m, axis=0), axis=1) / steps_s
+    assert 0.4 < speeds_m_s.max() < 2.0
+
+
+def test_frames_are_asked_for_while_the_world_is_as_it_was(varied: KinematicBench) -> None:
+    seen: list[tuple[float, float]] = []
+    body = varied.world.model.body("hand").id
+    recording = varied.record("g0", 2, frame=lambda at_s: seen.append((at_s, float(varied.world.data.xpos[body][0]))))
+    assert [at_s for at_s, _ in seen] == list(recording.times_s)
+    assert np.allclose([x for _, x in seen], recording.fingertips_m[:, 0])
+
+
+def test_labels_follow_the_rule() -> None:
+    person = Person(lapses=Lapses(takes_away=0.6, hesitates=0.3, holds=0.3))
+    recording = KinematicBench(product(), bench(), person).record("g1", 4)
+    found = labels(recording.actions, recording.acts, recording.times_s)
+    releases = [act for act in recording.acts if act.fields["act"] == "release"]
+    assert any(act.fields["position"] is None for act in releases)
+    for at_s, label in zip(recording.times_s, found, strict=True):
+        near = [act for act in releases if act.time_s - 0.5 <= at_s <= act.time_s + 0.4 and act.fields["position"]]
+        assert (label.kind == "assembly") == bool(near)
+        if near:
+            assert (label.part, label.position) == (near[-1].fields["part"], near[-1].fields["position"])
+    kinds = [label.kind for label in found]
+    assert set(kinds) == {"assembly", "screw", "transit", "idle"}
+
+
+def test_the_guard_band_lies_about_changes(varied: KinematicBench) -> None:
+    recording = varied.record("g1", 4)
+    found = labels(recording.actions, recording.acts, recording.times_s)
+    near = guarded(found, recording.times_s)
+    changes = [index for index in range(1, len(found)) if found[index] != found[index - 1]]
+    assert all(near[index] and near[index - 1] for index in changes)
+    far = [index for index in range(5, len(found) - 5) if len(set(found[index - 4 : index + 5])) == 1]
+    assert not any(near[index] for index in far)

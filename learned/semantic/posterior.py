@@ -94,8 +94,18 @@ class UnknownGoal:
         return counts / [perm(slots, i) for i in range(len(counts))]
 
 
-def posterior(edges: Floats, likelihood: Likelihood, unknown: UnknownGoal, prior: float = UNKNOWN_PRIOR) -> Posterior:
-    """Posterior for the edges (n, m); `prior` is that of "none of these".
+def posterior(
+    edges: Floats,
+    likelihood: Likelihood,
+    unknown: UnknownGoal,
+    prior: float = UNKNOWN_PRIOR,
+    alike: Likelihood | None = None,
+) -> Posterior:
+    """Posterior for the edges (n, m).
+
+    Args:
+        prior: of "none of these".
+        alike: the goals' likelihood under the noise that `unknown` has, where `likelihood` is under another.
 
     Raises:
         ModelError: the likelihoods are no numbers, or all zero.
@@ -108,8 +118,9 @@ def posterior(edges: Floats, likelihood: Likelihood, unknown: UnknownGoal, prior
     if unknown.possible:
         mean, open_mean = unknown.mean(tuple(edges.sum(axis=1).astype(int).tolist()))
         scale = prior * likelihood.usual
-        none = scale * max(unknown.all_share * mean - unknown.goal_share * float(likelihood.goals.sum()), 0.0)
-        of_goals = np.einsum("gm,gnm->nm", likelihood.still_open, likelihood.wanted)
+        alike = alike or likelihood
+        none = scale * max(unknown.all_share * mean - unknown.goal_share * float(alike.goals.sum()), 0.0)
+        of_goals = np.einsum("gm,gnm->nm", alike.still_open, alike.wanted)
         placements += scale * np.maximum(unknown.all_share * open_mean[:, None] - unknown.goal_share * of_goals, 0.0)
     joint = np.append(goals, none)
     total = float(joint.sum())

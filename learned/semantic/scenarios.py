@@ -8,7 +8,7 @@ from itertools import product as combinations
 
 import numpy as np
 
-from learned.semantic.graph import EMPTY, Bools, Ints, Layout
+from learned.semantic.graph import EMPTY, Bools, Floats, Ints, Layout
 
 SCENARIO_LIMIT = 20_000  # products with more partial states are sampled
 TRAIN_RATIO = 0.77  # 143 of 186 scenarios with the default product, as in the paper
@@ -107,6 +107,7 @@ def misdetect(
     rate: float = DETECTION_ERROR,
     *,
     contradicting: bool = False,
+    confusions: Floats | None = None,
 ) -> Scenarios:
     """What an imperfect action detector makes of the states.
 
@@ -116,10 +117,13 @@ def misdetect(
     Args:
         contradicting: only for actions that the scenario's own goal does not hold. Training uses this: else noise
             would regenerate held-out scenarios from training ones, as sub-demonstrations do.
+        confusions: (actions, actions) what is taken for what (`learned.semantic.confusions`), instead of `rate` and any
+            action alike.
     """
     seen = whole.seen.copy()
-    pairs = action_pairs(layout)
-    for row, position in np.argwhere((seen != EMPTY) & (rng.random(seen.shape) < rate)):
+    pairs, m = action_pairs(layout), len(layout.positions)
+    rates = rate if confusions is None else 1.0 - np.diag(confusions)[np.maximum(seen, 0) * m + np.arange(m)]
+    for row, position in np.argwhere((seen != EMPTY) & (rng.random(seen.shape) < rates)):
         true = (int(seen[row, position]), int(position))
         seen[row, position] = EMPTY
         types = layout.types[whole.goals[row]] if contradicting else np.full_like(seen[row], EMPTY)
@@ -128,6 +132,9 @@ def misdetect(
             for part, place in pairs
             if (part, place) != true and seen[row, place] == EMPTY and types[place] != part
         ]
+        if confusions is not None and others:
+            weights = np.array([confusions[true[0] * m + true[1], part * m + place] for part, place in others])
+            others = [others[rng.choice(len(others), p=weights / weights.sum())]] if weights.any() else []
         if others:
             part, place = others[rng.integers(len(others))]
             seen[row, place] = part

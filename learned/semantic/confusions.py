@@ -1,0 +1,219 @@
+"""What the action detector takes for what: a matrix over actions, given by a pattern or learned from confirmed actions.
+
+Actions are numbered part by part: part i at position p of m is i * m + p.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from math import comb
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.model import Model
+from learned.semantic.graph import Bools, Floats, Ints, Layout
+from learned.semantic.scenarios import DETECTION_ERROR, action_pairs
+
+Pattern = Literal["uniform", "neighbouring holes", "alike types"]
+PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
+MOST_POSITIONS = 10  # of a product whose confusions are counted exactly: all subsets of its positions are listed
+KINDS_PSEUDO_N, ROW_PSEUDO_N = 4.0, 20.0  # imagined mistakes of every kind, and imagined reports of every action
+CACHED = 4096
+
+Reported = tuple[tuple[str, str], tuple[str, str]]  # (part, position) as it was, and as it was reported
+
+
+class ConfusionFile(Model):
+    """A learned matrix.
+
+    Attributes:
+        reports_n: confirmed actions that it was learned from.
+        wrong: by action as it was, by action as it was reported, how probable that is; words as in "o1 at p2".
+    """
+
+    format: Literal["cell.confusions"] = "cell.confusions"
+    version: Literal[1] = 1
+    parts: tuple[str, ...]
+    positions: tuple[str, ...]
+    reports_n: int = Field(ge=0)
+    source: str = ""
+    wrong: dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Confusions:
+    """P(reported | action).
+
+    Attributes:
+        matrix: (actions, actions), rows sum to 1: row as it was, column as it was reported.
+    """
+
+    matrix: Floats
+
+    @staticmethod
+    def of(layout: Layout, pattern: Pattern = "uniform", error: float = DETECTION_ERROR) -> Confusions:
+        """A detector that is wrong about every action alike often, in one way."""
+        weights = _kinds(layout)[pattern].astype(float)
+        found = _known(layout)
+        bare = weights.sum(axis=1) == 0
+        weights[bare] = _kinds(layout)["uniform"][bare] & found
+        share = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
+        return Confusions(_with_diagonal(error * share))
+
+    @staticmethod
+    def learned(layout: Layout, reports: Iterable[Reported]) -> Confusions:
+        """From confirmed actions: rates of every kind of mistake, and on top of them every action's own.
+
+        Raises:
+            ValueError: a report names a part or a position that the product does not have.
+        """
+        counts = np.zeros((len(layout.parts) * len(layout.positions),) * 2)
+        for true, reported in reports:
+            counts[_number(layout, *true), _number(layout, *reported)] += 1.0
+        uniform = _kinds(layout)["uniform"]
+        disjoint = {name: kind & uniform for name, kind in _kinds(layout).items() if name != "uniform"}
+        disjoint["uniform"] = uniform & ~np.logical_or.reduce(list(disjoint.values()))
+        expected = np.zeros_like(counts)
+        total = counts.sum() + KINDS_PSEUDO_N / DETECTION_ERROR
+        for kind in disjoint.values():
+            rate = (counts[kind].sum() + KINDS_PSEUDO_N / len(disjoint)) / total
+            width = kind.sum(axis=1, keepdims=True)
+            expected += rate * kind / np.maximum(width, 1)
+        wrong = (counts + ROW_PSEUDO_N * expected) / (counts.sum(axis=1, keepdims=True) + ROW_PSEUDO_N)
+        np.fill_diagonal(wrong, 0.0)
+        return Confusions(_with_diagonal(wrong))
+
+    @property
+    def error(self) -> float:
+        """Mean share of wrong reports."""
+        return float(1.0 - np.diag(self.matrix).mean())
+
+    def save(self, path: Path, layout: Layout, reports_n: int, source: str) -> None:
+        """Write the matrix for people and programs."""
+        names = [f"{part} at {position}" for part in layout.parts for position in layout.positions]
+        wrong = {
+            name: {names[j]: round(float(row[j]), 6) for j in np.flatnonzero(row) if names[j] != name}
+            for name, row in zip(names, self.matrix, strict=True)
+        }
+        content = ConfusionFile(
+            parts=layout.parts, positions=layout.positions, reports_n=reports_n, source=source, wrong=wrong
+        )
+        partial = path.with_name(path.name + ".partial")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            partial.write_text(content.model_dump_json(indent=1) + "\n", encoding="utf-8")
+            partial.replace(path)
+        except OSError as error:
+            raise InputError(f"{path}: cannot write the confusions: {error.strerror}") from error
+
+    @staticmethod
+    def load(path: Path, layout: Layout) -> Confusions:
+        """Read a file that `save` wrote.
+
+        Raises:
+            InputError: it is missing, damaged, or of another product.
+        """
+        try:
+            read = ConfusionFile.model_validate(json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, ValidationError) as error:
+            raise InputError(Problem(Place(path), f"no confusions of actions: {str(error).splitlines()[0]}")) from error
+        if (read.parts, read.positions) != (layout.parts, layout.positions):
+            what = f"learned for parts {', '.join(read.parts)} and positions {', '.join(read.positions)}"
+            raise InputError(Problem(Place(path), what, "learn them again: cell train noise"))
+        numbers = {
+            f"{part} at {position}": i * len(layout.positions) + p
+            for i, part in enumerate(layout.parts)
+            for p, position in enumerate(layout.positions)
+        }
+        wrong = np.zeros((len(numbers), len(numbers)))
+        for true, row in read.wrong.items():
+            for reported, share in row.items():
+                if true not in numbers or reported not in numbers or not 0.0 <= share <= 1.0:
+                    raise InputError(Problem(Place(path), f"{true} reported as {reported}: {share}"))
+                wrong[numbers[true], numbers[reported]] = share
+        if (wrong.sum(axis=1) >= 1.0).any():
+            raise InputError(Problem(Place(path), "the wrong reports of an action sum to 1 or more"))
+        return Confusions(_with_diagonal(wrong))
+
+
+class ConfusionLikelihood:
+    """P(reports | goal) under confusions, for people without habits: any k of the m slots are done, all choices alike.
+
+    Summed over all ways in which the k reports may stem from k slots: a recursion over the reports whose states are the
+    sets of slots that were used.
+    """
+
+    def __init__(self, layout: Layout, confusions: Confusions) -> None:
+        m = len(layout.positions)
+        self._m = m
+        self._actions: Ints = layout.types * m + np.arange(m)
+        self._right = np.diag(confusions.matrix)
+        self._wrong = confusions.matrix - np.diag(self._right)
+        masks = np.arange(2**m)[:, None]
+        bits = 1 << np.arange(m)
+        self._before = np.where(masks & bits, masks ^ bits, 2**m)  # where the recursion comes from; 2^m: nowhere
+        self._still = ((masks & bits) == 0).astype(float)
+        self.likelihoods = lru_cache(maxsize=CACHED)(self._likelihoods)
+
+    def __call__(self, edges: Floats) -> tuple[Floats, Floats]:
+        """Likelihood (z,) of the edges (n, m), and (z, m) that together with each slot being open."""
+        return self.likelihoods(tuple(np.flatnonzero(edges).tolist()))
+
+    def _likelihoods(self, reports: tuple[int, ...]) -> tuple[Floats, Floats]:
+        goals, m = self._actions.shape
+        state = np.zeros((goals, 2**m + 1))
+        state[:, 0] = 1.0
+        for chance in self._chances(np.array(reports, dtype=int)):
+            state[:, :-1] = np.einsum("gsp,gp->gs", state[:, self._before], chance)
+        every: Floats = state[:, :-1] / comb(m, len(reports))
+        return every.sum(axis=1), every @ self._still
+
+    def _chances(self, reports: Ints) -> Floats:
+        """(k, z, m) probability that a slot is reported as each of the k reports, the others' positions being taken."""
+        places = np.arange(self._wrong.shape[1]) % self._m
+        found = []
+        for number, report in enumerate(reports):
+            others = np.delete(reports, number) % self._m
+            possible = self._wrong * ~np.isin(places, others)
+            total = np.maximum(possible.sum(axis=1), 1e-12)
+            column = self._wrong.sum(axis=1) * possible[:, report] / total
+            column[report] = self._right[report] if total[report] > 1e-12 else 1.0
+            found.append(column[self._actions])
+        return np.array(found)
+
+
+def _with_diagonal(wrong: Floats) -> Floats:
+    matrix: Floats = wrong + np.diag(1.0 - wrong.sum(axis=1))
+    return matrix
+
+
+def _number(layout: Layout, part: str, position: str) -> int:
+    return layout.parts.index(part) * len(layout.positions) + layout.positions.index(position)
+
+
+def _known(layout: Layout) -> Bools:
+    """(actions,) whether some goal has an action."""
+    known = np.zeros(len(layout.parts) * len(layout.positions), bool)
+    for part, position in action_pairs(layout):
+        known[part * len(layout.positions) + position] = True
+    return known
+
+
+def _kinds(layout: Layout) -> dict[Pattern, Bools]:
+    """(actions, actions) by pattern: which mistakes belong to it; reports are of actions that some goal has."""
+    m = len(layout.positions)
+    part, position = np.divmod(np.arange(len(layout.parts) * m), m)
+    known = np.broadcast_to(_known(layout), (len(part), len(part)))
+    same_part, apart = part[:, None] == part, np.abs(position[:, None] - position)
+    return {
+        "uniform": known & ~np.eye(len(part), dtype=bool),
+        "neighbouring holes": known & same_part & (apart == 1),
+        "alike types": known & (apart == 0) & (np.abs(part[:, None] - part) == 1),
+    }

@@ -19,6 +19,7 @@ from cell.interfaces.product import Product
 from cell.interfaces.quantity import Duration
 from cell.interfaces.yaml_file import load_yaml, place_of
 from learned.classical.settings import PerceptionSettings as ClassicalSettings
+from learned.semantic.settings import NewGoals
 from sim.look_range import look_range
 from sim.person import load_person
 from sim.settings import SimSettings
@@ -71,6 +72,24 @@ class PlannerSettings(Model):
     weights: Path | None = None
 
 
+class SemanticPlannerSettings(PlannerSettings):
+    """The planner that infers the goal.
+
+    Attributes:
+        kind: factored, paper, bayes or and_or.
+        weights: file of weights, relative to this file; the shipped one of this kind by default.
+        goals: file of goals that were finished, relative to this file; goals that the product does not list are learned
+            from it, and every finished bracket is noted in it. Without, only the product's goals are known.
+        new_goals: what is expected of goals that nobody listed.
+        confusions: file of what the action detector takes for what, from `cell train noise`, relative to this file;
+            without, any action is taken for any other alike.
+    """
+
+    goals: Path | None = None
+    new_goals: NewGoals = NewGoals()
+    confusions: Path | None = None
+
+
 class Planners(Model):
     """The planners of section 3.1 (semantic) and 3.2 (grasp) of the paper.
 
@@ -79,7 +98,7 @@ class Planners(Model):
         grasp: which part to take out of the tray and how: pairwise, paper or rule.
     """
 
-    semantic: PlannerSettings
+    semantic: SemanticPlannerSettings
     grasp: PlannerSettings
 
 
@@ -160,7 +179,8 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     read = load_yaml(path, Configuration)
     folder = path.parent.resolve()
     planners = {
-        name: planner.model_copy(update={"weights": _weights(name, planner, folder)}) for name, planner in read.planners
+        name: planner.model_copy(update={"weights": _weights(name, planner, folder)} | _beside(planner, folder))
+        for name, planner in read.planners
     }
     faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
@@ -195,6 +215,14 @@ def simulated(configuration: Configuration, look: str | None = None, person: str
     simulation = configuration.devices.simulation.model_copy(update=changes)
     devices = configuration.devices.model_copy(update={"simulation": simulation})
     return configuration.model_copy(update={"devices": devices})
+
+
+def _beside(planner: PlannerSettings, folder: Path) -> dict[str, Path]:
+    """Files of a semantic planner that stand beside the configuration."""
+    if not isinstance(planner, SemanticPlannerSettings):
+        return {}
+    files = {"goals": planner.goals, "confusions": planner.confusions}
+    return {name: folder / file for name, file in files.items() if file is not None}
 
 
 def _weights(name: str, planner: PlannerSettings, folder: Path) -> Path:

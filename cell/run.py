@@ -41,6 +41,7 @@ from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
 from cell.running.controller import Controller
 from cell.running.detectors import lock_step, worker_processes
+from cell.running.finished import FinishedBrackets
 from cell.running.node_library import node_registry
 from cell.running.reload import WatchedTree
 from cell.running.services import Planners, TickClock, load_planners, make_services
@@ -167,6 +168,8 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
             observers = (*observers, monitor)
         if live is not None:
             observers = (*observers, live)
+        if (goals := configuration.planners.semantic.goals) is not None:
+            observers = (*observers, FinishedBrackets(goals, files.product))
         ticked = _watched(options, files.tree, observers, recorder, monitor) if options.watch else files.tree
         outcome = drive(files, devices, motion, observers, recorder.can_frame, options.pace, ticked)
         return RunResult(outcome, _summary(options, files, outcome, statistics, devices, recorder, sheet.path))
@@ -201,7 +204,6 @@ def drive(
         controller = Controller(devices, gripper, *executors, configuration.controller, supervisor, observers)
         services = make_services(
             configuration,
-            files.product,
             files.planners,
             motion,
             devices.clock,
@@ -278,6 +280,10 @@ def _heading(options: RunOptions, files: Files) -> Heading:
     }
     look = files.configuration.devices.simulation.look.draw(options.seed)
     attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
+    semantic, folder = files.configuration.planners.semantic, options.configuration.resolve().parent
+    for path in (semantic.goals, semantic.confusions):
+        if path is not None and path.exists() and path.resolve().is_relative_to(folder):
+            attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())
     for name, text in _texts(options, files.tree).items():
         attachments[name] = ("application/xml", text.encode())
     values = {

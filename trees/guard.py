@@ -24,10 +24,13 @@ class GuardSettings(Model):
     Attributes:
         act_probability: least posterior of the next (part, position) at which the robot acts.
         ask_probability: posterior of "none of these goals" from which the robot asks.
+        doubt_probability: posterior of "none of these goals" from which the robot asks which goal it is instead of
+            acting, until it is told; 1 never asks.
     """
 
     act_probability: float = Field(default=0.9, ge=0.01, le=1)
     ask_probability: float = Field(default=0.5, ge=0.01, le=1)
+    doubt_probability: float = Field(default=1.0, ge=0.001, le=1)
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,8 @@ class Guard:
             )
         if not reachable:
             return Verdict("ask", f"the arm cannot reach {position} with {part}")
+        if self._settings.doubt_probability <= unknown and state.told_goal is None:
+            return Verdict("ask", f"is this {plan.goal}? A goal that I do not know has probability {unknown:.3f}")
         return Verdict("act", f"{part} at {position} has probability {probability:.2f}")
 
     def _remaining(self, state: AssemblyState) -> Counter[str]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cell.commands.goals import goals_app
 from cell.commands.init import init
 from cell.commands.log import log_app, report
 from cell.commands.models import data_app, eval_app, train_app
@@ -45,6 +46,7 @@ app.add_typer(train_app, name="train")
 app.add_typer(eval_app, name="eval")
 app.add_typer(data_app, name="data")
 app.add_typer(log_app, name="log")
+app.add_typer(goals_app, name="goals")
 app.command()(init)
 app.command()(replay)
 app.command()(report)

@@ -6,6 +6,7 @@ import typer
 
 from cell.commands import data as data_commands
 from cell.commands import grasp as grasp_commands
+from cell.commands import noise as noise_commands
 from cell.commands import semantic as semantic_commands
 
 train_app = typer.Typer(no_args_is_help=True, help="Train a planner on generated scenarios and write its ONNX file.")
@@ -14,6 +15,7 @@ data_app = typer.Typer()
 data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)
 data_app.command("grasp")(grasp_commands.data)
+train_app.command("noise")(noise_commands.train)
 
 for name, commands in (("semantic", semantic_commands), ("grasp", grasp_commands)):
     train_app.command(name)(commands.train)

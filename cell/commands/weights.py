@@ -15,10 +15,14 @@ def shipped_weights(planner: str, kind: str) -> Path:
     return shipped("learned", "weights", weights_file(planner, kind))
 
 
+def folder_for(config: Path) -> Path:
+    """Where what is learned for a configuration goes: beside it; for the shipped one, into the working folder."""
+    return Path() if config.resolve() == shipped("config", "cell.yaml").resolve() else config.parent
+
+
 def new_weights(planner: str, kind: str, config: Path) -> Path:
-    """File for weights that were trained for a configuration: beside it; for the shipped one, in the working folder."""
-    folder = Path() if config.resolve() == shipped("config", "cell.yaml").resolve() else config.parent
-    return folder / weights_file(planner, kind)
+    """File for weights that were trained for a configuration."""
+    return folder_for(config) / weights_file(planner, kind)
 
 
 def need_torch(*, plots: bool = False) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from cell.interfaces.perception import PartDetection
@@ -24,13 +24,15 @@ class AssemblyState:
 
     Attributes:
         placed: part type by position, filled positions only.
+        told_goal: what the person said when asked: a goal's name, or UNKNOWN_GOAL; None where nothing was said.
     """
 
     placed: Mapping[str, str]
+    told_goal: str | None = None
 
     def with_placement(self, part: str, position: str) -> AssemblyState:
         """The state after one more part."""
-        return AssemblyState({**self.placed, position: part})
+        return replace(self, placed={**self.placed, position: part})
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,9 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.planning import GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.grasp.planner import load_grasp_planner
+from learned.semantic.confusions import Confusions
+from learned.semantic.goals import OpenGoals
+from learned.semantic.graph import Layout
 from learned.semantic.planner import load_semantic_planner
 from skills.planner import MotionPlanner
 from trees.guard import Guard
@@ -36,12 +39,17 @@ class TickClock:
 
 @dataclass(frozen=True)
 class Planners:
-    """The chosen planners, and the rule-based ones that answer where those cannot be used."""
+    """The chosen planners, and the rule-based ones that answer where those cannot be used.
+
+    Attributes:
+        known: the product with the goals that were learned.
+    """
 
     semantic: SemanticPlanner
     rule_semantic: SemanticPlanner
     grasp: GraspPlanner
     rule_grasp: GraspPlanner
+    known: Product
 
 
 def load_planners(configuration: Configuration, product: Product) -> Planners:
@@ -53,8 +61,18 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
     semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
     assert semantic.weights is not None
     assert grasp.weights is not None
+
+    def load_semantic() -> tuple[SemanticPlanner, SemanticPlanner, Product]:
+        goals = OpenGoals.of(product, semantic.new_goals)
+        if semantic.goals is not None:
+            goals = OpenGoals.load(semantic.goals, product, semantic.new_goals)
+        layout = Layout.of(product)
+        confusions = None if semantic.confusions is None else Confusions.load(semantic.confusions, layout)
+        chosen = load_semantic_planner(semantic.kind, semantic.weights, product, goals, confusions)
+        return chosen, load_semantic_planner("bayes", None, product, goals, confusions), goals.product
+
     loaders: dict[str, Callable[[], Any]] = {
-        "semantic": partial(load_semantic_planner, semantic.kind, semantic.weights, product),
+        "semantic": load_semantic,
         "grasp": partial(load_grasp_planner, grasp.kind, grasp.weights, product),
     }
     loaded: dict[str, Any] = {}
@@ -66,13 +84,12 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
             problems.append((("planners", name), str(error)))
     if problems:
         raise SettingError(*problems)
-    rules = load_semantic_planner("bayes", None, product), load_grasp_planner("rule", grasp.weights, product)
-    return Planners(loaded["semantic"], rules[0], loaded["grasp"], rules[1])
+    chosen, rule, known = loaded["semantic"]
+    return Planners(chosen, rule, loaded["grasp"], load_grasp_planner("rule", grasp.weights, product), known)
 
 
 def make_services(
     configuration: Configuration,
-    product: Product,
     planners: Planners,
     motion: MotionPlanner,
     clock: Clock,
@@ -81,12 +98,15 @@ def make_services(
 ) -> Services:
     """What the nodes of a tree work with."""
     return Services(
-        product=product,
+        product=planners.known,
         bench=configuration.bench,
         clock=clock,
         motion=motion,
-        **vars(planners),
-        guard=Guard(product, configuration.guard),
+        semantic=planners.semantic,
+        rule_semantic=planners.rule_semantic,
+        grasp=planners.grasp,
+        rule_grasp=planners.rule_grasp,
+        guard=Guard(planners.known, configuration.guard),
         journal=journal,
         observation=observation,
     )

@@ -8,11 +8,12 @@ The first line says what the file is; every other line is one scene, its parts i
      "truth": [{"part": "o1", "position_m": [0.5601, -0.3802, 0.016], "yaw_rad": 0.303,
                 "size_m": [0.045, 0.028, 0.02]}, ...],
      "blockers": [{"width": [1], "length": []}, ...],
-     "noise": {"position_m": 0.0004, "yaw_rad": 0.0044, "bottom_m": 0.0, "size_m": 0.0}}
+     "noise": {"position_m": 0.0004, "yaw_rad": 0.0044, "bottom_m": 0.0, "size_m": 0.0}, "run": "monday-3"}
 
 `position_m` is the middle of the body's bottom. `truth` (how the parts really stood), `blockers` (for every part, by
 each candidate that it has, the numbers of the parts that are in the way) and `noise` (standard deviations of the
-detections) may be left out. Where `blockers` are missing they are worked out from the truth.
+detections) may be left out; so may `run`, the recording that a scene is from: scenes of one run show the same parts and
+are trained on together or not at all. Where `blockers` are missing they are worked out from the truth.
 """
 
 from __future__ import annotations
@@ -91,6 +92,8 @@ class DetectionRecord(StandingRecord):
 class SceneRecord(Model):
     """One scene; see the module's text."""
 
+    run: str | None = None
+
     detections: tuple[DetectionRecord, ...] = Field(min_length=1)
     truth: tuple[StandingRecord, ...] | None = None
     blockers: tuple[dict[Candidate, tuple[int, ...]], ...] | None = None
@@ -110,7 +113,10 @@ class SceneRecord(Model):
             for i in range(len(boxes))
         )
         detections = tuple(DetectionRecord.of(part) for part in scene.parts)
-        return SceneRecord(detections=detections, truth=truth, blockers=_written(scene.blocks), noise=scene.noise)
+        blockers = _written(scene.blocks)
+        return SceneRecord(
+            run=scene.run or None, detections=detections, truth=truth, blockers=blockers, noise=scene.noise
+        )
 
     def problems(self, parts: Sequence[str]) -> Iterator[str]:
         """What does not fit together, in words."""
@@ -135,7 +141,7 @@ class SceneRecord(Model):
             return None
         boxes = _boxes(self.detections if self.truth is None else self.truth)
         blocks = touching(boxes, outline) if self.blockers is None else _read_blocks(self.blockers)
-        return Scene(boxes, blocks, seen, self.noise or DetectionNoise())
+        return Scene(boxes, blocks, seen, self.noise or DetectionNoise(), self.run or "")
 
 
 def write_scenes(path: Path, scenes: Iterable[Scene], product: Product, source: str) -> int:

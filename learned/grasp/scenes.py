@@ -36,12 +36,14 @@ class Scene:
         blocks: (n, candidates, n), [i, c, j] true where j would be touched in grasping i by candidate c.
         parts: one noisy detection of each, in the same order.
         noise: that the detections have.
+        run: the recording that it is from; empty where it was drawn.
     """
 
     boxes: Boxes
     blocks: Blocks
     parts: tuple[PartDetection, ...]
     noise: DetectionNoise = field(default_factory=DetectionNoise)
+    run: str = ""
 
     def graspable(self, required: int) -> bool:
         """Whether the gripper can take a part as it stands."""

@@ -69,8 +69,8 @@ def train_grasp(
         learned = training_scenes(product, seed, settings, quiet=quiet)
         split = f"{len(learned)} scenes of the train split; scores on {settings.test_scenes} of the test split"
     else:
-        learned, test = _split(scenes, seed)
-        split = f"{len(learned)} given scenes; scores on {len(test)} others of them"
+        learned, test = split_by_run(scenes, seed)
+        split = f"{len(learned)} given scenes; scores on {len(test)} others of them, of other runs"
     checkpoint = out.with_name(out.name + ".checkpoint")
     network = train_network(learned, product, seed, settings, checkpoint=checkpoint, quiet=quiet)
     command = command or f"train_grasp(kind={kind!r}, seed={seed})"
@@ -172,10 +172,19 @@ def _samples(settings: TrainingSettings, product: Product) -> list[dict[str, NDA
     ]
 
 
-def _split(scenes: Sequence[Scene], seed: int) -> tuple[list[Scene], list[Scene]]:
-    """Scenes to learn from, and scenes to score on."""
-    count = round(_TEST_SHARE * len(scenes))
+def split_by_run(scenes: Sequence[Scene], seed: int) -> tuple[list[Scene], list[Scene]]:
+    """Scenes to learn from, and scenes to score on; all of one recorded run are on one side.
+
+    Raises:
+        InputError: there are too few scenes, or runs, to keep any for the scores.
+    """
+    names = [scene.run or f"scene {number}" for number, scene in enumerate(scenes)]
+    runs = sorted(set(names), key=names.index)
+    count = round(_TEST_SHARE * len(runs))
     if count == 0:
-        raise InputError(f"{len(scenes)} scenes are too few to train on and to keep some for the scores")
-    order = np.random.default_rng([seed, len(scenes)]).permutation(len(scenes))
-    return [scenes[k] for k in order[count:]], [scenes[k] for k in order[:count]]
+        what = f"{len(scenes)} scenes of {len(runs)} runs"
+        raise InputError(f"{what} are too few to train on and to keep some for the scores; 3 runs are the fewest")
+    order = np.random.default_rng([seed, len(runs)]).permutation(len(runs))
+    kept = {runs[k] for k in order[:count]}
+    pairs = list(zip(names, scenes, strict=True))
+    return [some for name, some in pairs if name not in kept], [some for name, some in pairs if name in kept]

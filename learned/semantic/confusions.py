@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from pydantic import Field, ValidationError
@@ -78,12 +78,12 @@ class Confusions:
         for true, reported in reports:
             counts[_number(layout, *true), _number(layout, *reported)] += 1.0
         uniform = _kinds(layout)["uniform"]
-        disjoint = {name: kind & uniform for name, kind in _kinds(layout).items() if name != "uniform"}
-        disjoint["uniform"] = uniform & ~np.logical_or.reduce(list(disjoint.values()))
+        kinds = [kind & uniform for name, kind in _kinds(layout).items() if name != "uniform"]
+        kinds.append(uniform & ~np.logical_or.reduce(kinds))
         expected = np.zeros_like(counts)
         total = counts.sum() + KINDS_PSEUDO_N / DETECTION_ERROR
-        for kind in disjoint.values():
-            rate = (counts[kind].sum() + KINDS_PSEUDO_N / len(disjoint)) / total
+        for kind in kinds:
+            rate = (counts[kind].sum() + KINDS_PSEUDO_N / len(kinds)) / total
             width = kind.sum(axis=1, keepdims=True)
             expected += rate * kind / np.maximum(width, 1)
         wrong = (counts + ROW_PSEUDO_N * expected) / (counts.sum(axis=1, keepdims=True) + ROW_PSEUDO_N)
@@ -217,3 +217,46 @@ def _kinds(layout: Layout) -> dict[Pattern, Bools]:
         "neighbouring holes": known & same_part & (apart == 1),
         "alike types": known & (apart == 0) & (np.abs(part[:, None] - part) == 1),
     }
+
+
+def confirmed_reports(path: Path) -> list[Reported]:
+    """Detected actions of a file of segments (`cell data --from LOG`) beside what the holes showed later.
+
+    Where the hole of a detected assembly turned out to be empty, the action was what filled another hole meanwhile.
+
+    Raises:
+        InputError: the file cannot be read or holds no segments.
+    """
+    try:
+        rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    except (OSError, ValueError) as error:
+        raise InputError(Problem(Place(path), f"cannot be read: {error}")) from error
+    if not rows or rows[0].get("format") != "cell.segments":
+        raise InputError(
+            Problem(Place(path, 1), "no file of segments", "make one with: cell data --from LOG --out DIR")
+        )
+    found: list[Reported] = []
+    for number, row in enumerate(rows[1:], start=1):
+        try:
+            true = _true_action(row, rows[number + 1 :])
+            detected = (row["detected"]["part"], row["detected"]["position"])
+        except (KeyError, TypeError, AttributeError) as error:
+            raise InputError(Problem(Place(path, number + 1), f"no segment: {error!r}")) from error
+        if true is not None and row["detected"] != rows[number - 1].get("detected"):
+            found.append((true, detected))
+    return found
+
+
+def _true_action(row: dict[str, Any], later: list[dict[str, Any]]) -> tuple[str, str] | None:
+    confirmed = row["confirmed"]
+    if row["detected"]["kind"] != "assembly" or confirmed is None:
+        return None
+    if confirmed["part"] is not None:
+        return confirmed["part"], confirmed["position"]
+    for after in later:
+        if after["log"] != row["log"]:
+            return None
+        filled = [(part, hole) for hole, part in after["holes"].items() if part and not row["holes"].get(hole)]
+        if filled:
+            return filled[0] if len(filled) == 1 else None
+    return None

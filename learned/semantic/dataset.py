@@ -14,6 +14,8 @@ so may, of a demonstration, `unordered_n` (0) and `source` (for example the log 
 `unordered_n` says that the first so many placements are known as a state only, in no order: a log that begins with
 parts in their holes, or one of the paper's scenarios (a partial state and what was placed next).
 
+The header's goals are the product's, and may be more: those that were learned from finished brackets.
+
 A demonstration need not be complete, but every placement is what its goal wants there: leave out runs whose goal is
 not known and placements that were misdetected or corrected. Planners learn from the states after `unordered_n`,
 `unordered_n` + 1, ... placements, each with the placement that followed; habits of order only from what people did.
@@ -143,7 +145,7 @@ def load_demonstrations(path: Path, product: Product) -> list[Demonstration]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot read the demonstrations: {error}") from error
-    _check_header(path, lines[0] if lines else "", product)
+    product = _check_header(path, lines[0] if lines else "", product)
     problems: list[Problem] = []
     demonstrations = []
     for number, line in enumerate(lines[1:], start=2):
@@ -165,9 +167,11 @@ def load_demonstrations(path: Path, product: Product) -> list[Demonstration]:
 def states_of(layout: Layout, demonstrations: Sequence[Demonstration]) -> Scenarios:
     """The states that demonstrations went through, each with the position that was filled next.
 
-    `following` is EMPTY where the robot filled it: that tells nothing of people's habits.
+    `following` is EMPTY where the robot filled it: that tells nothing of people's habits. Demonstrations of goals that
+    the layout does not have are left out.
     """
-    rows = [row for demonstration in demonstrations for row in _rows(layout, demonstration)]
+    known = [demonstration for demonstration in demonstrations if demonstration.goal in layout.goals]
+    rows = [row for demonstration in known for row in _rows(layout, demonstration)]
     goals, seen, following = zip(*rows, strict=True)
     return Scenarios(np.array(goals), np.array(seen), np.array(following))
 
@@ -197,7 +201,8 @@ def _rows(layout: Layout, demonstration: Demonstration) -> Iterator[tuple[int, l
         seen[position] = layout.parts.index(placed.part)
 
 
-def _check_header(path: Path, line: str, product: Product) -> None:
+def _check_header(path: Path, line: str, product: Product) -> Product:
+    """The product with the goals that the file knows: the product's own, and others that were learned."""
     place = Place(path, 1)
     found = _parse(Header, line)
     if isinstance(found, str):
@@ -205,10 +210,14 @@ def _check_header(path: Path, line: str, product: Product) -> None:
     for name, here, there in (
         ("parts", found.parts, tuple(product.parts)),
         ("positions", found.positions, product.positions),
-        ("goals", found.goals, product.goals),
+        ("goals", {goal: found.goals.get(goal) for goal in product.goals}, product.goals),
     ):
         if here != there:
             raise InputError(Problem(place, f"recorded with {name} {here}", f"the product has {there}"))
+    try:
+        return Product.model_validate({**product.model_dump(), "goals": product.goals | found.goals})
+    except ValidationError as error:
+        raise InputError(Problem(place, f"goals that the parts cannot make: {error.errors()[0]['msg']}")) from error
 
 
 def _parse(model: type[AnyModel], line: str) -> AnyModel | str:

@@ -90,7 +90,7 @@ def under_noise(answers: Answers, layout: Layout, rng: np.random.Generator) -> d
     right = np.array([best_goal(plan, layout) for plan in plans]) == known.goals
     scores = {f"noisy_goal_accuracy_{k}": float(right[steps == k].mean()) for k in range(1, depth + 1)}
     scores |= calibration(plans, layout, known)
-    scores |= coverage(plans, layout, known)
+    scores |= coverage(plans, layout, known, true)
     others = misdetect(layout, unknown_goals(layout, known.seen != EMPTY, rng), rng)
     if len(others):
         strange = np.array([_strangeness(answers(row)) for row in others.seen])
@@ -115,19 +115,31 @@ def calibration(plans: list[AssemblyPlan], layout: Layout, known: Scenarios) -> 
     }
 
 
-def coverage(plans: list[AssemblyPlan], layout: Layout, known: Scenarios) -> dict[str, float]:
-    """How often the best (object, position) reaches a threshold, and how often it is wrong where it does."""
-    believed, wrong = [], []
-    for plan, goal in zip(plans, known.goals, strict=True):
+def coverage(plans: list[AssemblyPlan], layout: Layout, known: Scenarios, true: Scenarios) -> dict[str, float]:
+    """How often the best (object, position) reaches a threshold, and how often it is wrong where it does.
+
+    `wrong_at` is the wrong type for its position; `blocked_at`: of all acts, those into a hole that is truly filled.
+
+    Args:
+        known: the states as they were reported.
+        true: the same states as they are.
+    """
+    believed, wrong, blocked = [], [], []
+    for plan, goal, filled in zip(plans, known.goals, true.seen != EMPTY, strict=True):
         (part, position), belief = max(plan.next_belief.items(), key=lambda item: item[1], default=(("", ""), 0.0))
         believed.append(belief)
         truth = layout.types[goal, layout.positions.index(position)] if position else EMPTY
         wrong.append(not part or layout.parts[int(truth)] != part)
+        blocked.append(bool(position) and bool(filled[layout.positions.index(position)]))
     reached = np.array(believed)[:, None] >= np.array(THRESHOLDS)
     acted = np.maximum(reached.sum(axis=0), 1)
-    mistakes = (reached & np.array(wrong)[:, None]).sum(axis=0) / acted
-    return {f"coverage_at_{t}": float(value) for t, value in zip(THRESHOLDS, reached.mean(axis=0), strict=True)} | {
-        f"wrong_at_{t}": float(value) for t, value in zip(THRESHOLDS, mistakes, strict=True)
+    rates = {
+        "coverage": reached.mean(axis=0),
+        "wrong": (reached & np.array(wrong)[:, None]).sum(axis=0) / acted,
+        "blocked": (reached & np.array(blocked)[:, None]).sum(axis=0) / acted,
+    }
+    return {
+        f"{name}_at_{t}": float(value) for name, row in rates.items() for t, value in zip(THRESHOLDS, row, strict=True)
     }
 
 

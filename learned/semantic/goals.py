@@ -7,37 +7,24 @@ were learned. So a goal is believed in the more often it was finished, and somet
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import yaml
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from cell.interfaces.errors import InputError
 from cell.interfaces.model import Model
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml
 from learned.semantic.graph import Floats
+from learned.semantic.settings import NewGoals
 
 _HEAD = """# Goals as they were finished: the part type at every position, and how many brackets ended so.
 # Goals that the product file does not list were learned; rename, correct or remove them as you like.
 """
-
-
-class NewGoals(Model):
-    """What is expected of goals that nobody listed.
-
-    Attributes:
-        none_probability: that a bracket is none of the product's goals, before any was finished.
-        listed_brackets: finished brackets that the product's own list counts for, all its goals together.
-        discount: how much each learned goal adds to the expectation of further ones; 0 to 1.
-    """
-
-    none_probability: float = Field(default=0.02, gt=0, lt=1)
-    listed_brackets: float = Field(default=10.0, gt=0)
-    discount: float = Field(default=0.5, ge=0, lt=1)
 
 
 class FinishedGoal(Model):
@@ -68,7 +55,7 @@ class OpenGoals:
 
     listed: Product
     finished: dict[str, FinishedGoal]
-    settings: NewGoals = NewGoals()
+    settings: NewGoals = field(default_factory=NewGoals)
 
     @staticmethod
     def of(product: Product, settings: NewGoals | None = None) -> OpenGoals:
@@ -91,14 +78,25 @@ class OpenGoals:
                 f"{product.name!r} with positions {', '.join(product.positions)}"
             )
         found = OpenGoals(product, read.goals, settings or NewGoals())
-        for name, goal in read.goals.items():
-            if name in product.goals and product.goals[name] != goal.parts:
-                raise InputError(f"{path}: goal {name} is {' '.join(product.goals[name])} in the product file")
-        try:
-            _ = found.product
-        except ValueError as error:
-            raise InputError(f"{path}: {error}") from error
+        found.check(path)
         return found
+
+    def check(self, path: Path) -> None:
+        """Check that the product can end in all of these goals.
+
+        Args:
+            path: of the file, for messages.
+
+        Raises:
+            InputError: it cannot.
+        """
+        for name, goal in self.finished.items():
+            if self.listed.goals.get(name, goal.parts) != goal.parts:
+                raise InputError(f"{path}: goal {name} is {' '.join(self.listed.goals[name])} in the product file")
+        try:
+            _ = self.product
+        except ValidationError as error:
+            raise InputError(f"{path}: {error.errors()[0]['msg'].removeprefix('Value error, ')}") from error
 
     def save(self, path: Path) -> None:
         """Write the file; one that was there before stays whole until the new one is.
@@ -126,17 +124,23 @@ class OpenGoals:
         """The product with the learned goals after its own.
 
         Raises:
-            ValueError: a learned goal does not fit the product.
+            ValidationError: a learned goal does not fit the product.
         """
         goals = self.listed.goals | {name: goal.parts for name, goal in self.learned.items()}
         return Product.model_validate({**self.listed.model_dump(), "goals": goals})
 
-    @property
-    def prior(self) -> Floats:
-        """(z + 1,) probability of the goals in the order of `product`, and of none of them."""
+    def prior(self, share: Floats | None = None) -> Floats:
+        """(z + 1,) probability of the goals in the order of `product`, and of none of them.
+
+        Args:
+            share: (z listed,) how the listed goals share what is expected of them; all alike by default.
+        """
         settings, listed = self.settings, self.listed.goals
-        share = settings.listed_brackets / len(listed)
-        own = [share + (self.finished[name].finished if name in self.finished else 0) for name in listed]
+        share = np.full(len(listed), 1.0 / len(listed)) if share is None else share
+        own = [
+            settings.listed_brackets * part + (self.finished[name].finished if name in self.finished else 0)
+            for name, part in zip(listed, share, strict=True)
+        ]
         learned = [goal.finished - settings.discount for goal in self.learned.values()]
         concentration = settings.listed_brackets * settings.none_probability / (1.0 - settings.none_probability)
         weights = np.array([*own, *learned, concentration + settings.discount * len(learned)])
@@ -156,8 +160,5 @@ class OpenGoals:
         before = self.finished[name].finished if name in self.finished else 0
         finished = self.finished | {name: FinishedGoal(parts=parts, finished=before + 1)}
         after = OpenGoals(self.listed, finished, self.settings)
-        try:
-            _ = after.product
-        except ValueError as error:
-            raise InputError(f"a bracket with {' '.join(parts)} is none of {self.listed.name}: {error}") from error
+        after.check(Path("a finished bracket"))
         return after

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -13,7 +14,9 @@ from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, 
 from cell.interfaces.product import Product
 from learned.onnx_model import ModelCard, Network, OnnxModel
 from learned.semantic.and_or import AndOrGraph
-from learned.semantic.bayes import BayesPosterior
+from learned.semantic.bayes import BayesPosterior, UniformLikelihood
+from learned.semantic.confusions import MOST_POSITIONS, ConfusionLikelihood, Confusions
+from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
 from learned.semantic.noise import Noise
 from learned.semantic.posterior import Likelihood, Posterior, UnknownGoal, posterior
@@ -41,19 +44,27 @@ class Answer:
     guidance: dict[str, tuple[str, ...]]
 
 
-def load_semantic_planner(kind: str, path: Path | None, product: Product) -> SemanticPlanner:
+def load_semantic_planner(
+    kind: str,
+    path: Path | None,
+    product: Product,
+    goals: OpenGoals | None = None,
+    confusions: Confusions | None = None,
+) -> SemanticPlanner:
     """The planner that the configuration names.
 
     Args:
         kind: "paper", "factored", "and_or", or "bayes", which has no weights and ignores `path`.
         path: weights from `cell train semantic`.
+        goals: learned beside the product's own; `paper` and `and_or` know those that they were trained on alone.
+        confusions: what the action detector takes for what; read by `factored` and `bayes`.
 
     Raises:
         InputError: no such kind.
         ModelError: the weights are missing, damaged, of another kind, trained for another product, or cannot answer.
     """
     if kind == "bayes":
-        return BayesPlanner(product)
+        return BayesPlanner(product, goals, confusions)
     if kind not in get_args(SemanticKind):
         raise InputError(f"no semantic planner {kind!r}; there are {', '.join(get_args(SemanticKind))}")
     if path is None:
@@ -63,7 +74,8 @@ def load_semantic_planner(kind: str, path: Path | None, product: Product) -> Sem
     model = OnnxModel.load(path, f"semantic.{kind}")
     for use, words in Layout.of(product).vocabulary.items():
         model.require_vocabulary(use, words)
-    planner: SemanticPlanner = PaperPlanner(product, model) if kind == "paper" else FactoredPlanner(product, model)
+    planner: SemanticPlanner
+    planner = PaperPlanner(product, model) if kind == "paper" else FactoredPlanner(product, model, goals, confusions)
     planner.plan(AssemblyState({}))  # weights that cannot answer at all fail here, before anything moves
     return planner
 
@@ -71,16 +83,18 @@ def load_semantic_planner(kind: str, path: Path | None, product: Product) -> Sem
 class BayesPlanner:
     """The rule-based reference: exact posterior under a noise model, plans read from the product's goals."""
 
-    def __init__(self, product: Product) -> None:
-        self._layout = Layout.of(product)
-        self._posterior = BayesPosterior(self._layout)
+    def __init__(self, product: Product, goals: OpenGoals | None = None, confusions: Confusions | None = None) -> None:
+        goals = goals or OpenGoals.of(product)
+        self.layout = Layout.of(goals.product)
+        *known, none = goals.prior()
+        self._posterior = BayesPosterior(
+            self.layout, unknown=none, prior=np.array(known) / sum(known), confusions=confusions
+        )
 
     def plan(self, state: AssemblyState) -> AssemblyPlan:
-        edges = self._layout.encode(state)
-        still = self._layout.wanted * (1.0 - edges.sum(axis=0))
-        following = still.sum(axis=2) / np.maximum(still.sum(axis=(1, 2)), 1.0)[:, None]
-        found = self._posterior(edges)
-        return _assemble(self._layout, edges, _answer(self._layout, edges, found, self._layout.wanted, following))
+        layout, edges = self.layout, self.layout.encode(state)
+        found = as_told(self._posterior(edges), layout, edges, state.told_goal)
+        return _assemble(layout, edges, _answer(layout, edges, found, layout.wanted, _by_quantity(layout, edges)))
 
 
 class AndOrPlanner:
@@ -112,7 +126,7 @@ class LearnedPlanner:
     """Base of the planners whose answers come from a network."""
 
     def __init__(self, product: Product, model: Network) -> None:
-        self._layout = Layout.of(product)
+        self.layout = Layout.of(product)
         self._model = model
 
     @property
@@ -124,37 +138,76 @@ class LearnedPlanner:
 class FactoredPlanner(LearnedPlanner):
     """Learned slots and habits with exact inference under noise; guidance is a template over the slots."""
 
-    def __init__(self, product: Product, model: Network) -> None:
+    def __init__(
+        self,
+        product: Product,
+        model: Network,
+        goals: OpenGoals | None = None,
+        confusions: Confusions | None = None,
+    ) -> None:
         super().__init__(product, model)
+        goals = goals or OpenGoals.of(product)
         error = model.card.config.get("error", DETECTION_ERROR)
         if not isinstance(error, float):
             raise ModelError(f"{model.path}: the card's error rate is {error!r}, not a number")
         if missing := set(FACTORED_OUTPUTS) - set(model.outputs):
             raise ModelError(f"{model.path}: has no outputs {sorted(missing)}; train it again (cell train semantic)")
-        self._unknown = UnknownGoal(self._layout, Noise.of(self._layout, error))
+        noise = Noise.of(self.layout, error)
+        self._product, self._goals = product, goals
+        self.layout = Layout.of(goals.product)
+        self._unknown = UnknownGoal(self.layout, noise)
+        self._uniform = UniformLikelihood(self.layout, noise)
+        counted = confusions is not None and len(self.layout.positions) <= MOST_POSITIONS
+        self._counted = ConfusionLikelihood(self.layout, confusions) if counted and confusions else None
 
     def plan(self, state: AssemblyState) -> AssemblyPlan:
-        edges = self._layout.encode(state)
+        layout, edges = self.layout, self.layout.encode(state)
         found = self._model.run({"edges": edges})
-        likelihood = Likelihood(
-            found["goals"], found["still_open"], found["wanted"], found["prior"], float(found["usual"])
+        *known, none = self._goals.prior(found["prior"])
+        alike = self._with_learned(edges, found, np.array(known) / sum(known))
+        if self._counted is None:
+            believed = posterior(edges, alike, self._unknown, none)
+        else:
+            believed = posterior(edges, self._confused(edges, alike), self._unknown, none, alike)
+        following = _by_quantity(layout, edges)
+        following[: len(found["goals"])] = found["following"]
+        believed = as_told(believed, layout, edges, state.told_goal)
+        return _assemble(layout, edges, _answer(layout, edges, believed, alike.wanted, following))
+
+    def with_goals(self, goals: OpenGoals, confusions: Confusions | None = None) -> FactoredPlanner:
+        """The same network with other goals learned beside its own."""
+        return FactoredPlanner(self._product, self._model, goals, confusions)
+
+    def _with_learned(self, edges: Floats, found: Mapping[str, Floats], prior: Floats) -> Likelihood:
+        """The network's likelihoods, and beside them those of learned goals: people have no habits in these yet."""
+        trained, usual = len(found["goals"]), float(found["usual"])
+        goals, still_open = (values[trained:] * usual for values in self._uniform(edges))
+        return Likelihood(
+            np.concatenate([found["goals"], goals]),
+            np.concatenate([found["still_open"], still_open]),
+            np.concatenate([found["wanted"], self.layout.wanted[trained:]]),
+            prior,
+            usual,
         )
-        believed = posterior(edges, likelihood, self._unknown)
-        return _assemble(
-            self._layout, edges, _answer(self._layout, edges, believed, found["wanted"], found["following"])
-        )
+
+    def _confused(self, edges: Floats, alike: Likelihood) -> Likelihood:
+        """The same under confusions: habits and noise are taken as independent, so that the ratio of noises counts."""
+        assert self._counted is not None
+        counted, uniform = self._counted(edges), self._uniform(edges)
+        goals, still_open = (some / np.maximum(other, 1e-300) for some, other in zip(counted, uniform, strict=True))
+        return replace(alike, goals=alike.goals * goals, still_open=alike.still_open * still_open)
 
 
 class PaperPlanner(LearnedPlanner):
     """The paper's graph network and LSTM decoder; plans are decoded once for every goal and mixed by belief."""
 
     def plan(self, state: AssemblyState) -> AssemblyPlan:
-        edges = self._layout.encode(state)
+        edges = self.layout.encode(state)
         found = self._model.run({"edges": edges})
         belief, words = found["belief"], found["words"]
-        placements = np.tensordot(belief, wanted_by_words(self._layout, words), 1) * (1.0 - edges.any(axis=0))
-        guidance = _read(self._layout, words[int(np.argmax(belief))])
-        return _assemble(self._layout, edges, Answer(belief, placements, belief @ found["following"], guidance))
+        placements = np.tensordot(belief, wanted_by_words(self.layout, words), 1) * (1.0 - edges.any(axis=0))
+        guidance = _read(self.layout, words[int(np.argmax(belief))])
+        return _assemble(self.layout, edges, Answer(belief, placements, belief @ found["following"], guidance))
 
 
 def wanted_by_words(layout: Layout, words: Ints) -> Floats:
@@ -177,6 +230,28 @@ def _answer(layout: Layout, edges: Floats, found: Posterior, wanted: Floats, fol
     goals = found.belief[: len(layout.goals)]
     guidance = _templated(layout, edges, wanted[int(np.argmax(goals))])
     return Answer(found.belief, found.placements, goals @ following, guidance)
+
+
+def as_told(found: Posterior, layout: Layout, edges: Floats, goal: str | None) -> Posterior:
+    """The posterior after the person named the goal; unchanged where nobody did, or where it is none that is known.
+
+    What "none of these" wants is unknown: any type as far as its quantity goes.
+    """
+    if goal is None or goal not in (*layout.goals, UNKNOWN_GOAL):
+        return found
+    still = 1.0 - edges.any(axis=0)
+    if goal == UNKNOWN_GOAL:
+        left = np.maximum(layout.quantities - edges.sum(axis=1), 0.0)
+        return Posterior(np.eye(len(layout.goals) + 1)[-1], np.outer(left / max(left.sum(), 1.0), still))
+    number = layout.goals.index(goal)
+    return Posterior(np.eye(len(layout.goals) + 1)[number], layout.wanted[number] * still)
+
+
+def _by_quantity(layout: Layout, edges: Floats) -> Floats:
+    """(z, n) share of the types in what each goal still wants."""
+    still = layout.wanted * (1.0 - edges.sum(axis=0))
+    shares: Floats = still.sum(axis=2) / np.maximum(still.sum(axis=(1, 2)), 1.0)[:, None]
+    return shares
 
 
 def _templated(layout: Layout, edges: Floats, wanted: Floats) -> dict[str, tuple[str, ...]]:

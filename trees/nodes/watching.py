@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from py_trees.common import Status
 
@@ -99,7 +99,7 @@ class ReconcileGraph(CellNode):
                     placed[position] = hole.part
                 self.services.journal.note("belief", edge=[hole.part, position], source="seen hole")
         if placed != dict(state.placed):
-            self.state.set(AssemblyState(placed))
+            self.state.set(replace(state, placed=placed))
             self.services.show(help_request=None)
         return Status.SUCCESS
 

@@ -22,7 +22,7 @@ from cell.log.replaying.compare import Comparison, Decisions, Difference, decide
 from cell.running.controller import STOPPED, STOPPING, withhold
 from cell.running.node_library import node_registry
 from cell.running.reload import take_over
-from cell.running.services import TickClock, load_planners, make_services
+from cell.running.services import Planners, TickClock, load_planners, make_services
 from cell.running.supervisor import make_supervisor
 from skills.planner import MotionPlanner
 from trees.engine.hooks import ORDERS, Hooks
@@ -82,15 +82,14 @@ class Replay:
         self.log = log
         self.remarks: list[str] = []
         self._by_name = changes.tree is not None
-        configuration, product, self.tree, faults = _load(log, changes)
+        configuration, product, planners, self.tree, faults = _load(log, changes)
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
         self._supervisor = make_supervisor(faults)
         self._halted = False
         self._journal = ListJournal()
         self._services = make_services(
             configuration,
-            product,
-            load_planners(configuration, product),
+            planners,
             motion,
             ManualClock(log.ticks[0].time_s),
             self._journal,
@@ -203,7 +202,7 @@ def _nobody(_: int) -> None:
     """Nobody waits for news of breakpoints."""
 
 
-def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Tree, FaultTable]:
+def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
     with tempfile.TemporaryDirectory(prefix="cell-replay-") as name:
         folder = Path(name)
         _unpack(log, folder)
@@ -217,7 +216,8 @@ def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Tree, Fau
         recorded = folder / "faults.yaml"
         own = changes.configuration is None and recorded.exists()
         faults = load_yaml(recorded, FaultTable) if own else load_faults(configuration)
-    return _with_weights(log, configuration, changes), product, tree, faults
+        configuration = _with_weights(log, configuration, changes)
+        return configuration, product, load_planners(configuration, product), tree, faults
 
 
 def _unpack(log: Log, folder: Path) -> None:

@@ -16,6 +16,13 @@ NOTHING = "nothing"  # as the story of a log calls an empty hole
 SAME_STATE_S = 0.5  # placements that were read off the holes within this time have no known order
 
 
+def finished_bracket(log: Log, product: Product) -> tuple[str, ...] | None:
+    """The part at every position at the end of a run, whether the product lists such a goal or not, or None."""
+    final = {one.position: one.part for one in _lasting(placements(log))}
+    found = tuple(final[position] for position in product.positions if position in final)
+    return found if len(found) == len(product.positions) else None
+
+
 @dataclass(frozen=True)
 class Taken:
     """A demonstration, or why a log gives none.

@@ -26,12 +26,13 @@ from cell.interfaces.product import Product
 from cell.log.reading.reader import Log
 from cell.log.replaying.logged_tree import logged_product
 from cell.log.training.crops import Cropper
-from cell.log.training.demonstrations import SURE, demonstration_of
+from cell.log.training.demonstrations import SURE, demonstration_of, finished_bracket
 from cell.log.training.segments import STRIDE_FRAMES, bench_views, segments
 from cell.log.training.tray_scenes import attempts, looks, scene_records
 from cell.recording.parts import whole_path
 from learned.grasp.dataset import SceneRecord, write_records
 from learned.semantic.dataset import Demonstration, save_demonstrations
+from learned.semantic.goals import OpenGoals
 
 FORMAT, VERSION = "cell.training_data", 1
 MANIFEST = "manifest.json"
@@ -63,6 +64,7 @@ class Collected:
     segments: list[dict[str, Any]] = field(default_factory=list)
     crops: list[dict[str, Any]] = field(default_factory=list)
     logs: list[dict[str, Any]] = field(default_factory=list)
+    goals: OpenGoals | None = None
 
 
 def write_training_data(logs: Iterable[Log], folder: Path, command: str) -> dict[str, Any]:
@@ -81,6 +83,7 @@ def write_training_data(logs: Iterable[Log], folder: Path, command: str) -> dict
     try:
         for log in logs:
             product = _same_product(log, product)
+            collected.goals = _learned(log, collected.goals or OpenGoals.of(product))
             folder.mkdir(parents=True, exist_ok=True)
             _collect(log, product, folder, collected)
         if product is None:
@@ -102,9 +105,18 @@ def _same_product(log: Log, product: Product | None) -> Product:
     return found
 
 
+def _learned(log: Log, goals: OpenGoals) -> OpenGoals:
+    """The goals after what this log shows as finished."""
+    parts = finished_bracket(log, goals.listed)
+    try:
+        return goals if parts is None else goals.with_bracket(parts)
+    except InputError:  # a hole was misread: no bracket of this product can end so
+        return goals
+
+
 def _collect(log: Log, product: Product, folder: Path, collected: Collected) -> None:
     name = _unused_name(whole_path(log.path).stem, collected.logs)
-    taken = demonstration_of(log, product)
+    taken = demonstration_of(log, collected.goals.product if collected.goals else product)
     if taken.demonstration is not None:
         collected.demonstrations.append(taken.demonstration)
     views = bench_views(log)
@@ -138,7 +150,7 @@ def _scenes(log: Log, name: str, folder: Path, cropper: Cropper, collected: Coll
     views = [view for view in looks(log) if view.detections]
     crops, numbers = [], {}
     for view, record in zip(views, scene_records(views), strict=True):
-        collected.scenes.append(record)
+        collected.scenes.append(record.model_copy(update={"run": name}))
         number = numbers[view.sequence] = len(collected.scenes)
         crops += list(cropper.parts(view, number))
         image = cropper.image("wrist", view.time_s)
@@ -151,8 +163,11 @@ def _scenes(log: Log, name: str, folder: Path, cropper: Cropper, collected: Coll
 
 
 def _write(collected: Collected, product: Product, folder: Path, command: str) -> dict[str, Any]:
-    if collected.demonstrations:
-        save_demonstrations(folder / "demonstrations.jsonl", product, collected.demonstrations, command)
+    if collected.goals is not None and collected.goals.finished:
+        collected.goals.save(folder / "goals.yaml")
+    if collected.demonstrations and collected.goals is not None:
+        path = folder / "demonstrations.jsonl"
+        save_demonstrations(path, collected.goals.product, collected.demonstrations, command)
     if collected.scenes:
         write_records(folder / "scenes.jsonl", collected.scenes, product, command)
     _lines(folder / "grasps.jsonl", "cell.grasps", collected.grasps, command)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,3 +96,23 @@ def test_a_file_without_scenes_is_refused(file: Path) -> None:
     file.write_text(file.read_text().splitlines()[0] + "\n")
     with pytest.raises(InputError, match="holds no scenes"):
         read_scenes(file, PRODUCT)
+
+
+@pytest.mark.torch
+def test_scenes_of_one_run_stay_together() -> None:
+    from learned.grasp.train import split_by_run
+
+    drawn = list(draw_scenes(PRODUCT, 9, 30, "train"))
+    recorded = [replace(scene, run=f"run {number // 6}") for number, scene in enumerate(drawn)]
+    learned, kept = split_by_run(recorded, 0)
+    assert {scene.run for scene in learned}.isdisjoint({scene.run for scene in kept})
+    assert (len(learned), len(kept)) == (24, 6)
+    assert len(split_by_run(drawn, 0)[1]) == 6
+    with pytest.raises(InputError, match="12 scenes of 2 runs are too few"):
+        split_by_run(recorded[:12], 0)
+
+
+def test_the_run_of_a_scene_survives_the_file(tmp_path: Path) -> None:
+    drawn = [replace(scene, run="monday") for scene in draw_scenes(PRODUCT, 9, 2, "train")]
+    write_scenes(tmp_path / "scenes.jsonl", drawn, PRODUCT, "a test")
+    assert [scene.run for scene in read_scenes(tmp_path / "scenes.jsonl", PRODUCT)] == ["monday", "monday"]

@@ -140,8 +140,8 @@ def test_clean_unambiguous_states_get_the_right_plan(kind: str) -> None:
 def test_the_card_holds_the_scores_that_evaluation_finds(kind: str) -> None:
     card = OnnxModel.load(WEIGHTS / f"semantic_{kind}.onnx", f"semantic.{kind}").card
     scores = evaluate_semantic(shipped(kind), DEFAULT, card.seed)
-    assert scores.keys() == card.scores.keys()
-    assert np.allclose(list(scores.values()), [card.scores[name] for name in scores], atol=0.01)
+    assert scores.keys() >= card.scores.keys()
+    assert np.allclose([scores[name] for name in card.scores], list(card.scores.values()), atol=0.01)
     assert card.data_sha256 == scenarios(LAYOUT, card.seed).sha256
 
 

@@ -91,7 +91,7 @@ def test_unknown_goals_use_the_same_parts_and_are_none_of_the_goals() -> None:
 def test_large_products_are_sampled() -> None:
     parts = {f"o{i}": {**DEFAULT.parts["o1"].model_dump(), "quantity": 1} for i in range(15)}
     holes = {f"p{i}": (0.0, 0.1 * i) for i in range(15)}
-    product = with_goals().model_copy()
+    product = with_goals("111223")
     large = type(product).model_validate(
         {
             **product.model_dump(),

@@ -56,7 +56,7 @@ SIGNALS: dict[Signal, str] = {
     "bench_stale": "the newest view of the bench is older than 0.5 s, or there is none yet",
     "bench_in_the_future": "the view of the bench has a time stamp that is still to come",
     "camera_unhealthy": "the overhead image is dark, bright, frozen, discoloured, blurred, or its landmarks moved",
-    "hand_unknown": "the hand vanished inside the view, or a forearm is seen without its hand",
+    "hand_unknown": "the hand vanished inside the view without leaving by its edge",
     "tick_late": "a tick began more than two periods late",
     "tick_very_late": "a tick began more than ten periods late",
     "command_contested": "two nodes commanded the arm or the gripper in one tick",

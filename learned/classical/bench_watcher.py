@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import SEGMENT_FRAMES, BenchView, Frame, HandSample, Segment
@@ -11,7 +12,10 @@ from learned.classical.action_detector import ClassicalActionDetector
 from learned.classical.colour import ColourModel
 from learned.classical.hand_tracker import ClassicalHandTracker
 from learned.classical.hole_reader import ClassicalHoleReader
+from learned.classical.image_health import ImageHealth, TrackHealth
 from learned.classical.settings import PerceptionSettings
+
+NOWHERE = (0, 0, 0, 0)
 
 
 class ClassicalBenchWatcher:
@@ -23,6 +27,8 @@ class ClassicalBenchWatcher:
         self._tracker = ClassicalHandTracker(bench, product, settings, self._colours)
         self._reader = ClassicalHoleReader(bench, product, settings, self._colours)
         self._detector = ClassicalActionDetector(bench, product, settings)
+        self._health = ImageHealth(bench, product)
+        self._track = TrackHealth(bench.overhead.width_px, bench.overhead.height_px)
         self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
         self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
 
@@ -30,8 +36,11 @@ class ClassicalBenchWatcher:
         """The answer to this frame; frames must come in order."""
         labels = self._colours.label(frame.image)
         hand = self._tracker.track_labels(frame, labels)
+        health = self._health.judge(frame)
+        unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)
+        hand = hand and replace(hand, velocity_m_s=self._track.velocity_m_s)
         holes = self._reader.read_labels(frame, labels, hand)
         self._frames.append(frame)
         self._hands.append(hand)
         action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands)), holes)
-        return BenchView(frame.sequence, frame.time_s, hand, holes, action)
+        return BenchView(frame.sequence, frame.time_s, hand, holes, action, health, unknown)

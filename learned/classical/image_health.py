@@ -1,0 +1,220 @@
+"""Says whether an overhead image can be believed: light, colour, sharpness, life, and where the bracket's plate is.
+
+Absolute limits find what no bench looks like; the rest is compared with the first frames of the run.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Array
+from cell.interfaces.product import Product
+from learned.classical.box_model import View
+
+DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
+LEAST_CONTRAST = 6.0  # standard deviation of grey levels
+BASELINE_FRAMES = 8  # sound frames that the later ones are compared with
+LIGHT_LOG, COLOUR_LOG = 0.30, 0.14  # change of mean light, and of median red or blue over green, as logarithms
+LEAST_SHARPNESS = 0.5  # of the baseline's
+FROZEN_FRAMES = 3  # a sensor's noise makes every image another one
+MOVED_PX, SEARCH_PX = 7, 16  # how far the plate's edges may be off, and how far they are looked for
+LEAST_STEP = 10.0  # grey levels across an edge of the plate
+SAME_SHIFT_PX = 3
+SHIFT_FRAMES, LEAST_RESPONSE = 5, 0.1
+MOVED_FRAMES, ASTRAY_FRAMES = 8, 45
+SIDE_SAMPLES = 24
+GRID = 4  # every fourth pixel is enough for light and colour
+
+
+@dataclass(frozen=True)
+class _Figures:
+    """What an image is compared by."""
+
+    light: float
+    red: float
+    blue: float
+    sharpness: float
+
+
+class ImageHealth:
+    """Judges the frames of one camera in their order."""
+
+    def __init__(self, bench: Bench, product: Product) -> None:
+        self._edges = _edges_m(bench, product)
+        self._model = bench.overhead.model
+        self._baseline: list[_Figures] = []
+        self._before: NDArray[np.uint8] | None = None
+        self._same = self._moved = self._astray = 0
+        self._first: NDArray[np.float32] | None = None
+        self._frames, self._whole_px = 0, 0.0
+
+    def judge(self, frame: Frame) -> str:
+        """What is wrong with it, in words; empty for a sound image."""
+        small = frame.image[::GRID, ::GRID]
+        grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
+        return self._frozen(small) or _absolute(small) or self._compared(small, grey) or self._shifted(frame, grey)
+
+    def _frozen(self, small: NDArray[np.uint8]) -> str:
+        same = self._before is not None and np.array_equal(small, self._before)
+        self._same, self._before = (self._same + 1 if same else 0), small.copy()
+        return "frozen" if self._same + 1 >= FROZEN_FRAMES else ""
+
+    def _compared(self, small: NDArray[np.uint8], grey: NDArray[np.uint8]) -> str:
+        figures = _figures(small, grey)
+        if len(self._baseline) < BASELINE_FRAMES:
+            self._baseline.append(figures)
+            return ""
+        usual = _Figures(*np.median([tuple(vars(one).values()) for one in self._baseline], axis=0))
+        light = float(np.log(figures.light / usual.light))
+        if abs(light) > LIGHT_LOG:
+            return "brighter than before" if light > 0 else "darker than before"
+        if max(abs(figures.red - usual.red), abs(figures.blue - usual.blue)) > COLOUR_LOG:
+            return "discoloured"
+        return "blurred" if figures.sharpness < LEAST_SHARPNESS * usual.sharpness else ""
+
+    def _shifted(self, frame: Frame, grey: NDArray[np.uint8]) -> str:
+        """Whether the plate stands elsewhere in the image than the calibration says."""
+        view = View(self._model, frame.world_from_camera)
+        offsets = [_offset_px(view, edge, grey) for edge in self._edges]
+        shifts = [px for px in (_shift_px(*offsets[:2]), _shift_px(*offsets[2:])) if px is not None]
+        near, whole_px = max(shifts, default=0.0), self._since_start_px(grey)
+        self._moved = self._moved + 1 if near > MOVED_PX else 0
+        self._astray = 0 if shifts and near <= MOVED_PX else self._astray + 1
+        if self._moved >= MOVED_FRAMES:
+            return f"moved: the bracket is seen {near:.0f} pixels off"
+        far = self._astray >= ASTRAY_FRAMES and whole_px > MOVED_PX
+        return f"moved: the bench is seen {whole_px:.0f} pixels off" if far else ""
+
+    def _since_start_px(self, grey: NDArray[np.uint8]) -> float:
+        """How far the whole image has shifted since the first frame, by its phase; asked only every few frames.
+
+        An arm that covers much of the bench shifts it, too: it counts only where the plate is not found for long.
+        """
+        self._frames += 1
+        if self._first is None:
+            self._first = _small(grey)
+            self._window = cv2.createHanningWindow(self._first.shape[::-1], cv2.CV_32F)
+        elif self._frames % SHIFT_FRAMES == 0:
+            (x, y), response = cv2.phaseCorrelate(self._first, _small(grey), self._window)
+            self._whole_px = GRID * float(np.hypot(x, y)) if response > LEAST_RESPONSE else 0.0
+        return self._whole_px
+
+
+class TrackHealth:
+    """Says whether no hand means that there is none, and how fast a hand moves."""
+
+    def __init__(self, width_px: int, height_px: int) -> None:
+        self._size = (width_px, height_px)
+        self._seen: deque[tuple[float, tuple[float, float], tuple[int, int, int, int]]] = deque(maxlen=4)
+        self._unknown = ""
+
+    def unknown(self, time_s: float, palm_m: tuple[float, float] | None, box_px: tuple[int, int, int, int]) -> str:
+        """Why it is not known where the hand is; empty where it is seen, or left by the edge of the view."""
+        if palm_m is not None:
+            self._seen.append((time_s, palm_m, box_px))
+            self._unknown = ""
+        elif self._seen:
+            self._unknown = "" if self._left(time_s) else "it vanished inside the view"
+            if not self._unknown:
+                self._seen.clear()
+        return self._unknown
+
+    @property
+    def velocity_m_s(self) -> tuple[float, float] | None:
+        """Of the palm over the last frames; None where they are too few."""
+        if len(self._seen) < 2:
+            return None
+        (from_s, start, _), (to_s, end, _) = self._seen[0], self._seen[-1]
+        if to_s <= from_s:
+            return None
+        return (end[0] - start[0]) / (to_s - from_s), (end[1] - start[1]) / (to_s - from_s)
+
+    def _left(self, time_s: float) -> bool:
+        """Whether the last box touched the edge, or was about to pass it."""
+        last_s, _, box = self._seen[-1]
+        speeds = self._box_speeds()
+        gone_s = min(time_s - last_s, 0.2)
+        ahead = [value + speed * gone_s for value, speed in zip(box, speeds, strict=True)]
+        width, height = self._size
+        return ahead[0] <= EDGE_PX or ahead[1] <= EDGE_PX or ahead[2] >= width - EDGE_PX or ahead[3] >= height - EDGE_PX
+
+    def _box_speeds(self) -> tuple[float, ...]:
+        (from_s, _, start), (to_s, _, end) = self._seen[0], self._seen[-1]
+        if to_s <= from_s:
+            return (0.0, 0.0, 0.0, 0.0)
+        return tuple((b - a) / (to_s - from_s) for a, b in zip(start, end, strict=True))
+
+
+EDGE_PX = 6  # a box this near to the image's edge touches it
+
+
+def _small(grey: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """What two whole images are correlated by."""
+    return cv2.resize(grey, None, fx=1 / GRID, fy=1 / GRID, interpolation=cv2.INTER_AREA).astype(np.float32)
+
+
+def _shift_px(low: float | None, high: float | None) -> float | None:
+    """How far two opposite edges are off in the same direction; an arm or a part over one of them moves that alone."""
+    if low is None or high is None or abs(low + high) > SAME_SHIFT_PX:
+        return None
+    return abs(high - low) / 2
+
+
+def _absolute(small: NDArray[np.uint8]) -> str:
+    mean, spread = float(small.mean()), float(small.std())
+    if mean < DARK:
+        return "dark"
+    if mean > BRIGHT:
+        return "bright"
+    return "without contrast" if spread < LEAST_CONTRAST else ""
+
+
+def _figures(small: NDArray[np.uint8], grey: NDArray[np.uint8]) -> _Figures:
+    levels = small.reshape(-1, 3).astype(np.float32) + 1.0
+    ratios = np.log(levels[:, (0, 2)] / levels[:, 1:2])
+    red, blue = np.median(ratios, axis=0)
+    sharpness = float(np.percentile(np.abs(cv2.Laplacian(grey, cv2.CV_16S)[::2]), 99.5))
+    return _Figures(float(levels.mean()), float(red), float(blue), sharpness)
+
+
+def _edges_m(bench: Bench, product: Product) -> list[tuple[Array, Array]]:
+    """The plate's upper edges: points (SIDE_SAMPLES, 3) on each, and the direction (3,) out of the plate."""
+    holes = np.array(list(product.bracket.holes_m.values()))
+    low, high = holes.min(axis=0) - product.bracket.margin_m, holes.max(axis=0) + product.bracket.margin_m
+    share = np.linspace(0.1, 0.9, SIDE_SAMPLES)
+    edges = []
+    for axis in (0, 1):
+        other = 1 - axis
+        along = low[other] + share * (high[other] - low[other])
+        for at, outwards in ((low[axis], -1.0), (high[axis], 1.0)):
+            points, direction = np.zeros((SIDE_SAMPLES, 3)), np.zeros(3)
+            points[:, axis], points[:, other], direction[axis] = at, along, outwards
+            pose = bench.bracket.pose
+            edges.append((pose.transform(points), pose.rotation @ direction))
+    return edges
+
+
+def _offset_px(view: View, edge: tuple[Array, Array], grey: NDArray[np.uint8]) -> float | None:
+    """How far out of the plate its edge is seen, in pixels; None where no edge is seen."""
+    points, outwards = edge
+    start = view.pixels(points)
+    step = view.pixels(points + 0.01 * outwards) - start
+    unit = step / np.linalg.norm(step, axis=1, keepdims=True)
+    reach = np.arange(-SEARCH_PX, SEARCH_PX + 1)
+    places = np.rint(start[:, None, :] + reach[None, :, None] * unit[:, None, :]).astype(int)
+    height, width = grey.shape
+    if (places < 0).any() or (places[..., 0] >= width).any() or (places[..., 1] >= height).any():
+        return None
+    profile = np.median(grey[places[..., 1], places[..., 0]].astype(float), axis=0)
+    drops = np.abs(profile[4:] - profile[:-4])  # across five pixels
+    if drops.max() < LEAST_STEP:
+        return None
+    clear = np.flatnonzero(drops >= 0.8 * drops.max()) - SEARCH_PX + 2
+    return float(clear[np.abs(clear).argmin()])

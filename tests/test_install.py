@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 
 from tests import ROOT
@@ -122,3 +123,15 @@ def test_tests_of_one_half_may_be_chosen_and_none_is_a_failure(suite: Path) -> N
     assert run_suite(suite, "-k", "torch").returncode == 0
     assert run_suite(suite, "-k", "plain").returncode == 0
     assert run_suite(suite, "-k", "nothing").returncode == NO_TESTS
+
+
+def test_the_example_of_a_workflow_calls_what_there_is() -> None:
+    workflow = yaml.safe_load((ROOT / "docs" / "ci-example.yml").read_text())
+    lines = [step["run"] for step in workflow["jobs"]["tests"]["steps"] if "run" in step]
+    made = (ROOT / "Makefile").read_text()
+    for line in lines:
+        if line.startswith("make "):
+            assert f"\n{line.split()[1]}: " in made
+    packages = re.search(r"SYSTEM_PACKAGES := (.*)", made)
+    assert packages is not None
+    assert any(packages[1] in line for line in lines), "the packages that make would install as root"

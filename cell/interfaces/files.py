@@ -5,10 +5,15 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+INSTALLED = Path(str(resources.files("cell"))).parent  # all packages stand side by side, in a clone and when installed
+
 
 def shipped(package: str, *names: str) -> Path:
-    """A file or folder that is installed with a package, as in `shipped("config", "gripper.dbc")`."""
-    return Path(str(resources.files(package).joinpath(*names)))
+    """A file or folder that is installed with a package, as in `shipped("config", "gripper.dbc")`.
+
+    The package is not imported for it: the user's own folders `config` and `trees` may come first where Python looks.
+    """
+    return INSTALLED.joinpath(*package.split("."), *names)
 
 
 def own_or_shipped(package: str, name: str) -> Path:

@@ -1,4 +1,4 @@
-"""How the upright body of a part looks to a camera: the outline of its projected box."""
+"""A camera at one place: world points to pixels and back, outlines of projected points, and masks of outlines."""
 
 from __future__ import annotations
 
@@ -73,17 +73,6 @@ def outline(pixels: Array) -> Array:
     """Convex hull of projected points (n, 2), in order around it, (k, 2)."""
     hull: Array = cv2.convexHull(pixels.astype(np.float32)).reshape(-1, 2).astype(np.float64)
     return hull
-
-
-def signed_distances(points: Array, polygon: Array) -> Array:
-    """Distance of points (n, 2) outside a convex polygon (k, 2), negative inside; beyond corners slightly short."""
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    lengths = np.maximum(np.linalg.norm(edges, axis=1), 1e-9)
-    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / lengths[:, None]
-    middle = polygon.mean(axis=0)
-    normals *= np.sign(np.einsum("ij,ij->i", normals, polygon - middle))[:, None]
-    distances: Array = (points @ normals.T - np.einsum("ij,ij->i", normals, polygon)).max(axis=1)
-    return distances
 
 
 def fill(shape: tuple[int, int], polygon: Array, offset: tuple[int, int] = (0, 0)) -> NDArray[np.uint8]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from cell.interfaces.pose import Array
 from cell.interfaces.product import PartType
 from cell.interfaces.solid import Solid
-from learned.classical.box_model import View, fill, outline, signed_distances
+from learned.classical.box_model import View, fill, outline
 
 TOP_STEP_M = 5e-4
 
@@ -25,11 +26,24 @@ class Silhouette:
     def __init__(self, polygons: Sequence[Array]) -> None:
         self.polygons = tuple(polygons)
 
-    @property
+    @cached_property
     def points(self) -> Array:
         """Corners (n, 2) of all polygons."""
         points: Array = np.concatenate(self.polygons)
         return points
+
+    @cached_property
+    def _lines(self) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Outward normals (2, n) of the sides of all polygons, their offsets (n,), and where each polygon begins."""
+        counts = np.array([len(polygon) for polygon in self.polygons])
+        begins = np.cumsum(counts) - counts
+        following = np.arange(1, len(self.points) + 1)
+        following[begins + counts - 1] = begins
+        edges = self.points[following] - self.points
+        normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.maximum(np.hypot(*edges.T), 1e-9)[:, None]
+        middles = np.repeat(np.add.reduceat(self.points, begins) / counts[:, None], counts, axis=0)
+        normals *= np.sign(np.einsum("ij,ij->i", normals, self.points - middles))[:, None]
+        return normals.T, np.einsum("ij,ij->i", normals, self.points), begins
 
     def moved(self, offset: Array, scale: float = 1.0) -> Silhouette:
         """The silhouette after a shift and a change of scale: scale * points + offset."""
@@ -49,8 +63,10 @@ class Silhouette:
         return int(self.moved(-low).fill((height, width)).sum())
 
     def distances(self, points: Array) -> Array:
-        """Distance of points (n, 2) outside of it, negative inside."""
-        nearest: Array = np.min([signed_distances(points, polygon) for polygon in self.polygons], axis=0)
+        """Distance of points (n, 2) outside of it, negative inside; beyond corners slightly short."""
+        normals, offsets, begins = self._lines
+        each = np.maximum.reduceat(points @ normals - offsets, begins, axis=1)
+        nearest: Array = each.min(axis=1)
         return nearest
 
 

@@ -8,8 +8,9 @@ import pytest
 from cell.interfaces.errors import DeviceFault
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
-from learned.classical.box_model import View, outline, signed_distances
+from learned.classical.box_model import View, outline
 from learned.classical.part_detector import ClassicalPartDetector
+from learned.classical.silhouette import Silhouette
 from tests.learned.classical.scenes import BENCH, PRODUCT, Canvas, Standing
 
 LOOK = Pose((*BENCH.tray.centre_m[:2], 0.52), (0.0, 0.7071067811865476, 0.7071067811865476, 0.0))
@@ -94,8 +95,10 @@ def test_a_part_far_from_the_tray_does_not_count() -> None:
 
 def test_signed_distance_is_negative_inside_and_metric_outside() -> None:
     square = outline(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [2.0, 2.0]]))
-    distances = signed_distances(np.array([[2.0, 2.0], [4.0, 2.0], [7.0, 2.0], [2.0, -1.0]]), square)
-    assert np.allclose(distances, [-2.0, 0.0, 3.0, 1.0])
+    points = np.array([[2.0, 2.0], [4.0, 2.0], [7.0, 2.0], [2.0, -1.0]])
+    assert np.allclose(Silhouette([square]).distances(points), [-2.0, 0.0, 3.0, 1.0])
+    beside = outline(np.array([[4.0, 1.0], [9.0, 1.0], [9.0, 3.0], [4.0, 3.0]]))
+    assert np.allclose(Silhouette([square, beside]).distances(points), [-2.0, 0.0, -1.0, 1.0])
 
 
 def test_a_camera_that_looks_away_sees_no_parts() -> None:

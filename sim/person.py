@@ -180,8 +180,8 @@ _ORDINARY = Person(
     pause_s=(0.0, 1.5),
     motion=MotionSettings(speed_spread=0.2, bow=0.08),
     grip=Grip(
-        tilt_rad=(0.0, 0.5),
-        roll_rad=(-0.12, 0.12),
+        tilt_rad=(0.0, 0.35),
+        roll_rad=(-0.06, 0.06),
         open_m=(0.010, 0.018),
         thumb_m=0.105,
     ),
@@ -197,7 +197,13 @@ _ORDINARY = Person(
     ),
     robot=BesideRobot(waits=0.9, intrusions_per_min=0.5, intrusion_m_s=(0.4, 1.0), pulls=0.0),
 )
-_VARIED = _ORDINARY.model_copy(update={"grip": _ORDINARY.grip.model_copy(update={"from_middle_m": (-0.010, 0.029)})})
+_VARIED = _ORDINARY.model_copy(
+    update={
+        "grip": _ORDINARY.grip.model_copy(
+            update={"tilt_rad": (0.0, 0.6), "roll_rad": (-0.2, 0.2), "from_middle_m": (-0.010, 0.029)}
+        )
+    }
+)
 PERSONS = {
     "careful": Person(),
     "ordinary": _ORDINARY,

@@ -28,13 +28,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=30, help="shared out among the goals")
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--person", default="careful", help="who stands at the bench")
     parser.add_argument("--out", type=Path, help="one line of JSON for each run")
     options = parser.parse_args()
     goals = sorted(load_product(load_configuration()).goals)
     console = Console(stderr=True)
     runs: list[Run] = []
     for seed in range(options.first_seed, options.first_seed + options.runs):
-        runs.append(assemble(goals[seed % len(goals)], seed))
+        runs.append(assemble(goals[seed % len(goals)], seed, options.person))
         console.print(f"seed {seed}: {verdict(runs[-1])}", highlight=False)
         if options.out is not None:
             with options.out.open("a") as stream:
@@ -42,11 +43,12 @@ def main() -> None:
     Console().print(table(runs, goals))
 
 
-def assemble(goal: str, seed: int) -> Run:
+def assemble(goal: str, seed: int, person: str = "careful") -> Run:
     """The JSON line of one `cell run`; a run that prints none is one that failed to end by itself."""
     with tempfile.TemporaryDirectory() as folder:
         log = str(Path(folder) / "log.mcap")
         command = [sys.executable, "-m", "cell", "run", "--goal", goal, "--seed", str(seed), "--log", log, "--json"]
+        command += ["--person", person]
         try:
             result = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
         except subprocess.TimeoutExpired:
@@ -74,7 +76,17 @@ def table(runs: Iterable[Run], goals: list[str]) -> Table:
     for kind in sorted({verdict(run) for run in runs}):
         counts = [sum(verdict(run) == kind and run["goal"] == goal for run in runs) for goal in goals]
         shown.add_row(kind, *map(str, counts), str(sum(counts)))
-    for name in ("robot_placements", "help_requests", "overruns", "sim_time_s", "wall_time_s", "real_time_factor"):
+    for name in (
+        "robot_placements",
+        "contacts",
+        "contact_speed_m_s",
+        "contact_force_n",
+        "help_requests",
+        "overruns",
+        "sim_time_s",
+        "wall_time_s",
+        "real_time_factor",
+    ):
         means = [_mean(run.get(name) for run in runs if run["goal"] == goal) for goal in goals]
         shown.add_row(f"mean {name}", *means, _mean(run.get(name) for run in runs))
     return shown

@@ -37,9 +37,10 @@ def standing_in_tray(spots: Sequence[tuple[str, tuple[float, float], float]]) ->
 def test_a_bracket_is_assembled_together(goal: str, seed: int) -> None:
     with with_person(goal, seed) as cell:
         outcome, diary = run_tree(cell, ASSEMBLE)
-        report = cell.score.report()
+        report = cell.report()
     assert outcome.end == "finished", outcome.reason
     assert report["correct"]
+    assert report["contacts"] == 0
     assert report["wrong_placements"] == 0
     assert isinstance(report["robot_placements"], int)
     assert report["robot_placements"] >= 1

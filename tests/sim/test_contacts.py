@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,12 +10,14 @@ import pytest
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.pose import Array
+from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.cell import SimCell
+from sim.clutter import standing
 from sim.contacts import ContactMonitor
 from sim.person import BesideRobot, Person
 from sim.settings import SimSettings
+from tests.sim.rig import Rig
 
 SWEEP_RAD = (0.75, 0.0, 0.0, 0.0, 0.0, 0.0)  # of the base: the tool goes from the tray to the bracket
 RUDE = Person(robot=BesideRobot(waits=0.0))
@@ -69,3 +72,46 @@ def test_a_hand_in_the_way_of_the_moving_arm_is_a_contact(cell: SimCell) -> None
     acts = [fields["act"] for fields in told if "act" in fields]
     assert acts[acts.index("intrude") :][:3] == ["intrude", "freeze", "back"]
     assert any(fields.get("edge") == "start" and "point_m" in fields for fields in told)
+
+
+def test_a_hand_that_leans_on_the_standing_arm_pushes_as_hard_as_a_person_does(cell: SimCell) -> None:
+    assert cell.worker is not None
+    sweep(cell, SWEEP_RAD, 1.6)
+    wait(cell, 3.0)
+    cell.worker.intrude("freeze", speed_m_s=0.3)
+    wait(cell, 7.0)
+    [leaning] = contacts(cell).all()
+    assert leaning.speed_m_s == 0.0
+    assert leaning.end_s - leaning.start_s > 0.5
+    assert 100.0 < leaning.force_n < 200.0
+
+
+def test_a_part_in_the_gripper_counts_as_the_robot(product: Product, bench: Bench) -> None:
+    slow = bench.overhead.model_copy(update={"rate_hz": 0.01})
+    blind = bench.model_copy(update={"overhead": slow})
+    scene = [standing(product, bench.tray, "o3", bench.tray.centre_m[:2], 0.0)]
+    opened = SimCell(product, blind, SimSettings(person=RUDE), "virtual", "held", 1, "g0", clutter=scene)
+    rig = Rig(opened, "held")
+    try:
+        assert opened.worker is not None
+        rig.activate()
+        sweep(opened, SWEEP_RAD, 1.6)
+        rig.wait(2.0)
+        part = next(one for one in opened.world.bodies if one.owner == "robot")
+        tool = opened.world.tool_pose()
+        x, y, z = tool.position_m
+        hold_m = opened.world.product.parts["o3"].size_m[2] * 0.7
+        yaw_rad = math.atan2(tool.rotation[1, 0], tool.rotation[0, 0]) + math.pi / 2
+        opened.world.place(part, Pose.from_yaw((x, y, z - hold_m), yaw_rad))
+        rig.request(rGTO=1, rPR=0)
+        for _ in range(40):  # until the fingers hold it
+            opened.world.place(part, Pose.from_yaw((x, y, z - hold_m), yaw_rad))
+            rig.wait(0.02)
+        rig.wait(0.3)
+        assert opened.world.part_pose(part).position_m[2] > z - hold_m - 0.02
+        for sequel in ("pull", "pull"):
+            opened.worker.intrude(sequel, speed_m_s=0.6)
+            rig.wait(4.0)
+        assert part.name in {one.robot for one in contacts(opened).all()}
+    finally:
+        rig.close()

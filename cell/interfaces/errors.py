@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 
 class CellError(Exception):
-    """Root of all errors that this project raises on purpose."""
+    """Root of all errors that this project raises on purpose; one that goes to another process stays what it is."""
+
+    def __reduce__(self) -> tuple[Callable[..., CellError], tuple[object, ...]]:
+        return _rebuilt, (type(self), self.args, self.__dict__)
+
+
+def _rebuilt(kind: type[CellError], arguments: tuple[object, ...], fields: dict[str, object]) -> CellError:
+    """An error as it was pickled; its own __init__ may want other arguments than its text."""
+    error = kind.__new__(kind, *arguments)
+    error.args = arguments
+    error.__dict__.update(fields)
+    return error
 
 
 @dataclass(frozen=True)

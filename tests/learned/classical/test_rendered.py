@@ -5,7 +5,10 @@ import pytest
 
 from learned.classical.bench_watcher import ClassicalBenchWatcher
 from learned.classical.part_detector import ClassicalPartDetector
-from sim.clutter import sample_clutter
+from sim.clutter import full_set, sample_clutter
+from sim.foreign import UNKNOWN
+from sim.settings import ClutterSettings
+from sim.tray_truth import resting_parts
 from tests.benchmarks.perception_accuracy import PartErrors, RunErrors, compare, look, open_sim, worker_run
 from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT
 
@@ -21,6 +24,26 @@ def test_parts_in_clutter_are_found_in_a_rendered_view() -> None:
     assert sum(one.missed + one.extra for one in errors.values()) == 0
     assert max(distance for one in errors.values() for distance in one.position_m) < 0.002
     assert max(turn for one in errors.values() for turn in one.yaw_rad) < np.radians(2.0)
+
+
+def test_what_lies_or_is_of_no_type_is_not_taken_for_a_standing_part() -> None:
+    settings = ClutterSettings(lying_share=0.6, stacked_share=0.4, foreign_objects=1)
+    lying = standing = 0
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        clutter = sample_clutter(PRODUCT, BENCH.tray, full_set(PRODUCT), rng, settings)
+        cell = open_sim(CONFIGURATION, PRODUCT, seed, worker=False, clutter=clutter)
+        cell.world.set_arm(BENCH.arm_look_rad)
+        errors = {name: PartErrors() for name in PRODUCT.parts}
+        resting = [one for one in resting_parts(cell.world) if one.part != UNKNOWN]
+        upright = [(one.part, one.world_from_part) for one in resting if one.posture == "upright"]
+        compare(upright, ClassicalPartDetector(BENCH, PRODUCT).detect(look(cell)), errors)
+        cell.close()
+        assert sum(one.extra for one in errors.values()) == 0
+        lying += len(resting) - len(upright)
+        standing += len(upright) - sum(one.missed for one in errors.values())
+    assert lying > 8
+    assert standing > 3
 
 
 def test_the_first_placement_is_seen_and_nothing_before_it() -> None:

@@ -8,6 +8,7 @@ from cell.commands import data as data_commands
 from cell.commands import grasp as grasp_commands
 from cell.commands import noise as noise_commands
 from cell.commands import semantic as semantic_commands
+from cell.commands import worlds
 
 train_app = typer.Typer(no_args_is_help=True, help="Train a planner on generated scenarios and write its ONNX file.")
 eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
@@ -16,6 +17,8 @@ data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)
 data_app.command("grasp")(grasp_commands.data)
 train_app.command("noise")(noise_commands.train)
+for command in (worlds.actions, worlds.hands, worlds.holes, worlds.objects):
+    data_app.command(command.__name__)(command)
 
 for name, commands in (("semantic", semantic_commands), ("grasp", grasp_commands)):
     train_app.command(name)(commands.train)

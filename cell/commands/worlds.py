@@ -1,0 +1,139 @@
+"""`cell data actions|hands|holes|objects`: labelled data from the simulated world, whose labels are the truth."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json, table
+
+if TYPE_CHECKING:
+    from sim.data.folder import DataFolder
+
+OutOption = Annotated[Path, typer.Option("--out", "-o", help="New folder.")]
+LookOption = Annotated[str, typer.Option(help="What recordings look like: nominal, varied, hard, or a file.")]
+PersonOption = Annotated[str, typer.Option(help="Who assembles: a person's name or file.")]
+RecordingsOption = Annotated[int, typer.Option(min=1, help="How many assemblies, or trays for objects.")]
+FirstSeedOption = Annotated[
+    int, typer.Option(min=0, help="Of seeds in a row: training below 800000, validation below 900000, then tests.")
+]
+PhysicsOption = Annotated[bool, typer.Option("--physics", help="Move hand and parts by physics: slower, with slips.")]
+
+
+def actions(
+    out: OutOption,
+    look: LookOption = "varied",
+    person: PersonOption = "varied",
+    recordings: RecordingsOption = 10,
+    first_seed: FirstSeedOption = 0,
+    physics: PhysicsOption = False,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Segments of 45 frames: the hand's track, a crop of the hand, and what it did."""
+    _from_assemblies("actions", out, look, person, recordings, first_seed, physics, config, as_json)
+
+
+def hands(
+    out: OutOption,
+    look: LookOption = "varied",
+    person: PersonOption = "varied",
+    recordings: RecordingsOption = 10,
+    first_seed: FirstSeedOption = 0,
+    physics: PhysicsOption = False,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Crops of the hand, and which part it holds."""
+    _from_assemblies("hands", out, look, person, recordings, first_seed, physics, config, as_json)
+
+
+def holes(
+    out: OutOption,
+    look: LookOption = "varied",
+    person: PersonOption = "varied",
+    recordings: RecordingsOption = 10,
+    first_seed: FirstSeedOption = 0,
+    physics: PhysicsOption = False,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Crops of the holes, what is in them, and how much of each is hidden."""
+    _from_assemblies("holes", out, look, person, recordings, first_seed, physics, config, as_json)
+
+
+def objects(
+    out: OutOption,
+    look: LookOption = "varied",
+    recordings: RecordingsOption = 10,
+    first_seed: FirstSeedOption = 0,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Images of trays from the wrist camera, with type, pose and box of each part."""
+    from cell.configuration import load_configuration, load_product, simulated
+    from sim.data.objects import write_objects
+
+    configuration = simulated(load_configuration(config), look)
+    product = load_product(configuration, config)
+    simulation = configuration.devices.simulation
+    _write(
+        f"cell data objects --look {look} --recordings {recordings} --first-seed {first_seed}",
+        (out, recordings, first_seed, as_json),
+        lambda seed, folder: write_objects(product, configuration.bench, simulation, seed, folder),
+    )
+
+
+def _from_assemblies(
+    what: str,
+    out: Path,
+    look: str,
+    person: str,
+    recordings: int,
+    first_seed: int,
+    physics: bool,
+    config: Path,
+    as_json: bool,
+) -> None:
+    from cell.configuration import load_configuration, load_product, simulated
+    from sim.data.actions import Source, write_hands, write_holes, write_segments
+    from sim.data.recording import record
+
+    configuration = simulated(load_configuration(config), look, person)
+    product, bench = load_product(configuration, config), configuration.bench
+    simulation = configuration.devices.simulation
+    write = {"actions": write_segments, "hands": write_hands, "holes": write_holes}[what]
+
+    def one(seed: int, folder: DataFolder) -> float:
+        assembly = record(product, bench, simulation, seed, physics=physics)
+        write(Source(assembly, product, bench), folder)
+        return assembly.moments[-1].time_s
+
+    command = f"cell data {what} --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"
+    _write(command + (" --physics" if physics else ""), (out, recordings, first_seed, as_json), one)
+
+
+def _write(command: str, options: tuple[Path, int, int, bool], one: Callable[[int, DataFolder], float | None]) -> None:
+    from rich.progress import track
+
+    from sim.data.folder import DataFolder
+    from sim.data.splits import seeds
+
+    out, recordings, first_seed, as_json = options
+    split, wanted = seeds(first_seed, recordings)
+    folder = DataFolder(out, command)
+    began_s, simulated_s = time.process_time(), 0.0
+    for seed in track(wanted, description=command.split()[2], console=console()):
+        simulated_s += one(seed, folder) or 0.0
+    facts = {"split": split, "first_seed": first_seed, "recordings": recordings}
+    manifest = folder.close({**facts, "simulated_s": round(simulated_s, 1)})
+    spent = {"processor_s": round(time.process_time() - began_s, 1)}
+    console().print(
+        table(str(out), {"split": split, **manifest["counts"], "simulated_s": round(simulated_s, 1), **spent})
+    )
+    if as_json:
+        print_json({**manifest, **spent})

@@ -1,0 +1,157 @@
+"""Data from the simulated world: labels follow the written rule, splits never meet, same call, same files."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product, simulated
+from cell.interfaces.errors import InputError
+from cell.interfaces.perception import SEGMENT_FRAMES
+from sim.data.actions import Source, holes_of, write_hands, write_holes, write_segments
+from sim.data.folder import DataFolder
+from sim.data.objects import write_objects
+from sim.data.recording import Assembly, record
+from sim.data.splits import SPLITS, seeds
+
+CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+SIMULATION = CONFIGURATION.devices.simulation
+SEED = 7
+
+
+@cache
+def assembly(physics: bool = False) -> Assembly:
+    return record(PRODUCT, BENCH, SIMULATION, SEED, physics=physics)
+
+
+def source(physics: bool = False) -> Source:
+    return Source(assembly(physics), PRODUCT, BENCH)
+
+
+def rows(path: Path) -> list[dict[str, Any]]:
+    header, *found = [json.loads(line) for line in path.read_text().splitlines()]
+    assert set(header) == {"format", "version", "source"}
+    return found
+
+
+def image(path: Path) -> np.ndarray[Any, Any]:
+    found = cv2.imread(str(path))
+    assert found is not None, path
+    return found
+
+
+def test_no_seed_is_in_two_splits() -> None:
+    splits = list(SPLITS.values())
+    for index, split in enumerate(splits):
+        for other in splits[:index]:
+            assert not set(split) & set(other)
+    assert seeds(900_000, 10) == ("test", range(900_000, 900_010))
+    assert seeds(799_999, 1)[0] == "train"
+    for first, count in ((799_999, 2), (899_995, 10), (0, 900_000), (999_999, 2), (1_000_000, 1)):
+        with pytest.raises(InputError, match="not of one split"):
+            seeds(first, count)
+
+
+@pytest.mark.parametrize("physics", [False, True])
+def test_the_hand_holds_the_part_until_it_is_let_go(physics: bool) -> None:
+    taken = assembly(physics)
+    classes = {label.kind for label in taken.labels}
+    assert classes == {"assembly", "screw", "transit", "idle"}
+    placed = {(label.part, label.position) for label in taken.labels if label.kind == "assembly"}
+    assert placed == {(part, position) for position, part in PRODUCT.goal_placements(taken.goal).items()}
+    before = [index for index, label in enumerate(taken.labels) if label.kind == "assembly"]
+    firsts = [index for index in before if taken.labels[index - 1].kind != "assembly"]
+    assert len(firsts) == len(placed)
+    for index in firsts:
+        assert [taken.held[at] for at in range(index - 3, index + 4)] == [taken.labels[index].part] * 7
+    held_idle = [held for held, label in zip(taken.held, taken.labels, strict=True) if label.kind == "idle" and held]
+    assert not held_idle
+
+
+def test_the_holes_are_empty_at_first_and_hold_the_goal_at_last() -> None:
+    taken = assembly()
+    first, last = (holes_of(source(), taken.moments[index]) for index in (0, -1))
+    assert set(first.values()) == {(None, True)}
+    assert {position: part for position, (part, upright) in last.items() if upright} == dict(
+        PRODUCT.goal_placements(taken.goal)
+    )
+
+
+def test_segments_end_with_their_class_and_have_all_their_frames(tmp_path: Path) -> None:
+    write_segments(source(), DataFolder(tmp_path / "new", "test"))
+    found = rows(tmp_path / "new" / "segments.jsonl")
+    labels = {
+        moment.exposure.sequence: label for moment, label in zip(assembly().moments, assembly().labels, strict=True)
+    }
+    assert {row["truth"]["kind"] for row in found} == {"assembly", "screw", "transit", "idle"}
+    assert 0 < sum(row["guarded"] for row in found) < len(found) / 2
+    for row in found:
+        label = labels[row["frame"]]
+        assert row["truth"] == {"kind": label.kind, "part": label.part, "position": label.position}
+        assert len(row["hands"]) == SEGMENT_FRAMES
+        assert row["end_s"] - row["begin_s"] == pytest.approx((SEGMENT_FRAMES - 1) / 15, abs=0.01)
+        last = row["hands"][-1]
+        assert (last is None) == (row["hand_crop"] is None)
+        if last is not None:
+            left, top, right, bottom = last["box_px"]
+            assert image(tmp_path / "new" / row["hand_crop"]).shape == (bottom - top, right - left, 3)
+
+
+def test_crops_of_the_hand_show_the_hand(tmp_path: Path) -> None:
+    write_hands(source(), DataFolder(tmp_path / "new", "test"))
+    found = rows(tmp_path / "new" / "crops.jsonl")
+    assert {row["part"] for row in found} == {None, *PRODUCT.parts}
+    skin = np.array(assembly().look.person.hand_rgb)[::-1]
+    for row in found[:: len(found) // 8]:
+        colours = image(tmp_path / "new" / row["file"]).reshape(-1, 3) + 1.0
+        alike = colours @ skin / np.linalg.norm(colours, axis=1) / np.linalg.norm(skin) > 0.99
+        assert alike.mean() > 0.2
+
+
+def test_what_hides_a_hole_is_told(tmp_path: Path) -> None:
+    write_holes(source(), DataFolder(tmp_path / "new", "test"))
+    found = rows(tmp_path / "new" / "holes.jsonl")
+    assert {row["position"] for row in found} == set(PRODUCT.positions)
+    covered = [row["covered"] for row in found]
+    assert min(covered) == 0.0
+    assert max(covered) > 0.2
+    empty = [row for row in found if row["part"] is None and row["covered"] == 0]
+    for row in empty[:10]:
+        crop = image(tmp_path / "new" / row["file"])
+        height, width = crop.shape[:2]
+        assert crop[height // 2, width // 2].mean() < 60 < np.median(crop)
+
+
+def test_boxes_of_parts_lie_around_them(tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "new", "test")
+    for seed in range(3):
+        write_objects(PRODUCT, BENCH, SIMULATION, seed, folder)
+    found = rows(tmp_path / "new" / "objects.jsonl")
+    assert len(found) == 3
+    for row in found:
+        picture = image(tmp_path / "new" / row["file"])
+        for part in row["parts"]:
+            left, top, right, bottom = part["box_px"]
+            inside = picture[top:bottom, left:right].reshape(-1, 3).mean(axis=0)
+            paint = np.array(PRODUCT.parts[part["part"]].colour_rgb)[::-1]
+            assert inside.argmax() == paint.argmax()
+            assert part["visible_px"] <= (right - left) * (bottom - top)
+
+
+def test_the_same_seed_gives_the_same_files_and_nothing_is_overwritten(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        again = record(PRODUCT, BENCH, SIMULATION, SEED)
+        write_hands(Source(again, PRODUCT, BENCH), DataFolder(tmp_path / name, "test"))
+    files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
+    assert len(files) > 50
+    for file in files:
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+    with pytest.raises(InputError, match="not an empty folder"):
+        DataFolder(tmp_path / "one", "test")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Literal
 
@@ -10,7 +11,7 @@ import numpy as np
 from cell.interfaces.pose import Array
 from sim.hand_motion import PEAK_TO_MEAN
 from sim.handwork import ARCH_M, RELAXED_GAP_M, Handwork, Script
-from sim.person import BesideRobot, drawn
+from sim.person import BesideRobot, drawn, happens
 from sim.worker_sight import Sight
 
 Sequel = Literal["withdraw", "freeze", "pull"]
@@ -20,6 +21,8 @@ ARM_LENGTH_M = 0.95
 LOWEST_M = 0.05
 LOOK_AHEAD_S = 0.6
 PULL_M_S = 0.5
+ACCELERATION_M_S2 = 12.0  # of a hand that is quick
+GIVES_UP_S, THERE_M = 1.5, 0.015
 HALF_HAND_M = 0.05  # what reaches the arm first is the middle of the hand, not the fingertips
 
 
@@ -50,8 +53,9 @@ class Intrusion:
         speed = drawn(self._habits.intrusion_m_s, self._rng) if speed_m_s is None else speed_m_s
         sequel = self._draw_sequel() if sequel is None else sequel
         start_m, yaw_rad, gap_m = self._work.position_m, self._work.yaw_rad, self._work.gap_m
-        self._note("intrude", speed_m_s=speed)
-        yield from self._reach_into_way(speed)
+        chases = happens(self._habits.chases, self._rng)
+        self._note("intrude", speed_m_s=speed, chases=chases)
+        yield from self._chase(speed) if chases else self._reach_into_way(speed)
         self._note(sequel)
         if sequel == "freeze":
             yield from self._work.wait(drawn(self._habits.freeze_s, self._rng))
@@ -74,6 +78,23 @@ class Intrusion:
         target_m = within_reach(tool_m + velocity_m_s * arrives_s - np.array([HALF_HAND_M, 0.0, 0.0]))
         duration_s = PEAK_TO_MEAN * float(np.linalg.norm(target_m - self._work.position_m)) / speed_m_s
         yield from self._work.reach(target_m, 0.0, RELAXED_GAP_M, duration_s=duration_s)
+
+    def _chase(self, speed_m_s: float) -> Script:
+        """Go to where the tool is, wherever it goes, until the hand is there or gives up."""
+        velocity, elapsed_s, dt_s = np.zeros(3), 0.0, self._work.dt_s
+        while elapsed_s < GIVES_UP_S:
+            tool_m, _ = self._sight.tool()
+            way_m = within_reach(tool_m - np.array([HALF_HAND_M, 0.0, 0.0])) - self._work.position_m
+            far_m = float(np.linalg.norm(way_m))
+            if far_m < THERE_M:
+                return
+            wanted = way_m / far_m * min(speed_m_s, math.sqrt(2 * ACCELERATION_M_S2 * far_m))
+            change = wanted - velocity
+            size = float(np.linalg.norm(change))
+            velocity = velocity + change * min(1.0, ACCELERATION_M_S2 * dt_s / max(size, 1e-9))
+            self._work.position_m = self._work.position_m + velocity * dt_s
+            elapsed_s += dt_s
+            yield
 
     def _pull(self) -> Script:
         """Pinch what is between the fingers now, pull it towards the person and let go."""

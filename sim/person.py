@@ -128,6 +128,7 @@ class BesideRobot(Model):
         stands_s: how long the person watches an arm that stands still away from its parking place.
         intrusions_per_min: how often the hand goes into the way of an arm that moves.
         intrusion_m_s: top speed of such a reach, least and most.
+        chases: share of intrusions that follow the arm wherever it goes; the rest go to where it is expected.
         freezes: share of intrusions after which the hand stays there.
         pulls: share of intrusions that pull at what the robot holds; after the rest the hand withdraws at once.
         freeze_s: how long it stays, least and most.
@@ -139,6 +140,7 @@ class BesideRobot(Model):
     stands_s: float = Field(default=8.0, ge=0, le=600)
     intrusions_per_min: float = Field(default=0.0, ge=0, le=60)
     intrusion_m_s: Span = (0.8, 1.6)
+    chases: Share = 0.5
     freezes: Share = 0.4
     pulls: Share = 0.2
     freeze_s: Span = (0.5, 4.0)
@@ -208,7 +210,7 @@ PERSONS = {
     "careful": Person(),
     "ordinary": _ORDINARY,
     "varied": _VARIED,  # for data made without physics: there, a pinch holds anywhere
-    "careless": _ORDINARY.model_copy(update={"robot": BesideRobot(waits=0.3, intrusions_per_min=6.0)}),
+    "careless": _ORDINARY.model_copy(update={"robot": BesideRobot(waits=0.3, intrusions_per_min=12.0)}),
 }
 
 

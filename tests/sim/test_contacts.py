@@ -20,7 +20,7 @@ from sim.settings import SimSettings
 from tests.sim.rig import Rig
 
 SWEEP_RAD = (0.75, 0.0, 0.0, 0.0, 0.0, 0.0)  # of the base: the tool goes from the tray to the bracket
-RUDE = Person(robot=BesideRobot(waits=0.0))
+RUDE = Person(robot=BesideRobot(waits=0.0, chases=0.0))
 
 
 @pytest.fixture
@@ -72,6 +72,20 @@ def test_a_hand_in_the_way_of_the_moving_arm_is_a_contact(cell: SimCell) -> None
     acts = [fields["act"] for fields in told if "act" in fields]
     assert acts[acts.index("intrude") :][:3] == ["intrude", "freeze", "back"]
     assert any(fields.get("edge") == "start" and "point_m" in fields for fields in told)
+
+
+@pytest.mark.parametrize("begins_s", [0.1, 0.5, 0.9])
+def test_a_hand_that_chases_the_arm_catches_it(product: Product, bench: Bench, begins_s: float) -> None:
+    blind = bench.model_copy(update={"overhead": bench.overhead.model_copy(update={"rate_hz": 0.01})})
+    chaser = Person(robot=BesideRobot(waits=0.0, chases=1.0))
+    opened = SimCell(product, blind, SimSettings(person=chaser), "virtual", f"chase{begins_s}", 1, "g0")
+    assert opened.worker is not None
+    sweep(opened, SWEEP_RAD, 1.6)
+    wait(opened, begins_s)
+    opened.worker.intrude("withdraw", speed_m_s=1.6)
+    wait(opened, 3.0)
+    assert contacts(opened).all()
+    opened.close()
 
 
 def test_a_hand_that_leans_on_the_standing_arm_pushes_as_hard_as_a_person_does(cell: SimCell) -> None:

@@ -1,0 +1,1 @@
+"""Labelled training data from the simulated world, whose labels are the truth."""

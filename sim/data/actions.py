@@ -1,0 +1,208 @@
+"""Segments of what the hand does, crops of the hand, and crops of the holes, out of simulated assemblies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import SEGMENT_FRAMES
+from cell.interfaces.pose import Array
+from cell.interfaces.product import Product
+from sim.data.folder import DataFolder
+from sim.data.recording import CAMERA, Assembly, Moment
+from sim.data.sight import Masks, Projection
+from sim.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
+
+STRIDE_FRAMES = 15  # a segment a second
+ASSEMBLY_STRIDE_FRAMES = 4  # and more while a part is placed, which is short
+HAND_STRIDE_FRAMES = 5  # three crops of the hand a second
+HOLES_STRIDE_FRAMES = 30
+HOLE_HALF_M = 0.045  # half the width of a hole's crop on the plate
+COVERED_BY = ("hand", "shoulder", "upper", "forearm", "wrist", "gripper", "finger", "tool", "base", "head")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where rows come from: one assembly on one bench."""
+
+    assembly: Assembly
+    product: Product
+    bench: Bench
+
+    @property
+    def name(self) -> str:
+        """Of the recording, in rows and file names."""
+        return f"seed{self.assembly.seed:06d}"
+
+
+def write_segments(source: Source, folder: DataFolder) -> None:
+    """Rows of segments.jsonl, and the crop of the hand at the end of each."""
+    assembly = source.assembly
+    hands = _hands(source)
+    photographer = assembly.photographer(source.bench)
+    for end in _ends(assembly):
+        moment, label = assembly.moments[end], assembly.labels[end]
+        window = hands[end - SEGMENT_FRAMES + 1 : end + 1]
+        crop = None
+        if (hand := window[-1]) is not None:
+            image = _crop(photographer.take(moment.exposure).image, hand["box_px"])
+            crop = folder.image(f"crops/{source.name}-{moment.exposure.sequence:06d}-hand.png", image)
+        folder.row(
+            "segments",
+            {
+                "log": source.name,
+                "frame": moment.exposure.sequence,
+                "begin_s": round(assembly.moments[end - SEGMENT_FRAMES + 1].time_s, 4),
+                "end_s": round(moment.time_s, 4),
+                "truth": {"kind": label.kind, "part": label.part, "position": label.position},
+                "guarded": assembly.guarded[end],
+                "hand_crop": crop,
+                "holes": {position: part for position, (part, _) in holes_of(source, moment).items()},
+                "hands": window,
+            },
+        )
+    photographer.close()
+
+
+def write_hands(source: Source, folder: DataFolder) -> None:
+    """Rows of crops.jsonl: the hand, and what it really holds."""
+    photographer = source.assembly.photographer(source.bench)
+    for index, hand in enumerate(_hands(source)):
+        if hand is None or index % HAND_STRIDE_FRAMES:
+            continue
+        moment = source.assembly.moments[index]
+        frame = moment.exposure.sequence
+        image = _crop(photographer.take(moment.exposure).image, hand["box_px"])
+        file = folder.image(f"crops/{source.name}-{frame:06d}-hand.png", image)
+        row = {"file": file, "kind": "hand", "part": hand["held_part"], "confirmed": hand["held_part"]}
+        folder.row("crops", {**row, "log": source.name, "camera": CAMERA, "frame": frame, **hand})
+    photographer.close()
+
+
+def write_holes(source: Source, folder: DataFolder) -> None:
+    """Rows of holes.jsonl: each hole as the controller would cut it out, what is in it, and how much hides it."""
+    assembly, bench = source.assembly, source.bench
+    photographer = assembly.photographer(bench)
+    masks = Masks(assembly.world, CAMERA, bench.overhead, assembly.look)
+    model = assembly.world.model
+    hiding = [body for body in range(model.nbody) if model.body(body).name.startswith(COVERED_BY)]
+    for moment in assembly.moments[SEGMENT_FRAMES::HOLES_STRIDE_FRAMES]:
+        frame = photographer.take(moment.exposure)
+        hidden = masks.of(masks.bodies(moment.exposure.moments[-1]), hiding)
+        for position, (part, upright) in holes_of(source, moment).items():
+            box = _hole_box(source, position)
+            file = folder.image(f"crops/{source.name}-{frame.sequence:06d}-{position}.png", _crop(frame.image, box))
+            covered = float(_crop(hidden, box).mean())
+            folder.row(
+                "holes",
+                {
+                    "file": file,
+                    "log": source.name,
+                    "frame": frame.sequence,
+                    "time_s": round(moment.time_s, 4),
+                    "position": position,
+                    "part": part,
+                    "upright": upright,
+                    "covered": round(covered, 3),
+                    "box_px": box,
+                },
+            )
+    masks.close()
+    photographer.close()
+
+
+def holes_of(source: Source, moment: Moment) -> dict[str, tuple[str | None, bool]]:
+    """Type of the part in or on each hole, and whether it is upright, in truth."""
+    found: dict[str, tuple[str | None, bool]] = {}
+    bracket = source.bench.bracket.pose
+    for position, xy in source.product.bracket.holes_m.items():
+        hole: Array = bracket.transform(np.array([*xy, 0.0]))
+        off = np.linalg.norm(moment.parts_m[:, :2] - hole[:2], axis=1)
+        low = np.abs(moment.parts_m[:, 2] - hole[2]) < NEAR_HOLE_M
+        inside = np.flatnonzero((off < NEAR_HOLE_M) & low)
+        if not len(inside):
+            found[position] = (None, True)
+            continue
+        nearest = int(inside[off[inside].argmin()])
+        upright = bool(moment.upright[nearest] > math.cos(SEATED_TILT_RAD))
+        found[position] = (source.assembly.world.bodies[nearest].part, upright)
+    return found
+
+
+def _ends(assembly: Assembly) -> Iterator[int]:
+    """Last moments of segments; none across frames that were lost."""
+    for end in range(SEGMENT_FRAMES - 1, len(assembly.moments)):
+        placing = assembly.labels[end].kind == "assembly"
+        if end % (ASSEMBLY_STRIDE_FRAMES if placing else STRIDE_FRAMES):
+            continue
+        first, last = assembly.moments[end - SEGMENT_FRAMES + 1].exposure, assembly.moments[end].exposure
+        if last.sequence - first.sequence == SEGMENT_FRAMES - 1:
+            yield end
+
+
+def _hands(source: Source) -> list[dict[str, Any] | None]:
+    """The hand as a perfect tracker would tell it, by moment; None where the fingertips are out of the image."""
+    assembly, setup = source.assembly, source.bench.overhead
+    model = assembly.world.model
+    projection = Projection(assembly.world, CAMERA, setup, assembly.look)
+    bodies = {body.name: body.body for body in assembly.world.bodies}
+    of_hand = {model.body(name).id for name in ("hand", "hand_thumb", "hand_index")}
+    sleeve = {index for index in range(model.nmat) if model.mat(index).name == "hand_sleeve"}
+    geoms = np.array(
+        [
+            index
+            for index in range(model.ngeom)
+            if model.geom_bodyid[index] in of_hand and model.geom_matid[index] not in sleeve and model.geom_group[index] < 3
+        ]
+    )
+    pieces = {name: np.flatnonzero(model.geom_bodyid == body) for name, body in bodies.items()}
+    found: list[dict[str, Any] | None] = []
+    for moment, held in zip(assembly.moments, assembly.held, strict=True):
+        poses = moment.exposure.moments[-1]
+        column, row = projection.pixels(poses, moment.fingertips_m[np.newaxis])[0]
+        seen = geoms if held is None else np.concatenate([geoms, pieces[_nearest(assembly, moment, held)]])
+        box = projection.box(poses, seen)
+        if box is None or not (0 <= column < setup.width_px and 0 <= row < setup.height_px):
+            found.append(None)
+            continue
+        found.append(
+            {
+                "time_s": round(moment.time_s, 4),
+                "box_px": box,
+                "fingertips_m": [round(float(value), 5) for value in moment.fingertips_m[:2]],
+                "palm_m": [round(float(value), 5) for value in moment.palm_m[:2]],
+                "held_part": held,
+            }
+        )
+    return found
+
+
+def _nearest(assembly: Assembly, moment: Moment, part: str) -> str:
+    """Name of the body of this type that is nearest to the fingertips."""
+    away = np.linalg.norm(moment.parts_m - moment.fingertips_m, axis=1)
+    return min((one for one in zip(away, assembly.world.bodies, strict=True) if one[1].part == part), key=lambda one: one[0])[
+        1
+    ].name
+
+
+def _hole_box(source: Source, position: str) -> tuple[int, int, int, int]:
+    """Around a hole as the controller's camera model says where it is."""
+    setup = source.bench.overhead
+    hole = source.bench.bracket.pose.transform(np.array([[*source.product.bracket.holes_m[position], 0.0]]))
+    column, row = setup.model.project(setup.mount.pose, hole)[0]
+    depth_m = setup.mount.position_m[2] - float(hole[0][2])
+    half = round(HOLE_HALF_M * setup.focal_px / depth_m)
+    return round(column) - half, round(row) - half, round(column) + half, round(row) + half
+
+
+def _crop(image: NDArray[Any], box: tuple[int, int, int, int]) -> Any:
+    left, top, right, bottom = box
+    return image[max(0, top) : bottom, max(0, left) : right]
+
+

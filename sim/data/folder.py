@@ -1,0 +1,65 @@
+"""A new folder of training data: JSON lines with a header, images beside them, a manifest at the end."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from cell.interfaces.errors import InputError
+from sim.sensor import Image
+
+VERSION = 1
+MANIFEST = "manifest.json"
+
+
+class DataFolder:
+    """Writes rows and images; nothing that exists is overwritten.
+
+    Args:
+        source: what was typed, for the headers.
+
+    Raises:
+        InputError: the folder is not empty, or cannot be written.
+    """
+
+    def __init__(self, path: Path, source: str) -> None:
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise InputError(f"{path}: is not an empty folder; choose a new one by --out")
+        self._path, self._source = path, source
+        self.counts: Counter[str] = Counter()
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+    def image(self, name: str, image: Image) -> str:
+        """Write an RGB image as PNG; returns its name."""
+        file = self._path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
+        return name
+
+    def row(self, file: str, row: Mapping[str, Any]) -> None:
+        """Append a line to `<file>.jsonl`, whose first line is its header."""
+        path = self._path / f"{file}.jsonl"
+        lines = [] if path.exists() else [{"format": f"cell.{file}", "version": VERSION, "source": self._source}]
+        with path.open("a", encoding="utf-8") as stream:
+            stream.writelines(json.dumps(line) + "\n" for line in (*lines, row))
+        self.counts[file] += 1
+
+    def close(self, facts: Mapping[str, Any]) -> dict[str, Any]:
+        """Write the manifest, and return it: a folder without one is not finished."""
+        manifest = {
+            "format": "cell.training_data",
+            "version": VERSION,
+            "made_by": self._source,
+            **facts,
+            "counts": dict(sorted(self.counts.items())),
+        }
+        (self._path / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        return manifest

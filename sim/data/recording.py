@@ -1,0 +1,178 @@
+"""One assembly by the simulated person as a camera could have taken it: moments, and the truth about each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from cell.interfaces.truth import TruthEvent
+from sim.camera import Delivery, SimCamera
+from sim.clock import SimClock
+from sim.hand import add_hand
+from sim.kinematic import LONGEST_S, TAIL_S, KinematicBench
+from sim.labels import Label, guarded, labels
+from sim.look import Look
+from sim.person import Person
+from sim.photographer import Exposure, Photographer, SensorSetup
+from sim.settings import SimSettings
+from sim.storage import lay_out
+from sim.studio import visible_poses
+from sim.worker import Worker
+from sim.world import World, build_world
+
+CAMERA = "overhead"
+REACH_M = 0.10  # a held part's origin is so near to the fingertips
+STAYS_M, MOVES_M = 0.012, 0.002  # from frame to frame: against the fingertips, and over the bench
+RELEASE_S = 0.07
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What was so when a frame was taken.
+
+    Attributes:
+        exposure: what the frame is made from.
+        fingertips_m, palm_m: (3,) in the world frame.
+        parts_m: (parts, 3) where every part of the world was, in the order of `World.bodies`.
+        upright: (parts,) cosine of its tilt.
+    """
+
+    exposure: Exposure
+    fingertips_m: Array
+    palm_m: Array
+    parts_m: Array
+    upright: Array
+
+    @property
+    def time_s(self) -> float:
+        """When the shutter closed."""
+        return self.exposure.time_s
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """All moments of one assembly at the camera's rate, with their labels.
+
+    Attributes:
+        labels: class of each moment; a segment has the class of its last one.
+        guarded: (moments,) whether a change of class is so near that nobody could name it.
+        held: type of the part in the hand, by moment.
+    """
+
+    seed: int
+    goal: str
+    look: Look
+    world: World
+    moments: tuple[Moment, ...]
+    labels: tuple[Label, ...]
+    guarded: tuple[bool, ...]
+    held: tuple[str | None, ...]
+
+    def photographer(self, bench: Bench) -> Photographer:
+        """Who makes the frames of chosen moments, in their order; close it."""
+        rng = np.random.default_rng([self.seed, 2])
+        return Photographer(self.world.model, {CAMERA: SensorSetup(bench.overhead, self.look.camera, rng)})
+
+
+def record(
+    product: Product, bench: Bench, settings: SimSettings, seed: int, *, physics: bool = False
+) -> Assembly:
+    """One assembly; look, person's habits and goal are drawn from the seed.
+
+    Args:
+        physics: with friction, gravity and motion blur, 16 times real time at best; else by rule, much faster.
+    """
+    look = settings.look.draw(seed)
+    goal = sorted(product.goals)[int(np.random.default_rng([seed, 1]).integers(len(product.goals)))]
+    if physics:
+        world, moments, worker = _with_physics(product, bench, settings, look, goal, seed)
+        actions, acts = worker.events, worker.acts
+    else:
+        table = KinematicBench(product, bench, settings.person, look)
+        world = table.world
+        film = _Film(world, bench)
+        taken = table.record(goal, seed, bench.overhead.rate_hz, film.expose)
+        actions, acts = list(taken.actions), list(taken.acts)
+        moments = film.moments(list(taken.fingertips_m), list(taken.palm_m))
+    times_s: Array = np.array([moment.time_s for moment in moments])
+    found = labels(actions, acts, times_s)
+    near = tuple(bool(value) for value in guarded(found, times_s))
+    return Assembly(seed, goal, look, world, tuple(moments), tuple(found), near, _held(world, moments, acts))
+
+
+class _Film:
+    """Keeps exposures of a world and where its parts were."""
+
+    def __init__(self, world: World, bench: Bench) -> None:
+        self._world, self._bench = world, bench
+        self._bodies = [part.body for part in world.bodies]
+        self._parts: list[tuple[Array, Array]] = []
+        self.exposures: list[Exposure] = []
+
+    def expose(self, time_s: float) -> None:
+        """Take the world as it is now."""
+        pose = self._world.camera_pose(CAMERA)
+        self.keep(Exposure(CAMERA, len(self.exposures), time_s, pose, (visible_poses(self._world.data),)))
+
+    def keep(self, exposure: Exposure) -> Frame:
+        """Stands in for a photographer: frames are made later, and only those that are wanted."""
+        data = self._world.data
+        self._parts.append((data.xpos[self._bodies].copy(), data.xmat[self._bodies][:, 8].copy()))
+        self.exposures.append(exposure)
+        return Frame(CAMERA, exposure.sequence, exposure.time_s, np.zeros((0, 0, 3), np.uint8), Pose((0, 0, 0)))
+
+    def moments(self, fingertips_m: Sequence[Array], palms_m: Sequence[Array]) -> list[Moment]:
+        """All exposures with what is known of them."""
+        rows = zip(self.exposures, fingertips_m, palms_m, self._parts, strict=True)
+        return [Moment(exposure, tips, palm, *parts) for exposure, tips, palm, parts in rows]
+
+
+def _with_physics(
+    product: Product, bench: Bench, settings: SimSettings, look: Look, goal: str, seed: int
+) -> tuple[World, list[Moment], Worker]:
+    """The person alone, carried parts held by friction; the arm stands parked."""
+    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)]
+    layout = lay_out(product, bench, settings.person.storage, streams[0])
+    hand = partial(add_hand, bench=bench, person=look.person, habits=settings.person)
+    world = build_world(product, bench, layout.parts, settings.physics, hand, look, layout.bins)
+    worker = Worker(world, product, bench, settings.person, goal, streams[1], streams[0])
+    world.settle()
+    film = _Film(world, bench)
+    tips: list[Array] = []
+    palms: list[Array] = []
+
+    def take(exposure: Exposure) -> Frame:
+        tips.append(worker.hand.position_m)
+        palms.append(worker.hand.palm_m)
+        return film.keep(exposure)
+
+    camera = SimCamera(CAMERA, bench.overhead, world, take, Delivery(look.camera, 0.0, streams[2]))
+    clock = SimClock(world, [worker], [camera])
+    while not worker.done and clock.now_s() < LONGEST_S:
+        clock.sleep_until(clock.now_s() + TAIL_S)
+    clock.sleep_until(clock.now_s() + TAIL_S)
+    return world, film.moments(tips, palms), worker
+
+
+def _held(world: World, moments: Sequence[Moment], acts: Sequence[TruthEvent]) -> tuple[str | None, ...]:
+    """The part in the hand, by moment: it moves with the fingertips, or stays with them, until it is let go."""
+    released_s = [act.time_s for act in acts if act.fields.get("act") == "release"]
+    found: list[int | None] = [None]
+    for before, now in pairwise(moments):
+        let_go = any(before.time_s - RELEASE_S < time_s <= now.time_s for time_s in released_s)
+        seen_m, seen_before_m = now.parts_m - now.fingertips_m, before.parts_m - before.fingertips_m
+        near = np.linalg.norm(seen_m, axis=1) < REACH_M
+        stays = np.linalg.norm(seen_m - seen_before_m, axis=1) < STAYS_M
+        moves = np.linalg.norm(now.parts_m - before.parts_m, axis=1) > MOVES_M
+        moves |= np.arange(len(moves)) == (-1 if found[-1] is None else found[-1])
+        carried = np.flatnonzero(near & stays & moves)
+        found.append(None if let_go or not len(carried) else int(carried[0]))
+    return tuple(None if index is None else world.bodies[index].part for index in found)

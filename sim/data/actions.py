@@ -158,7 +158,9 @@ def _hands(source: Source) -> list[dict[str, Any] | None]:
         [
             index
             for index in range(model.ngeom)
-            if model.geom_bodyid[index] in of_hand and model.geom_matid[index] not in sleeve and model.geom_group[index] < 3
+            if model.geom_bodyid[index] in of_hand
+            and model.geom_matid[index] not in sleeve
+            and model.geom_group[index] < 3
         ]
     )
     pieces = {name: np.flatnonzero(model.geom_bodyid == body) for name, body in bodies.items()}
@@ -186,9 +188,8 @@ def _hands(source: Source) -> list[dict[str, Any] | None]:
 def _nearest(assembly: Assembly, moment: Moment, part: str) -> str:
     """Name of the body of this type that is nearest to the fingertips."""
     away = np.linalg.norm(moment.parts_m - moment.fingertips_m, axis=1)
-    return min((one for one in zip(away, assembly.world.bodies, strict=True) if one[1].part == part), key=lambda one: one[0])[
-        1
-    ].name
+    of_type = [one for one in zip(away, assembly.world.bodies, strict=True) if one[1].part == part]
+    return min(of_type, key=lambda one: float(one[0]))[1].name
 
 
 def _hole_box(source: Source, position: str) -> tuple[int, int, int, int]:
@@ -204,5 +205,3 @@ def _hole_box(source: Source, position: str) -> tuple[int, int, int, int]:
 def _crop(image: NDArray[Any], box: tuple[int, int, int, int]) -> Any:
     left, top, right, bottom = box
     return image[max(0, top) : bottom, max(0, left) : right]
-
-

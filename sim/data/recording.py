@@ -20,7 +20,6 @@ from sim.hand import add_hand
 from sim.kinematic import LONGEST_S, TAIL_S, KinematicBench
 from sim.labels import Label, guarded, labels
 from sim.look import Look
-from sim.person import Person
 from sim.photographer import Exposure, Photographer, SensorSetup
 from sim.settings import SimSettings
 from sim.storage import lay_out
@@ -82,9 +81,7 @@ class Assembly:
         return Photographer(self.world.model, {CAMERA: SensorSetup(bench.overhead, self.look.camera, rng)})
 
 
-def record(
-    product: Product, bench: Bench, settings: SimSettings, seed: int, *, physics: bool = False
-) -> Assembly:
+def record(product: Product, bench: Bench, settings: SimSettings, seed: int, *, physics: bool = False) -> Assembly:
     """One assembly; look, person's habits and goal are drawn from the seed.
 
     Args:

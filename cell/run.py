@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,6 +35,7 @@ from cell.interfaces.judgement import FaultTable
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from cell.observer import Level, Observer, Outcome
+from cell.recording.identity import identity
 from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
@@ -52,13 +52,13 @@ from cell.viewing.live_server import LiveServer
 from cell.viewing.monitor import Monitor
 from cell.viewing.progress import LiveProgress
 from skills.can_gripper import CanGripper, Tap
+from skills.gripper_database import SHIPPED, read_frames
 from skills.planner import MotionPlanner
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
 
 Pace = Literal["fast", "real"]
 LAYOUT = shipped("config", "foxglove_layout.json")
-RECORDED_VERSIONS = ("cell", "mujoco", "placo", "py-trees", "onnxruntime", "opencv-python-headless", "numpy")
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,12 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
             return devices.truth()
 
         model = CellModel(product, configuration.bench, motion)
-        recorder = McapRecorder(log, configuration.log, _heading(options, files), model, alarm, blackboard, truth)
+
+        def result() -> Mapping[str, object]:
+            return {**devices.report(), **statistics.report()}
+
+        heading = _heading(options, files)
+        recorder = McapRecorder(log, configuration.log, heading, model, alarm, blackboard, truth, result)
         stack.callback(recorder.abandon)
         live = None if options.live_port is None else LiveServer(recorder.context, recorder.scene, options.live_port)
         if live is not None:
@@ -276,6 +281,7 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
         "faults.yaml": ("application/yaml", files.configuration.faults.read_bytes()),
         "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
+        "gripper.dbc": ("text/plain", read_frames(files.configuration.gripper_can.database or SHIPPED).encode()),
         "simulation.json": ("application/json", files.configuration.devices.simulation.model_dump_json().encode()),
     }
     look = files.configuration.devices.simulation.look.draw(options.seed)
@@ -289,6 +295,7 @@ def _heading(options: RunOptions, files: Files) -> Heading:
     values = {
         "seed": str(options.seed),
         "goal": options.goal,
+        "product": files.product.name,
         "pace": options.pace,
         "person": options.person or "as configured",
         "tree": options.tree.name,
@@ -300,22 +307,13 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         if planner.weights is not None and planner.weights.exists():
             values[f"weights.{name}.file"] = str(planner.weights)
             values[f"weights.{name}.sha256"] = hashlib.sha256(planner.weights.read_bytes()).hexdigest()
-    for package in RECORDED_VERSIONS:
-        values[f"version.{package}"] = _version(package)
-    return Heading(values, attachments)
+    return Heading({**values, **identity()}, attachments)
 
 
 def _texts(options: RunOptions, tree: Tree) -> dict[str, str]:
     """Files of a tree by their names in the log."""
     folder = options.tree.resolve().parent
     return {f"tree/{path.resolve().relative_to(folder)}": text for path, text in tree.texts.items()}
-
-
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "not installed as a package"
 
 
 def _log_path(options: RunOptions, settings: LogSettings) -> Path:
@@ -357,9 +355,7 @@ def _summary(
         "condition": outcome.condition,
         "observer_problems": list(outcome.observer_problems),
         **devices.report(),
-        "inferred_goal": statistics.inferred_goal,
-        "help_requests": statistics.help_requests,
-        "plans_refused": statistics.plans_refused,
+        **statistics.report(),
         "ticks": outcome.ticks,
         "overruns": outcome.overruns,
         "sim_time_s": round(outcome.sim_time_s, 3),

@@ -36,10 +36,9 @@ def load_gripper_database(path: Path = SHIPPED) -> Database:
     Raises:
         SettingError: the file cannot be read, is no DBC, or does not say what a 2F-85 needs; every problem is told.
     """
+    text = read_frames(path)
     try:
-        database = cantools.database.load_file(path, database_format="dbc")
-    except OSError as error:
-        raise _problem(path, f"cannot be read: {error.strerror}") from None
+        database = cantools.database.load_string(text, database_format="dbc")
     except (cantools.Error, UnicodeDecodeError, ValueError, KeyError) as error:
         raise _problem(
             path, f"is no DBC: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
@@ -48,6 +47,20 @@ def load_gripper_database(path: Path = SHIPPED) -> Database:
     if problems := [problem for name in SIGNALS for problem in _problems(database, name)]:
         raise _problem(path, "; ".join(problems))
     return database
+
+
+def read_frames(path: Path = SHIPPED) -> str:
+    """The text of the file.
+
+    Raises:
+        SettingError: it cannot be read.
+    """
+    try:
+        return path.read_text(encoding="cp1252")
+    except OSError as error:
+        raise _problem(path, f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise _problem(path, f"is no DBC: byte {error.start} is no text") from None
 
 
 def _problem(path: Path, what: str) -> SettingError:

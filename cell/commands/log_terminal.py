@@ -45,15 +45,26 @@ def beside(paths: Sequence[Path], suffix: str) -> Path:
 
 
 def tell_comparison(
-    comparison: Comparison, unfinished: str, as_json: bool, names: tuple[str, str] = ("was", "now")
+    comparison: Comparison,
+    unfinished: str,
+    as_json: bool,
+    names: tuple[str, str] = ("was", "now"),
+    ticks_of_run: int | None = None,
 ) -> int:
-    """Say how two runs compare; returns the exit status."""
+    """Say how two runs compare; returns the exit status.
+
+    Args:
+        ticks_of_run: how many should have been compared; None where only a piece was asked for.
+    """
     from cell.log.telling.text import difference_lines
 
+    whole = ticks_of_run is None or comparison.ticks >= ticks_of_run
     if as_json:
-        tell_json({**comparison.as_json(), "unfinished": unfinished})
-    elif comparison.identical:
+        tell_json({**comparison.as_json(), "compared_of": ticks_of_run, "unfinished": unfinished})
+    elif comparison.identical and whole:
         say(f"identical: {comparison.ticks} ticks")
+    elif comparison.identical:
+        say(f"identical, but only {comparison.ticks} of {ticks_of_run} ticks could be compared")
     else:
         assert comparison.first is not None
         say(f"{comparison.differing_ticks} of {comparison.ticks} ticks differ", "first:")
@@ -63,7 +74,7 @@ def tell_comparison(
         if comparison.ticks_by_node:
             say("by node (ticks):")
             say(*(f"  {count:6d} {node}" for node, count in comparison.ticks_by_node.most_common(SHOWN_NODES)))
-    return 0 if comparison.identical else DIFFERS
+    return 0 if comparison.identical and whole else DIFFERS
 
 
 def tell_entries(entries: Iterable[Mapping[str, Any]], as_json: bool, text: Callable[[Mapping[str, Any]], str]) -> None:

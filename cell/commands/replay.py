@@ -41,7 +41,10 @@ def replay(
     again = Replay(recorded, Changes(tree, config, _weights(weights or [])))
     comparison = again.run(from_s, until_s, _shower(recorded, frames) if step else lambda _: None)
     sys.stderr.writelines(f"cell: {recorded.path}: {remark}\n" for remark in again.remarks)
-    return tell_comparison(comparison, recorded.unfinished, as_json)
+    piece = step or from_s > 0 or until_s < float("inf")
+    return tell_comparison(
+        comparison, recorded.unfinished, as_json, ticks_of_run=None if piece else recorded.ticks_of_run
+    )
 
 
 def _weights(options: Iterable[str]) -> dict[str, Path]:

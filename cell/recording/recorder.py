@@ -57,6 +57,7 @@ class McapRecorder:
         alarm: Callable[[float, Level, str], None] = lambda *_: None,
         blackboard: Callable[[], Mapping[str, object]] = dict,
         truth: Callable[[], Sequence[TruthEvent]] = tuple,
+        result: Callable[[], Mapping[str, object]] = dict,
     ) -> None:
         """Open the file.
 
@@ -64,6 +65,7 @@ class McapRecorder:
             cell: what viewers need to show robot and bench; None for a log without frames, bodies and overlays.
             alarm: told (clock time, level, text) when the disk refuses and when it takes bytes again.
             blackboard: what the tree's blackboard holds, for the beginning of each part of a rotated log.
+            result: how the job was done, by name, asked for at the end; kept as JSON in the metadata `result`.
             truth: what really happened since the last call, where the devices know it.
 
         Raises:
@@ -71,6 +73,7 @@ class McapRecorder:
         """
         self.context = foxglove.Context()
         self._settings = settings
+        self._result = result
         self._alarm = alarm
         self._alarmed = ""
         self._files = _open(path, settings, self.context, heading)
@@ -186,6 +189,7 @@ class McapRecorder:
         self.dropped.frames += self._encoder.failed
         fields = ("end", "reason", "condition", "ticks", "overruns", "sim_time_s", "wall_time_s")
         self._files.note("outcome", {name: str(getattr(outcome, name)) for name in fields})
+        self._files.note("result", {name: json_bytes(plain(value)).decode() for name, value in self._result().items()})
         if self.dropped != Dropped():
             self._files.note("dropped", {name: str(count) for name, count in vars(self.dropped).items()})
         self._files.close()

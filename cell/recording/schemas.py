@@ -22,16 +22,17 @@ NUMBER = {"type": "number"}
 INTEGER = {"type": "integer"}
 TEXT = {"type": "string"}
 FLAG = {"type": "boolean"}
-LIST = {"type": "array"}
+TEXTS = {"type": "array", "items": {"type": "string"}}
+OBJECTS = {"type": "array", "items": {"type": "object"}}  # viewers drop a topic whose lists do not say what of
 OBJECT = {"type": "object"}
 
-_FIELDS: dict[str, dict[str, dict[str, str]]] = {
-    "/tick": {"tick": INTEGER, "status": TEXT, "changes": LIST},
-    "/judgement": {"tick": INTEGER, "action": TEXT, "share": NUMBER, "reasons": LIST},
+_FIELDS: dict[str, dict[str, dict[str, Any]]] = {
+    "/tick": {"tick": INTEGER, "status": TEXT, "changes": OBJECTS},
+    "/judgement": {"tick": INTEGER, "action": TEXT, "share": NUMBER, "reasons": TEXTS},
     "/timing": {"tick": INTEGER, "wall_s": NUMBER, "overrun": FLAG},
     "/observation": {"tick": INTEGER, "time_s": NUMBER, "arm": OBJECT, "gripper": OBJECT, "bench": INTEGER},
     "/bench": {"sequence": INTEGER, "time_s": NUMBER, "hand": OBJECT, "holes": OBJECT, "action": OBJECT},
-    "/parts": {"sequence": INTEGER, "time_s": NUMBER, "detections": LIST},
+    "/parts": {"sequence": INTEGER, "time_s": NUMBER, "detections": OBJECTS},
     "/command": {"tick": INTEGER, "stop_arm": FLAG, "look": FLAG, "follow": OBJECT, "gripper": OBJECT},
     "/display": {"tick": INTEGER, "guidance": OBJECT, "goal_belief": OBJECT, "message": TEXT, "help_request": TEXT},
     "/note/belief": {"tick": INTEGER},

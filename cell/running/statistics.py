@@ -35,6 +35,14 @@ class RunStatistics:
     def close(self, outcome: Outcome) -> None:
         """Nothing to do."""
 
+    def report(self) -> dict[str, object]:
+        """What was counted, by keys of `cell run --json`."""
+        return {
+            "inferred_goal": self.inferred_goal,
+            "help_requests": self.help_requests,
+            "plans_refused": self.plans_refused,
+        }
+
     @property
     def inferred_goal(self) -> str | None:
         """The most probable goal, None before the first belief."""

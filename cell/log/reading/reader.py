@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from cell.interfaces.errors import LogError
@@ -29,6 +29,7 @@ class Log:
         unfinished: what is missing, in words: ticks in the middle, or the end of a log that was not closed; else empty.
         gaps: ticks that are missing in the middle.
         parts: the files that were read.
+        result: how the job was done, JSON by name; empty in logs that do not say.
     """
 
     path: Path
@@ -40,6 +41,14 @@ class Log:
     unfinished: str = ""
     gaps: tuple[Gap, ...] = ()
     parts: tuple[Path, ...] = ()
+    result: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def ticks_of_run(self) -> int:
+        """How many ticks the run had, as far as the log knows: more than are here where some are missing."""
+        counted = self.outcome.get("ticks", "")
+        last = self.ticks[-1].number + 1 if self.ticks else 0
+        return max(int(counted) if counted.isdigit() else 0, last)
 
 
 @dataclass(frozen=True)
@@ -89,6 +98,7 @@ def read_log(path: Path | Sequence[Path]) -> Log:
         attachments=first.content.attachments,
         metadata=first.content.metadata.get("run", {}),
         outcome=last.content.metadata.get("outcome", {}),
+        result=last.content.metadata.get("result", {}),
         ticks=tuple(ticks.done),
         messages=tuple(messages),
         unfinished="; ".join([*told, *_missing(first, last, ticks)]),

@@ -19,6 +19,7 @@ from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml
 from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.compare import Comparison, Decisions, Difference, decided, differences, logged
+from cell.recording.identity import what_changed
 from cell.running.controller import STOPPED, STOPPING, withhold
 from cell.running.node_library import node_registry
 from cell.running.reload import take_over
@@ -82,6 +83,7 @@ class Replay:
         self.log = log
         self.remarks: list[str] = []
         self._by_name = changes.tree is not None
+        self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
         configuration, product, planners, self.tree, faults = _load(log, changes)
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
         self._supervisor = make_supervisor(faults)

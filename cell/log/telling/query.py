@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import orjson
+
 from cell.log.reading.reader import Log
 from cell.log.replaying.compare import Comparison, Difference, differences, input_differences, logged
 from cell.recording.schemas import plain
@@ -52,6 +54,7 @@ def info(log: Log) -> dict[str, Any]:
         "tick_wall_max_ms": round(1e3 * wall_s[-1], 3) if wall_s else None,
         "unfinished": log.unfinished,
         "outcome": dict(log.outcome),
+        "result": {name: orjson.loads(value) for name, value in log.result.items()},
         "metadata": dict(log.metadata),
         "attachments": {name: len(content) for name, content in log.attachments.items()},
         "topics": {topic: {"messages": counts[topic], "bytes": sizes[topic]} for topic in sorted(counts)},

@@ -110,7 +110,7 @@ def test_a_replay_ends_before_missing_ticks_and_says_so(
     log = tmp_path / "gap.mcap"
     log.write_bytes(commission_log.path.read_bytes())
     mended = without(log, 20, 21, 22)
-    assert main(["replay", str(mended), "--json"]) == 0
+    assert main(["replay", str(mended), "--json"]) == 1
     told = capsys.readouterr()
     assert json.loads(told.out)["ticks"] == read_log(mended).gaps[0].first < 23
     assert "are missing: the replay ends before" in told.err

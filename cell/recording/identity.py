@@ -1,0 +1,75 @@
+"""Who made a log: when, where, with which code and versions. No secrets: no user, environment or arguments."""
+
+from __future__ import annotations
+
+import platform
+import socket
+import subprocess
+import uuid
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+import cell
+
+# Everything that a decision or a motion hangs on.
+PACKAGES = (
+    "cell", "mujoco", "placo", "pin", "coal", "eigenpy", "ruckig", "example-robot-data", "py-trees", "onnxruntime",
+    "opencv-python-headless", "numpy", "scipy", "pydantic", "cantools", "python-can",
+)  # fmt: skip
+GIT_TIMEOUT_S = 5.0
+UNKNOWN = "unknown"
+
+
+def identity() -> dict[str, str]:
+    """Facts about this run as text by name: run id, UTC start, host, system, code and versions."""
+    return {
+        "run_id": uuid.uuid4().hex,
+        "started_utc": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        "host": socket.gethostname(),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        **code_version(),
+        **versions(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """`version.<package>` of Python and of all packages in PACKAGES."""
+    return {"version.python": platform.python_version(), **{f"version.{name}": _version(name) for name in PACKAGES}}
+
+
+def code_version() -> dict[str, str]:
+    """The commit of the checkout that runs, and whether its files were changed; unknown where it is no checkout."""
+    root = Path(cell.__file__).resolve().parents[1]
+    commit = _git(root, "rev-parse", "HEAD")
+    if commit is None or not (root / ".git").exists():
+        return {"commit": UNKNOWN, "clean": UNKNOWN}
+    changed = _git(root, "status", "--porcelain", "--untracked-files=no")
+    return {"commit": commit, "clean": UNKNOWN if changed is None else str(not changed).lower()}
+
+
+def what_changed(recorded: Mapping[str, str]) -> list[str]:
+    """Versions that are others now than a log says, a line each."""
+    now = versions()
+    return [
+        f"{name.removeprefix('version.')} was {was}, is {now[name]}"
+        for name, was in recorded.items()
+        if name in now and now[name] != was
+    ]
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    try:
+        command = ["git", "-C", str(folder), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=GIT_TIMEOUT_S, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed as a package"

@@ -76,7 +76,7 @@ class SemanticPlannerSettings(PlannerSettings):
     """The planner that infers the goal.
 
     Attributes:
-        kind: factored, paper, bayes or and_or.
+        kind: factored, paper, bayes or and_or; auto is factored where its weights are of this product, else bayes.
         weights: file of weights, relative to this file; the shipped one of this kind by default.
         goals: file of goals that were finished, relative to this file; goals that the product does not list are learned
             from it, and every finished bracket is noted in it. Without, only the product's goals are known.

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import warnings
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -77,9 +79,11 @@ def write_weights(
 
 def _export(model: TorchModel, inputs: Inputs, any_rows: bool) -> Any:
     """The ONNX program; what the exporter says of its own insides reaches nobody."""
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    for name in ("torch.onnx", "torch.utils.flop_counter", "onnxscript", "onnx_ir"):
+        logging.getLogger(name).setLevel(logging.ERROR)
     rows = {name: {0: torch.export.Dim.DYNAMIC} for name in inputs} if any_rows else None
-    with warnings.catch_warnings():
+    words = io.StringIO()
+    with warnings.catch_warnings(), redirect_stdout(words), redirect_stderr(words):
         warnings.simplefilter("ignore")
         program = torch.onnx.export(
             model._network,

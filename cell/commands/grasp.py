@@ -40,6 +40,7 @@ class Experiment(StrEnum):
     TABLE2 = "table2"
     TABLE3 = "table3"
     NOISE = "noise"
+    PAPER = "paper"
     CURVE = "curve"
     ALL = "all"
 

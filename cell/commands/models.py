@@ -8,9 +8,11 @@ from cell.commands import data as data_commands
 from cell.commands import grasp as grasp_commands
 from cell.commands import noise as noise_commands
 from cell.commands import semantic as semantic_commands
+from cell.commands import train as train_commands
 from cell.commands import worlds
 
-train_app = typer.Typer(no_args_is_help=True, help="Train a planner on generated scenarios and write its ONNX file.")
+train_app = typer.Typer(help="Train planners and write their ONNX files; without a name, all that the product needs.")
+train_app.callback(invoke_without_command=True)(train_commands.train_all)
 eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
 data_app = typer.Typer()
 data_app.callback(invoke_without_command=True)(data_commands.from_logs)

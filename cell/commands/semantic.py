@@ -18,6 +18,7 @@ from cell.commands.terminal import (
     JsonOption,
     SeedOption,
     console,
+    print_json,
     product_of,
     report_scores,
 )
@@ -36,6 +37,7 @@ class Experiment(StrEnum):
     RATIOS = "ratios"
     BELIEF = "belief"
     HABITS = "habits"
+    STREAMS = "streams"
     SIZES = "sizes"
     ALL = "all"
 
@@ -91,12 +93,21 @@ def evaluate(
         Experiment | None, typer.Option(help="Compare all kinds instead; finished cells are kept under data/.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
+    certify: Annotated[
+        float | None, typer.Option(min=0.0001, max=0.5, help="Share of wrong acts to certify; needs --from.")
+    ] = None,
+    logs: Annotated[
+        list[Path] | None, typer.Option("--from", metavar="LOG", help="With --certify: log of a run; may be repeated.")
+    ] = None,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Score the semantic planner, or run an experiment with all of them."""
+    """Score the semantic planner, certify its thresholds on recorded runs, or run an experiment with all of them."""
     product = product_of(config)
+    if certify is not None:
+        _certify(certify, logs or [], product, config, seed, as_json)
+        return
     if experiment is not None:
         _experiment(experiment, out, product)
         return
@@ -107,6 +118,43 @@ def evaluate(
 
     planner = load_semantic_planner(kind, weights or shipped_weights("semantic", kind), product)
     report_scores("semantic", evaluate_semantic(planner, product, seed), as_json)
+
+
+def _certify(limit: float, logs: list[Path], product: Product, config: Path, seed: int, as_json: bool) -> None:
+    """Say from which belief on the robot may act, and how often it will."""
+    import numpy as np
+
+    from cell.commands.log_terminal import read
+    from cell.configuration import load_configuration
+    from cell.interfaces.planning import AssemblyState
+    from cell.log.telling.summary import beliefs
+    from cell.log.training.demonstrations import finished_bracket
+    from cell.running.services import load_planners
+    from learned.semantic.certify import case_of, certificate, least_limit
+
+    planner = load_planners(load_configuration(config), product).semantic
+    rng, cases = np.random.default_rng(seed), []
+    for path in logs:
+        log = read([path])
+        final = finished_bracket(log, product)
+        states = [one.placed for one in beliefs(log) if 0 < len(one.placed) < len(product.positions)]
+        if final is not None and states:
+            cases.append(case_of(planner, product, AssemblyState(states[rng.integers(len(states))]), final))
+    if not cases:
+        raise InputError("--certify needs logs of finished brackets; name them by --from LOG")
+    found = certificate(cases, limit)
+    act = load_configuration(config).guard.act_probability
+    say = console().print
+    if found.threshold is None:
+        say(f"{found.runs} runs certify no threshold for at most {100 * limit:g} % wrong acts")
+    else:
+        say(
+            f"at most {100 * limit:g} % wrong acts with 90 % confidence, from {found.runs} runs: "
+            f"guard.act_probability: {found.threshold:g}; the robot then acts in {found.coverage:.3f} of the states"
+        )
+    say(f"at {act:g}, as configured, they certify at most {100 * least_limit(cases, act):.2g} %")
+    if as_json:
+        print_json(vars(found))
 
 
 def _experiment(experiment: Experiment, out: Path | None, product: Product) -> None:

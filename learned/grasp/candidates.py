@@ -24,6 +24,11 @@ class Opening(Protocol):
         ...
 
     @property
+    def one_way(self) -> bool:
+        """Parts are grasped across their width alone."""
+        ...
+
+    @property
     def stroke_m(self) -> float:
         """Widest opening of the jaw."""
         ...
@@ -42,8 +47,10 @@ def jaw_yaw_rad(boxes: Boxes) -> Array:
 
 
 def available(boxes: Boxes, opening: Opening) -> Blocks:
-    """(n, candidates): whether the jaw opens wide enough."""
+    """(n, candidates): whether the jaw opens wide enough and may grasp so."""
     fits: Blocks = gripped_m(boxes) + 2 * opening.clearance_m <= opening.stroke_m
+    if opening.one_way:
+        fits[:, CANDIDATES.index("length")] = False
     return fits
 
 

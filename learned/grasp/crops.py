@@ -12,7 +12,7 @@ import numpy as np
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Boxes
 
-_CELLS, _SPACING_M, _ORDERS = 12, 0.010, 4
+_CELLS, _SPACING_M, _ORDERS = 24, 0.005, 8
 CROP_FEATURES = _ORDERS**2
 _UNIT_M = 0.05
 _steps = (np.arange(_CELLS) + 0.5) / _CELLS

@@ -32,6 +32,7 @@ def evaluate_grasp(
 ) -> dict[str, float]:
     """Scores in 0..1, each with the ends of its 95 % confidence interval under `<name>_low` and `<name>_high`.
 
+    `object_accuracy_by_type`: the same for the first of them, where parts of one type are alike;
     `object_accuracy_k`: the whole answer is right (graspable, or a shortest sequence that works, or help), over one
     required object of each of k types; `graspability_accuracy`: the verdict alone; `solution_accuracy`: the answer
     for objects that are not graspable; `iterative_success_n`: scenes of n parts in which Algorithm 2, looking anew
@@ -67,6 +68,8 @@ def object_scores(scenes: Sequence[Scene], seed: int, ask: Callable[[int, int], 
             counter.add("graspability_accuracy", (plan.graspable >= 0.5) == scene.graspable(required))
             if not scene.graspable(required):
                 counter.add("solution_accuracy", right[-1])
+            if not len(right) - 1:
+                counter.add("object_accuracy_by_type", right[-1] or _right_by_type(plan, scene, required))
         for count in REQUIRED_TYPES:
             if len(right) >= count:
                 for correct in right[:count]:
@@ -137,6 +140,13 @@ def is_right(plan: GraspPlan, blocks: Blocks, required: int) -> bool:
     if plan.needs_help:
         return solve(blocks, required, range(len(blocks))).needs_help
     return solves(plan.blockers, blocks, required)
+
+
+def _right_by_type(plan: GraspPlan, scene: Scene, required: int) -> bool:
+    """Whether a plan moves as many parts of every type as the right one does: what the paper's words say."""
+    wanted = scene.solution(required)
+    types = [sorted(scene.boxes.types[part] for part in moves) for moves in (plan.blockers, wanted.moves)]
+    return plan.needs_help == wanted.needs_help and types[0] == types[1]
 
 
 def _required_objects(scene: Scene, rng: np.random.Generator) -> list[int]:

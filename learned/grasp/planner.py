@@ -46,9 +46,9 @@ def load_grasp_planner(kind: str, path: Path, product: Product, noise: Detection
     if kind == "rule":
         return RulePlanner(product)
     model = OnnxModel.load(path, f"grasp.{kind}")
-    model.require_vocabulary("parts", tuple(product.parts))
     if kind == "pairwise":
-        return PairwisePlanner(model, product, noise)
+        return PairwisePlanner(model, product, noise)  # it knows sizes, not names
+    model.require_vocabulary("parts", tuple(product.parts))
     model.require_vocabulary("words", WORDS)
     return PaperPlanner(model, product)
 

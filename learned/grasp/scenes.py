@@ -149,7 +149,12 @@ def _draw_boxes(product: Product, rng: np.random.Generator, settings: SceneSetti
     """Parts placed one after another, most of them near one that stands; starts again where one finds no place."""
     count = int(rng.integers(sizes[0], sizes[1] + 1))
     names = list(product.parts)
-    types = [names[i] for i in rng.integers(0, len(names), count)]
+    if settings.by_quantity:
+        stock = np.repeat(np.arange(len(names)), [product.parts[name].quantity for name in names])
+        chosen = rng.permutation(stock)[:count]
+    else:
+        chosen = rng.integers(0, len(names), count)
+    types = [names[i] for i in chosen]
     while True:
         placed: Boxes | None = None
         for name in types:

@@ -28,6 +28,7 @@ class GripperOutline(Model):
         fitting_m: the uppermost part of a body's height, a fitting that can be seen but not touched (sim/parts.py).
         margin_m: least gap between a finger and a neighbour.
         below_gap_m: a neighbour must end this far below fingertips or palm to be passed over.
+        one_way: parts are grasped across their width alone.
     """
 
     pad_size_m: tuple[float, float, float] = (0.012, 0.025, 0.022)
@@ -40,6 +41,7 @@ class GripperOutline(Model):
     fitting_m: float = Field(default=0.003, ge=0)
     margin_m: float = Field(default=0.0, ge=0)
     below_gap_m: float = Field(default=0.0, ge=0)
+    one_way: bool = False
 
 
 WITH_MARGINS = GripperOutline(palm_size_m=(0.104, 0.076), fitting_m=0.0, margin_m=0.001, below_gap_m=0.002)
@@ -74,6 +76,7 @@ class SceneSettings(Model):
         nearest_gap_m, farthest_gap_m: gap between the bodies of such neighbours.
         crowding: of so many free places found, the one nearest to the middle of all parts is taken.
         tray_m: inner (x, y) extent of the tray; bodies lie inside.
+        by_quantity: of every type at most as many as the product has.
         crops: detections have an embedding of their crop (learned/grasp/crops.py).
         outline: of the gripper that the labels are about.
         noise: of the detections.
@@ -85,6 +88,7 @@ class SceneSettings(Model):
     farthest_gap_m: float = Field(default=0.008, gt=0)
     crowding: int = Field(default=16, ge=1)
     tray_m: tuple[float, float] = (0.32, 0.40)
+    by_quantity: bool = False
     crops: bool = False
     outline: GripperOutline = GripperOutline()
     noise: DetectionNoise = DetectionNoise()
@@ -93,3 +97,8 @@ class SceneSettings(Model):
 TRAY_SCENES = SceneSettings(neighbour_share=0.6, nearest_gap_m=0.004, farthest_gap_m=0.030, crowding=1)
 """As loose as the simulator's tray (sim/settings.py): one part in seventy cannot be grasped at once. The default scenes
 are dense, so that two parts in five cannot."""
+
+PAPER_SCENES = SceneSettings(
+    nearest_gap_m=0.004, farthest_gap_m=0.030, crowding=3, by_quantity=True, outline=GripperOutline(one_way=True)
+)
+"""Like the paper's: 3 to 6 parts, at most 3, 2 and 1 of a type, one way to grasp, a quarter not graspable at once."""

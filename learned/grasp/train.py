@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -26,6 +27,7 @@ from learned.grasp.paper import PaperNet, graph_data
 from learned.grasp.planner import load_grasp_planner
 from learned.grasp.relations import RelationNet, relation_data, relation_features
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
+from learned.grasp.sizes import SCENES_EACH, random_scenes, with_random_parts
 from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
 from learned.onnx_model import ModelCard
 from learned.torch_model import TorchModel, write_weights
@@ -66,13 +68,13 @@ def train_grasp(
     settings = settings or (PairwiseSettings() if kind == "pairwise" else PaperSettings())
     test: list[Scene] = []
     if scenes is None:
-        learned = training_scenes(product, seed, settings, quiet=quiet)
+        catalogue, learned = training_scenes(product, seed, settings, quiet=quiet)
         split = f"{len(learned)} scenes of the train split; scores on {settings.test_scenes} of the test split"
     else:
-        learned, test = split_by_run(scenes, seed)
+        catalogue, (learned, test) = product, split_by_run(scenes, seed)
         split = f"{len(learned)} given scenes; scores on {len(test)} others of them, of other runs"
     checkpoint = out.with_name(out.name + ".checkpoint")
-    network = train_network(learned, product, seed, settings, checkpoint=checkpoint, quiet=quiet)
+    network = train_network(learned, catalogue, seed, settings, checkpoint=checkpoint, quiet=quiet)
     command = command or f"train_grasp(kind={kind!r}, seed={seed})"
     identity = {"data_sha256": data_hash(learned), "command": command, "config": {"split": split}}
     card = model_card(kind, product, settings, seed, **identity)
@@ -87,11 +89,18 @@ def train_grasp(
     return write_weights(model, out, _samples(settings, product), score, any_rows=True)
 
 
-def training_scenes(product: Product, seed: int, settings: TrainingSettings, *, quiet: bool = True) -> list[Scene]:
-    """Scenes of the train split."""
-    drawn = draw_scenes(product, seed, settings.scenes, "train", settings.data, settings.parts)
+def training_scenes(
+    product: Product, seed: int, settings: TrainingSettings, *, quiet: bool = True
+) -> tuple[Product, list[Scene]]:
+    """Scenes of the train split, and the product with all part types that stand in them."""
+    others = round(settings.random_share * settings.scenes) if isinstance(settings, PairwiseSettings) else 0
+    catalogue = with_random_parts(product, seed, -(-others // SCENES_EACH))
+    drawn = chain(
+        draw_scenes(product, seed, settings.scenes - others, "train", settings.data, settings.parts),
+        random_scenes(catalogue, len(product.parts), seed, others, settings),
+    )
     console = Console(stderr=True, quiet=quiet)
-    return list(track(drawn, "drawing scenes", settings.scenes, console=console, transient=True))
+    return catalogue, list(track(drawn, "drawing scenes", settings.scenes, console=console, transient=True))
 
 
 def train_network(

@@ -38,14 +38,20 @@ class TrainingSettings(Model):
 
 
 class PairwiseSettings(TrainingSettings):
-    """The pairwise planner: how many perceptrons its committee has."""
+    """The pairwise planner.
 
-    scenes: int = Field(default=2000, gt=0)
+    Attributes:
+        members: how many perceptrons its committee has.
+        random_share: of the scenes have parts of random sizes, so that the network knows sizes instead of types.
+    """
+
+    scenes: int = Field(default=4000, gt=0)
     epochs: int = Field(default=12, gt=0)
     batch: int = Field(default=256, gt=0)
     peak_rate: float = Field(default=0.006, gt=0)
     hidden: int = Field(default=48, gt=0)
     members: int = Field(default=4, gt=0)
+    random_share: float = Field(default=0.5, ge=0, le=1)
 
 
 class PaperSettings(TrainingSettings):

@@ -16,6 +16,7 @@ from learned.semantic.scenarios import (
     Scenarios,
     bound,
     consistent,
+    from_the_right,
     misdetect,
     scenarios,
     split,
@@ -65,15 +66,22 @@ class Answers:
 def success(answers: Answers, layout: Layout, some: Scenarios) -> dict[str, float]:
     """Share of scenarios whose plan is right and complete for every object, beside the bound.
 
-    Of the labelled goal (`success`), where only one goal fits (`unique_success`), of any goal that fits
+    Of the labelled goal (`success`), with the first missing object from the right as the next one, too
+    (`strict_success`, the paper's rule), where only one goal fits (`unique_success`), of any goal that fits
     (`consistent_success`; its bound is 1).
     """
     fits = consistent(layout, some.seen)
     rights = np.array([_right_goals(answers(row), layout, row) for row in some.seen])
     labelled = rights[np.arange(len(some)), some.goals]
     unique = fits.sum(axis=1) == 1
+    nexts = [answers(row).next_part for row in some.seen]
+    rightmost = layout.types[some.goals, from_the_right(some).following]
+    strict = [
+        part is not None and layout.parts.index(part) == wanted for part, wanted in zip(nexts, rightmost, strict=True)
+    ]
     return {
         "success": float(labelled.mean()),
+        "strict_success": float((labelled & np.array(strict)).mean()),
         "bound": bound(layout, some),
         "unique_success": float(labelled[unique].mean()) if unique.any() else 1.0,
         "consistent_success": float((rights & fits).any(axis=1).mean()),

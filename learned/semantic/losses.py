@@ -20,13 +20,11 @@ def paper_loss(network: PaperNetwork, layout: Layout, batch: Scenarios) -> Tenso
     """Cross-entropies of goal, next object (Eq. 3) and plan words; the heads are given the true goal."""
     parts = len(layout.parts)
     goals = torch.tensor(batch.goals)
-    graph = network.embed(torch.tensor(one_hot(batch.seen, parts)))
+    graph, begin = network.embed(torch.tensor(one_hot(batch.seen, parts)))
     hard = nn.functional.one_hot(goals, len(layout.goals)).float()
     following = torch.tensor(next_type(layout, batch))
     words = torch.tensor(plan_words(layout, batch)).reshape(len(batch) * parts, -1)
-    logits = network.teach(
-        graph.repeat_interleave(parts, dim=0), hard.repeat_interleave(parts, dim=0), words[:, :-1].clamp(min=0)
-    )
+    logits = network.teach(begin.flatten(0, 1), hard.repeat_interleave(parts, dim=0), words[:, :-1].clamp(min=0))
     entropy = nn.functional.cross_entropy
     known = max(int((following != IGNORED).sum()), 1)
     return (

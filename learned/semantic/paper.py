@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import torch
 from pydantic import Field
@@ -18,7 +18,8 @@ class PaperSettings(Model):
 
     Attributes:
         direction: the way that messages take along an edge; the paper prints object_to_position.
-        aggregation: how a node sums up its neighbours' messages.
+        aggregation: how a node sums up its neighbours' messages; the paper prints the mean.
+        start: what the decoder starts from beside the goal: the graph's embedding, or the object node's as printed.
         noise: share of the placements that are misdetected while training; more than the detector's makes plans
             generalise better from few scenarios.
     """
@@ -27,6 +28,7 @@ class PaperSettings(Model):
     layers: int = Field(default=2, ge=1)
     direction: Direction = "position_to_object"
     aggregation: str = Field(default="sum", pattern="^(mean|sum)$")
+    start: Literal["graph", "object"] = "graph"
     steps: int = Field(default=600, gt=0)
     learning_rate: float = Field(default=5e-3, gt=0)
     weight_decay: float = Field(default=0.0, ge=0)
@@ -61,8 +63,8 @@ class PaperNetwork(nn.Module):
     """Graph in; goal, next object and plans out.
 
     Nodes are told apart by a one-hot of their identity; the graph's embedding Phi is their mean. The decoder
-    starts from [graph embedding, goal], is given the object's name as its first word, and says its positions in
-    order, then the end.
+    starts from [embedding of the graph, or of the object's node, goal], is given the object's name as its first word,
+    and says its positions in order, then the end.
     """
 
     def __init__(self, layout: Layout, settings: PaperSettings) -> None:
@@ -71,7 +73,7 @@ class PaperNetwork(nn.Module):
         parts, hidden, words = len(layout.parts), settings.hidden, len(layout.words)
         self.parts, self.goals, self.nodes, self.words = parts, goals, parts + positions, words
         self.longest = int(layout.quantities.max()) + 1
-        self.direction = settings.direction
+        self.direction, self.from_object = settings.direction, settings.start == "object"
         widths = [self.nodes] + [hidden] * settings.layers
         self.layers = nn.ModuleList(
             SageLayer(inputs, outputs, settings.aggregation) for inputs, outputs in pairwise(widths)
@@ -83,13 +85,14 @@ class PaperNetwork(nn.Module):
         self.cell = nn.LSTMCell(hidden, hidden)
         self.say = nn.Linear(hidden, words)
 
-    def embed(self, edges: Tensor) -> Tensor:
-        """Edges (B, n, m) to graph embeddings (B, hidden)."""
+    def embed(self, edges: Tensor) -> tuple[Tensor, Tensor]:
+        """Edges (B, n, m) to embeddings of graphs (B, hidden), and of what plans start from (B, n, hidden)."""
         nodes = torch.eye(self.nodes).expand(edges.shape[0], -1, -1)
         adjacency = self.adjacency(edges)
         for layer in self.layers:
             nodes = layer(nodes, adjacency)
-        return nodes.mean(dim=1)
+        graph = nodes.mean(dim=1)
+        return graph, nodes[:, : self.parts] if self.from_object else graph[:, None].expand(-1, self.parts, -1)
 
     def adjacency(self, edges: Tensor) -> Tensor:
         """(B, N, N) receivers by senders; objects come before positions."""
@@ -105,18 +108,18 @@ class PaperNetwork(nn.Module):
         logits: Tensor = self.next_head(torch.cat([graph, goal], dim=1))
         return logits
 
-    def teach(self, graph: Tensor, goal: Tensor, said: Tensor) -> Tensor:
+    def teach(self, begin: Tensor, goal: Tensor, said: Tensor) -> Tensor:
         """Teacher forcing: logits (B, T, words) of the words after each of those said (B, T)."""
-        state = self._start(graph, goal)
+        state = self._start(begin, goal)
         logits = []
         for step in range(said.shape[1]):
             state = self.cell(self.embedding(said[:, step]), state)
             logits.append(self.say(state[0]))
         return torch.stack(logits, dim=1)
 
-    def decode(self, graph: Tensor, goal: Tensor, first: Tensor) -> Tensor:
+    def decode(self, begin: Tensor, goal: Tensor, first: Tensor) -> Tensor:
         """Words (B, T), each the most probable after those before; `first` (B,) are the objects' names."""
-        state = self._start(graph, goal)
+        state = self._start(begin, goal)
         word, words = first, []
         for _ in range(self.longest):
             state = self.cell(self.embedding(word), state)
@@ -126,19 +129,17 @@ class PaperNetwork(nn.Module):
 
     def forward(self, edges: Tensor) -> PaperAnswer:
         """One graph, edges (n, m): plans decoded once for each hard goal (soft goals would blend plans)."""
-        graph = self.embed(edges[None])
+        graph, begin = self.embed(edges[None])
         goals = torch.eye(self.goals)
         graphs = graph.expand(self.goals, -1)
         first = torch.arange(self.parts).repeat(self.goals)
-        words = self.decode(
-            graphs.repeat_interleave(self.parts, dim=0), goals.repeat_interleave(self.parts, dim=0), first
-        )
+        words = self.decode(begin[0].repeat(self.goals, 1), goals.repeat_interleave(self.parts, dim=0), first)
         return PaperAnswer(
             self.goal_head(graph)[0].softmax(dim=0),
             self.following(graphs, goals).softmax(dim=1),
             words.reshape(self.goals, self.parts, self.longest),
         )
 
-    def _start(self, graph: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:
-        hidden, memory = self.start(torch.cat([graph, goal], dim=1)).chunk(2, dim=1)
+    def _start(self, begin: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:
+        hidden, memory = self.start(torch.cat([begin, goal], dim=1)).chunk(2, dim=1)
         return torch.tanh(hidden), memory

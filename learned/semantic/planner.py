@@ -22,7 +22,7 @@ from learned.semantic.noise import Noise
 from learned.semantic.posterior import Likelihood, Posterior, UnknownGoal, posterior
 from learned.semantic.scenarios import DETECTION_ERROR
 
-SemanticKind = Literal["paper", "factored", "and_or", "bayes"]
+SemanticKind = Literal["auto", "paper", "factored", "and_or", "bayes"]
 FACTORED_OUTPUTS = ("goals", "still_open", "wanted", "prior", "usual", "following")
 LEAST_BELIEF = 1e-9  # placements believed less are left out of the answer
 
@@ -54,7 +54,8 @@ def load_semantic_planner(
     """The planner that the configuration names.
 
     Args:
-        kind: "paper", "factored", "and_or", or "bayes", which has no weights and ignores `path`.
+        kind: "paper", "factored", "and_or", or "bayes", which has no weights and ignores `path`; "auto" is "factored"
+            where its weights are of this product, else "bayes", which is as good where nobody's habits were recorded.
         path: weights from `cell train semantic`.
         goals: learned beside the product's own; `paper` and `and_or` know those that they were trained on alone.
         confusions: what the action detector takes for what; read by `factored` and `bayes`.
@@ -65,6 +66,10 @@ def load_semantic_planner(
     """
     if kind == "bayes":
         return BayesPlanner(product, goals, confusions)
+    if kind == "auto":
+        kind = "factored"
+        if path is None or OnnxModel.load(path, "semantic.factored").card.vocabulary != Layout.of(product).vocabulary:
+            return BayesPlanner(product, goals, confusions)
     if kind not in get_args(SemanticKind):
         raise InputError(f"no semantic planner {kind!r}; there are {', '.join(get_args(SemanticKind))}")
     if path is None:

@@ -1,4 +1,8 @@
-"""Generated scenarios: every part of every goal, with what the demonstrator does next (section 4.1 of the paper)."""
+"""Generated scenarios: every part of every goal, with what the demonstrator does next.
+
+The paper's demonstrator always places the first missing object from the right (section 4.1): `from_the_right` relabels
+scenarios so. Ours places any.
+"""
 
 from __future__ import annotations
 
@@ -54,6 +58,12 @@ def scenarios(layout: Layout, seed: int) -> Scenarios:
     masks = np.array(list(combinations([False, True], repeat=positions)))[1:-1]
     labels = np.repeat(np.arange(goals), len(masks))
     return _labelled(layout, labels, np.tile(masks, (goals, 1)), rng)
+
+
+def from_the_right(whole: Scenarios) -> Scenarios:
+    """The same states, the first open position from the right being filled next; positions are listed right to left."""
+    following: Ints = np.argmax(whole.seen == EMPTY, axis=1)
+    return Scenarios(whole.goals, whole.seen, following)
 
 
 def sampled(layout: Layout, count: int, rng: np.random.Generator) -> Scenarios:

@@ -51,7 +51,9 @@ def _variant(**changes: object) -> PaperSettings:
 
 
 BASELINES = {
-    "default": Baseline("default: pairwise, signed distances", PairwiseSettings(observations=8, epochs=30), SEEDS),
+    "default": Baseline(
+        "default: pairwise, signed distances", PairwiseSettings(observations=8, epochs=30, random_share=0.0), SEEDS
+    ),
     "rule": Baseline("rule: analytic, with the skills' margins"),
     "rule0": Baseline("rule without margins"),
     "average": Baseline("reference: average over the known noise"),
@@ -80,7 +82,13 @@ def planner_of(name: str, product: Product, scenes: int, seed: int, noise: Detec
         return AveragingPlanner(product, noise)
     settings = BASELINES[name].settings
     assert settings is not None
-    settings = _for(settings, scenes)
+    return trained_planner(_for(settings, scenes), product, seed, noise)
+
+
+def trained_planner(
+    settings: TrainingSettings, product: Product, seed: int, noise: DetectionNoise | None = None
+) -> GraspPlanner:
+    """A planner that was trained with these settings."""
     network = _trained(settings, product.model_dump_json(), seed)
     if isinstance(network, RelationNet):
         return RelationPlanner(network, product)
@@ -98,5 +106,5 @@ def _for(settings: TrainingSettings, scenes: int) -> TrainingSettings:
 @lru_cache(maxsize=16)
 def _trained(settings: TrainingSettings, product: str, seed: int) -> nn.Module:
     """Trained once for all cells that ask for it."""
-    some = Product.model_validate_json(product)
-    return train_network(training_scenes(some, seed, settings), some, seed, settings)
+    catalogue, scenes = training_scenes(Product.model_validate_json(product), seed, settings)
+    return train_network(scenes, catalogue, seed, settings)

@@ -17,6 +17,7 @@ from learned.semantic.train import OUTPUTS, Settings, train_network
 from learned.torch_model import TorchModel
 
 KINDS = ("factored", "paper", "and_or", "bayes")
+AS_PRINTED = PaperSettings(aggregation="mean", start="object", noise=0.0)
 
 
 def planner_of(

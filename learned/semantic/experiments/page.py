@@ -9,6 +9,8 @@ from learned.semantic.experiments.habits import habit_cells
 from learned.semantic.experiments.ratios import ratio_cells
 from learned.semantic.experiments.settings import settings_cells
 from learned.semantic.experiments.sizes import size_cells
+from learned.semantic.experiments.stream_page import stream_section
+from learned.semantic.experiments.streams import stream_cells
 
 EXPERIMENTS = {
     "settings": Experiment(settings_cells, (ratio_page.settings_section,)),
@@ -19,6 +21,7 @@ EXPERIMENTS = {
         {"coverage": plots.plot_coverage},
     ),
     "habits": Experiment(habit_cells, (belief_page.habit_section,), {"habits": plots.plot_habits}),
+    "streams": Experiment(stream_cells, (stream_section,)),
     "sizes": Experiment(size_cells, (ratio_page.size_section,)),
 }
 

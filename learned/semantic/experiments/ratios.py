@@ -8,13 +8,15 @@ from itertools import product as product_of
 from cell.interfaces.product import Product
 from learned.experiments import Cell, Values
 from learned.semantic.evaluate import Answers, success
-from learned.semantic.experiments.models import KINDS, first_goals, planner_of
+from learned.semantic.experiments.models import AS_PRINTED, KINDS, first_goals, planner_of
 from learned.semantic.graph import Layout
-from learned.semantic.scenarios import TRAIN_RATIO, scenarios, split, sub_demonstrations
+from learned.semantic.paper import PaperSettings
+from learned.semantic.scenarios import TRAIN_RATIO, from_the_right, scenarios, split, sub_demonstrations
 
 RATIOS = (0.2, 0.3, 0.4, 0.6, TRAIN_RATIO, 0.9)
 FEW_RATIOS = (0.2, 0.4, TRAIN_RATIO)  # with sub-demonstrations
 SEEDS = (1, 2, 3, 4, 5)
+RIGHTMOST = {"paper as printed": AS_PRINTED, "paper, tuned": PaperSettings()}
 
 
 def ratio_cells(product: Product) -> list[Cell]:
@@ -30,7 +32,22 @@ def ratio_cells(product: Product) -> list[Cell]:
                 if kind != "bayes" or not augment:
                     measure = partial(_measure, some, kind, ratio, seed, augment)
                     cells.append(Cell({**key, "sub_demonstrations": augment}, measure))
+    for ratio, seed, (name, chosen) in product_of(FEW_RATIOS, SEEDS[:3], RIGHTMOST.items()):
+        key = {"experiment": "ratios", "kind": name, "goals": most, "ratio": ratio, "seed": seed}
+        cells.append(Cell({**key, "sub_demonstrations": False}, partial(_rightmost, product, ratio, seed, chosen)))
     return cells
+
+
+def _rightmost(product: Product, ratio: float, seed: int, settings: PaperSettings) -> Values:
+    """The paper's network on demonstrators who always place the first missing object from the right."""
+    layout = Layout.of(product)
+    whole = from_the_right(scenarios(layout, seed))
+    train, held_out = split(whole, ratio, seed)
+    answers = Answers(planner_of("paper", product, train, seed, settings), layout)
+    return {
+        **{f"{name}_all": value for name, value in success(answers, layout, whole).items()},
+        **{f"{name}_held_out": value for name, value in success(answers, layout, held_out).items()},
+    }
 
 
 def _measure(product: Product, kind: str, ratio: float, seed: int, augment: bool) -> Values:

@@ -18,10 +18,10 @@ from learned.semantic.graph import EMPTY, Ints, Layout
 from learned.semantic.planner import BayesPlanner, FactoredPlanner
 from learned.semantic.scenarios import Scenarios, misdetect, scenarios
 
-SEEDS = tuple(range(1, 9))
+SEEDS = tuple(range(1, 6))
 IN_USE = (3, 6, 12)  # goals, three of them listed
 BRACKETS = 60
-SINGLE = 500  # assemblies of goals that are met for the first time, and of known ones
+SINGLE = 400  # assemblies of goals that are met for the first time, and of known ones
 ERROR = 0.05
 ACT, ASK, DOUBT = 0.9, 0.5, 0.01  # the guard's thresholds
 NEVER = 1.0  # a doubt that never asks

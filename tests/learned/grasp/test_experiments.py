@@ -45,6 +45,7 @@ def test_the_page_has_a_row_for_every_planner(tmp_path: Path, monkeypatch: pytes
     from learned.grasp.experiments.page import EXPERIMENTS, HEAD
 
     names = [f"object_accuracy_{count}" for count in (1, 2, 3)] + ["iterative_success", "steps", "needless_moves"]
+    names += ["object_accuracy_by_type", "graspability_accuracy"]
     values = {name + end: value for name in names for end, value in (("", 0.5), ("_low", 0.4), ("_high", 0.6))}
     monkeypatch.setattr(Store, "run", lambda _self, _title, cells: [(cell.key, values) for cell in cells])
     out = tmp_path / "grasp.md"

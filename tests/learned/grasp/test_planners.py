@@ -14,7 +14,7 @@ from cell.interfaces.errors import ModelError
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.product import Product
-from learned.grasp.evaluate import evaluate_grasp
+from learned.grasp.evaluate import evaluate_grasp, evaluate_scenes
 from learned.grasp.language import END, MAX_WORDS, MOVE
 from learned.grasp.planner import KINDS, PaperPlanner, load_grasp_planner
 from learned.grasp.scenes import draw_scenes
@@ -138,13 +138,24 @@ def test_scores_carry_confidence_intervals(planner: GraspPlanner) -> None:
         assert 0.0 < scores[f"{name}_high"] - scores[f"{name}_low"] < 1.0
 
 
+@pytest.mark.parametrize("scale", [0.7, 0.85, 1.05])
+def test_pairwise_knows_sizes_and_not_names(scale: float) -> None:
+    parts = {
+        f"x{name}": part.model_copy(update={"size_m": tuple(scale * length for length in part.size_m), "shape": ()})
+        for name, part in PRODUCT.parts.items()
+    }
+    goals = {name: tuple(f"x{part}" for part in goal) for name, goal in PRODUCT.goals.items()}
+    other = PRODUCT.model_copy(update={"parts": parts, "goals": goals})
+    planner = load_grasp_planner("pairwise", WEIGHTS / "grasp_pairwise.onnx", other)
+    assert evaluate_scenes(planner, list(draw_scenes(other, 7, 60, "test")), 7)["object_accuracy_1"] > 0.9
+
+
 def test_another_product_needs_other_weights() -> None:
     parts = {f"x{name}": part for name, part in PRODUCT.parts.items()}
     goals = {name: tuple(f"x{part}" for part in goal) for name, goal in PRODUCT.goals.items()}
     other = Product(name="other", parts=parts, bracket=PRODUCT.bracket, goals=goals)
-    for kind in ("pairwise", "paper"):
-        with pytest.raises(ModelError, match="train again"):
-            load_grasp_planner(kind, WEIGHTS / f"grasp_{kind}.onnx", other)
+    with pytest.raises(ModelError, match="train again"):
+        load_grasp_planner("paper", WEIGHTS / "grasp_paper.onnx", other)
 
 
 def test_unknown_kinds_and_missing_weights_are_refused() -> None:

@@ -20,7 +20,9 @@ from tests.learned.grasp.layouts import PRODUCT, walled
 
 pytestmark = pytest.mark.torch  # torch is imported in the tests alone: other processes collect this file, too
 TOLERANCE = 1e-5
-SHORT_PAIRWISE = PairwiseSettings(scenes=80, test_scenes=40, epochs=60, batch=64, hidden=24, members=2)
+SHORT_PAIRWISE = PairwiseSettings(
+    random_share=0.0, scenes=80, test_scenes=40, epochs=60, batch=64, hidden=24, members=2
+)
 SHORT_PAPER = PaperSettings(scenes=20, test_scenes=8, epochs=2, batch=32, hidden=16, layers=2, edges="printed")
 SEED = 5
 

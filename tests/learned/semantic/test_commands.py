@@ -34,7 +34,7 @@ def test_demonstrations_that_cannot_be_written(tmp_path: Path, capsys: pytest.Ca
     [
         (["--experiment", "ratios"], "--experiment needs --out FILE"),
         (["--out", "page.md"], "--out is for --experiment"),
-        (["--kind", "magic"], "no semantic planner 'magic'; there are paper, factored, and_or, bayes"),
+        (["--kind", "magic"], "no semantic planner 'magic'; there are auto, paper, factored, and_or, bayes"),
     ],
 )
 def test_bad_options(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -161,7 +161,7 @@ def test_shipped_weights_fit_the_default_product_only() -> None:
 
 
 def test_kinds_and_files_that_are_not_there() -> None:
-    with pytest.raises(InputError, match="paper, factored, and_or, bayes"):
+    with pytest.raises(InputError, match="auto, paper, factored, and_or, bayes"):
         load_semantic_planner("oracle", None, DEFAULT)
     with pytest.raises(InputError, match="needs a weights file"):
         load_semantic_planner("paper", None, DEFAULT)

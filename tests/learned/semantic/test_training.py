@@ -233,12 +233,16 @@ def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatc
     small = {"goal_accuracy": 0.9, "curve": [[0.5, 0.0], [1.0, 0.01]]}
     names = ["goal_nll", "goal_calibration_error", "next_calibration_error", "wrong_always", "coverage_at_act"]
     small |= dict.fromkeys([*names, "wrong_at_act", "best_coverage", *(f"goal_accuracy_{k}" for k in range(1, 6))], 0.5)
-    success = dict.fromkeys(["success", "bound", "unique_success", "consistent_success"], 0.75)
+    success = dict.fromkeys(["success", "strict_success", "bound", "unique_success", "consistent_success"], 0.75)
     both = {f"{name}_{where}": value for name, value in success.items() for where in ("all", "held_out")}
     joints = ("uniform", "uniform_seen", "runs_0.0", "runs_0.045", "runs_0.1", "runs_seen")
     parts = dict.fromkeys(joints, small)
     unknown = {"unknown_goals": {f"unknown_goal_auc_{k}": 0.5 for k in range(1, 6)}}
-    values = {**small, **success, **both, **parts, **unknown, "train_s": 1.0, "plan_s": 1e-3}
+    stream = ["wrong_assemblies_unknown", "asked_unknown", "coverage_known", "wrong_acts_known", "asked_known", "asked"]
+    stream += ["wrong_acts", "wrong_acts_second_half", "coverage", "coverage_second_half"]
+    stream += ["coverage_seen_twice", "coverage_as_listed"]
+    shares = {name + end: 0.5 for name in stream for end in ("", "_low", "_high")}
+    values = {**small, **success, **both, **parts, **unknown, **shares, "train_s": 1.0, "plan_s": 1e-3}
 
     monkeypatch.setattr(Store, "run", lambda _self, _title, cells: [(cell.key, values) for cell in cells])
     page = tmp_path / "semantic.md"

@@ -1,0 +1,92 @@
+"""`cell train`: all that a product needs, in one go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cell.commands.terminal import CONFIGURATION, ConfigOption, SeedOption, console, product_of, report_scores
+
+if TYPE_CHECKING:
+    from cell.interfaces.product import Product
+
+FEWEST_DEMONSTRATIONS = 20  # fewer tell nothing of people's habits
+GRASP_MINUTES, SEMANTIC_MINUTES = 1, 1  # of one CPU core
+
+RecordedOption = Annotated[
+    Path | None, typer.Option("--recorded", help="Folder of `cell data --from LOG --out DIR`: learn from it, too.")
+]
+
+
+def train_all(
+    context: typer.Context,
+    recorded: RecordedOption = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+) -> None:
+    """Train all that the product of a configuration needs, and say what to write into it."""
+    if context.invoked_subcommand is not None:
+        return
+    from cell.commands.weights import need_torch, new_weights
+
+    product = product_of(config)
+    habits = _demonstrations(recorded, product)
+    learns_habits = habits >= FEWEST_DEMONSTRATIONS
+    minutes = GRASP_MINUTES + SEMANTIC_MINUTES * learns_habits
+    say = console().print
+    say(f"for {product.name}, about {minutes} minute{'s' * (minutes > 1)} of one CPU core:")
+    say("- grasp planner `pairwise`, on drawn trays with parts of these sizes")
+    if learns_habits:
+        say(f"- semantic planner `factored`, on {habits} recorded assemblies")
+    else:
+        say(
+            f"- semantic planner: nothing, `bayes` reads the goals from the product file; with {FEWEST_DEMONSTRATIONS} "
+            f"recorded assemblies ({habits} here) people's habits can be learned (--recorded)"
+        )
+    need_torch()
+    lines = {"grasp": _grasp(product, new_weights("grasp", "pairwise", config), seed)}
+    if learns_habits and recorded is not None:
+        lines["semantic"] = _semantic(product, new_weights("semantic", "factored", config), recorded, seed)
+    else:
+        lines["semantic"] = ["kind: bayes"]
+    if recorded is not None and (recorded / "segments.jsonl").exists():
+        from cell.commands.noise import train as train_noise
+
+        train_noise([recorded / "segments.jsonl"], None, config)
+        lines["semantic"].append("confusions: confusions.json")
+    say(f"in {config}:")
+    say("planners:", highlight=False)
+    for planner in ("semantic", "grasp"):
+        say(f"  {planner}:", *(f"    {line}" for line in lines[planner]), sep="\n", highlight=False)
+
+
+def _demonstrations(recorded: Path | None, product: Product) -> int:
+    """How many recorded assemblies there are.
+
+    Raises:
+        InputError: the file is wrong.
+    """
+    from learned.semantic.dataset import load_demonstrations
+
+    path = None if recorded is None else recorded / "demonstrations.jsonl"
+    if path is None or not path.exists():
+        return 0
+    return sum(one.goal in product.goals for one in load_demonstrations(path, product))
+
+
+def _grasp(product: Product, out: Path, seed: int) -> list[str]:
+    from learned.grasp.train import train_grasp
+
+    scores = train_grasp(product, out, seed, "pairwise", command=f"cell train --seed {seed}")
+    report_scores(f"grasp planner in {out}", {name: scores[name] for name in scores if "accuracy" in name}, False)
+    return ["kind: pairwise", f"weights: {out.name}"]
+
+
+def _semantic(product: Product, out: Path, recorded: Path, seed: int) -> list[str]:
+    from learned.semantic.train import train_semantic
+
+    scores = train_semantic(product, out, seed, "factored", data=recorded / "demonstrations.jsonl")
+    report_scores(f"semantic planner in {out}", {name: scores[name] for name in scores if "success" in name}, False)
+    return ["kind: factored", f"weights: {out.name}"]

@@ -1,0 +1,86 @@
+"""`cell train`: says what it does, trains what the product needs, and names the lines for the configuration."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from cell.commands.main import main
+from cell.commands.weights import shipped_weights
+from cell.interfaces.files import shipped
+from learned.onnx_model import OnnxModel
+from learned.semantic.planner import BayesPlanner, FactoredPlanner, load_semantic_planner
+from tests.learned.products import DEFAULT, HARDER
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    for name in ("cell.yaml", "products.yaml"):
+        (tmp_path / name).write_text(shipped("config", name).read_text())
+    return tmp_path / "cell.yaml"
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Training of a second instead of a minute."""
+    from learned.grasp import train
+    from learned.grasp.training_settings import PairwiseSettings
+
+    settings = PairwiseSettings(scenes=10, test_scenes=8, epochs=2, hidden=8, members=1)
+    whole = train.train_grasp
+    monkeypatch.setattr(train, "train_grasp", lambda *args, **more: whole(*args, settings=settings, **more))
+
+
+def lines(told: str) -> Any:
+    """The configuration that the command prints at its end."""
+    return yaml.safe_load(told[told.index("planners:") :])
+
+
+@pytest.mark.torch
+@pytest.mark.usefixtures("short")
+def test_without_recordings_the_grasp_planner_is_trained_and_bayes_chosen(
+    config: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = shipped_weights("grasp", "pairwise").read_bytes()
+    assert main(["train", "--config", str(config)]) == 0
+    told = capsys.readouterr().err
+    assert "about 1 minute" in told
+    assert lines(told)["planners"] == {
+        "semantic": {"kind": "bayes"},
+        "grasp": {"kind": "pairwise", "weights": "grasp_pairwise.onnx"},
+    }
+    OnnxModel.load(config.with_name("grasp_pairwise.onnx"), "grasp.pairwise")
+    assert shipped_weights("grasp", "pairwise").read_bytes() == before
+
+
+@pytest.mark.torch
+@pytest.mark.usefixtures("short")
+def test_recorded_assemblies_train_the_semantic_planner_too(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recorded = config.with_name("recorded")
+    data = ["data", "semantic", "--count", "30", "--out", str(recorded / "demonstrations.jsonl")]
+    assert main(data) == 0
+    assert main(["train", "--config", str(config), "--recorded", str(recorded)]) == 0
+    told = capsys.readouterr().err
+    assert lines(told)["planners"]["semantic"] == {"kind": "factored", "weights": "semantic_factored.onnx"}
+    OnnxModel.load(config.with_name("semantic_factored.onnx"), "semantic.factored")
+
+
+@pytest.mark.torch
+def test_nothing_that_torch_says_of_itself_reaches_the_user(config: Path) -> None:
+    words = ["-m", "cell", "train", "semantic", "--kind", "factored", "--config", str(config), "--json"]
+    found = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=True, timeout=500)
+    for word in ("triton", "torchvision", "initializer", "Warning", "torch.onnx"):
+        assert word not in found.stderr
+
+
+def test_auto_is_the_learned_planner_where_its_weights_fit_and_exact_inference_elsewhere() -> None:
+    weights = shipped_weights("semantic", "auto")
+    assert weights == shipped_weights("semantic", "factored")
+    assert isinstance(load_semantic_planner("auto", weights, DEFAULT), FactoredPlanner)
+    assert isinstance(load_semantic_planner("auto", weights, HARDER), BayesPlanner)
+    assert isinstance(load_semantic_planner("auto", None, DEFAULT), BayesPlanner)

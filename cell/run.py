@@ -51,6 +51,7 @@ from cell.viewing.contact_sheet import ContactSheet
 from cell.viewing.live_server import LiveServer
 from cell.viewing.monitor import Monitor
 from cell.viewing.progress import LiveProgress
+from cell.viewing.run_summary import run_summary
 from skills.can_gripper import CanGripper, Tap
 from skills.gripper_database import SHIPPED, read_frames
 from skills.planner import MotionPlanner
@@ -93,10 +94,16 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunResult:
-    """How a run ended, with the keys of `cell run --json`."""
+    """How a run ended.
+
+    Attributes:
+        summary: the keys of `cell run --json`.
+        rows: the same for people.
+    """
 
     outcome: Outcome
     summary: dict[str, object]
+    rows: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -153,7 +160,7 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
         model = CellModel(product, configuration.bench, motion)
 
         def result() -> Mapping[str, object]:
-            return {**devices.report(), **statistics.report()}
+            return {**devices.report(), **statistics.report(), "last_failure": str(statistics.cause)}
 
         heading = _heading(options, files)
         recorder = McapRecorder(log, configuration.log, heading, model, alarm, blackboard, truth, result)
@@ -177,7 +184,8 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
             observers = (*observers, FinishedBrackets(goals, files.product))
         ticked = _watched(options, files.tree, observers, recorder, monitor) if options.watch else files.tree
         outcome = drive(files, devices, motion, observers, recorder.can_frame, options.pace, ticked)
-        return RunResult(outcome, _summary(options, files, outcome, statistics, devices, recorder, sheet.path))
+        summary = _summary(options, files, outcome, statistics, devices, recorder, sheet.path)
+        return RunResult(outcome, summary, run_summary(summary, product, configuration.controller.tick_hz))
 
 
 def drive(
@@ -352,6 +360,7 @@ def _summary(
         "finished": outcome.end == "finished",
         "end": outcome.end,
         "reason": outcome.reason,
+        "cause": str(statistics.cause) if outcome.end == "failed" else "",
         "condition": outcome.condition,
         "observer_problems": list(outcome.observer_problems),
         **devices.report(),

@@ -150,7 +150,7 @@ def run(
         look=look,
     )
     result = running.run(options, screen)
-    screen.print(table("run", result.summary))
+    screen.print(table("run", result.rows))
     if as_json:
         print_json(result.summary)
     return result.outcome.exit_status

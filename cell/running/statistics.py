@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
+from cell.running.cause import FailureCause
 
 
 class RunStatistics:
@@ -11,18 +12,21 @@ class RunStatistics:
 
     Attributes:
         goal_belief: as last shown to the person.
+        cause: why the tree failed, if it did.
         plans_refused: answers of learned planners that could not be used, so that the rule-based one answered.
     """
 
     def __init__(self) -> None:
         self.goal_belief: dict[str, float] = {}
         self.help_requests = 0
+        self.cause = FailureCause()
         self.plans_refused = 0
 
     def frame(self, frame: Frame) -> None:
         """Images are not counted."""
 
     def tick(self, record: TickRecord) -> None:
+        self.cause.add(record.changes)
         self.help_requests += sum(topic == "help" for topic, _ in record.notes)
         self.plans_refused += sum(fields.get("decision") == "refused" for _, fields in record.notes)
         display = record.command.display

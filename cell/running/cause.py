@@ -1,0 +1,34 @@
+"""Why a tree failed: the last node that failed with a reason, and how often it did."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+from trees.engine.node import FAILURE, StatusChange
+
+
+class FailureCause:
+    """Follows the status changes of a run; the deepest cause is the last failure that has a reason.
+
+    In the tick in which a tree fails the leaf comes first; what stands above it has no reason of its own.
+    """
+
+    def __init__(self) -> None:
+        self._last: StatusChange | None = None
+        self._counts: Counter[tuple[int, str]] = Counter()
+
+    def add(self, changes: Iterable[StatusChange]) -> None:
+        """The changes of one more tick, in order."""
+        for change in changes:
+            if change.new is FAILURE and change.old is not FAILURE and change.feedback:
+                self._last = change
+                self._counts[change.uid, change.feedback] += 1
+
+    def __str__(self) -> str:
+        """Like "FindPart: no o9 in the tray (16 times)"; empty where nothing failed with a reason."""
+        if self._last is None:
+            return ""
+        name = self._last.path.rpartition("/")[2].partition("::")[0]
+        count = self._counts[self._last.uid, self._last.feedback]
+        return f"{name}: {self._last.feedback}" + (f" ({count} times)" if count > 1 else "")

@@ -1,0 +1,69 @@
+"""How a run ended, in words: what `cell run` says last."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cell.interfaces.product import Product
+
+Rows = dict[str, str]
+
+
+def run_summary(summary: Mapping[str, Any], product: Product, tick_hz: float) -> Rows:
+    """Rows for people, by their headings.
+
+    Args:
+        summary: the keys of `cell run --json`.
+    """
+    rows: Rows = {"result": _result(summary)}
+    for key, heading in (("cause", "why"), ("condition", "arm and gripper"), ("log_shortfall", "the log lacks")):
+        if summary.get(key):
+            rows[heading] = str(summary[key])
+    if problems := summary.get("observer_problems"):
+        rows["beside the run"] = "; ".join(map(str, problems))
+    if "placements" in summary:
+        rows |= _assembly(summary, product)
+    rows["time"] = (
+        f"{summary['sim_time_s']:.1f} s in the cell, {summary['wall_time_s']:.1f} s on the clock "
+        f"({summary['real_time_factor']:.1f} x real time)"
+    )
+    rows["ticks"] = f"{summary['ticks']}, {_late(summary['overruns'], tick_hz)}"
+    rows["log"] = str(summary["log"]) + (f" and {summary['log_parts'] - 1} more" if summary["log_parts"] > 1 else "")
+    rows["contact sheet"] = str(summary["contact_sheet"])
+    return rows
+
+
+def part_title(product: Product, part: str) -> str:
+    """Like "gate valve (o1)"."""
+    return f"{product.parts[part].title} ({part})" if part in product.parts else part
+
+
+def _result(summary: Mapping[str, Any]) -> str:
+    if not summary["finished"]:
+        return f"{summary['end']}: {summary['reason']}"
+    if not summary.get("placements"):
+        return "finished"
+    return "finished, and the bracket is right" if summary.get("correct") else "finished, but the bracket is not right"
+
+
+def _assembly(summary: Mapping[str, Any], product: Product) -> Rows:
+    placed = summary["placements"]
+    by_hole = ", ".join(f"{hole} {part_title(product, placed[hole])}" for hole in sorted(placed))
+    inferred = summary.get("inferred_goal")
+    right = "the same" if inferred == summary["goal"] else inferred or "nothing"
+    rows = {
+        "goal": f"the person built {summary['goal']}; the cell inferred {right}",
+        "in the bracket": by_hole or "nothing",
+        "placed by": f"robot {summary['robot_placements']}, person {summary['human_placements']}",
+    }
+    if summary["wrong_placements"]:
+        rows["wrong placements"] = str(summary["wrong_placements"])
+    if summary.get("contacts"):
+        rows["contacts"] = f"{summary['contacts']} of hand and robot, up to {summary['contact_speed_m_s']:.2f} m/s"
+    rows["calls for help"] = str(summary["help_requests"] or "none")
+    return rows
+
+
+def _late(overruns: int, tick_hz: float) -> str:
+    return f"{overruns or 'none'} of them took longer than the {1000 / tick_hz:.0f} ms that they have"

@@ -21,12 +21,14 @@ class PhysicsSettings(Model):
         control_period_s: the arm's and the gripper's own cycle, a whole number of steps.
         sample_period_s: how often the arm measures its joints, a whole number of steps and a part of its cycle.
         settle_s: how long parts come to rest before the run begins.
+        sleep: what has come to rest is left out until it is touched; most of the physics is saved.
     """
 
     step_s: float = Field(default=0.001, ge=0.0001, le=0.005)
     control_period_s: float = Field(default=0.008, ge=0.001, le=0.05)
     sample_period_s: float = Field(default=0.002, ge=0.0001, le=0.05)
     settle_s: float = Field(default=0.3, ge=0, le=10)
+    sleep: bool = False
 
     @model_validator(mode="after")
     def _periods_are_whole(self) -> PhysicsSettings:

@@ -112,13 +112,18 @@ class World:
         mujoco.mj_step(self.model, self.data, self.physics.steps_per_sample)
 
     def settle(self) -> None:
-        """Let parts come to rest while the arm stands: for the time that is set, longer where some still move."""
+        """Let parts come to rest while the arm stands: for the time that is set, longer where some still move.
+
+        From then on, what rests may sleep until it is touched: its contacts, most of the work, are not computed.
+        """
         periods = math.ceil(self.physics.settle_s / self.physics.control_period_s)
         longest = periods + math.ceil(LONGEST_FALL_S / self.physics.control_period_s)
         for number in range(longest):
             if number >= periods and self._rest():
-                return
+                break
             self.step_period()
+        if self.physics.sleep:
+            self.model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
 
     def _rest(self) -> bool:
         """Whether no part moves."""

@@ -73,8 +73,7 @@ def run(checkout: Path, configured: Path, seed: int, folder: Path) -> Cost:
     """One `cell run` with its log; every process of it is waited for."""
     command = [sys.executable, "-m", "cell", "run", "--config", str(configured), "--seed", str(seed), "--json"]
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
-    log = folder / "log.mcap"
-    log.unlink(missing_ok=True)
+    log = folder / f"{time.monotonic_ns()}.mcap"
     began_s, spent_s = time.monotonic(), processor_s()
     process = subprocess.Popen(
         [*command, "--log", str(log)],

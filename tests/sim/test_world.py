@@ -13,10 +13,11 @@ import pytest
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError
+from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.cell import SimCell
 from sim.clutter import full_set, sample_clutter
-from sim.settings import SimSettings
+from sim.settings import PhysicsSettings, SimSettings
 from sim.storage import person_set
 from sim.world import build_world
 
@@ -123,3 +124,17 @@ def test_holes_that_overlap_are_refused(product: Product, bench: Bench) -> None:
     bracket = product.bracket.model_copy(update={"holes_m": holes})
     with pytest.raises(InputError, match="holes p1 and p2 overlap"):
         build_world(product.model_copy(update={"bracket": bracket}), bench)
+
+
+def test_parts_that_sleep_wake_when_their_place_changes(product: Product, bench: Bench) -> None:
+    world = build_world(product, bench, physics=PhysicsSettings(sleep=True))
+    world.settle()
+    for _ in range(60):
+        world.step_period()
+    assert len(world.data.contact.geom) == 0  # all sleep
+    part = world.bodies[0]
+    x, y, z = world.part_pose(part).position_m
+    world.place(part, Pose((x, y, z + 0.05)))
+    for _ in range(60):
+        world.step_period()
+    assert world.part_pose(part).position_m[2] == pytest.approx(z, abs=0.002)

@@ -42,6 +42,7 @@ from cell.recording.scene import CellModel
 from cell.running.controller import Controller
 from cell.running.detectors import lock_step, worker_processes
 from cell.running.finished import FinishedBrackets
+from cell.running.injection import Injection
 from cell.running.node_library import node_registry
 from cell.running.reload import WatchedTree
 from cell.running.services import Planners, TickClock, load_planners, make_services
@@ -53,7 +54,7 @@ from cell.viewing.monitor import Monitor
 from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from skills.can_gripper import CanGripper, Tap
-from skills.gripper_database import SHIPPED, read_frames
+from skills.gripper_database import SHIPPED, load_gripper_database, read_frames
 from skills.planner import MotionPlanner
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
@@ -73,6 +74,7 @@ class RunOptions:
         watch: take over edits of the tree file while it runs.
         live_port: where Foxglove and other viewers may connect; None for no server.
         overwrite: replace a log that is there.
+        inject: FAULT@STATE, a fault that is put in when the work comes to a state; None for none.
         person: a simulated person's name or file; None for the configuration's.
         look: what the simulated cell looks like, a preset or a file; None for what the configuration says.
     """
@@ -89,6 +91,7 @@ class RunOptions:
     live_port: int | None = None
     overwrite: bool = False
     person: str | None = None
+    inject: str | None = None
     look: str | None = None
 
 
@@ -125,6 +128,8 @@ def run(options: RunOptions, console: Console) -> RunResult:
         DeviceFault: a device could not be opened.
     """
     configuration = simulated(load_configuration(options.configuration), options.look, options.person)
+    if options.inject is not None:
+        Injection.parse(options.inject)
     with located(options.configuration, configuration):
         product = load_product(configuration, options.configuration)
         tree = load_tree(options.tree, node_registry())
@@ -183,7 +188,8 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
         if (goals := configuration.planners.semantic.goals) is not None:
             observers = (*observers, FinishedBrackets(goals, files.product))
         ticked = _watched(options, files.tree, observers, recorder, monitor) if options.watch else files.tree
-        outcome = drive(files, devices, motion, observers, recorder.can_frame, options.pace, ticked)
+        injection = None if options.inject is None else Injection.parse(options.inject)
+        outcome = drive(files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection)
         summary = _summary(options, files, outcome, statistics, devices, recorder, sheet.path)
         return RunResult(outcome, summary, run_summary(summary, product, configuration.controller.tick_hz))
 
@@ -196,12 +202,16 @@ def drive(
     can_tap: Tap | None = None,
     pace: Pace = "fast",
     tree: Tree | WatchedTree | None = None,
+    injection: Injection | None = None,
 ) -> Outcome:
-    """Run the tree on devices that are open, to its end and a safe stop."""
+    """Run the tree on devices that are open, to its end and a safe stop; with a fault where one is to be tried."""
     configuration, tree = files.configuration, tree or files.tree
     with ExitStack() as stack:
         can_settings = configuration.gripper_can
         bus = open_bus(can_settings.interface, can_settings.channel, can_settings.bitrate)
+        if injection is not None:
+            bus = injection.bus(bus, load_gripper_database(can_settings.database or SHIPPED))
+            devices, observers = injection.devices(devices), (*observers, injection)
         gripper = CanGripper(
             bus,
             devices.clock,
@@ -213,7 +223,7 @@ def drive(
         executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices)
         for executor in executors:
             stack.callback(executor.close)
-        supervisor = make_supervisor(files.faults)
+        supervisor = make_supervisor(files.faults, motion)
         controller = Controller(devices, gripper, *executors, configuration.controller, supervisor, observers)
         services = make_services(
             configuration,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Camera
-from cell.interfaces.errors import InputError
 from cell.interfaces.perception import Frame
 from cell.interfaces.product import Product
 from sim.cell import SimCell
@@ -19,10 +17,10 @@ from sim.look_range import LookRange
 from sim.settings import SimSettings
 
 WORK_S = 3.2  # by then the first part is on its way
-TILE_PX = (208, 156)
+TILE_PX = (320, 240)
 COLUMNS = 3
 GAP_PX = 6
-PATIENCE_S = 10.0
+PATIENCE_S = 2.0
 PAPER, INK = 32, (255, 255, 255)
 
 Image = NDArray[np.uint8]
@@ -34,31 +32,21 @@ def look_sheet(product: Product, bench: Bench, settings: SimSettings, looks: Seq
     Args:
         settings: of the simulated cell, but for the look.
     """
-    seldom = bench.overhead.model_copy(update={"rate_hz": 1 / WORK_S})  # frames that nobody looks at cost most
-    working = bench.model_copy(update={"overhead": seldom})
-    looking = working.model_copy(update={"arm_park_rad": bench.arm_look_rad})
+    looking = bench.model_copy(update={"arm_park_rad": bench.arm_look_rad})
     tiles = []
     for number, (look, seed) in enumerate(looks):
         changed = settings.model_copy(update={"look": look})
         frames = []
-        for camera, place in (("overhead", working), ("wrist", looking)):
+        for camera, place in (("overhead", bench), ("wrist", looking)):
             cell = SimCell(product, place, changed, "virtual", f"sheet-{number}", seed, "random")
             try:
                 if camera == "overhead":
-                    cell.devices.clock.sleep_until(WORK_S / 2)
+                    cell.devices.clock.sleep_until(WORK_S)
                 frames.append(_frame(cell, getattr(cell.devices, camera)))
             finally:
                 cell.close()
         tiles.append(_tile(f"{look.name} {seed}", *frames))
     return _grid(tiles)
-
-
-def write_png(path: Path, image: Image) -> None:
-    """Write an RGB image; raises InputError where that cannot be done."""
-    try:
-        path.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _frame(cell: SimCell, camera: Camera) -> Frame:

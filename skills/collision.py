@@ -77,11 +77,24 @@ class CollisionChecker:
         self._wrist, self._wrist_from_flange = flange.parentJoint, flange.placement
         self._geometry = self._arm_geometry()
         self._add_tool(bench.wrist.mount.pose)
+        self._arm_alone = self._geometry.copy()
         self._arm = tuple(item.name for item in self._geometry.geometryObjects)
         self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
         self._add_pairs(_SELF_PAIRS)
         for box in standing_boxes(product, bench):
             self._add_obstacle(self._geometry, box)
+
+    @property
+    def model(self) -> pinocchio.Model:
+        """Of the arm."""
+        return self._model
+
+    def arm_with_part(self, radius_m: float) -> pinocchio.GeometryModel:
+        """Arm and gripper as they are checked, and a sphere "held part" around the TCP."""
+        geometry = self._arm_alone.copy()
+        placement = self._on_flange((0.0, 0.0, self._tcp_m))
+        geometry.addGeometryObject(pinocchio.GeometryObject("held part", self._wrist, placement, coal.Sphere(radius_m)))
+        return geometry
 
     def first_contact(
         self,

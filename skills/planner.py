@@ -14,6 +14,7 @@ from cell.interfaces.product import Product
 from skills.collision import Box, CollisionChecker
 from skills.kinematics import Kinematics
 from skills.outline import Shape
+from skills.separation import SeparationMonitor
 from skills.settings import MotionSettings
 from skills.trajectory import joint_move, line_move
 
@@ -45,6 +46,7 @@ class MotionPlanner:
     Attributes:
         product, bench, settings: what it plans for.
         kinematics: of the arm with its tool.
+        separation: of the arm from the person.
     """
 
     def __init__(self, product: Product, bench: Bench, settings: MotionSettings | None = None) -> None:
@@ -52,6 +54,7 @@ class MotionPlanner:
         self.settings = settings or MotionSettings()
         self.kinematics = Kinematics(self.settings)
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
+        self.separation = SeparationMonitor(self._checker, bench, self.settings.separation)
 
     @property
     def robot_shapes(self) -> tuple[Shape, ...]:

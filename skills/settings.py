@@ -32,6 +32,36 @@ JointAccelerations = Annotated[SixFloats, _within(40.0, 40.0)]
 JointJerks = Annotated[SixFloats, _within(1000.0, 1000.0)]
 
 
+class SeparationSettings(Model):
+    """Speed and separation of arm and person; not safety-rated.
+
+    Attributes:
+        hand_speed_m_s, hand_acceleration_m_s2: how fast a hand may become that is slow now, and how soon.
+        speed_error_m_s: how far a hand's measured speed may be off.
+        slow_m_s: speed of the arm at which a contact is admissible.
+        braking_m_s2: how the arm's fastest point slows down, as measured.
+        reaction_s: from an answer of the detectors to the first braking: a tick and the arm's own cycle.
+        hand_radius_m, hand_height_m: half the width of hand and forearm, and how high over the bench they may be.
+        forearm_m: length of a forearm that is not seen, behind the palm.
+        margin_m: how far positions of hand and arm may be off.
+        hysteresis_m: how much farther than where the arm was held a hand must be for it to go on.
+        blind_share: largest share of speed where the tool works outside the view and no hand is seen.
+    """
+
+    hand_speed_m_s: float = Field(default=1.6, gt=0, le=5)
+    hand_acceleration_m_s2: float = Field(default=10.0, gt=0, le=100)
+    speed_error_m_s: float = Field(default=0.1, ge=0, le=2)
+    slow_m_s: float = Field(default=0.25, gt=0, le=0.5)
+    braking_m_s2: float = Field(default=1.6, gt=0, le=20)
+    reaction_s: float = Field(default=0.048, ge=0, le=1)
+    hand_radius_m: float = Field(default=0.06, gt=0, le=0.3)
+    hand_height_m: float = Field(default=0.25, gt=0, le=1)
+    forearm_m: float = Field(default=0.35, ge=0, le=1)
+    margin_m: float = Field(default=0.03, ge=0, le=0.5)
+    hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)
+    blind_share: float = Field(default=0.3, gt=0, le=1)
+
+
 class MotionSettings(Model):
     """How the arm and the gripper move.
 
@@ -74,6 +104,7 @@ class MotionSettings(Model):
         arm_timeout_s: how much longer than its trajectory a motion of the arm may take.
         gripper_timeout_s: how long one motion of the fingers may take.
         arrival_tolerance_rad: how near every joint must be to its goal once the arm stands.
+        separation: how far the arm keeps from the person, and how slow it is for that.
     """
 
     speed_limits_rad_s: JointSpeeds = (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
@@ -113,6 +144,7 @@ class MotionSettings(Model):
     arm_timeout_s: float = Field(default=1.5, gt=0, le=60)
     gripper_timeout_s: float = Field(default=2.5, gt=0, le=60)
     arrival_tolerance_rad: float = Field(default=0.004, gt=0, le=0.05)
+    separation: SeparationSettings = SeparationSettings()
 
 
 class CanSettings(Model):

@@ -14,7 +14,6 @@ import typer
 from cell.commands.goals import goals_app
 from cell.commands.init import init
 from cell.commands.log import log_app, report
-from cell.commands.looks import looks
 from cell.commands.models import data_app, eval_app, train_app
 from cell.commands.replay import replay
 from cell.commands.schema import schema
@@ -49,7 +48,6 @@ app.add_typer(data_app, name="data")
 app.add_typer(log_app, name="log")
 app.add_typer(goals_app, name="goals")
 app.command()(init)
-app.command()(looks)
 app.command()(replay)
 app.command()(report)
 app.command()(schema)
@@ -117,6 +115,7 @@ def run(
     ] = None,
     pace: Annotated[Pace, typer.Option(help="fast: as fast as it goes; real: tied to the wall clock.")] = Pace.fast,
     log: Annotated[Path | None, typer.Option(help="Log file (MCAP); a new one in runs/ by default.")] = None,
+    inject: Annotated[str | None, typer.Option(help="FAULT@STATE: put a fault in, as `cell eval faults` does.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file of --log if it is there.")] = False,
     monitor: Annotated[bool, typer.Option("--monitor", help="Let Groot2 watch, on this machine only.")] = False,
     monitor_port: PortOption = MONITOR_PORT,
@@ -144,6 +143,7 @@ def run(
         pace=pace.value,
         log=log,
         overwrite=overwrite,
+        inject=inject,
         monitor_port=port,
         monitor_hooks=monitor_hooks,
         watch=watch,

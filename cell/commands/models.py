@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from cell.commands import data as data_commands
+from cell.commands import faults as fault_commands
 from cell.commands import grasp as grasp_commands
 from cell.commands import noise as noise_commands
 from cell.commands import semantic as semantic_commands
@@ -14,6 +15,8 @@ from cell.commands import worlds
 train_app = typer.Typer(help="Train planners and write their ONNX files; without a name, all that the product needs.")
 train_app.callback(invoke_without_command=True)(train_commands.train_all)
 eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
+eval_app.command("faults")(fault_commands.faults)
+eval_app.command("encounters")(fault_commands.encounters)
 data_app = typer.Typer()
 data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)

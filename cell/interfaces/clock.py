@@ -19,6 +19,10 @@ class Clock(Protocol):
         ...
 
 
+CATCH_UP_S = 0.02  # a world this little behind the wall is not asked to hurry
+CATCH_UP_TRIES = 3
+
+
 class WallClock:
     """Monotonic machine time; sleeps to absolute deadlines, so periods do not drift."""
 
@@ -35,7 +39,11 @@ class WallClock:
 
 
 class PacedClock:
-    """Ties a simulated clock to the wall: advances it, then waits until the wall has caught up (`--pace real`)."""
+    """The wall's time, with a simulated world that keeps up with it as well as it can (`--pace real`).
+
+    A world that is slower than the wall falls behind: then what it tells is old, and ticks begin late, as they would on
+    a real cell whose computer is too slow.
+    """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -43,11 +51,15 @@ class PacedClock:
         self._offset_s = clock.now_s()
 
     def now_s(self) -> float:
-        return self._clock.now_s()
+        return self._wall.now_s() + self._offset_s
 
     def sleep_until(self, time_s: float) -> None:
         self._clock.sleep_until(time_s)
         self._wall.sleep_until(time_s - self._offset_s)
+        for _ in range(CATCH_UP_TRIES):
+            if self._clock.now_s() >= self.now_s() - CATCH_UP_S:
+                break
+            self._clock.sleep_until(self.now_s())
 
 
 class WakingClock:

@@ -11,6 +11,7 @@ import numpy as np
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.judgement import Action, Judgement
 from cell.interfaces.observation import ArmMode, Observation
+from skills.separation import Separation, SeparationMonitor
 
 STALE_ARM_S = 0.085  # two ticks
 STALE_GRIPPER_S = 0.1
@@ -42,12 +43,14 @@ class Memory:
 
     Attributes:
         was_active, was_holding: the gripper in the tick before this one.
+        too_near: the hand was too near in the tick before.
         ever_active: the gripper was active at some time of the run.
         trajectory: what the arm was last sent and was not told to give up.
     """
 
     def __init__(self) -> None:
         self.was_active = self.was_holding = self.ever_active = False
+        self.too_near = False
         self.trajectory: JointTrajectory | None = None
         self._gripper = (False, False)
 
@@ -173,6 +176,51 @@ def _late(limit_s: float) -> Check:
 
 def _contested(_: Observation, command: Command, __: Memory) -> Sign | None:
     return Sign(f"two nodes commanded the {' and the '.join(command.contested)}") if command.contested else None
+
+
+def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
+    """Checks that need to know the arm's outline."""
+    known: list[tuple[int, Separation | None]] = [(-1, None)]
+
+    def separation(seen: Observation, memory: Memory) -> Separation | None:
+        if known[0][0] != seen.tick:
+            known[0] = (seen.tick, _separation(monitor, seen, memory))
+        return known[0][1]
+
+    def near(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+        found = separation(seen, memory)
+        if found is None or found.share >= 1:
+            return None
+        return Sign("slower, as a hand is near", found.share)
+
+    def too_near(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+        found = separation(seen, memory)
+        slack_m = monitor.settings.hysteresis_m if memory.too_near else 0.0
+        memory.too_near = found is not None and found.distance_m < found.least_m + slack_m
+        return Sign("the hand is too near") if memory.too_near else None
+
+    def blind(seen: Observation, _: Command, __: Memory) -> Sign | None:
+        joints = seen.arm.positions_rad
+        if seen.bench is None or seen.bench.hand is not None or len(joints) != 6 or not all(map(math.isfinite, joints)):
+            return None
+        if not monitor.out_of_view(np.array(joints)):
+            return None
+        return Sign("slower, as nobody is seen and the camera does not look here", monitor.settings.blind_share)
+
+    return {"hand_near": near, "hand_too_near": too_near, "blind_area": blind}
+
+
+def _separation(monitor: SeparationMonitor, seen: Observation, memory: Memory) -> Separation | None:
+    """None where no hand is seen, or the arm's joints make no sense: then other checks act."""
+    hand = None if seen.bench is None else seen.bench.hand
+    joints = np.array(seen.arm.positions_rad)
+    if seen.bench is None or hand is None or joints.shape != (6,) or not np.isfinite(joints).all():
+        return None
+    path_s = seen.arm.path_s
+    follows = seen.arm.moving and memory.trajectory is not None and path_s is not None
+    ahead = (memory.trajectory, path_s) if follows and memory.trajectory is not None and path_s is not None else None
+    age_s = max(0.0, seen.time_s - seen.bench.time_s)
+    return monitor.judge(joints, hand, age_s, seen.gripper.holding, ahead)
 
 
 CHECKS: Mapping[str, Check] = {

@@ -156,7 +156,7 @@ class Controller:
         while True:
             status = self._tick(tree, services)
             if self._judgement.action is Action.STOP:
-                return _Ending("fault", self._judgement.words)
+                return _Ending("fault", self._judgement.reasons[0][1])
             if status is Status.SUCCESS:
                 return _Ending("finished", "the tree succeeded")
             if status is Status.FAILURE:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from cell.interfaces.command import Command
 from cell.interfaces.judgement import Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
-from cell.running.checks import CHECKS, Check, Memory, Sign
+from cell.running.checks import CHECKS, Check, Memory, Sign, person_checks
+from skills.planner import MotionPlanner
 
 NO_SIGN = Sign("")
 
@@ -82,9 +83,9 @@ class Supervisor:
         return Judgement(worst, 0.0 if worst >= Action.HOLD else share, reasons)
 
 
-def make_supervisor(table: FaultTable) -> Supervisor:
+def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
     """The supervisor of a cell, for a run and for its replay alike."""
-    return Supervisor(table, CHECKS)
+    return Supervisor(table, {**CHECKS, **person_checks(motion.separation)})
 
 
 def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -> None:

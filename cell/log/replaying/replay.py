@@ -86,7 +86,7 @@ class Replay:
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
         configuration, product, planners, self.tree, faults = _load(log, changes)
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
-        self._supervisor = make_supervisor(faults)
+        self._supervisor = make_supervisor(faults, motion)
         self._halted = False
         self._journal = ListJournal()
         self._services = make_services(

@@ -17,13 +17,15 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.judgement import SIGNALS, Action, Fault, FaultTable, Judgement, fault_table_markdown
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from cell.interfaces.perception import Action as SeenAction
-from cell.interfaces.perception import BenchView
+from cell.interfaces.perception import BenchView, HandSample
 from cell.interfaces.yaml_file import load_yaml
 from cell.running.checks import CHECKS
 from cell.running.supervisor import Supervisor, make_supervisor
+from tests.integration.cell_rig import motion_planner
 
 TABLE = load_faults(load_configuration())
 TICK_S = 0.04
+FOREARM_M = (0.5, 0.2)  # the arm passes over it at these joints
 ARM = ArmState(0.0, (0.1,) * 6, (0.0,) * 6, False)
 GRIPPER = GripperState(0.0, True, ObjectStatus.AT_POSITION, 0.05, 0.0, 0)
 VIEW = BenchView(0, 0.0, None, {}, SeenAction("idle", 1.0))
@@ -79,15 +81,22 @@ SPOILS: dict[str, Spoil] = {
     "bench_in_the_future": lambda seen: view(time_s=seen.time_s + 1000.0)(seen),
     "camera_unhealthy": view(health="dark"),
     "hand_unknown": view(hand_unknown="it vanished"),
+    "hand_too_near": lambda seen: view(hand=hand_at(*FOREARM_M))(seen),
     "tick_late": lambda seen: replace(seen, late_s=0.1),
     "tick_very_late": lambda seen: replace(seen, late_s=0.5),
 }
+
+
+def hand_at(x_m: float, y_m: float) -> HandSample:
+    return HandSample(0.0, (0, 0, 9, 9), (x_m, y_m), (x_m + 0.1, y_m), velocity_m_s=(0.0, 0.0))
+
+
 STAY = JointTrajectory(np.array([0.0, 1.0]), np.full((2, 6), 0.1))
 
 
 def begun(signal: str = "") -> Supervisor:
     """A supervisor that has seen two sound ticks, and a trajectory that stays where the arm is."""
-    supervisor = make_supervisor(TABLE)
+    supervisor = make_supervisor(TABLE, motion_planner())
     for tick in (0, 1):
         seen = sound(tick)
         if signal == "gripper_restarted_holding":
@@ -129,8 +138,8 @@ def test_each_sign_clears_as_the_table_says(signal: str) -> None:
 
 
 def test_every_signal_has_a_check_and_a_test() -> None:
-    assert set(CHECKS) == set(SIGNALS)
-    assert set(SPOILS) | {"command_contested"} == set(SIGNALS)
+    assert set(CHECKS) | {"hand_near", "hand_too_near", "blind_area"} == set(SIGNALS)
+    assert set(SPOILS) | {"command_contested", "hand_near", "blind_area"} == set(SIGNALS)
 
 
 def test_a_hold_that_lasts_becomes_a_stop_for_good() -> None:
@@ -170,7 +179,7 @@ def test_two_goals_for_one_arm_in_a_tick_stop_the_cell() -> None:
 
 
 def test_an_arm_that_ignores_its_trajectory_is_found() -> None:
-    supervisor = make_supervisor(TABLE)
+    supervisor = make_supervisor(TABLE, motion_planner())
     away = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.1] * 6, [0.9] * 6]))
     supervisor.judge(sound(0))
     supervisor.judge_command(sound(0), Command(follow=away))
@@ -207,7 +216,7 @@ def judged(supervisor: Supervisor, tick: int, signals: set[str]) -> Judgement:
     return supervisor.judge(seen)
 
 
-OF_VIEW = ("bench_in_the_future", "camera_unhealthy", "hand_unknown")
+OF_VIEW = ("hand_too_near", "bench_in_the_future", "camera_unhealthy", "hand_unknown")
 
 
 def test_the_same_observations_give_the_same_judgements() -> None:

@@ -1,0 +1,62 @@
+"""`cell eval faults`, every fault in every state, and `cell eval encounters`, a person who gets into the arm's way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json
+
+
+def faults(
+    fault: Annotated[list[str] | None, typer.Option(help="Only these faults; all by default.")] = None,
+    state: Annotated[list[str] | None, typer.Option(help="Only these states; all by default.")] = None,
+    tries: Annotated[int, typer.Option(min=1, help="Runs of each pair, with other seeds.")] = 1,
+    config: ConfigOption = CONFIGURATION,
+    first_seed: Annotated[int, typer.Option(help="Seed of the first run.")] = 1,
+    as_json: JsonOption = False,
+) -> int:
+    """Put every fault into every state of a pick and place, and say how it ended; status 1 where not as promised."""
+    from cell.evaluating.faults import fault_row, pairs
+
+    screen = console()
+    rows = []
+    for name, at in pairs(fault, state):
+        row = fault_row(Path(config), name, at, range(first_seed, first_seed + tries))
+        rows.append(row)
+        words = "as promised" if row["as_promised"] else "NOT AS PROMISED"
+        screen.print(
+            f"{name:<20} {at:<8} {row['end']:<24} {words:<16} ticks {row['ticks_to_stop']}  "
+            f"{row['stop_s']} s  {row['stop_m']} m  {row['reason']}",
+            highlight=False,
+        )
+    good = all(bool(row["as_promised"]) for row in rows)
+    screen.print(f"{sum(bool(row['as_promised']) for row in rows)} of {len(rows)} pairs ended as promised")
+    if as_json:
+        print_json({"rows": rows, "as_promised": good})
+    return 0 if good else 1
+
+
+def encounters(
+    encounters: Annotated[int, typer.Option(min=1, help="How many times a hand goes into the arm's way.")] = 20,
+    person: Annotated[str, typer.Option(help="Kind of person, as for `cell run --person`.")] = "careless",
+    first_seed: Annotated[int, typer.Option(help="Seed of the first assembly.")] = 0,
+    throughput_seeds: Annotated[
+        int, typer.Option(min=0, help="Assemblies beside a careful person with and without separation.")
+    ] = 3,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> int:
+    """Assemble beside a person who gets in the way, and count contacts; status 1 where one was fast or avoidable."""
+    from cell.evaluating.encounters import meet, throughput_ratio
+
+    screen = console()
+    found = meet(Path(config), person, encounters, first_seed, lambda words: screen.print(words, highlight=False))
+    summary = {**found, "throughput_ratio": throughput_ratio(Path(config), range(throughput_seeds))}
+    screen.print(summary)
+    if as_json:
+        print_json(summary)
+    bad = found["contacts_fast"] or found["contacts_avoidable"] or found["moved_while_unknown"]
+    return 1 if bad else 0

@@ -1,0 +1,183 @@
+"""How far the person is from the arm, and how fast the arm may be for that (speed and separation, ISO/TS 15066).
+
+A hand is known from above only, so it counts as a wall over the bench, from the fingertips along the forearm behind
+them. A contact at the slow speed is admissible, so the arm must be slow before a hand at full speed can arrive; and it
+must stand before the hand that is coming, as fast as it is seen to come, arrives. Not safety-rated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.perception import HandSample
+from cell.interfaces.pose import Array
+from skills.collision import CollisionChecker
+from skills.settings import SeparationSettings
+
+AHEAD_S = (0.0, 0.1, 0.2, 0.3, 0.45)  # along the trajectory, where the arm will be before it can be slow
+STEP_S = 0.02  # for the arm's speed
+TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
+HELD_RADIUS_M = 0.05  # of a sphere around a part between the fingers
+EXTRA_M_S: Array = np.arange(100, dtype=np.float64) * 0.02  # speeds above the slow one that are asked for
+TINY = 1e-9
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Where arm and person are.
+
+    Attributes:
+        distance_m: least distance now, of any link, the gripper or a held part; negative where they overlap.
+        share: largest share of the planned speed at which the arm is slow before a hand can arrive.
+        least_m: distance below which even a slow arm must stand.
+    """
+
+    distance_m: float
+    share: float
+    least_m: float
+
+
+class SeparationMonitor:
+    """Geometry of arm and person; the same question has the same answer."""
+
+    def __init__(self, checker: CollisionChecker, bench: Bench, settings: SeparationSettings) -> None:
+        self.settings = settings
+        self._model, self._geometry = checker.model, checker.arm_with_part(HELD_RADIUS_M)
+        self._data, self._placed = self._model.createData(), self._geometry.createData()
+        self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
+
+    def judge(
+        self,
+        joints_rad: Array,
+        hand: HandSample,
+        age_s: float,
+        holding: bool,
+        ahead: tuple[JointTrajectory, float] | None = None,
+    ) -> Separation:
+        """Distance and admissible share of speed.
+
+        Args:
+            joints_rad: (6,) as measured.
+            age_s: of the hand's sample.
+            holding: a part is between the fingers.
+            ahead: the trajectory that is followed, and how far along it the arm is; None for a standing arm.
+        """
+        person, delay_s = self._person(hand), age_s + self.settings.reaction_s
+        distance_m, way = self._nearest(joints_rad, person, holding)
+        share, coming = 1.0, _coming_m_s(hand, way, self.settings)
+        for later_s in AHEAD_S if ahead is not None else ():
+            assert ahead is not None
+            trajectory, path_s = ahead
+            if later_s and path_s + later_s > trajectory.duration_s:
+                break
+            room_m, _ = self._nearest(trajectory.at(path_s + later_s), person, holding)
+            speed = self._speed_m_s(trajectory, path_s + later_s)
+            admissible = self.admissible_m_s(room_m, delay_s, coming) + self.settings.braking_m_s2 * later_s
+            share = min(share, admissible / max(speed, TINY))
+        return Separation(distance_m, share, self.least_m(coming, delay_s))
+
+    def admissible_m_s(self, distance_m: float, delay_s: float, coming_m_s: float) -> float:
+        """Fastest speed of the arm from which it is slow before the hand has come this far.
+
+        The hand comes during the delay and while the arm brakes to its slow speed, faster and faster; the arm moves on
+        meanwhile.
+        """
+        settings = self.settings
+        slow, brake = settings.slow_m_s, settings.braking_m_s2
+        lasts_s: Array = delay_s + EXTRA_M_S / brake
+        arm_m: Array = (slow + EXTRA_M_S) * delay_s + (slow + EXTRA_M_S / 2) * EXTRA_M_S / brake
+        needed_m = settings.margin_m + np.add(arm_m, _reach_m(lasts_s, coming_m_s, settings))
+        fits = np.flatnonzero(needed_m <= distance_m)
+        return slow + (float(EXTRA_M_S[fits[-1]]) if len(fits) else 0.0)
+
+    def least_m(self, coming_m_s: float, delay_s: float) -> float:
+        """The protective distance of a slow arm from a hand that comes this fast."""
+        slow, brake = self.settings.slow_m_s, self.settings.braking_m_s2
+        stop_s = slow / brake
+        return self.settings.margin_m + coming_m_s * (delay_s + stop_s) + slow * delay_s + slow * stop_s / 2
+
+    def out_of_view(self, joints_rad: Array) -> bool:
+        """Whether the tool works where the overhead camera would not see a hand beside it."""
+        pinocchio.forwardKinematics(self._model, self._data, joints_rad)
+        x, y, z = self._data.oMi[self._model.njoints - 1].translation
+        height_m = self.settings.hand_height_m
+        if z > height_m + TOOL_LENGTH_M:
+            return False
+        points = self._camera_from_world.transform(np.array([[x, y, 0.0], [x, y, height_m]]))
+        pixels = points @ self._camera.matrix.T
+        pixels = pixels[:, :2] / pixels[:, 2:3]
+        inside = (pixels >= 0).all() and (pixels < (self._camera.width_px, self._camera.height_px)).all()
+        return not bool(inside)
+
+    def _speed_m_s(self, trajectory: JointTrajectory, path_s: float) -> float:
+        """Of the fastest of joints and tool, as planned."""
+        places = []
+        for time_s in (path_s - STEP_S / 2, path_s + STEP_S / 2):
+            pinocchio.forwardKinematics(self._model, self._data, trajectory.at(time_s))
+            last = self._data.oMi[self._model.njoints - 1]
+            tips = [last.act(TOOL_LENGTH_M * axis) for axis in np.eye(3)]
+            joints = [self._data.oMi[number].translation for number in range(1, self._model.njoints)]
+            places.append(np.array([*joints, *tips]))
+        return float(np.linalg.norm(places[1] - places[0], axis=1).max() / STEP_S)
+
+    def _nearest(self, joints_rad: Array, person: _Wall, holding: bool) -> tuple[float, Array]:
+        """Least distance, and the way (3,) from the person to the arm along it."""
+        pinocchio.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, joints_rad)
+        best_m, way = np.inf, np.zeros(3)
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        for item, placement in zip(self._geometry.geometryObjects, self._placed.oMg, strict=True):
+            if item.parentJoint <= 1 or (item.name == HELD and not holding):
+                continue  # base and shoulder stand where the person does not reach
+            result.clear()
+            arm = coal.Transform3s(placement.rotation, placement.translation)
+            distance_m = coal.distance(item.geometry, arm, person.shape, person.place, request, result)
+            if distance_m < best_m:
+                best_m, way = distance_m, result.getNearestPoint1() - result.getNearestPoint2()
+        return float(best_m), way
+
+    def _person(self, hand: HandSample) -> _Wall:
+        """A wall over the bench, from the fingertips over the palm along the forearm."""
+        settings = self.settings
+        tips, palm = np.array(hand.fingertips_m), np.array(hand.palm_m)
+        along = palm - tips
+        length_m = float(np.linalg.norm(along))
+        along = along / length_m if length_m > settings.margin_m else np.array([1.0, 0.0])
+        return _Wall(tips, along, length_m + settings.forearm_m, 2 * settings.hand_radius_m, settings.hand_height_m)
+
+
+HELD = "held part"
+
+
+class _Wall:
+    """A box that stands on the bench, by the middle of one end and its direction."""
+
+    def __init__(self, end_m: Array, along: Array, length_m: float, width_m: float, height_m: float) -> None:
+        x, y = end_m + along * length_m / 2
+        turn = np.array([[along[0], -along[1], 0.0], [along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
+        self.shape = coal.Box(length_m, width_m, height_m)
+        self.place = coal.Transform3s(turn, np.array([x, y, height_m / 2]))
+
+
+def _reach_m(time_s: Array, speed_m_s: float, settings: SeparationSettings) -> Array:
+    """How far a hand comes in these times, from this speed on, as fast as hands become."""
+    top, haste = settings.hand_speed_m_s, settings.hand_acceleration_m_s2
+    start = min(speed_m_s + settings.speed_error_m_s, top)
+    hastens_s = np.minimum(time_s, (top - start) / haste)
+    reach: Array = start * hastens_s + haste * hastens_s**2 / 2 + top * (time_s - hastens_s)
+    return reach
+
+
+def _coming_m_s(hand: HandSample, way: Array, settings: SeparationSettings) -> float:
+    """How fast the hand comes nearer, at least half of its speed, as it may turn; a hand's full speed if not known."""
+    if hand.velocity_m_s is None:
+        return settings.hand_speed_m_s
+    length_m = float(np.linalg.norm(way[:2]))
+    velocity = np.array(hand.velocity_m_s)
+    speed = float(np.linalg.norm(velocity)) if length_m < TINY else float(velocity @ way[:2]) / length_m
+    return max(speed, float(np.linalg.norm(velocity)) / 2)

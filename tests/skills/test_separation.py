@@ -1,0 +1,94 @@
+"""Speed and separation: nearer, later known or faster never lets the arm be faster; it is slow before a hand comes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cell.interfaces.perception import HandSample
+from skills.separation import _reach_m
+from skills.trajectory import joint_move
+from tests.integration.cell_rig import BENCH, motion_planner
+
+MONITOR = motion_planner().separation
+S = MONITOR.settings
+PARK, LOOK = np.array(BENCH.arm_park_rad), np.array(BENCH.arm_look_rad)
+METRES = st.floats(0.0, 3.0)
+SECONDS = st.floats(0.0, 0.6)
+SPEEDS = st.floats(0.0, 1.6)
+
+
+def hand(x_m: float, y_m: float, velocity: tuple[float, float] | None = (0.0, 0.0)) -> HandSample:
+    return HandSample(0.0, (0, 0, 9, 9), (x_m, y_m), (x_m + 0.1, y_m), velocity_m_s=velocity)
+
+
+@given(METRES, METRES, SECONDS, SECONDS, SPEEDS, SPEEDS)
+@settings(max_examples=200, deadline=None)
+def test_nearer_later_or_faster_is_never_faster_for_the_arm(
+    d1: float, d2: float, t1: float, t2: float, v1: float, v2: float
+) -> None:
+    best = MONITOR.admissible_m_s(max(d1, d2), min(t1, t2), min(v1, v2))
+    worst = MONITOR.admissible_m_s(min(d1, d2), max(t1, t2), max(v1, v2))
+    assert worst <= best
+    assert worst >= S.slow_m_s
+
+
+@given(METRES, SECONDS, SPEEDS)
+@settings(max_examples=200, deadline=None)
+def test_the_arm_is_slow_before_a_hand_that_comes_at_once_arrives(distance: float, delay: float, coming: float) -> None:
+    speed = MONITOR.admissible_m_s(distance, delay, coming)
+    if speed <= S.slow_m_s:
+        return
+    lasts = delay + (speed - S.slow_m_s) / S.braking_m_s2
+    arm = speed * delay + (speed + S.slow_m_s) / 2 * (lasts - delay)
+    assert arm + float(_reach_m(np.array(lasts), coming, S)) + S.margin_m <= distance + 1e-9
+
+
+def test_what_is_far_away_lets_the_arm_go_on_and_what_is_near_does_not() -> None:
+    ahead = (joint_move(PARK, LOOK, motion_planner().settings), 0.5)
+    far = MONITOR.judge(PARK, hand(3.0, 2.0), 0.15, False, ahead)
+    near = MONITOR.judge(PARK, hand(0.48, -0.50, (-0.2, 0.0)), 0.15, False, ahead)
+    assert far.share >= 1.0
+    assert near.share < 0.5
+    assert near.distance_m < near.least_m < far.distance_m
+
+
+def test_every_link_counts_not_only_the_tool() -> None:
+    elbow = hand(0.35, -0.25)
+    tool = motion_planner().kinematics.forward(PARK).position_m
+    assert np.hypot(tool[0] - 0.35, tool[1] + 0.25) > 0.2
+    above = MONITOR.judge(PARK, elbow, 0.15, False)
+    assert above.distance_m < 0.35
+
+
+def test_a_held_part_counts() -> None:
+    beside = hand(0.56, -0.5)
+    assert MONITOR.judge(PARK, beside, 0.1, True).distance_m <= MONITOR.judge(PARK, beside, 0.1, False).distance_m
+
+
+@pytest.mark.parametrize(("velocity", "coming"), [((-1.0, 0.0), True), ((1.0, 0.0), False)])
+def test_a_hand_that_comes_needs_more_room_than_one_that_leaves(velocity: tuple[float, float], coming: bool) -> None:
+    still = MONITOR.judge(PARK, hand(0.9, -0.5, (0.0, 0.0)), 0.15, False)
+    moving = MONITOR.judge(PARK, hand(0.9, -0.5, velocity), 0.15, False)
+    assert moving.least_m > still.least_m
+    assert (moving.least_m - still.least_m > 0.2) == coming
+
+
+def test_a_hand_of_unknown_speed_counts_as_the_fastest() -> None:
+    unknown = MONITOR.judge(PARK, hand(0.9, -0.5, None), 0.15, False)
+    assert unknown.least_m == pytest.approx(MONITOR.least_m(S.hand_speed_m_s, 0.15 + S.reaction_s))
+
+
+def test_the_far_half_of_the_tray_is_known_to_be_out_of_view() -> None:
+    motion = motion_planner()
+    seen = {}
+    for y in (-0.55, -0.45, 0.10):
+        pose = motion.kinematics.forward(LOOK)
+        from cell.interfaces.pose import Pose
+
+        joints = motion.kinematics.inverse(Pose((0.56, y, 0.15), pose.quaternion_wxyz), LOOK)
+        assert joints is not None
+        seen[y] = not MONITOR.out_of_view(joints)
+    assert seen == {-0.55: False, -0.45: False, 0.10: True}

@@ -101,4 +101,4 @@ are dense, so that two parts in five cannot."""
 PAPER_SCENES = SceneSettings(
     nearest_gap_m=0.004, farthest_gap_m=0.030, crowding=3, by_quantity=True, outline=GripperOutline(one_way=True)
 )
-"""Like the paper's: 3 to 6 parts, at most 3, 2 and 1 of a type, one way to grasp, a fifth to a quarter not graspable at once."""
+"""Like the paper's: 3 to 6 parts, at most 3, 2 and 1 of a type, one way to grasp, a quarter not graspable."""

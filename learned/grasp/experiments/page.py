@@ -54,7 +54,7 @@ def table2_section(cells: Cells) -> str:
         f"about .99. The paper's figures stem from its own 50 images. "
         "The rule keeps the skills' safety margins and so takes many parts for blocked that the gripper just passes; "
         "without them it is nearly exact at the detector's noise. GVMRN_RF is rebuilt on what our detector gives: a "
-        "graph over pairs of parts with the relation filter. Crops' embeddings are 16 cosine coefficients of a drawn "
+        "graph over pairs of parts with the relation filter. Crops' embeddings are 64 cosine coefficients of a drawn "
         "height image around each part; it shows the truth, which our detector does not give. They help the paper's "
         "planner; `default` is so near the reference, which knows the noise, that they could add little there.\n\n"
         f"{markdown(head, rows)}"

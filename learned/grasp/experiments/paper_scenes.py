@@ -85,11 +85,12 @@ def paper_section(cells: Cells) -> str:
     return (
         "## Scenes like the paper's\n"
         f"{PAPER_COUNT} training scenes of {data.parts[0]} to {data.parts[1]} parts, at most 3, 2 and 1 of a type, one "
-        f"way to grasp (across the width), a fifth of the parts asked for not graspable at once; {TEST_SCENES} "
-        f"test scenes, one seed, {EPOCHS} epochs. `by type`: an answer that moves the right number of every type is "
-        "right, as the paper's words name types; the columns before ask for the very parts. `f_i`: 64 cosine coefficients of a drawn "
-        "height image around each part, 5 mm a cell, in the place of the paper's network on the image. `train`: "
-        "verdict and whole answer on its own training scenes (the paper's Train_Acc is 1).\n\n"
+        "way to grasp (across the width), a fifth of the parts asked for not graspable at once; "
+        f"{TEST_SCENES} test scenes, one seed, {EPOCHS} epochs. `by type`: an answer that moves the right number of "
+        "every type is right, as the paper's words name types; the columns before ask for the very parts. `f_i`: 64 "
+        "cosine coefficients of a drawn height image around each part, 5 mm a cell, in the place of the paper's "
+        "network on the image. `train`: verdict and whole answer on its own training scenes (the paper's Train_Acc is "
+        "1).\n\n"
         + markdown(
             [
                 "planner",

@@ -22,6 +22,7 @@ from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 from cell.recording.schemas import plain
 from trees.engine.hooks import ORDERS, Hooks
+from trees.engine.literals import shown
 from trees.engine.tree import Tree
 from trees.files.registry import Registry
 from trees.views.groot2 import StatusBoard, blackboards, tree_xml
@@ -138,7 +139,7 @@ class Monitor:
             return json.dumps(self._hooks.dump()).encode()
         try:
             self._order(kind, json.loads(body) if body else {})
-        except (ValidationError, ValueError, KeyError, TypeError, RecursionError) as error:
+        except (ValidationError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise RefusedError(f"{type(error).__name__}: {error}") from None
         return None
 
@@ -192,5 +193,5 @@ def _packable(value: object) -> Any:
         found = plain(value)
         msgpack.packb(found)
     except (TypeError, ValueError, OverflowError, RecursionError):
-        return str(value)
+        return shown(value) if isinstance(value, int) else str(value)
     return found

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from trees.engine.errors import NodeError
-from trees.engine.literals import LiteralError, converted, type_name
+from trees.engine.literals import LiteralError, a_type, converted, shown
 
 UNSET: Any = object()
 
@@ -20,9 +20,12 @@ class Entry:
         kind: type locked by the ports connected to it, Any where only scripts use it.
         revision: number of writes so far.
         carried: the value comes from the tree that this one took over from in mid-run; until the next write.
+        declared: a port names it, so that `=` may give it its first value.
+        text: how the file spells the value out that it passes to a SubTree, until the next write; a port of text
+            reads "007" and no number.
     """
 
-    __slots__ = ("carried", "kind", "name", "revision", "value")
+    __slots__ = ("carried", "declared", "kind", "name", "revision", "text", "value")
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -30,6 +33,18 @@ class Entry:
         self.kind: Any = Any
         self.revision = 0
         self.carried = False
+        self.declared = False
+        self.text: str | None = None
+
+    @property
+    def exists(self) -> bool:
+        """Whether `=` may write it."""
+        return self.value is not UNSET or (self.declared and self.revision == 0)
+
+    @property
+    def holds_number(self) -> bool:
+        """Whether it holds a number, and no port says that it must be anything else."""
+        return self.kind is Any and isinstance(self.value, int | float)
 
     def read(self, kind: Any = Any) -> Any:
         """The value as a port of type `kind` sees it.
@@ -42,6 +57,8 @@ class Entry:
             raise NodeError(f"nothing has been written to {{{self.name}}} yet")
         if type(value) is kind:
             return value
+        if self.text is not None:
+            value = self.text
         try:
             return converted(value, kind)
         except LiteralError as error:
@@ -57,12 +74,11 @@ class Entry:
             try:
                 value = converted(value, self.kind)
             except LiteralError as error:
-                raise NodeError(
-                    f"{{{self.name}}} holds a {type_name(self.kind)} and cannot be written: {error}"
-                ) from None
+                raise NodeError(f"{{{self.name}}} holds {a_type(self.kind)} and cannot be written: {error}") from None
         self.value = value
         self.revision += 1
         self.carried = False
+        self.text = None
 
     def assign(self, value: Any) -> None:
         """Write from a script: where no port has locked a type, the first value does.
@@ -70,16 +86,19 @@ class Entry:
         Raises:
             NodeError: the value does not fit the type.
         """
-        if self.kind is Any and self.value is not UNSET and isinstance(self.value, bool | int | float | str):
+        if self.kind is Any and isinstance(self.value, int | float | str):
+            kind = int if isinstance(self.value, bool) and not isinstance(value, bool) else type(self.value)
             try:
-                value = converted(value, type(self.value))
+                value = converted(value, kind)
             except LiteralError as error:
-                raise NodeError(f"{{{self.name}}} holds {self.value!r} and cannot be assigned: {error}") from None
+                what = f"{{{self.name}}} holds {shown(self.value)} and cannot be assigned: {error}"
+                raise NodeError(what) from None
         self.write(value)
 
     def clear(self) -> None:
         """Forget the value; who reads it next fails."""
         self.value = UNSET
+        self.text = None
         self.revision += 1
 
 

@@ -8,7 +8,9 @@ from typing import Any, ClassVar, cast
 
 from py_trees.common import Status
 
+from trees.engine.literals import number_in
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
+from trees.engine.operators import same_number
 from trees.engine.ports import Input, InputPort
 
 
@@ -157,15 +159,13 @@ class _Switch(Control):
         """As strings, as enum names, or as numbers."""
         if value == case or (isinstance(value, Enum) and value.name == case):
             return True
-        numbers = [self._number(value), self._number(case)]
-        return None not in numbers and numbers[0] == numbers[1]
+        left, right = self._number(value), self._number(case)
+        return left is not None and right is not None and same_number(left, right)
 
     def _number(self, value: Any) -> float | None:
-        value = self.runtime.enums.get(value, value) if isinstance(value, str) else value
-        try:
-            return float(value)
-        except (TypeError, ValueError):
-            return None
+        if isinstance(value, str):
+            value = self.runtime.enums.get(value, number_in(value))
+        return value if isinstance(value, int | float) else None
 
 
 def _switch(cases: int) -> type[_Switch]:

@@ -52,6 +52,20 @@ class Hook(Model):
         return STATUS_WORDS.get(self.desired_status, Status.INVALID)
 
 
+class Which(Model, extra="ignore"):
+    """Which hook an order means."""
+
+    uid: int = Field(ge=1)
+    position: Position
+
+
+class Unlock(Which):
+    """Let a node go on that waits."""
+
+    desired_status: str
+    remove_when_done: bool
+
+
 class Hooks:
     """The hooks of one tree.
 
@@ -193,14 +207,19 @@ def _answer(node: TreeNode, status: Status) -> Status:
 
 
 def _unlock(hooks: Hooks, order: Any) -> None:
-    answer = STATUS_WORDS[order["desired_status"]]
-    hooks.unlock(int(order["uid"]), Position(order["position"]), answer, bool(order["remove_when_done"]))
+    wanted = Unlock.model_validate(order)
+    hooks.unlock(wanted.uid, wanted.position, STATUS_WORDS[wanted.desired_status], wanted.remove_when_done)
+
+
+def _remove(hooks: Hooks, order: Any) -> None:
+    wanted = Which.model_validate(order)
+    hooks.remove(wanted.uid, wanted.position)
 
 
 # Orders about hooks by their letters in Groot2's protocol.
 ORDERS: Mapping[str, Callable[[Hooks, Any], None]] = {
     "I": lambda hooks, order: hooks.insert(Hook.model_validate(order)),
-    "R": lambda hooks, order: hooks.remove(int(order["uid"]), Position(order["position"])),
+    "R": _remove,
     "U": _unlock,
     "A": lambda hooks, _: hooks.clear(),
     "X": lambda hooks, _: hooks.disable(),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import types
 import typing
 from enum import Enum
@@ -17,6 +19,11 @@ STATUS_WORDS = {
 }
 TRUE_WORDS = ("true", "True", "TRUE", "1")
 FALSE_WORDS = ("false", "False", "FALSE", "0")
+INT_LIMIT = 2**63  # whole numbers have 64 bits, as in the library
+
+# What a number may look like: Python's own grammar would also take "1_0", "inf" and digits of other alphabets.
+_WHOLE = re.compile(r"-?[0-9]+\Z")
+_REAL = re.compile(r"-?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\Z")
 
 
 class LiteralError(ValueError):
@@ -69,12 +76,17 @@ def from_text(text: str, kind: Any) -> Any:
 
 def constant(text: str) -> int | float | str:
     """What an attribute of a SubTree passes in: an int, else a float, else the string itself."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
+    number = number_in(text)
+    return text if number is None else number
+
+
+def number_in(text: str) -> int | float | None:
+    """The number that a text spells out, None where it spells none; beyond 64 bits it is a float, and always finite."""
+    if _WHOLE.match(text) and len(text) <= 20 and -INT_LIMIT <= int(text) < INT_LIMIT:
+        return int(text)
+    if _REAL.match(text) and math.isfinite(float(text)):
+        return float(text)
+    return None
 
 
 def converted(value: Any, kind: Any) -> Any:
@@ -89,11 +101,11 @@ def converted(value: Any, kind: Any) -> Any:
         return from_text(value, kind)
     if kind is str and isinstance(value, int | float):
         return str(value)
-    if isinstance(value, int | float) and kind in (int, float, bool) and kind(value) == value:
+    if isinstance(value, int | float) and kind in (int, float, bool) and _without_loss(value, kind):
         return kind(value)
     if isinstance(kind, type) and issubclass(kind, Enum) and isinstance(value, int | float):
         return _member(str(value), kind)
-    raise LiteralError(f"{value!r} is a {type_name(type(value))}", f"the port takes a {type_name(kind)}")
+    raise LiteralError(f"{shown(value)} is {a_type(type(value))}", f"the port takes {a_type(kind)}")
 
 
 def fits(value: Any, kind: Any) -> bool:
@@ -103,6 +115,27 @@ def fits(value: Any, kind: Any) -> bool:
     if kind in (int, float) and isinstance(value, bool):
         return False
     return isinstance(value, typing.get_origin(kind) or kind)
+
+
+def shown(value: object) -> str:
+    """A value in a message: short, whatever it is."""
+    try:
+        text = repr(value)
+    except Exception:  # an object of a node's own, or a number of thousands of digits
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def a_type(kind: Any) -> str:
+    """A type with its article: `an int`, `a float`."""
+    name = type_name(kind)
+    return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
+
+
+def _without_loss(value: int | float, kind: type[int] | type[float] | type[bool]) -> bool:
+    if kind is float and isinstance(value, float):
+        return True
+    return abs(value) < INT_LIMIT and kind(value) == value  # what is not finite ends at the first part
 
 
 def _item(kind: Any) -> Any:
@@ -118,11 +151,10 @@ def _boolean(text: str) -> bool:
 
 
 def _number(text: str, kind: type[int] | type[float]) -> int | float:
-    try:
-        return kind(text)
-    except ValueError:
-        example = "42" if kind is int else "0.5"
-        raise LiteralError(f"'{text}' is not {'an int' if kind is int else 'a float'}", f"like {example}") from None
+    number = number_in(text)
+    if number is None or (kind is int and isinstance(number, float)):
+        raise LiteralError(f"'{text}' is not {a_type(kind)}", f"like {'42' if kind is int else '0.5'}")
+    return kind(number)
 
 
 def _member(text: str, kind: type[Enum]) -> Enum:

@@ -89,20 +89,24 @@ class _Loop(Decorator):
             queue = self._items()
             if not queue:
                 return self.if_empty.get()
-            self.value.set(queue.pop(0))
+            self.value.set(queue[0])
+            self._rest(queue[1:])
         self.set_status(RUNNING)
         status = reset_if_done(self.decorated, self.decorated.execute())
         self._child_runs = status is RUNNING
         return FAILURE if status is FAILURE else RUNNING
 
     def _items(self) -> list[Any]:
-        """The list in the entry itself, so that items are used up; a copy of a queue that the file spells out."""
-        if self._own is None:
-            queue = self.queue.get()
-            if not self.queue.constant and queue is self.queue.entry.value:
-                return cast(list[Any], queue)
-            self._own = list(queue)
-        return self._own
+        """What is left of a queue that the file spells out, else what the entry holds."""
+        return cast(list[Any], self.queue.get()) if self._own is None else self._own
+
+    def _rest(self, items: list[Any]) -> None:
+        """Keep what is left: in the entry if a list stands there; the list itself belongs to whoever wrote it."""
+        entry = self.queue.entry
+        if not self.queue.constant and isinstance(entry.value, list):
+            entry.value = items
+        else:
+            self._own = items
 
 
 class LoopInt(_Loop):

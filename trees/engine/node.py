@@ -107,7 +107,7 @@ class TreeNode(behaviour.Behaviour):
             status = self.run() if self.conditions is None else self._run_with(self.conditions)
         except NodeError as error:
             if self.status is RUNNING:
-                self.on_halt()
+                self._guarded(self.on_halt)
             self.feedback_message = str(error)
             status = FAILURE
         if status is not self.status:
@@ -121,7 +121,7 @@ class TreeNode(behaviour.Behaviour):
     def halt(self) -> None:
         """Bring a RUNNING node and all below it to rest; called by its parent, once."""
         try:
-            self.on_halt()
+            self._guarded(self.on_halt)
         finally:
             self.set_status(IDLE)
         if self.conditions is not None:
@@ -171,10 +171,10 @@ class TreeNode(behaviour.Behaviour):
             self._guarded(lambda: conditions.after(status))
         return status
 
-    def _guarded(self, script: Any) -> None:
-        """A script after the node's end cannot change its result; its error is told as feedback."""
+    def _guarded(self, work: Callable[[], None]) -> None:
+        """What follows a node's end, or halts it, cannot change its result; its error is told as feedback."""
         try:
-            script()
+            work()
         except NodeError as error:
             self.feedback_message = str(error)
 

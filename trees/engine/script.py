@@ -9,14 +9,17 @@ Grammar, loosest binding first (all statements are separated by `;`, the value i
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from textwrap import shorten
+from typing import Any, NamedTuple
 
 from trees.engine.blackboard import UNSET, Entry, Scope
 from trees.engine.errors import NodeError
-from trees.engine.operators import combine, compares, truth, unary
+from trees.engine.literals import INT_LIMIT, shown
+from trees.engine.operators import combine, compares, number_of, truth, unary
 
 DEPTH_LIMIT = 30
 # Nobody reads more, and a hostile file could hold a million.
@@ -47,27 +50,47 @@ class ScriptError(ValueError):
         self.legal = legal
 
 
+class EntryUse(NamedTuple):
+    """What a script does with an entry.
+
+    Attributes:
+        offset: where its name stands in the source.
+        sign: the assignment, empty where the entry is only read.
+        text: the text that is assigned, where the script spells it out.
+    """
+
+    entry: Entry
+    offset: int
+    sign: str
+    text: str | None = None
+
+
 @dataclass(frozen=True)
 class Script:
     """A compiled script.
 
     Attributes:
-        uses: (entry, offset in the source, read, written) in the order of the source.
+        uses: what it does with entries, in the order of the source.
     """
 
     source: str
-    uses: tuple[tuple[Entry, int, bool, bool], ...]
+    uses: tuple[EntryUse, ...]
     _statements: tuple[Evaluate, ...]
 
     def run(self) -> Any:
         """Run all statements; the value of the last one.
 
         Raises:
-            NodeError: an entry is unset, or its type does not fit the operator.
+            NodeError: an entry is unset, its type does not fit the operator, or anything else went wrong.
         """
         value = None
-        for statement in self._statements:
-            value = statement()
+        try:
+            for statement in self._statements:
+                value = statement()
+        except NodeError:
+            raise
+        except Exception as error:  # values of nodes may be of any type, whose operators may raise anything
+            raise NodeError(f"the script failed: {type(error).__name__}: {shown(str(error))}") from error
         return value
 
     def true(self) -> bool:
@@ -101,7 +124,7 @@ class _Parser:
         self._tokens = list(_tokens(source))
         self._next = 0
         self._depth = 0
-        self._uses: list[tuple[Entry, int, bool, bool]] = []
+        self._uses: list[EntryUse] = []
 
     def script(self) -> Script:
         statements = []
@@ -134,12 +157,14 @@ class _Parser:
                 f"'{name.text}' is an enum name and cannot be written", name.offset, "choose another name"
             )
         self._next += 2
+        first = self._peek()
         value = self._statement()
+        spelt_out = first.kind == "string" and self._tokens[self._next - 1] is first
         entry = self._scope.entry(name.text)
-        self._uses.append((entry, name.offset, sign != ":=", True))  # `=` needs the entry, too
+        self._uses.append(EntryUse(entry, name.offset, sign, first.text[1:-1] if spelt_out else None))
         if sign in (":=", "="):
-            return _assign(entry, value, sign == "=")
-        return _assign(entry, _binary(sign[0], _reader(entry), value), True)
+            return _assign(entry, value, sign == "=", self._enums)
+        return _assign(entry, _binary(sign[0], _reader(entry), value), True, self._enums)
 
     def _choice(self) -> Evaluate:
         condition = self._level(0)
@@ -174,7 +199,7 @@ class _Parser:
             left = first()
             for sign, evaluate in links:
                 right = evaluate()
-                if not compares(sign, left, right):
+                if not compares(sign, left, right, self._enums):
                     return False
                 left = right
             return True
@@ -199,7 +224,7 @@ class _Parser:
             raise self._unexpected("a number, 'string', name or '('")
         self._take()
         if token.kind == "number":
-            number = _number(token.text)
+            number = _number(token)
             return lambda: number
         if token.kind == "string":
             text = token.text[1:-1]
@@ -218,7 +243,7 @@ class _Parser:
             member = self._enums[token.text]
             return lambda: member
         entry = self._scope.entry(token.text)
-        self._uses.append((entry, token.offset, True, False))
+        self._uses.append(EntryUse(entry, token.offset, ""))
         return _reader(entry)
 
     def _peek(self) -> _Token:
@@ -242,8 +267,14 @@ class _Parser:
     def _unexpected(self, wanted: str) -> ScriptError:
         token = self._peek()
         found = "the script ends" if token.kind == "end" else f"'{token.text}' stands"
-        return ScriptError(f"{found} where {wanted} is expected", token.offset)
+        before = self._tokens[self._next - 1].text.lower() if self._next else ""
+        meant = _MEANT.get(token.text.lower(), "!" if before == "not" else "")
+        legal = f"did you mean '{meant}'?" if meant else ""
+        return ScriptError(f"{found} where {wanted} is expected", token.offset, legal)
 
+
+# What people write who know other languages.
+_MEANT = {"and": "&&", "or": "||"}
 
 _LEVELS: tuple[tuple[str, ...], ...] = (
     ("||",),
@@ -266,8 +297,7 @@ def _tokens(source: str) -> list[_Token]:
         if found is None:
             rest = source[position:]
             offset = position + len(rest) - len(rest.lstrip())
-            legal = "close the string with '" if source[offset] == "'" else "see docs/trees.md for the operators"
-            raise ScriptError(f"'{source[offset]}' has no meaning here", offset, legal)
+            raise _unknown(source, offset)
         if len(tokens) == TOKEN_LIMIT:
             raise ScriptError(f"more than {TOKEN_LIMIT} names, numbers and operators", position, "use several Scripts")
         kind = found.lastgroup or "end"
@@ -276,10 +306,29 @@ def _tokens(source: str) -> list[_Token]:
     return tokens
 
 
-def _number(text: str) -> int | float:
-    if text[:2] in ("0x", "0X"):
-        return int(text, 16)
-    return int(text) if text.isdigit() else float(text)
+def _unknown(source: str, offset: int) -> ScriptError:
+    """What begins at `offset` is no word of the language."""
+    if source[offset] == "'":
+        start = source[offset:].split(";")[0]
+        return ScriptError(f"the text {shorten(start, 30, placeholder='...')} has no end", offset, "close it with '")
+    if source[offset] == '"':
+        return ScriptError("'\"' has no meaning here", offset, "texts stand in single quotes: 'text'")
+    word = re.match(r"\S\w*", source[offset:])
+    what = f"'{word[0] if word else source[offset]}' has no meaning here"
+    return ScriptError(what, offset, "see docs/trees.md for the operators")
+
+
+def _number(token: _Token) -> int | float:
+    text = token.text
+    hexadecimal = text[:2] in ("0x", "0X")
+    if hexadecimal and len(text) > 18:
+        raise ScriptError(f"'{shorten(text, 30, placeholder='...')}' is too large", token.offset, "at most 64 bits")
+    if hexadecimal or (text.isdigit() and len(text) <= 20):
+        whole = int(text, 16 if hexadecimal else 10)
+        return whole if whole < INT_LIMIT else float(whole)
+    if not math.isfinite(float(text)):
+        raise ScriptError(f"'{text[:12]}' is too large a number", token.offset, "at most 1.7e308")
+    return float(text)
 
 
 def _reader(entry: Entry) -> Evaluate:
@@ -292,11 +341,19 @@ def _reader(entry: Entry) -> Evaluate:
     return read
 
 
-def _assign(entry: Entry, value: Evaluate, must_exist: bool) -> Evaluate:
+def _assign(entry: Entry, value: Evaluate, must_exist: bool, enums: Mapping[str, Any]) -> Evaluate:
     def assign() -> Any:
-        if must_exist and entry.value is UNSET:
+        if must_exist and not entry.exists:
             raise NodeError(f"{{{entry.name}}} does not exist yet; := creates it")
-        entry.assign(value())
+        assigned = value()
+        if isinstance(assigned, str) and entry.holds_number:
+            try:
+                assigned = number_of(assigned, enums)
+            except NodeError as error:
+                raise NodeError(f"{{{entry.name}}} holds {entry.value!r} and cannot be assigned: {error}") from None
+            entry.write(assigned)
+        else:
+            entry.assign(assigned)
         return entry.value
 
     return assign

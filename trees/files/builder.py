@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
+
+from py_trees.common import Status
 
 from cell.interfaces.errors import Place
 from trees.engine.blackboard import UNSET, Entry, Scope
 from trees.engine.conditions import ScriptConditions
 from trees.engine.decorators import SubTree
 from trees.engine.literals import constant, from_text
-from trees.engine.node import Control, Decorator, Runtime, TreeNode
+from trees.engine.node import FAILURE, Control, Decorator, Runtime, TreeNode
 from trees.engine.ports import Port
 from trees.engine.script import Script, parse_script
 from trees.engine.tree import Origin
 from trees.files.library import Library
 from trees.files.registry import Registry
-from trees.files.structure import CONDITIONS, SCRIPTS_AFTER, entry_name, node_tag
+from trees.files.structure import CONDITIONS, SCRIPTS_AFTER, autoremaps, entry_name, node_tag
 from trees.files.xml_file import Attribute, Element
+
+_WORD = re.compile(r"@?[^\W\d][\w./-]*")
 
 
 @dataclass(frozen=True)
@@ -29,8 +34,10 @@ class Use:
         user: what uses it, for messages.
         uid: of the node.
         attribute: name of the port, condition or script in the file.
-        needs: it fails where nothing has been written.
+        required: it fails where nothing has been written.
         turn: order within a script, from 1; 0 for other ports.
+        sign: how a script assigns it; `=` fails where neither a value nor a port has made the entry.
+        text: the text that a script assigns, where it spells it out.
     """
 
     entry: Entry
@@ -41,13 +48,35 @@ class Use:
     user: str
     uid: int
     attribute: str
-    needs: bool = False
+    required: bool = False
     turn: int = 0
+    sign: str = ""
+    text: str | None = None
+
+    @property
+    def needs(self) -> bool:
+        """It fails where nothing has been written."""
+        return self.required or (self.sign == "=" and not self.entry.declared)
 
     @property
     def begins(self) -> bool:
         """It writes whether or not there is a value."""
         return self.writes and not self.needs
+
+
+class Call(NamedTuple):
+    """A SubTree, the names around it and those within it."""
+
+    element: Element
+    outer: Scope
+    inner: Scope
+
+
+class Stub(Control):
+    """Stands in a checked tree where nothing is known of a node; nothing ticks it."""
+
+    def run(self) -> Status:
+        return FAILURE
 
 
 class Builder:
@@ -58,6 +87,8 @@ class Builder:
         origins: what they were made of.
         scopes: blackboards of the SubTrees, outer ones first.
         uses: who reads and writes which entry.
+        calls: what passes values into SubTrees, outer ones first.
+        mentioned: entries that something may write which could not be understood.
     """
 
     def __init__(self, library: Library, registry: Registry, runtime: Runtime) -> None:
@@ -68,10 +99,13 @@ class Builder:
         self.origins: list[Origin] = []
         self.scopes: list[Scope] = []
         self.uses: list[Use] = []
+        self.calls: list[Call] = []
+        self.mentioned: set[int] = set()
 
     def tree(self, identifier: str, scope: Scope) -> TreeNode:
         """The topmost node of a BehaviorTree whose names mean entries of `scope`."""
-        return self._node(self._library.trees[identifier].children[0], scope)
+        tree = self._library.trees[identifier]
+        return self._node(tree.children[0] if len(tree.children) == 1 else tree, scope)
 
     def _node(self, element: Element, scope: Scope) -> TreeNode:
         uid = len(self.nodes) + 1
@@ -84,13 +118,14 @@ class Builder:
         path = f"{scope.name}/{name}" if scope.name else name
         if element.get("name") is None:
             path += f"::{uid}"
-        node = (
-            self._subtree(element, uid, name, scope, path)
-            if tag == "SubTree"
-            else self._plain(element, uid, name, scope)
-        )
+        if element.broken:
+            node = self._stub(element, name, scope)
+        elif tag == "SubTree":
+            node = self._subtree(element, uid, name, scope, path)
+        else:
+            node = self._plain(element, uid, name, scope)
         node.attach(self._runtime, uid, path)
-        node.conditions = self._conditions(element, uid, label, scope)
+        node.conditions = None if element.broken else self._conditions(element, uid, label, scope)
         self.nodes[uid - 1] = node
         return node
 
@@ -103,15 +138,23 @@ class Builder:
             self._port(node, uid, port, element, scope)
         return node
 
+    def _stub(self, element: Element, name: str, scope: Scope) -> TreeNode:
+        """Stands where something is wrong: it may write whatever it names."""
+        for attribute in element.attributes.values():
+            self.mentioned |= {id(scope.entry(word)) for word in set(_WORD.findall(attribute.value))}
+        return Stub(name, [self._node(child, scope) for child in element.children])
+
     def _subtree(self, element: Element, uid: int, name: str, scope: Scope, path: str) -> TreeNode:
         identifier = element.get("ID") or ""
-        inner = Scope(path, scope, autoremap=element.get("_autoremap") in ("true", "1"))
+        remaps = autoremaps(element)
+        inner = Scope(path, scope, autoremap=remaps)
         self.scopes.append(inner)
+        self.calls.append(Call(element, scope, inner))
         for key, attribute in element.attributes.items():
             if key not in ("ID", "name") and not key.startswith("_"):
                 self._pass(uid, key, attribute.value, attribute.place, scope, inner)
         for key, port in self._library.models.get(identifier, {}).items():
-            if key not in element.attributes and port.default is not None:
+            if key not in element.attributes and port.default is not None and not remaps:
                 self._pass(uid, key, port.default, element.place, scope, inner)
         return SubTree(name, [self.tree(identifier, inner)])
 
@@ -121,7 +164,7 @@ class Builder:
             inner.remap(key, outer.entry(pointer))
             return
         entry = Entry(key)
-        entry.value = constant(value)
+        entry.value, entry.text = constant(value), value
         inner.remap(key, entry)
         self.uses.append(Use(entry, place, False, True, Any, f"'{key}' of the SubTree", uid, key))
 
@@ -134,6 +177,7 @@ class Builder:
         pointer = entry_name(value, port.name, port.names_entry)
         if pointer is not None:
             entry = scope.entry(pointer)
+            entry.declared = entry.declared or not port.names_entry
             reads, writes = port.direction != "output", port.direction != "input"
             user = f"port '{port.name}' of {node_tag(element)}"
             needs = reads and not (port.unset_ok or port.names_entry)
@@ -161,7 +205,8 @@ class Builder:
 
     def _script(self, attribute: Attribute, uid: int, name: str, label: str, scope: Scope) -> Script:
         script = parse_script(attribute.value, scope, self._registry.enums)
-        for turn, (entry, offset, reads, writes) in enumerate(script.uses, start=1):
+        for turn, (entry, offset, sign, text) in enumerate(script.uses, start=1):
             place, user = attribute.place_at(offset), f"'{name}' of {label}"
-            self.uses.append(Use(entry, place, reads, writes, Any, user, uid, name, reads, turn))
+            reads = sign not in (":=", "=")
+            self.uses.append(Use(entry, place, reads, bool(sign), Any, user, uid, name, reads, turn, sign, text))
         return script

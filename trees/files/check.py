@@ -17,7 +17,7 @@ def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
     for path in paths:
         library = read_library(path)
         found = find_problems(library, registry)
-        if not found and library.main:
-            found = build(library, registry, library.main, {})[1]
+        if library.main:
+            found = found + build(library, registry, library.main, {})[1]
         problems += in_order(found)
     return list(dict.fromkeys(problems))

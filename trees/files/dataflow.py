@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import difflib
+from collections.abc import Iterator
 from typing import Any
 
 from cell.interfaces.errors import Problem
-from trees.engine.blackboard import UNSET
+from trees.engine.blackboard import UNSET, Entry, Scope
 from trees.engine.literals import LiteralError, converted, has_literals, type_name
-from trees.files.builder import Use
+from trees.files.builder import Builder, Call, Use
 
 
-def check_dataflow(uses: Iterable[Use], given: set[int]) -> list[Problem]:
+def check_dataflow(builder: Builder, given: set[int]) -> list[Problem]:
     """Lock the types of all entries; problems where ports disagree or an entry is read that nothing writes.
 
     Args:
         given: ids of entries that somebody outside of the tree writes.
     """
     by_entry: dict[int, list[Use]] = {}
-    for use in uses:
+    for use in builder.uses:
         by_entry.setdefault(id(use.entry), []).append(use)
     problems: list[Problem] = []
     for key, group in by_entry.items():
         writers = [use for use in group if use.writes]
         if not writers and key not in given and group[0].entry.value is UNSET:
-            problems += [_unwritten(use) for use in group]
+            problems += _unwritten(builder, group)
         typed = next((use for use in [*writers, *group] if use.kind is not Any), None)
         if typed is not None:
             group[0].entry.kind = typed.kind
@@ -47,8 +48,46 @@ def _constant_problems(writers: list[Use], typed: Use) -> list[Problem]:
     return []
 
 
-def _unwritten(use: Use) -> Problem:
-    return Problem(use.place, f"{use.user} reads {{{use.entry.name}}}, which nothing writes", "connect what writes it")
+def _unwritten(builder: Builder, readers: list[Use]) -> Iterator[Problem]:
+    """Nothing writes what these read; told where it can be mended: at the outermost SubTree that passes it in."""
+    entry, reader = readers[0].entry, readers[0]
+    owner = next((call for call in builder.calls if _key(call.inner, entry) and not _key(call.outer, entry)), None)
+    if owner is not None and (mistyped := _mistyped(builder, owner, entry)):
+        name, called = owner.element.get("ID"), entry.name
+        legal = f"did you mean '{called}', which {reader.user} at {reader.place} reads?"
+        yield Problem(owner.element.attributes[mistyped].place, f"SubTree '{name}' reads no '{mistyped}'", legal)
+        return
+    if owner is not None and owner.element.place.file != reader.place.file:
+        what = f"SubTree '{owner.element.get('ID')}' needs '{entry.name}', and nothing passes it"
+        yield Problem(owner.element.place, what, f"{reader.user} at {reader.place} reads it")
+        return
+    passing = next((call for call in builder.calls if _passed(call, entry)), None)
+    if passing is None:
+        what = "{} reads {{{}}}, which nothing writes"
+        yield from (Problem(use.place, what.format(use.user, entry.name), "connect what writes it") for use in readers)
+        return
+    key = _passed(passing, entry)
+    what = f"'{key}' of SubTree '{passing.element.get('ID')}' reads {{{entry.name}}}, which nothing writes"
+    legal = f"connect what writes it; {reader.user} at {reader.place} needs it"
+    yield Problem(passing.element.place_of(key), what, legal)
+
+
+def _key(scope: Scope, entry: Entry) -> str:
+    """The name of an entry in a tree, empty where it has none."""
+    return next((key for key in scope if scope.entry(key) is entry), "")
+
+
+def _passed(call: Call, entry: Entry) -> str:
+    """The attribute of a SubTree that joins an entry of the tree around it, empty where none does."""
+    key = _key(call.inner, entry)
+    return key if key in call.element.attributes else ""
+
+
+def _mistyped(builder: Builder, call: Call, entry: Entry) -> str:
+    """An attribute of the SubTree that nothing within reads, and that is written much like the entry."""
+    read = {id(use.entry) for use in builder.uses if use.reads}
+    passed = [key for key in call.inner if key in call.element.attributes and id(call.inner.entry(key)) not in read]
+    return next(iter(difflib.get_close_matches(entry.name, passed, n=1, cutoff=0.6)), "")
 
 
 def _agree(use: Use, typed: Use) -> bool:

@@ -53,7 +53,7 @@ class _Finder:
             if (id(element), guarded) in self._visited:
                 continue
             self._visited.add((id(element), guarded))
-            if element.tag != "SubTree" and self._class(element).needs_guard and not guarded:
+            if element.tag != "SubTree" and self._needs_guard(element) and not guarded:
                 what = f"{node_tag(element)} runs without a guard that is asked in every tick"
                 legal = f"put it into a ReactiveSequence behind one of: {self._legal}"
                 self.problems.append(Problem(element.place, what, legal))
@@ -72,6 +72,8 @@ class _Finder:
     def _is_guard(self, element: Element) -> bool:
         """Whether this node succeeds only after a guard has agreed; what is below it was asked before."""
         tag, children = node_tag(element), called(self._library, element)
+        if element.broken:
+            return True  # only what is certain is told
         if any(name in element.attributes for name in _BYPASSES):
             return False
         if element.tag == "SubTree" or tag in _ALL_SUCCEED:
@@ -79,6 +81,10 @@ class _Finder:
         if tag in _ONE_SUCCEEDS:
             return all(node_tag(child) in _NEVER_SUCCEED or id(child) in self._guarding for child in children)
         return self._class(element).guards
+
+    def _needs_guard(self, element: Element) -> bool:
+        node = self._registry.classes.get(node_tag(element))
+        return node is not None and node.needs_guard
 
     def _class(self, element: Element) -> type[TreeNode]:
         return self._registry.classes[node_tag(element)]

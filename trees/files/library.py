@@ -32,6 +32,7 @@ class Library:
         models: ports of SubTrees by ID, from TreeNodesModel.
         main: ID of the tree to run; empty where the file does not say.
         texts: every file read, with its text.
+        incomplete: some file could not be read to its end, so that trees may be missing.
     """
 
     trees: dict[str, Element] = field(default_factory=dict)
@@ -39,6 +40,7 @@ class Library:
     main: str = ""
     texts: dict[Path, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
+    incomplete: bool = False
 
 
 def read_library(path: Path) -> Library:
@@ -66,19 +68,24 @@ def bottom_up(library: Library) -> Iterator[Element]:
 
 def called(library: Library, element: Element) -> list[Element]:
     """The children of a node, for a SubTree the node of the BehaviorTree that it calls."""
+    if element.broken:
+        return element.children
     return library.trees[element.get("ID") or ""].children if element.tag == "SubTree" else element.children
 
 
 def _read(library: Library, path: Path, included_at: Place | None) -> Element | None:
     try:
-        text, root = read_xml(path)
+        text, root, malformed = read_xml(path)
     except InputError as error:
+        library.incomplete = True
         problems = [problem for problem in error.problems if isinstance(problem, Problem)]
         if included_at is not None:
             library.problems.append(Problem(included_at, f"the included file {path.name} cannot be used"))
         library.problems += problems
         return None
     library.texts[path] = text
+    library.problems += malformed[:PROBLEM_LIMIT]
+    library.incomplete = library.incomplete or root.broken
     if root.tag != "root":
         library.problems.append(Problem(root.place, f"the outermost element is <{root.tag}>", "must be <root>"))
         return None
@@ -131,7 +138,9 @@ def _take_tree(library: Library, element: Element) -> None:
             library.problems.append(Problem(attribute.place, what, "legal: ID"))
     if len(element.children) != 1:
         what = f"BehaviorTree '{identifier}' has {len(element.children)} nodes directly below it"
-        library.problems.append(Problem(element.place, what, "must be one; put several into a Sequence"))
+        if not element.broken:
+            library.problems.append(Problem(element.place, what, "must be one; put several into a Sequence"))
+        element.broken = True
 
 
 def _take_models(library: Library, element: Element) -> None:

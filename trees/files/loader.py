@@ -42,28 +42,27 @@ def load_tree(
     if main is not None:
         library.main = main
     problems = find_problems(library, registry)
-    if not problems and library.main not in library.trees:
+    if library.main not in library.trees:
         place = Place(path, 1, 1)
         what = (
             f"there is no BehaviorTree '{library.main}'" if library.main else "it is not said which BehaviorTree to run"
         )
-        problems = [Problem(place, what, f"set main_tree_to_execute; {hint(library.main, library.trees)}")]
-    if problems:
+        if not problems and not library.incomplete:
+            problems.append(Problem(place, what, f"set main_tree_to_execute; {hint(library.main, library.trees)}"))
         raise InputError(*in_order(problems))
-    tree, problems = build(library, registry, library.main, provided or {})
-    if problems:
-        raise InputError(*in_order(problems))
+    tree, between = build(library, registry, library.main, provided or {})
+    if problems or between:
+        raise InputError(*in_order([*problems, *between]))
     return tree
 
 
 def find_problems(library: Library, registry: Registry) -> list[Problem]:
     """What is wrong with any tree of a library as it stands in the files, before nodes are made of one of them."""
-    problems = library.problems + check_structure(library, registry)
-    return problems or check_reach(library)
+    return library.problems + check_structure(library, registry) + check_reach(library)
 
 
 def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:
-    """Make the nodes of a library without problems, and check how values flow between them."""
+    """Make the nodes of a checked library, and check how values flow between them; what is broken is left out."""
     frames = FRAMES_A_LEVEL * count_levels(library, main) + FRAMES_AROUND
     if frames > sys.getrecursionlimit():
         sys.setrecursionlimit(frames)
@@ -74,7 +73,8 @@ def build(library: Library, registry: Registry, main: str, provided: Mapping[str
     builder = Builder(library, registry, runtime)
     root = builder.tree(main, scope)
     given = {id(scope.entry(key)) for key, port in library.models.get(main, {}).items() if port.direction != "output"}
-    problems = check_dataflow(builder.uses, given) or check_order(builder.uses, builder.nodes, given)
+    given |= builder.mentioned
+    problems = check_dataflow(builder, given) + check_order(builder.uses, builder.nodes, given)
     scopes = (scope, *builder.scopes)
     tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes)
     return tree, problems

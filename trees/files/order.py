@@ -92,6 +92,9 @@ class _Order:
 
 
 def _problem(use: Use, first: Use | None) -> Problem:
+    if use.sign == "=":
+        what = f"{use.user} assigns {{{use.entry.name}}} before anything has made it"
+        return Problem(use.place, what, "write :=, which makes it")
     what = f"{use.user} reads {{{use.entry.name}}} before anything has written it"
     if first is None:
         return Problem(use.place, what, "give it a first value before, by := or by a node that only writes it")

@@ -51,6 +51,8 @@ class _Reach:
 
     def _results(self, element: Element, below: list[Results]) -> Results:
         tag = node_tag(element)
+        if element.broken:
+            return BOTH | {SKIPPED}
         if element.tag == "SubTree":
             return below[0]
         if tag in SEQUENCES or tag in FALLBACKS:

@@ -8,7 +8,7 @@ from typing import Any
 
 from cell.interfaces.errors import Place, Problem
 from trees.engine.blackboard import Scope
-from trees.engine.literals import LiteralError, from_text, has_literals, type_name
+from trees.engine.literals import TRUE_WORDS, LiteralError, from_text, has_literals, type_name
 from trees.engine.node import TreeNode
 from trees.engine.ports import Port
 from trees.engine.script import Script, ScriptError, parse_script
@@ -43,18 +43,19 @@ def entry_name(value: object, port: str, bare: bool = False) -> str | None:
     return port if found[1] == "=" else found[1]
 
 
+def autoremaps(element: Element) -> bool:
+    """Whether all names of a SubTree mean those of the tree around it; a word that is no bool means no."""
+    return element.get("_autoremap") in TRUE_WORDS
+
+
 def check_structure(library: Library, registry: Registry) -> list[Problem]:
-    """All problems of all trees, those that nothing runs included."""
+    """All problems of all trees, those that nothing runs included; marks the elements that have any as broken."""
     problems: list[Problem] = []
     checker = _Checker(library, registry, problems)
     for tree in library.trees.values():
         for child in tree.children:
             checker.check(child)
-    if not problems and not library.problems:
-        problems += _check_expansion(library)
-        if not problems:
-            problems += check_guards(library, registry)
-    return problems
+    return problems + list(_check_expansion(library)) + check_guards(library, registry)
 
 
 class _Checker:
@@ -68,13 +69,17 @@ class _Checker:
 
     def check(self, element: Element) -> None:
         waiting = [element]
-        while waiting and len(self._problems) < PROBLEM_LIMIT:
+        while waiting:
             current = waiting.pop()
             waiting += reversed(current.children)
-            if current.tag == "SubTree":
+            before = len(self._problems)
+            if before >= PROBLEM_LIMIT:
+                current.broken = True  # nobody reads more, and what was not looked at is not known
+            elif current.tag == "SubTree":
                 self._subtree(current)
             else:
                 self._node(current)
+            current.broken = current.broken or len(self._problems) > before
 
     def _report(self, place: Place, what: str, legal: str = "") -> None:
         self._problems.append(Problem(place, what, legal))
@@ -83,6 +88,8 @@ class _Checker:
         identifier = element.get("ID")
         if identifier is None:
             self._report(element.place, "this SubTree has no ID", hint("", self._library.trees))
+        elif identifier not in self._library.trees and self._library.incomplete:
+            element.broken = True
         elif identifier not in self._library.trees:
             what = f"there is no BehaviorTree '{identifier}'"
             self._report(element.place_of("ID"), what, hint(identifier, self._library.trees))
@@ -96,7 +103,12 @@ class _Checker:
             elif name not in ("ID", "name") and (key := entry_name(attribute.value, name)) is not None:
                 self._key(attribute, key)
         for name, port in self._library.models.get(identifier or "", {}).items():
-            if name not in element.attributes and port.default is None and port.direction != "output":
+            if (
+                name not in element.attributes
+                and port.default is None
+                and port.direction != "output"
+                and not autoremaps(element)
+            ):
                 self._report(element.place, f"SubTree '{identifier}' needs port '{name}'", f'{name}="..."')
 
     def _node(self, element: Element) -> None:
@@ -198,32 +210,42 @@ def _check_expansion(library: Library) -> Iterator[Problem]:
     """Recursive SubTrees, and trees that grow too large when every SubTree is put in its place."""
     sizes: dict[str, tuple[int, int]] = {}
     for identifier in library.trees:
-        problem = _measure(library, identifier, sizes)
-        if problem is not None:
-            yield problem
-            return
+        yield from _measure(library, identifier, sizes)
 
 
-def _measure(library: Library, identifier: str, sizes: dict[str, tuple[int, int]]) -> Problem | None:
-    """Nodes and levels of a tree and of all below it; an explicit stack, as files may nest deeply."""
+def _measure(library: Library, identifier: str, sizes: dict[str, tuple[int, int]]) -> list[Problem]:
+    """Nodes and levels of a tree and of all below it; an explicit stack, as files may nest deeply.
+
+    What is wrong is marked as broken, and counts as one node from there on.
+    """
+    problems: list[Problem] = []
+    if identifier in sizes:
+        return problems
     stack = [(identifier, _subtrees(library.trees[identifier]))]
     while stack:
         current, uses = stack[-1]
-        use = next((use for use in uses if use.get("ID") not in sizes), None)
+        use = next((use for use in uses if use.get("ID") not in sizes and not use.broken), None)
         if use is None:
             stack.pop()
             nodes, levels = sizes[current] = _size(library.trees[current], sizes)
             if nodes > NODE_LIMIT or levels > LEVEL_LIMIT:
                 what = f"BehaviorTree '{current}' grows to {nodes} nodes on {levels} levels"
-                place = library.trees[current].place
-                return Problem(place, what, f"at most {NODE_LIMIT} nodes on {LEVEL_LIMIT} levels")
+                legal = f"at most {NODE_LIMIT} nodes on {LEVEL_LIMIT} levels"
+                problems.append(Problem(library.trees[current].place, what, legal))
+                for child in library.trees[current].children:
+                    child.broken, child.children = True, []
+                sizes[current] = 1, 1
             continue
         names, name = [opened for opened, _ in stack], use.get("ID") or ""
         if name in names:
             circle = [*names[names.index(name) :], name]
             round_trip = " > ".join(circle if len(circle) < 10 else [*circle[:5], "...", *circle[-3:]])
-            return Problem(use.place, f"this SubTree contains itself: {round_trip}", "break the circle")
+            what = f"this SubTree contains itself: {round_trip}"
+            problems.append(Problem(use.place, what, "break the circle"))
+            use.broken = True
+            continue
         stack.append((name, _subtrees(library.trees[name])))
+    return problems
     return None
 
 
@@ -231,7 +253,7 @@ def _subtrees(tree: Element) -> Iterator[Element]:
     waiting = [tree]
     while waiting:
         element = waiting.pop()
-        if element.tag == "SubTree":
+        if element.tag == "SubTree" and not element.broken:
             yield element
         waiting += element.children
 
@@ -241,11 +263,15 @@ def _size(tree: Element, sizes: dict[str, tuple[int, int]]) -> tuple[int, int]:
     waiting = [(child, 1) for child in tree.children]
     while waiting:
         element, level = waiting.pop()
-        inner_nodes, inner_levels = sizes[element.get("ID") or ""] if element.tag == "SubTree" else (0, 0)
+        inner_nodes, inner_levels = _inside(element, sizes)
         nodes += 1 + inner_nodes
         levels = max(levels, level + inner_levels)
         waiting += [(child, level + 1) for child in element.children]
     return nodes, levels
+
+
+def _inside(element: Element, sizes: dict[str, tuple[int, int]]) -> tuple[int, int]:
+    return sizes[element.get("ID") or ""] if element.tag == "SubTree" and not element.broken else (0, 0)
 
 
 def _wanted(port: Port) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from xml.parsers import expat
+from xml.parsers.expat import errors
 
 from cell.interfaces.errors import InputError, Place, Problem
 
@@ -18,6 +19,7 @@ ELEMENT_LIMIT = 10_000
 ATTRIBUTES_LIMIT = 30_000  # in all elements together
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 
+_NAME = re.compile(rb"(?<=</)[^\s>]*")
 _TAG = re.compile(rb"<[^\s/>]+")
 _ATTRIBUTE = re.compile(rb"\s+([^\s=]+)\s*=\s*([\"'])")
 _CHARACTER = re.compile(r"&[^;]*;|\r\n|.", re.DOTALL)
@@ -48,12 +50,17 @@ class Attribute:
 
 @dataclass
 class Element:
-    """An element with all that is below it."""
+    """An element with all that is below it.
+
+    Attributes:
+        broken: something is wrong with it, so that nothing is known of what it does.
+    """
 
     tag: str
     place: Place
     attributes: dict[str, Attribute] = field(default_factory=dict)
     children: list[Element] = field(default_factory=list)
+    broken: bool = False
 
     def get(self, name: str) -> str | None:
         """An attribute's value."""
@@ -73,11 +80,12 @@ def node_tag(element: Element) -> str:
     return element.tag
 
 
-def read_xml(path: Path) -> tuple[str, Element]:
-    """The text of a file and its root element.
+def read_xml(path: Path) -> tuple[str, Element, list[Problem]]:
+    """The text of a file, its root element as far as it can be read, and what is wrong with it as XML.
 
     Raises:
-        InputError: the file cannot be read, is no XML, or is refused: too large, too deep, with a DTD or entities.
+        InputError: the file cannot be read, holds no element, or is refused: too large, too deep, with a DTD or
+            entities.
     """
     data = _read(path)
     try:
@@ -85,7 +93,8 @@ def read_xml(path: Path) -> tuple[str, Element]:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InputError(Problem(Place(path, line), "this is not UTF-8 text", "save the file as UTF-8")) from None
-    return text, _Reader(path, text).read()
+    reader = _Reader(path, text)
+    return text, reader.read(), reader.problems
 
 
 def _read(path: Path) -> bytes:
@@ -111,6 +120,7 @@ class _Reader:
         self._open: list[Element] = []
         self._count = self._attribute_count = 0
         self._root: Element | None = None
+        self.problems: list[Problem] = []
         self._parser = parser = expat.ParserCreate("utf-8")
         parser.ordered_attributes = True
         parser.StartElementHandler = self._start
@@ -122,10 +132,27 @@ class _Reader:
         try:
             self._parser.Parse(self._data, True)
         except expat.ExpatError as error:
-            place = Place(self._path, error.lineno, error.offset + 1)
-            raise InputError(Problem(place, f"this is not well-formed XML: {expat.ErrorString(error.code)}")) from None
-        assert self._root is not None
+            self.problems.append(self._malformed(error))
+            for element in self._open:
+                element.broken = True
+        if self._root is None:
+            raise InputError(*self.problems)
         return self._root
+
+    def _malformed(self, error: expat.ExpatError) -> Problem:
+        """What expat refuses; a tag that closes nothing is told with the one that is open."""
+        place = Place(self._path, error.lineno, error.offset + 1)
+        open_one = self._open[-1] if self._open else None
+        if open_one is not None and error.code == errors.codes[errors.XML_ERROR_TAG_MISMATCH]:
+            start = self._data.rindex(b"</", 0, self._parser.ErrorByteIndex + 2)
+            name = _NAME.match(self._data, start + 2)
+            what = f"</{name[0].decode() if name else ''}> closes <{open_one.tag}> of line {open_one.place.line}"
+            head = self._data[:start].decode()
+            return Problem(_after(Place(self._path, 1, 1), head), what, f"</{open_one.tag}> must come first")
+        if open_one is not None and error.code == errors.codes[errors.XML_ERROR_NO_ELEMENTS]:
+            what = f"the file ends, and <{open_one.tag}> of line {open_one.place.line} is not closed"
+            return Problem(place, what, f"add </{open_one.tag}>")
+        return Problem(place, f"this is not well-formed XML: {expat.ErrorString(error.code)}")
 
     def _start(self, tag: str, pairs: list[str]) -> None:
         element = Element(tag, self._here())
@@ -149,7 +176,7 @@ class _Reader:
             shown = word if len(word) <= 20 else word[:20] + "..."
             what = f"text '{shown}' stands between elements"
             place = _after(self._here(), text[: text.index(word[0])])
-            raise InputError(Problem(place, what, "only elements and comments are allowed"))
+            self.problems.append(Problem(place, what, "only elements and comments are allowed"))
 
     def _doctype(self, *_: object) -> None:
         head = self._data[: self._data.index(b"<!DOCTYPE")].decode()

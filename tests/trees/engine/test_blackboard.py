@@ -157,7 +157,7 @@ def test_strings_convert_where_they_are_read(load: Load) -> None:
 def test_a_script_cannot_break_the_type_of_a_port(load: Load) -> None:
     tree = load('<Sequence><Count total="{n}"/><Script code="n = \'many\'"/></Sequence>', Count)
     assert tree.tick() is Status.FAILURE
-    assert tree.nodes[2].feedback_message.startswith("{n} holds a int and cannot be written")
+    assert tree.nodes[2].feedback_message.startswith("{n} holds an int and cannot be written")
 
 
 def test_set_and_unset_take_bare_names(load: Load) -> None:
@@ -168,3 +168,65 @@ def test_set_and_unset_take_bare_names(load: Load) -> None:
 def test_two_classes_cannot_have_one_name() -> None:
     with pytest.raises(ValueError, match="two node classes are named Take"):
         Registry([Take, Take])
+
+
+def test_an_entry_that_a_port_names_may_be_assigned_at_once(load: Load) -> None:
+    tree = load('<Sequence><Script code="n = 2"/><Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat></Sequence>')
+    assert [tree.tick() for _ in range(2)] == [Status.RUNNING, Status.SUCCESS]
+
+
+@pytest.mark.parametrize("text", ["007", "1.10", "1e3", "+5", "1_000", " 5 ", "٣", "9" * 30])
+def test_a_constant_for_a_port_of_text_keeps_its_text(load: Load, text: str) -> None:
+    tree = load(
+        f'<SubTree ID="Inner" t="{text}"/>', Take, more='<BehaviorTree ID="Inner"><Take text="{t}"/></BehaviorTree>'
+    )
+    assert tree.tick() is Status.SUCCESS
+    leaf = tree.nodes[1]
+    assert isinstance(leaf, Take)
+    assert leaf.seen["text"] == text
+
+
+@pytest.mark.parametrize(
+    ("word", "joined"), [("True", True), ("TRUE", True), ("1", True), ("False", False), ("0", False)]
+)
+def test_every_spelling_of_true_remaps_all_names(load: Load, word: str, joined: bool) -> None:
+    nodes = f'<Sequence><Script code="x := 1"/><SubTree ID="Inner" _autoremap="{word}"/></Sequence>'
+    tree = load(nodes, more='<BehaviorTree ID="Inner"><Script code="x := 2"/></BehaviorTree>')
+    tree.tick()
+    assert tree.blackboard.values()["x"] == (2 if joined else 1)
+
+
+@pytest.mark.parametrize("default", ["", ' default="7"'])
+def test_a_declared_port_is_remapped_with_all_others(load: Load, default: str) -> None:
+    model = f'<TreeNodesModel><SubTree ID="Inner"><input_port name="x"{default}/></SubTree></TreeNodesModel>'
+    nodes = '<Sequence><Script code="x := 5"/><SubTree ID="Inner" _autoremap="true"/></Sequence>'
+    more = model + '<BehaviorTree ID="Inner"><ScriptCondition code="x == 5"/></BehaviorTree>'
+    assert load(nodes, more=more).tick() is Status.SUCCESS
+
+
+def test_a_loop_leaves_the_list_of_its_writer_alone(load: Load) -> None:
+    class Keeps(Node):
+        """Writes a list that it keeps."""
+
+        items = OutputPort(list[str], "")
+        kept = ["a", "b"]  # noqa: RUF012  # shared on purpose
+
+        def update(self) -> Status:
+            self.items.set(self.kept)
+            return Status.SUCCESS
+
+    loop = '<LoopString queue="{q}" value="{v}"><AlwaysSuccess/></LoopString>'
+    tree = load(
+        f'<Sequence><Keeps items="{{q}}"/><SetBlackboard value="{{q}}" output_key="p"/>{loop}</Sequence>', Keeps
+    )
+    assert [tree.tick() for _ in range(3)] == [Status.RUNNING, Status.RUNNING, Status.SUCCESS]
+    assert tree.blackboard.values()["q"] == []
+    assert tree.blackboard.values()["p"] == Keeps.kept == ["a", "b"]
+
+
+def test_a_switch_compares_numbers_as_scripts_do(load: Load) -> None:
+    switch = (
+        '<Switch2 variable="{v}" case_1="0.3" case_2="1_0"><AlwaysSuccess/><AlwaysSuccess/><AlwaysFailure/></Switch2>'
+    )
+    assert load(f'<Sequence><Script code="v := 0.1 + 0.2"/>{switch}</Sequence>').tick() is Status.SUCCESS
+    assert load(f'<Sequence><Script code="v := 10"/>{switch}</Sequence>').tick() is Status.FAILURE

@@ -12,7 +12,7 @@ from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from tests.trees.conftest import Load, load_whatever_is_reached
-from trees.engine.node import Node
+from trees.engine.node import Node, NodeError
 from trees.files.registry import Registry
 
 LETTERS = {"S": Status.SUCCESS, "F": Status.FAILURE, "R": Status.RUNNING}
@@ -186,3 +186,25 @@ def test_a_leaf_that_answers_nothing_is_named(load: Load) -> None:
     with pytest.raises(TypeError, match=r"Silent\.update answered None, not a Status"):
         tree.tick()
     assert {node.status for node in tree.nodes} == {Status.INVALID}
+
+
+class Grumbles(Node):
+    """Runs, and fails to clean up."""
+
+    def update(self) -> Status:
+        return Status.RUNNING
+
+    def terminate(self, _new_status: Status) -> None:
+        raise NodeError("the brush is gone")
+
+
+def test_several_that_cannot_clean_up_leave_the_rest_of_the_tree_alone(load: Load) -> None:
+    """Two NodeErrors in one halt: the Fallback goes on to its next child."""
+    late = '<Sequence><Sleep msec="1"/><AlwaysFailure/></Sequence>'
+    parallel = f'<Parallel failure_count="1"><Grumbles/><Grumbles/>{late}</Parallel>'
+    clock = ManualClock()
+    tree = load(f'<Fallback>{parallel}<AlwaysSuccess name="next"/></Fallback>', Grumbles, clock=clock)
+    assert tree.tick() is Status.RUNNING
+    clock.sleep_until(1.0)
+    assert tree.tick() is Status.SUCCESS
+    assert {node.feedback_message for node in tree.nodes if isinstance(node, Grumbles)} == {"the brush is gone"}

@@ -9,7 +9,7 @@ import pytest
 
 from trees.engine.blackboard import Scope
 from trees.engine.errors import NodeError
-from trees.engine.script import parse_script
+from trees.engine.script import ScriptError, parse_script
 
 ENUMS = {"RED": 1, "BLUE": 2}
 
@@ -19,6 +19,16 @@ class Kind(Enum):
 
     SCREW = "screw"
     IDLE = "idle"
+
+
+class Odd:
+    """A value whose comparison raises."""
+
+    def __eq__(self, other: object) -> bool:
+        raise ValueError("it cannot be compared")
+
+    def __hash__(self) -> int:
+        return 0
 
 
 def run(source: str, **entries: Any) -> Any:
@@ -82,8 +92,15 @@ def test_values(source: str, value: Any) -> None:
         ("y += 1", "{y} does not exist yet"),
         ("1 / 0", "1 / 0 divides by zero"),
         ("'a' - 1", "'-' does not take the str 'a' and the int 1"),
-        ("'a' < 1", "'<' does not take the str 'a' and the int 1"),
-        ("'a' == 1", "'==' does not take the str 'a' and the int 1"),
+        ("'a' < 1", "'a' is no number"),
+        ("'a' == 1", "'a' is no number"),
+        ("' 5 ' == 5", "' 5 ' is no number"),
+        ("'1_0' == 10", "'1_0' is no number"),
+        ("x = 'nan'", "{x} holds 5 and cannot be assigned"),
+        ("big = 1e300 * 1e300", "{big} holds 4 and cannot be assigned"),
+        ("~1e300", "'~' does not take the float 1e+300"),
+        ("1e300 | 1", "'|' does not take the float 1e+300"),
+        ("odd == odd", "the script failed: ValueError: 'it cannot be compared'"),
         ("-'a'", "'-' does not take the str 'a'"),
         ("1.5 & 1", "'&' does not take the float 1.5 and the int 1"),
         ("x = 'a'", "{x} holds 5 and cannot be assigned"),
@@ -93,7 +110,7 @@ def test_values(source: str, value: Any) -> None:
 )
 def test_errors_while_running_are_node_errors(source: str, reason: str) -> None:
     with pytest.raises(NodeError) as raised:
-        run(source, x=5, thing=object())
+        run(source, x=5, thing=object(), big=4, odd=Odd())
     assert reason in str(raised.value)
 
 
@@ -104,8 +121,70 @@ def test_logic_stops_as_soon_as_it_can() -> None:
 
 def test_entries_are_noted_with_their_places() -> None:
     script = parse_script("a := b; c += 1", Scope(), {})
-    assert [(entry.name, offset, read, written) for entry, offset, read, written in script.uses] == [
-        ("b", 5, True, False),
-        ("a", 0, False, True),
-        ("c", 8, True, True),
+    assert [(use.entry.name, use.offset, use.sign) for use in script.uses] == [
+        ("b", 5, ""),
+        ("a", 0, ":="),
+        ("c", 8, "+="),
     ]
+
+
+@pytest.mark.parametrize(
+    ("source", "value"),
+    [
+        ("n == 5", True),
+        ("5 == '5'", True),
+        ("n < 7", True),
+        ("s == RED", True),
+        ("s != BLUE", True),
+        ("t == true", True),
+        ("kind == 'SCREW'", True),
+        ("x = '7.5'; x", 7.5),
+        ("x = 'RED'; x", 1),
+        ("on += 1; on", 2),
+        ("on = 5; on", 5),
+        ("9007199254740992 + 1", 2.0**53),
+        ("0xFFFFFFFFFFFFFFFF", 2.0**64),
+    ],
+)
+def test_text_is_read_as_a_number_where_a_number_is_wanted(source: str, value: object) -> None:
+    assert run(source, n="5", s="RED", t="true", kind=Kind.SCREW, x=1, on=True) == value
+
+
+def test_numbers_stay_small_however_often_they_are_multiplied() -> None:
+    scope = Scope()
+    scope.entry("n").value = 3
+    script = parse_script("n *= n", scope, {})
+    for _ in range(5):
+        script.run()
+    with pytest.raises(NodeError, match="cannot be assigned"):
+        script.run()
+    assert scope.entry("n").value == 3**32
+
+
+def test_text_does_not_grow_without_end() -> None:
+    scope = Scope()
+    scope.entry("s").value = "ab"
+    script = parse_script("s = s .. s", scope, {})
+    for _ in range(12):
+        script.run()
+    with pytest.raises(NodeError, match="is too long; at most 10000"):
+        script.run()
+    assert len(scope.entry("s").value) == 2**13
+
+
+@pytest.mark.parametrize(
+    ("source", "offset", "what", "legal"),
+    [
+        ("n := " + "9" * 5000, 5, "'999999999999' is too large a number", "at most 1.7e308"),
+        ("n := 0x" + "F" * 9000, 5, "is too large", "at most 64 bits"),
+        ("a > 1 and b", 6, "'and' stands where an operator or ';' is expected", "did you mean '&&'?"),
+        ("not a", 4, "'a' stands where an operator", "did you mean '!'?"),
+        ("a := 'open; b := 1", 5, "the text 'open has no end", "close it with '"),
+        ('a := "b"', 5, "'\"' has no meaning here", "texts stand in single quotes"),
+        ("a := $price", 5, "'$price' has no meaning here", ""),
+    ],
+)
+def test_what_cannot_be_compiled_names_the_word(source: str, offset: int, what: str, legal: str) -> None:
+    with pytest.raises(ScriptError) as raised:
+        parse_script(source, Scope(), {})
+    assert (raised.value.offset, what in str(raised.value), legal in raised.value.legal) == (offset, True, True)

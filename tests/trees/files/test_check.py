@@ -104,7 +104,7 @@ BAD_NODES = [
     ('<Script code="a := ^"/>', "bad script: the script ends where a number"),
     ('<Script code="a := 1 ^b"/>', "bad script: 'b' stands where an operator or ';' is expected"),
     ('<Script code="a := (1 + 2^"/>', "bad script: the script ends where ')' is expected"),
-    ('<Script code="a := ^\'open"/>', "bad script: ''' has no meaning here; close the string"),
+    ('<Script code="a := ^\'open"/>', "bad script: the text 'open has no end; close it with '"),
     ('<Script code="1 ^:= 2"/>', "bad script: ':=' needs a name on its left"),
     ('<Script code="a := 1 ^# 2"/>', "bad script: '#' has no meaning here"),
     ('<Script code="^"/>', "bad script: the script is empty"),
@@ -175,7 +175,10 @@ BAD_NODES = [
         "'code' of Script reads {m} before",
     ),
     ('<Script code="^n += 1"/>', "reads {n} before anything has written it; give it a first value before"),
-    ('<Script code="^n = 1"/>', "reads {n} before anything has written it; give it a first value before"),
+    ('<Script code="^n = 1"/>', "assigns {n} before anything has made it; write :=, which makes it"),
+    ('<Repeat num_cycles="^1_0"><AlwaysSuccess/></Repeat>', "'1_0' is not an int"),
+    ('<Repeat num_cycles="^٣"><AlwaysSuccess/></Repeat>', "'٣' is not an int"),
+    ('<Repeat num_cycles="^99999999999999999999"><AlwaysSuccess/></Repeat>', "is not an int"),
     (
         '<Inverter _while="^n &lt; 3"><Script code="n := 1"/></Inverter>',
         "'_while' of Inverter reads {n} before anything has written it; 'code' of Script at ",
@@ -211,8 +214,11 @@ BAD_FILES = [
     (f'<root BTCPP_format="4"><include ^path="../up.xml"/>{GOOD}</root>', "leads out of"),
     (f'<root BTCPP_format="4"><include ^path="/etc/passwd"/>{GOOD}</root>', "leads out of"),
     (f'<root BTCPP_format="4"><include ^path="bad.xml"/>{GOOD}</root>', "is included already"),
-    (f'<root BTCPP_format="4">{GOOD}<BehaviorTree ID="B">^', "this is not well-formed XML: no element found"),
-    (f'<root BTCPP_format="4">{GOOD}</^wrong>', "this is not well-formed XML: mismatched tag"),
+    (
+        f'<root BTCPP_format="4">{GOOD}<BehaviorTree ID="B">^',
+        "the file ends, and <BehaviorTree> of line 1 is not closed; add </BehaviorTree>",
+    ),
+    (f'<root BTCPP_format="4">{GOOD}^</wrong>', "</wrong> closes <root> of line 1; </root> must come first"),
     (f'<root BTCPP_format="4">{GOOD}^words</root>', "text 'words' stands between elements"),
     (f'^<!DOCTYPE root [<!ENTITY a "b">]><root BTCPP_format="4">{GOOD}</root>', "entities are refused"),
     (
@@ -263,6 +269,53 @@ def test_all_mistakes_are_reported_at_once_and_in_order(write: Write) -> None:
     with pytest.raises(InputError) as raised:
         load_tree(problems[0].place.file, REGISTRY)
     assert list(raised.value.problems) == problems
+
+
+def test_one_mistake_hides_no_other(write: Write) -> None:
+    """Names, circles, scripts, guards, reach, order and types are all told of one file, and nothing that follows."""
+    nodes = (
+        '<Sequence>\n<Oops out="{made}"/>\n<SubTree ID="Round"/>\n<Script code="n := "/>\n<Script code="a = n"/>\n'
+        '<Put/>\n<Go place="{made}"/>\n<Go place="{nowhere}"/>\n<AlwaysFailure/>\n<AlwaysSuccess/>\n</Sequence>'
+    )
+    more = '\n<BehaviorTree ID="Round"><SubTree ID="Round"/></BehaviorTree>'
+    root = '<root BTCPP_format="4" main_tree_to_execute="Main">'
+    problems = check([write(f'{root}<BehaviorTree ID="Main">{nodes}</BehaviorTree>{more}</root>')], REGISTRY)
+    assert [(problem.place.line, problem.what.split()[0]) for problem in problems] == [
+        *((2, "there"), (4, "bad"), (5, "'code'"), (6, "Put"), (8, "port"), (10, "AlwaysSuccess"), (12, "this"))
+    ]
+
+
+def test_a_file_that_breaks_off_is_checked_up_to_there(write: Write) -> None:
+    text = (
+        '<root BTCPP_format="4">\n<BehaviorTree ID="Main">\n<Sequence>\n<Oops/>\n<SubTree ID="Far"/>\n</BehaviorTree>'
+    )
+    problems = check([write(text)], REGISTRY)
+    assert [str(problem).split("tree.xml:")[1] for problem in problems] == [
+        "4:1: there is no node 'Oops'; `cell nodes` lists all nodes",
+        "6:1: </BehaviorTree> closes <Sequence> of line 3; </Sequence> must come first",
+    ]
+
+
+INNER = '<BehaviorTree ID="Fetch"><Sequence><SubTree ID="Drive" to="{spot}"/></Sequence></BehaviorTree>'
+DRIVE = '<BehaviorTree ID="Drive"><Go place="{to}"/></BehaviorTree>'
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            '<SubTree ID="Fetch" ^spott="{p}"/>',
+            "SubTree 'Fetch' reads no 'spott'; did you mean 'spot', which port 'place'",
+        ),
+        ('<SubTree ID="Fetch" ^spto="o1"/>', "SubTree 'Fetch' reads no 'spto'; did you mean 'spot'"),
+        ('<SubTree ID="Fetch" ^spot="{q}"/>', "'spot' of SubTree 'Fetch' reads {q}, which nothing writes"),
+        ('^<SubTree ID="Fetch"/>', "SubTree 'Fetch' needs 'spot', and nothing passes it; port 'place' of Go at"),
+    ],
+)
+def test_a_mistake_in_a_call_is_told_at_the_call(write: Write, tmp_path: Path, call: str, message: str) -> None:
+    write(INNER + DRIVE, "shipped.xml")
+    root = '<root BTCPP_format="4" main_tree_to_execute="Main"><include path="shipped.xml"/><BehaviorTree ID="Main">'
+    assert_reported(tmp_path, f'{root}<Sequence><See place="{{p}}"/>\n{call}</Sequence></BehaviorTree></root>', message)
 
 
 def test_mistakes_in_included_files_name_that_file(write: Write) -> None:

@@ -17,7 +17,7 @@ def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
     for path in paths:
         library = read_library(path)
         found = find_problems(library, registry)
-        if library.main:
+        if library.main and not library.incomplete:
             found = found + build(library, registry, library.main, {})[1]
         problems += in_order(found)
     return list(dict.fromkeys(problems))

@@ -32,7 +32,7 @@ class Library:
         models: ports of SubTrees by ID, from TreeNodesModel.
         main: ID of the tree to run; empty where the file does not say.
         texts: every file read, with its text.
-        incomplete: some file could not be read to its end, so that trees may be missing.
+        incomplete: some file could not be read to its end, or is too large: trees may be missing, none is built.
     """
 
     trees: dict[str, Element] = field(default_factory=dict)

@@ -50,6 +50,8 @@ def load_tree(
         if not problems and not library.incomplete:
             problems.append(Problem(place, what, f"set main_tree_to_execute; {hint(library.main, library.trees)}"))
         raise InputError(*in_order(problems))
+    if library.incomplete:
+        raise InputError(*in_order(problems))
     tree, between = build(library, registry, library.main, provided or {})
     if problems or between:
         raise InputError(*in_order([*problems, *between]))

@@ -74,7 +74,7 @@ class _Checker:
             waiting += reversed(current.children)
             before = len(self._problems)
             if before >= PROBLEM_LIMIT:
-                current.broken = True  # nobody reads more, and what was not looked at is not known
+                current.broken = self._library.incomplete = True  # nobody reads more; what follows is not known
             elif current.tag == "SubTree":
                 self._subtree(current)
             else:
@@ -175,6 +175,7 @@ class _Checker:
             if before <= SCRIPTS_LIMIT:
                 what = f"all scripts together have more than {SCRIPTS_LIMIT} characters"
                 self._report(attribute.place, what, "leave such work to a node in Python")
+                self._library.incomplete = True
             return
         try:
             parse_script(attribute.value, Scope(), self._registry.enums)

@@ -32,15 +32,17 @@ class SimArm:
 
     Args:
         keep_alive_s: without a call of `pace` for this long the arm stands still on its path; tests may wait for ever.
+        trailing_s: how far the joints are behind their set points, as time.
     """
 
-    def __init__(self, world: World, keep_alive_s: float = KEEP_ALIVE_S) -> None:
+    def __init__(self, world: World, keep_alive_s: float = KEEP_ALIVE_S, trailing_s: float = 0.0) -> None:
         self._world = world
         self._period_s = world.physics.control_period_s
         model = world.model
         stiffness = model.actuator_gainprm[world.arm_ctrl, 0]
         damping = -model.actuator_biasprm[world.arm_ctrl, 2] + model.dof_damping[world.arm_qvel]
-        self._lag_s = damping / stiffness  # a servo trails a moving set point by this much time
+        # A servo trails a moving set point by so much time; leading the set point by it makes up for it.
+        self._lag_s = damping / stiffness - trailing_s
         self._keep_alive_s = keep_alive_s
         self._reference = self._positions()[np.newaxis]
         self._progress = 0.0  # in control periods along the reference
@@ -69,7 +71,7 @@ class SimArm:
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
         """Start now; raises DeviceFault where the arm cannot or must not follow."""
-        self._refuse_bad(trajectory)
+        self.refuse_bad(trajectory)
         count = int(np.ceil(trajectory.duration_s / self._period_s - 1e-9))
         times = np.arange(count + 1) * self._period_s
         columns = [np.interp(times, trajectory.times_s, column) for column in trajectory.positions_rad.T]
@@ -178,7 +180,8 @@ class SimArm:
             self._reference, self._progress = self._positions()[np.newaxis], 0.0
             self._stopping = self._following = False
 
-    def _refuse_bad(self, trajectory: JointTrajectory) -> None:
+    def refuse_bad(self, trajectory: JointTrajectory) -> None:
+        """Raise DeviceFault for a trajectory that the arm cannot or must not follow from where it is."""
         if self._fault is not None:
             raise DeviceFault("arm", self._fault)
         positions = trajectory.positions_rad

@@ -20,10 +20,12 @@ from sim.clutter import ScenePart, full_set, sample_clutter
 from sim.contacts import ContactMonitor
 from sim.gripper_node import GripperNode
 from sim.hand import add_hand
+from sim.hardware import HARDWARE
 from sim.person import Storage
 from sim.photographer import Photographer, SensorSetup
 from sim.render_process import RenderProcess
 from sim.score import Score
+from sim.sensed_arm import SensedArm
 from sim.settings import SimSettings
 from sim.storage import lay_out
 from sim.tray_truth import resting_event, resting_parts
@@ -72,7 +74,7 @@ class SimCell:
         clutter: Sequence[ScenePart] | None = None,
         overlap: bool = False,
     ) -> None:
-        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(8)]
+        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(9)]
         goal = _chosen_goal(product, goal, streams[0])
         if clutter is None:
             clutter = sample_clutter(product, bench.tray, full_set(product), streams[1], settings.clutter)
@@ -85,7 +87,11 @@ class SimCell:
         self.worker = Worker(self.world, product, bench, person, goal, streams[2], streams[5]) if worker else None
         self.world.settle()
         self._resting = [resting_event(one) for one in resting_parts(self.world)]
-        self.arm = SimArm(self.world)
+        hardware = settings.hardware
+        self.arm = SimArm(self.world, trailing_s=hardware.trailing_s)
+        arm: SimArm | SensedArm = self.arm
+        if hardware != HARDWARE["ideal"]:
+            arm = SensedArm(self.arm, hardware, settings.physics.control_period_s, streams[8])
         self.gripper_node = GripperNode(self.world, can_interface, can_channel)
         self.score = Score(self.world, goal)
         self.contacts = ContactMonitor(self.world, lambda: self.arm.driven_rad_s) if worker else None
@@ -95,16 +101,16 @@ class SimCell:
         }
         beside = RenderProcess(self.world.model, sensors) if overlap else None
         self._photographer = beside or Photographer(self.world.model, sensors)
-        deliveries = [Delivery(self.look.camera, 0.0, stream) for stream in streams[6:8]]
+        deliveries = [Delivery(self.look.camera, hardware.camera_latency_s, stream) for stream in streams[6:8]]
         overhead = SimCamera("overhead", bench.overhead, self.world, self._photographer.take, deliveries[0])
         wrist = SimCamera("wrist", bench.wrist, self.world, self._photographer.take, deliveries[1])
-        actors: list[Actor] = [self.arm, self.gripper_node]
+        actors: list[Actor] = [arm, self.gripper_node]
         if self.worker is not None:
             actors.append(self.worker)
         samplers: list[Observer] = [self.arm, *([self.contacts] if self.contacts is not None else [])]
         clock = SimClock(self.world, actors, [self.score, overhead, wrist], samplers)
         panel = self.worker or EmptyPanel()
-        self.devices = Devices(clock, overhead, wrist, self.arm, panel, self.report, self.close, self.truth, beside)
+        self.devices = Devices(clock, overhead, wrist, arm, panel, self.report, self.close, self.truth, beside)
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""

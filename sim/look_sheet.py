@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Camera
+from cell.interfaces.errors import InputError
 from cell.interfaces.perception import Frame
 from cell.interfaces.product import Product
 from sim.cell import SimCell
@@ -17,7 +19,7 @@ from sim.look_range import LookRange
 from sim.settings import SimSettings
 
 WORK_S = 3.2  # by then the first part is on its way
-TILE_PX = (320, 240)
+TILE_PX = (208, 156)
 COLUMNS = 3
 GAP_PX = 6
 PATIENCE_S = 2.0
@@ -47,6 +49,14 @@ def look_sheet(product: Product, bench: Bench, settings: SimSettings, looks: Seq
                 cell.close()
         tiles.append(_tile(f"{look.name} {seed}", *frames))
     return _grid(tiles)
+
+
+def write_png(path: Path, image: Image) -> None:
+    """Write an RGB image; raises InputError where that cannot be done."""
+    try:
+        path.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _frame(cell: SimCell, camera: Camera) -> Frame:

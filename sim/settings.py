@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field, WithJsonSchema, model_validator
 
 from cell.interfaces.model import Disagreement, Model
+from sim.hardware import HARDWARE, NamedHardware
 from sim.look_range import LookRange
 from sim.person import PERSONS, Person
 
@@ -85,6 +86,7 @@ class SimSettings(Model):
         overlap: frames and detectors in a second process, beside the physics; the log is the same.
         physics: time steps.
         look: preset or file of looks, or a look file's content; each run's look is drawn from it by the seed.
+        hardware: how well robot and cameras measure and obey: ideal, ur10_usb, or the values themselves.
         clutter: how parts stand in the tray.
         person: who stands at the bench.
     """
@@ -94,5 +96,6 @@ class SimSettings(Model):
     look: Annotated[LookRange, WithJsonSchema(LOOK_AS_WRITTEN)] = Field(
         default=LookRange(), json_schema_extra={"default": "nominal"}
     )
+    hardware: NamedHardware = Field(default=HARDWARE["ideal"], json_schema_extra={"default": "ideal"})
     clutter: ClutterSettings = ClutterSettings()
     person: Person = PERSONS["careful"]

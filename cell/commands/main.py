@@ -14,6 +14,7 @@ import typer
 from cell.commands.goals import goals_app
 from cell.commands.init import init
 from cell.commands.log import log_app, report
+from cell.commands.looks import looks
 from cell.commands.models import data_app, eval_app, train_app
 from cell.commands.replay import replay
 from cell.commands.schema import schema
@@ -48,6 +49,7 @@ app.add_typer(data_app, name="data")
 app.add_typer(log_app, name="log")
 app.add_typer(goals_app, name="goals")
 app.command()(init)
+app.command()(looks)
 app.command()(replay)
 app.command()(report)
 app.command()(schema)

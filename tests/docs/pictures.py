@@ -22,16 +22,19 @@ MADE: dict[str, Callable[[], str]] = {
 }
 PHOTOGRAPH = "docs/cell.png"
 PARTS = "docs/parts.png"
+LOOKS = "docs/looks.png"
+SEEDS = {"nominal": 1, "varied": 14, "hard": 9}
 
 
 def main() -> None:
     from tests.docs.parts_sheet import sheet
-    from tests.docs.photograph import photograph, png
+    from tests.docs.photograph import look_sheet_of, photograph, png
 
     for name, make in MADE.items():
         (ROOT / name).write_text(make())
     (ROOT / PHOTOGRAPH).write_bytes(png(photograph()))
     (ROOT / PARTS).write_bytes(png(sheet()))
+    (ROOT / LOOKS).write_bytes(png(look_sheet_of(SEEDS)))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ WORK_S = 3.2  # by then the first part is on its way
 TILE_PX = (208, 156)
 COLUMNS = 3
 GAP_PX = 6
-PATIENCE_S = 2.0
+PATIENCE_S = 10.0
 PAPER, INK = 32, (255, 255, 255)
 
 Image = NDArray[np.uint8]
@@ -34,16 +34,18 @@ def look_sheet(product: Product, bench: Bench, settings: SimSettings, looks: Seq
     Args:
         settings: of the simulated cell, but for the look.
     """
-    looking = bench.model_copy(update={"arm_park_rad": bench.arm_look_rad})
+    seldom = bench.overhead.model_copy(update={"rate_hz": 1 / WORK_S})  # frames that nobody looks at cost most
+    working = bench.model_copy(update={"overhead": seldom})
+    looking = working.model_copy(update={"arm_park_rad": bench.arm_look_rad})
     tiles = []
     for number, (look, seed) in enumerate(looks):
         changed = settings.model_copy(update={"look": look})
         frames = []
-        for camera, place in (("overhead", bench), ("wrist", looking)):
+        for camera, place in (("overhead", working), ("wrist", looking)):
             cell = SimCell(product, place, changed, "virtual", f"sheet-{number}", seed, "random")
             try:
                 if camera == "overhead":
-                    cell.devices.clock.sleep_until(WORK_S)
+                    cell.devices.clock.sleep_until(WORK_S / 2)
                 frames.append(_frame(cell, getattr(cell.devices, camera)))
             finally:
                 cell.close()

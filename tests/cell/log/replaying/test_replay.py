@@ -145,8 +145,8 @@ def test_what_a_monitor_did_to_nodes_is_replayed(tmp_path: Path, monkeypatch: py
     options = RunOptions(COMMISSION, configuration, "g0", 1, "fast", path, monitor_port=port, monitor_hooks=True)
     run(options, Console(quiet=True))
     log = read_log(path)
-    assert [tick.number for tick in log.ticks if tick.inputs] == [6, 81, 82]
-    assert first(log, "LookAtTray").number == 81
+    assert [tick.number for tick in log.ticks if tick.inputs] == [6, 91, 92]
+    assert first(log, "LookAtTray").number == 91
     assert any(
         "PickPart" in change.path and change.new is Status.FAILURE for tick in log.ticks for change in tick.changes
     )

@@ -84,7 +84,7 @@ def test_of_two_parts_side_by_side_one_is_fetched_and_placed(part: str, width_m:
 
 def test_a_part_lying_where_the_fingers_go_ends_in_a_call_for_help_after_three_tries() -> None:
     half_width_m = PRODUCT.parts["o2"].size_m[1] / 2
-    lying = Pose((0.55, -0.34, BENCH.tray.centre_m[2] + half_width_m), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0))
+    lying = Pose((0.55, -0.35, BENCH.tray.centre_m[2] + half_width_m), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0))
     scene = [*standing_in_tray([("o1", (0.55, -0.40), 0.0)]), ScenePart("o2", lying)]
     with robot_alone(scene, seed=1) as cell:
         outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o1"})
@@ -96,7 +96,7 @@ def test_a_part_lying_where_the_fingers_go_ends_in_a_call_for_help_after_three_t
 
 def test_a_hand_near_the_part_stops_the_arm_which_goes_on_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hand is there for a second while the fingers go down; the cell here has no person, so it is told."""
-    near_s, tell = (2.9, 3.9), WaitForHandClearOfPart.update
+    near_s, tell = (4.6, 5.6), WaitForHandClearOfPart.update
 
     def update(node: WaitForHandClearOfPart) -> Status:
         near = near_s[0] <= node.services.observation.time_s < near_s[1]

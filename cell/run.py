@@ -77,6 +77,7 @@ class RunOptions:
         inject: FAULT@STATE, a fault that is put in when the work comes to a state; None for none.
         person: a simulated person's name or file; None for the configuration's.
         look: what the simulated cell looks like, a preset or a file; None for what the configuration says.
+        nodes: files and packages with further nodes.
     """
 
     tree: Path = DEFAULT_TREE
@@ -93,6 +94,7 @@ class RunOptions:
     person: str | None = None
     inject: str | None = None
     look: str | None = None
+    nodes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
         Injection.parse(options.inject)
     with located(options.configuration, configuration):
         product = load_product(configuration, options.configuration)
-        tree = load_tree(options.tree, node_registry())
+        tree = load_tree(options.tree, node_registry(product, options.nodes))
         log = _log_path(options, configuration.log)
         return _run(
             options,
@@ -187,7 +189,7 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
             observers = (*observers, live)
         if (goals := configuration.planners.semantic.goals) is not None:
             observers = (*observers, FinishedBrackets(goals, files.product))
-        ticked = _watched(options, files.tree, observers, recorder, monitor) if options.watch else files.tree
+        ticked = _watched(options, product, files.tree, observers, recorder, monitor) if options.watch else files.tree
         injection = None if options.inject is None else Injection.parse(options.inject)
         outcome = drive(files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection)
         summary = _summary(options, files, outcome, statistics, devices, recorder, sheet.path)
@@ -240,11 +242,16 @@ def drive(
 def _open_monitor(options: RunOptions, tree: Tree, hooked: Callable[[str, Any], None]) -> Monitor | None:
     if options.monitor_port is None:
         return None
-    return Monitor(tree, node_registry(), options.monitor_port, options.monitor_hooks, hooked)
+    return Monitor(tree, node_registry(more=options.nodes), options.monitor_port, options.monitor_hooks, hooked)
 
 
 def _watched(
-    options: RunOptions, tree: Tree, observers: Sequence[Observer], recorder: McapRecorder, monitor: Monitor | None
+    options: RunOptions,
+    product: Product,
+    tree: Tree,
+    observers: Sequence[Observer],
+    recorder: McapRecorder,
+    monitor: Monitor | None,
 ) -> WatchedTree:
     """A tree whose edits take over; the log keeps the text of each, a monitor shows it."""
 
@@ -253,7 +260,9 @@ def _watched(
         if monitor is not None:
             monitor.watch(tree)
 
-    return WatchedTree(tree, lambda: load_tree(options.tree, node_registry()), options.tree, observers, swapped)
+    return WatchedTree(
+        tree, lambda: load_tree(options.tree, node_registry(product, options.nodes)), options.tree, observers, swapped
+    )
 
 
 def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:

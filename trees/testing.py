@@ -99,8 +99,9 @@ class TreeBench:
             def terminate(self, new_status: Status) -> None:
                 events.append(f"{'halt' if new_status is Status.INVALID else 'end'} {self.name}")
 
+        properties = {name: getattr(original, name) for name in ("node_type", "instant", "guards", "needs_guard")}
         attributes = {port.attribute: port for port in ports.values()}
-        return type(tag, (StandIn,), {"node_type": getattr(original, "node_type", "Action"), **attributes})
+        return type(tag, (StandIn,), {**properties, **attributes})
 
 
 def assert_ticks(bench: TreeBench, statuses: str, period_s: float = 0.04) -> None:

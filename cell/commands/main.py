@@ -24,6 +24,7 @@ from cell.interfaces.files import own_or_shipped
 
 if TYPE_CHECKING:
     from cell.interfaces.errors import Problem
+    from cell.interfaces.product import Product
 
 TREE = own_or_shipped("trees", "assemble.xml")
 BAD_INPUT, SAFE_STOP = 2, 3
@@ -83,6 +84,10 @@ LookOption = Annotated[
     str | None,
     typer.Option(help="What the simulation looks like: nominal, varied, hard, PRESET:SECTION or a look file."),
 ]
+NodesOption = Annotated[
+    list[str] | None,
+    typer.Option("--nodes", help="File or package with nodes of your own; those in nodes/ are found anyway."),
+]
 DoctorJsonOption = Annotated[bool, typer.Option("--json", help="One line of JSON instead.")]
 PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
 
@@ -130,6 +135,7 @@ def run(
     ] = False,
     live_port: Annotated[int, typer.Option(min=0, max=65535, help="Port for --live; 0: any free one.")] = LIVE_PORT,
     look: LookOption = None,
+    own_nodes: NodesOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Assemble one product."""
@@ -152,6 +158,7 @@ def run(
         live_port=live_port if live else None,
         person=person,
         look=look,
+        nodes=tuple(own_nodes or ()),
     )
     result = running.run(options, screen)
     screen.print(table("run", result.rows))
@@ -171,20 +178,33 @@ def monitor(port: PortOption = MONITOR_PORT) -> None:
 @app.command()
 def check(
     files: Annotated[list[Path], typer.Argument(help="Tree files.")],
+    config: Annotated[
+        Path | None, typer.Option(help="Configuration whose part types and positions are the only legal ones.")
+    ] = None,
+    own_nodes: NodesOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
 ) -> int:
     """Say everything that is wrong with tree files."""
     from cell.running.node_library import node_registry
     from trees.files.check import check as problems_of
 
-    problems = problems_of(files, node_registry())
+    problems = problems_of(files, node_registry(_product(config), own_nodes or ()))
     if as_json:
         print_json({"problems": [_problem_data(problem) for problem in problems]})
         return BAD_INPUT if problems else 0
     if problems:
         raise InputError(*problems)
-    sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong\n")
+    unchecked = "" if config else "; names of parts and positions are checked with --config"
+    sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong{unchecked}\n")
     return 0
+
+
+def _product(config: Path | None) -> Product | None:
+    if config is None:
+        return None
+    from cell.configuration import load_configuration, load_product
+
+    return load_product(load_configuration(config), config)
 
 
 @app.command()
@@ -192,17 +212,18 @@ def show(
     file: Annotated[Path, typer.Argument(help="Tree file.")],
     svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
+    own_nodes: NodesOption = None,
 ) -> None:
     """Print the trees of a file, or draw them."""
     from cell.running.node_library import node_registry
     from trees.views.show import show_file
 
     if svg is None and png is None:
-        sys.stdout.write(show_file(file, node_registry()))
+        sys.stdout.write(show_file(file, node_registry(more=own_nodes or ())))
         return
     from trees.views.picture import picture, to_png
 
-    drawing = picture(file, node_registry())
+    drawing = picture(file, node_registry(more=own_nodes or ()))
     if svg is not None:
         _write(svg, drawing.encode())
     if png is not None:
@@ -215,12 +236,13 @@ def nodes(
         NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
     ] = NodeFormat.text,
     groot: Annotated[Path | None, typer.Option(help="Write the palette for Groot2 into this file.")] = None,
+    own_nodes: NodesOption = None,
 ) -> None:
     """List the nodes that tree files may name, with their ports."""
     from cell.running.node_library import node_registry
     from trees.views import palette
 
-    registry = node_registry()
+    registry = node_registry(more=own_nodes or ())
     if groot is not None:
         _write(groot, palette.groot_model(registry).encode())
         return

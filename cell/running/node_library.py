@@ -1,23 +1,110 @@
-"""The nodes that tree files of this cell may name: every leaf class in the modules of `trees.nodes`."""
+"""The nodes that tree files of this cell may name: the project's, those of installed packages, and the user's own.
+
+The user's own are the modules of `nodes/` in the working folder, and what `--nodes` names.
+"""
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import pkgutil
+from collections.abc import Iterable, Iterator
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
 
 import trees.nodes
-from trees.engine.node import Node
+from cell.interfaces.errors import InputError
+from cell.interfaces.product import Product
+from trees.engine.node import TreeNode
+from trees.engine.vocabulary import Hole, Part, Words
 from trees.files.registry import Registry
 
+ENTRY_POINTS = "cell.nodes"  # a package names a module of its own there
+OWN_FOLDER = Path("nodes")
 
-def node_registry() -> Registry:
-    """All nodes, by module and in the order of their text; a class that others derive from is only their base."""
-    classes: list[type[Node]] = []
-    for info in pkgutil.iter_modules(trees.nodes.__path__):
-        module = importlib.import_module(f"trees.nodes.{info.name}")
-        classes += [
-            member
-            for member in vars(module).values()
-            if isinstance(member, type) and issubclass(member, Node) and member.__module__ == module.__name__
-        ]
-    return Registry(node for node in classes if not node.__subclasses__())
+
+def node_registry(product: Product | None = None, more: Iterable[str] = ()) -> Registry:
+    """All nodes, by module and in the order of their text.
+
+    Args:
+        product: its part types and positions are the only ones that ports may name; None lets any name pass.
+        more: files or packages with further nodes.
+
+    Raises:
+        InputError: a file or package cannot be loaded, or two nodes have one name.
+    """
+    modules = [*_package(trees.nodes), *_installed(), *_own_folder()]
+    for name in more:
+        modules += _named(name)
+    classes = list(dict.fromkeys(node for module in modules for node in _nodes(module)))
+    try:
+        return Registry(classes, words=_words(product))
+    except ValueError as error:
+        raise InputError(f"{error}; they stand in {', '.join(_places(classes))}") from None
+
+
+def _words(product: Product | None) -> Words:
+    return {} if product is None else {Part: tuple(product.parts), Hole: product.positions}
+
+
+def _nodes(module: ModuleType) -> Iterator[type[TreeNode]]:
+    """The node classes that a module defines: leaves, controls and decorators, but no bases."""
+    for member in vars(module).values():
+        if not isinstance(member, type) or not issubclass(member, TreeNode) or member.__module__ != module.__name__:
+            continue
+        if not vars(member).get("abstract") and not member.__name__.startswith("_"):
+            yield member
+
+
+def _package(package: ModuleType) -> Iterator[ModuleType]:
+    """A package's modules; a module alone is itself."""
+    if not hasattr(package, "__path__"):
+        yield package
+        return
+    yield package
+    for info in pkgutil.iter_modules(package.__path__):
+        yield importlib.import_module(f"{package.__name__}.{info.name}")
+
+
+def _installed() -> Iterator[ModuleType]:
+    for point in entry_points(group=ENTRY_POINTS):
+        yield from _imported(point.value)
+
+
+def _own_folder() -> Iterator[ModuleType]:
+    for file in sorted(OWN_FOLDER.glob("*.py")):
+        if file.name != "__init__.py":
+            yield _file(file)
+
+
+def _named(name: str) -> Iterator[ModuleType]:
+    if name.endswith(".py") or Path(name).is_file():
+        yield _file(Path(name))
+    else:
+        yield from _imported(name)
+
+
+def _imported(name: str) -> Iterator[ModuleType]:
+    try:
+        yield from _package(importlib.import_module(name))
+    except Exception as error:  # a module of a user may raise anything
+        raise InputError(f"nodes of {name!r} cannot be loaded: {type(error).__name__}: {error}") from error
+
+
+def _file(file: Path) -> ModuleType:
+    """A module of its own; its name holds the path, so that two files may have one name."""
+    spec = importlib.util.spec_from_file_location(f"cell_nodes_{file.resolve().as_posix()}", file)
+    if spec is None or spec.loader is None or not file.is_file():
+        raise InputError(f"{file}: there is no such file of Python; give FILE.py or the name of a package")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # the user's file may raise anything
+        raise InputError(f"{file} cannot be loaded: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _places(classes: list[type[TreeNode]]) -> list[str]:
+    names = [node.__name__ for node in classes]
+    return [f"{node.__module__}.{node.__name__}" for node in classes if names.count(node.__name__) > 1] or ["one class"]

@@ -104,7 +104,7 @@ def run_tree(
 ) -> tuple[Outcome, Diary]:
     """Run a tree to its end on a cell."""
     diary = diary or Diary()
-    loaded = load_tree(tree, node_registry(), main, provided)
+    loaded = load_tree(tree, node_registry(PRODUCT), main, provided)
     planners, faults = load_planners(configuration, PRODUCT), load_faults(configuration)
     files = Files(configuration, PRODUCT, loaded, planners, faults)
     return drive(files, cell.devices, motion_planner(), (diary,)), diary

@@ -17,6 +17,8 @@ from trees.engine.ports import Input, InputPort
 class IfThenElse(Control):
     """The first child decides once whether the second or the third is ticked until it finishes."""
 
+    instant = True
+    comes_back = False
     children_min = 2
     children_max = 3
 
@@ -51,6 +53,7 @@ class IfThenElse(Control):
 class WhileDoElse(Control):
     """The first child decides in every tick whether the second or the third goes on; the other is halted."""
 
+    instant = True
     children_min = 2
     children_max = 3
 
@@ -63,6 +66,10 @@ class WhileDoElse(Control):
         if status is not RUNNING:
             self.reset_children()
         return status
+
+    @classmethod
+    def asked_before(cls, child: int) -> range:
+        return range(1) if child == 1 else range(0)
 
     def _branch(self, branches: list[TreeNode], chosen: int) -> Status:
         if len(branches) > 1:
@@ -77,6 +84,7 @@ class TryCatch(Control):
     """All children but the last in order; where one fails, the last cleans up, and this node fails."""
 
     children_min = 2
+    comes_back = False
 
     catch_on_halt = InputPort(bool, "clean up after a halt, too, in one tick", default=False)
 

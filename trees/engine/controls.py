@@ -19,6 +19,8 @@ class _Ordered(Control):
         with_memory: after the round was ended, the next one begins at the child that ended it.
     """
 
+    instant = True
+    comes_back = False
     continue_on = SUCCESS
     asynchronous = False
     with_memory = False
@@ -69,18 +71,22 @@ class _Ordered(Control):
 class Sequence(_Ordered, composites.Sequence):
     """All children in order; fails with the first that fails and resumes a RUNNING one."""
 
+    succeeds_after = "all"
     memory = True
 
 
 class AsyncSequence(Sequence):
     """A Sequence that can be interrupted after every child, also where each finishes at once."""
 
+    instant = False
     asynchronous = True
 
 
 class SequenceWithMemory(Sequence):
     """A Sequence that, after a failure, begins again at the child that failed."""
 
+    instant = False
+    succeeds_after = ""  # its first children may have succeeded long ago
     asynchronous = True
     with_memory = True
 
@@ -88,6 +94,7 @@ class SequenceWithMemory(Sequence):
 class Fallback(_Ordered, composites.Selector):
     """Children in order until one succeeds; resumes a RUNNING one."""
 
+    succeeds_after = "one"
     continue_on = FAILURE
     memory = True
 
@@ -95,12 +102,14 @@ class Fallback(_Ordered, composites.Selector):
 class AsyncFallback(Fallback):
     """A Fallback that can be interrupted after every child, also where each finishes at once."""
 
+    instant = False
     asynchronous = True
 
 
 class _Reactive(Control):
     """Children from the first one on in every tick; whatever else is RUNNING is halted."""
 
+    instant = True
     continue_on = SUCCESS
 
     def run(self) -> Status:
@@ -131,11 +140,17 @@ class _Reactive(Control):
 class ReactiveSequence(_Reactive, composites.Sequence):
     """Checks all earlier children again in every tick; fails, and halts the rest, with the first that fails."""
 
+    succeeds_after = "all"
     memory = False
+
+    @classmethod
+    def asked_before(cls, child: int) -> range:
+        return range(child)
 
 
 class ReactiveFallback(_Reactive, composites.Selector):
     """Checks all earlier children again in every tick; the first that succeeds or runs halts the rest."""
 
+    succeeds_after = "one"
     continue_on = FAILURE
     memory = False

@@ -18,6 +18,9 @@ class SubTree(Decorator):
     """Another tree of the file, with a blackboard of its own joined by its attributes."""
 
     node_type = "SubTree"
+    instant = True
+    succeeds_after = "all"
+    comes_back = False
 
     def run(self) -> Status:
         self.set_status(RUNNING)
@@ -27,6 +30,8 @@ class SubTree(Decorator):
 class _Mapped(Decorator):
     """Changes the child's result."""
 
+    instant = True
+    comes_back = False
     results: ClassVar[Results]
 
     def run(self) -> Status:
@@ -50,17 +55,24 @@ class ForceSuccess(_Mapped):
 class ForceFailure(_Mapped):
     """Fails whatever the child's result is."""
 
+    never_succeeds = True
     results: ClassVar[Results] = {SUCCESS: FAILURE, FAILURE: FAILURE, RUNNING: RUNNING, SKIPPED: SKIPPED}
 
 
 class KeepRunningUntilFailure(_Mapped):
     """Begins the child again in the next tick until it fails."""
 
+    instant = False
+    comes_back = True
+    never_succeeds = True
     results: ClassVar[Results] = {SUCCESS: RUNNING, FAILURE: FAILURE, RUNNING: RUNNING, SKIPPED: RUNNING}
 
 
 class Timeout(Decorator):
     """Halts a child that still runs when the time is up, and fails."""
+
+    comes_back = False
+    succeeds_after = "all"
 
     msec = InputPort(int, "time in [ms], counted from the first tick")
 
@@ -86,6 +98,7 @@ class Timeout(Decorator):
 class Delay(Decorator):
     """Waits before it ticks the child."""
 
+    comes_back = False
     delay_msec = InputPort(int, "time in [ms] before the child's first tick")
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
@@ -105,6 +118,7 @@ class Delay(Decorator):
 class RunOnce(Decorator):
     """Ticks the child to its end once in the tree's life; afterwards it is skipped, or its result repeated."""
 
+    comes_back = False
     then_skip = InputPort(bool, "answer SKIPPED afterwards instead of the first result", default=True)
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
@@ -125,6 +139,7 @@ class RunOnce(Decorator):
 class Precondition(Decorator):
     """Ticks the child only where a script is true; not asked again while the child runs."""
 
+    comes_back = False
     if_ = InputPort(Code, "script that must be true", name="if")
     else_ = InputPort(Status, "answer where it is not", default=FAILURE, name="else")
 
@@ -167,12 +182,14 @@ class _Updated(Decorator):
 class SkipUnlessUpdated(_Updated):
     """Skips the child until the entry is written, and again until it is written anew."""
 
+    comes_back = False
     otherwise = SKIPPED
 
 
 class WaitValueUpdate(_Updated):
     """Runs until the entry is written, then ticks the child."""
 
+    comes_back = False
     otherwise = RUNNING
 
 

@@ -14,12 +14,17 @@ from trees.engine.script import Script as Code
 class AlwaysSuccess(Node):
     """Succeeds."""
 
+    instant = True
+
     def update(self) -> Status:
         return SUCCESS
 
 
 class AlwaysFailure(Node):
     """Fails."""
+
+    instant = True
+    never_succeeds = True
 
     def update(self) -> Status:
         return FAILURE
@@ -40,6 +45,7 @@ class Sleep(Node):
 class Script(Node):
     """Runs a script on the blackboard and succeeds."""
 
+    instant = True
     code = InputPort(Code, "like n := 1; text = 'done'")
 
     def update(self) -> Status:
@@ -50,6 +56,7 @@ class Script(Node):
 class ScriptCondition(Node):
     """Succeeds where a script's value is true."""
 
+    instant = True
     node_type = "Condition"
 
     code = InputPort(Code, "like n > 3 && ready")
@@ -61,6 +68,7 @@ class ScriptCondition(Node):
 class SetBlackboard(Node):
     """Copies a value, or another entry, into an entry."""
 
+    instant = True
     value = InputPort(Any, "what to write")
     output_key = EntryPort("where to write it")
 
@@ -72,6 +80,7 @@ class SetBlackboard(Node):
 class UnsetBlackboard(Node):
     """Forgets an entry's value."""
 
+    instant = True
     key = EntryPort("the entry", "inout")
 
     def update(self) -> Status:
@@ -83,6 +92,7 @@ class UnsetBlackboard(Node):
 class WasEntryUpdated(Node):
     """Succeeds where an entry was written since this node's last tick."""
 
+    instant = True
     node_type = "Condition"
 
     entry = EntryPort("the entry", "input")

@@ -11,6 +11,8 @@ from typing import Any
 
 from py_trees.common import Status
 
+from trees.engine.vocabulary import Word, is_word
+
 STATUS_WORDS = {
     "SUCCESS": Status.SUCCESS,
     "FAILURE": Status.FAILURE,
@@ -45,7 +47,7 @@ def type_name(kind: Any) -> str:
 
 def has_literals(kind: Any) -> bool:
     """Whether a value of this type can be written in a tree file."""
-    if kind in (int, float, bool, str, Any):
+    if kind in (int, float, bool, str, Any) or is_word(kind):
         return True
     if typing.get_origin(kind) in (list, tuple):
         return has_literals(_item(kind))
@@ -58,7 +60,7 @@ def from_text(text: str, kind: Any) -> Any:
     Raises:
         LiteralError: it means none.
     """
-    if kind is str or kind is Any:
+    if kind is str or kind is Any or is_word(kind):
         return text
     if kind is bool:
         return _boolean(text)
@@ -95,6 +97,10 @@ def converted(value: Any, kind: Any) -> Any:
     Raises:
         LiteralError: the value does not fit.
     """
+    if is_word(kind):
+        kind = str
+    if isinstance(value, Word):
+        value = str(value)
     if fits(value, kind):
         return value
     if isinstance(value, str):

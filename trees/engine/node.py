@@ -78,7 +78,12 @@ class TreeNode(behaviour.Behaviour):
         tag: element name in XML, the class name unless given.
         needs_guard: a tree file must let a guard be asked in every tick while this node runs.
         guards: SUCCESS means that what needs a guard may go on.
+        instant: it never answers RUNNING by itself, only while a child does.
+        succeeds_after: what its SUCCESS says about its children: "all" succeeded, "one" of them did, or "" nothing.
+        never_succeeds: no SUCCESS comes from it, whatever is below.
+        comes_back: it may tick a child again that ended, or whose elder siblings go on.
         persistent: names of attributes that outlive an edit of the running tree, such as what was answered last.
+        abstract: said by a class that is only a base of others, and no node of its own; not inherited.
         uid: number in the tree, counted from 1 in the order of the file.
         full_path: names from the main tree to this node.
     """
@@ -89,11 +94,21 @@ class TreeNode(behaviour.Behaviour):
     tag: ClassVar[str] = ""
     needs_guard: ClassVar[bool] = False
     guards: ClassVar[bool] = False
+    instant: ClassVar[bool] = False
+    succeeds_after: ClassVar[str] = ""
+    never_succeeds: ClassVar[bool] = False
+    comes_back: ClassVar[bool] = True
     persistent: ClassVar[tuple[str, ...]] = ()
+    abstract: ClassVar[bool] = True
 
     uid = 0
     full_path = ""
     conditions: Conditions | None = None
+
+    @classmethod
+    def asked_before(cls, child: int) -> range:  # noqa: ARG003  # who overrides it reads it
+        """Children that are asked again in every tick while `child` runs, and must have succeeded for it to run."""
+        return range(0)
 
     def attach(self, runtime: Runtime, uid: int, path: str) -> None:
         """Join a tree."""

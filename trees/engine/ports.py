@@ -16,9 +16,11 @@ from typing import Any, Generic, TypeVar, cast, overload
 
 from trees.engine.blackboard import UNSET, Entry
 from trees.engine.errors import NodeError
+from trees.engine.vocabulary import Words, is_word, misnomer
 
 T = TypeVar("T")
 D = TypeVar("D")
+NO_WORDS: Words = {}
 
 
 class Port:
@@ -51,9 +53,11 @@ class Port:
         self.attribute = attribute
         self.name = self.name or attribute
 
-    def connect(self, node: object, entry: Entry | None, constant: bool = False) -> None:
+    def connect(self, node: object, entry: Entry | None, constant: bool = False, words: Words = NO_WORDS) -> None:
         """Connect this port of one node; a plain attribute of the node from now on."""
-        vars(node)[self.attribute] = CONNECTIONS[self.direction](self, entry, constant)
+        connection = vars(node)[self.attribute] = CONNECTIONS[self.direction](self, entry, constant)
+        if is_word(self.kind):
+            connection.words = words
 
     def _own(self, node: object) -> Any:
         """A port that no file connected, as in a unit test: an entry of its own."""
@@ -71,15 +75,17 @@ class Connection:
         entry: an entry of the blackboard, an entry of its own for a constant, or None for an output that the
             file left unconnected, whose values are dropped.
         constant: the file spells the value out.
+        words: the names that the configuration knows, for a port that takes only those.
     """
 
-    __slots__ = ("_kind", "constant", "entry", "port")
+    __slots__ = ("_kind", "constant", "entry", "port", "words")
 
     def __init__(self, port: Port, entry: Entry | None, constant: bool) -> None:
         self.port = port
         self._kind = port.kind
         self.entry = entry
         self.constant = constant
+        self.words: Words = {}
 
     @property
     def revision(self) -> int:
@@ -106,7 +112,12 @@ class Input(Connection, Generic[T]):
         if self.entry is None:
             raise NodeError(f"port {self.port.name} is not connected")
         value: T = self.entry.value
-        return value if type(value) is self._kind else cast(T, self.entry.read(self._kind))
+        if type(value) is self._kind:
+            return value
+        read = self.entry.read(self._kind)
+        if self.words and (wrong := misnomer(read, self._kind, self.words)):
+            raise NodeError(f"port {self.port.name}: {'; '.join(wrong)}")
+        return cast(T, read)
 
     def get_or(self, other: D) -> T | D:
         """The value, or `other` where there is none."""

@@ -186,7 +186,7 @@ class Builder:
         else:
             entry = Entry(port.name)
             entry.value = self._constant(element, uid, port, attribute, scope)
-        port.connect(node, entry, constant=pointer is None)
+        port.connect(node, entry, pointer is None, self._registry.words)
 
     def _constant(self, element: Element, uid: int, port: Port, attribute: Attribute | None, scope: Scope) -> Any:
         if attribute is None:

@@ -9,14 +9,16 @@ from typing import Any
 from cell.interfaces.errors import Problem
 from trees.engine.blackboard import UNSET, Entry, Scope
 from trees.engine.literals import LiteralError, converted, has_literals, type_name
+from trees.engine.vocabulary import Words, is_word, misnomer
 from trees.files.builder import Builder, Call, Use
 
 
-def check_dataflow(builder: Builder, given: set[int]) -> list[Problem]:
+def check_dataflow(builder: Builder, given: set[int], words: Words) -> list[Problem]:
     """Lock the types of all entries; problems where ports disagree or an entry is read that nothing writes.
 
     Args:
         given: ids of entries that somebody outside of the tree writes.
+        words: the names that the configuration knows.
     """
     by_entry: dict[int, list[Use]] = {}
     for use in builder.uses:
@@ -26,6 +28,7 @@ def check_dataflow(builder: Builder, given: set[int]) -> list[Problem]:
         writers = [use for use in group if use.writes]
         if not writers and key not in given and group[0].entry.value is UNSET:
             problems += _unwritten(builder, group)
+        problems += _misnomers(group, words)
         typed = next((use for use in [*writers, *group] if use.kind is not Any), None)
         if typed is not None:
             group[0].entry.kind = typed.kind
@@ -46,6 +49,15 @@ def _constant_problems(writers: list[Use], typed: Use) -> list[Problem]:
             Problem(writers[0].place, f"{writers[0].user}: {error}", f"{typed.user} at {typed.place}: {error.legal}")
         ]
     return []
+
+
+def _misnomers(group: list[Use], words: Words) -> Iterator[Problem]:
+    """Names that are spelt out for an entry, in a script or in what a SubTree is given, and that do not exist."""
+    taker = next((use for use in group if use.reads and is_word(use.kind)), None)
+    for use in group:
+        spelt_out = use.text if use.sign else use.entry.text if use.writes and not use.turn else None
+        if taker is not None and spelt_out is not None and (wrong := misnomer(spelt_out, taker.kind, words)):
+            yield Problem(use.place, wrong[0], f"{taker.user} at {taker.place} takes {wrong[1]}")
 
 
 def _unwritten(builder: Builder, readers: list[Use]) -> Iterator[Problem]:
@@ -93,10 +105,16 @@ def _mistyped(builder: Builder, call: Call, entry: Entry) -> str:
 def _agree(use: Use, typed: Use) -> bool:
     if use.kind is Any or use.kind == typed.kind:
         return True
+    if _is_text(use.kind) and _is_text(typed.kind):
+        return str in (use.kind, typed.kind)
     if typed.writes and typed.kind is str and not use.writes:
         return has_literals(use.kind)
     classes = isinstance(use.kind, type) and isinstance(typed.kind, type)
     return classes and not use.writes and use.kind not in (int, float) and issubclass(typed.kind, use.kind)
+
+
+def _is_text(kind: Any) -> bool:
+    return kind is str or is_word(kind)
 
 
 def _disagree(use: Use, typed: Use) -> Problem:

@@ -1,8 +1,9 @@
 """Whether a guard stands above every node that must not run without one, in every tree that can call it.
 
-A guard stands above a node where a ReactiveSequence, or the condition of a WhileDoElse, asks it again in every tick
-while the node runs. It counts only where the node cannot be reached past it: a guard under ForceSuccess or Inverter,
-in one of several alternatives, or with a `_skipIf`, is none.
+A guard stands above a node where a node such as ReactiveSequence asks it again in every tick while the other runs: what
+it is and does its class says (`asked_before`, `succeeds_after`, `instant`, `never_succeeds`). It counts only where the
+node cannot be reached past it: a guard under ForceSuccess or Inverter, in one of several alternatives, or with a
+`_skipIf`, is none. Nor is one whose verdict may be old: followed in a Sequence by what runs on over several ticks.
 """
 
 from __future__ import annotations
@@ -10,14 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cell.interfaces.errors import Problem
+from trees.engine.controls import ReactiveSequence
+from trees.engine.decorators import SubTree
 from trees.engine.node import TreeNode
 from trees.files.library import Library, bottom_up, called
 from trees.files.registry import Registry
 from trees.files.xml_file import Element, node_tag
 
-_ALL_SUCCEED = ("Sequence", "ReactiveSequence")
-_ONE_SUCCEEDS = ("Fallback", "ReactiveFallback")
-_NEVER_SUCCEED = ("AlwaysFailure", "ForceFailure", "KeepRunningUntilFailure")
 _BYPASSES = ("_skipIf", "_successIf", "_while")
 
 
@@ -39,7 +39,10 @@ class _Finder:
         self._registry = registry
         self._visited: set[tuple[int, bool]] = set()
         self._guarding: set[int] = set()
+        self._instant: set[int] = set()
         for element in bottom_up(library):
+            if self._is_instant(element):
+                self._instant.add(id(element))
             if self._is_guard(element):
                 self._guarding.add(id(element))
         self._legal = ", ".join(tag for tag, node in registry.classes.items() if node.guards)
@@ -61,30 +64,52 @@ class _Finder:
 
     def _below(self, element: Element, guarded: bool) -> Iterator[tuple[Element, bool]]:
         """The children, and whether a guard stands above or before them."""
-        tag, before = node_tag(element), guarded
-        for index, child in enumerate(called(self._library, element)):
-            yield child, before
-            if tag == "ReactiveSequence" or (tag == "WhileDoElse" and index == 0):
-                before = before or id(child) in self._guarding
-            elif tag == "WhileDoElse":
-                before = guarded
+        children = called(self._library, element)
+        for index, child in enumerate(children):
+            before = () if element.broken else (children[other] for other in self._class(element).asked_before(index))
+            yield child, guarded or any(self._stops(element, other) for other in before)
+
+    def _stops(self, element: Element, child: Element) -> bool:
+        """Whether a child that does not agree stops the others at once; a WhileDoElse lets them be while it runs."""
+        reactive = issubclass(self._class(element), ReactiveSequence)
+        return id(child) in self._guarding and (reactive or id(child) in self._instant)
 
     def _is_guard(self, element: Element) -> bool:
         """Whether this node succeeds only after a guard has agreed; what is below it was asked before."""
-        tag, children = node_tag(element), called(self._library, element)
+        children = called(self._library, element)
         if element.broken:
             return True  # only what is certain is told
         if any(name in element.attributes for name in _BYPASSES):
             return False
-        if element.tag == "SubTree" or tag in _ALL_SUCCEED:
-            return any(id(child) in self._guarding for child in children)
-        if tag in _ONE_SUCCEEDS:
-            return all(node_tag(child) in _NEVER_SUCCEED or id(child) in self._guarding for child in children)
-        return self._class(element).guards
+        node = self._class(element)
+        if node.succeeds_after == "all":
+            return self._last_asked(element, children)
+        if node.succeeds_after == "one":
+            return all(id(child) in self._guarding or self._fails(child) for child in children)
+        return node.guards
+
+    def _last_asked(self, element: Element, children: list[Element]) -> bool:
+        """A guard among children that must all succeed, whose verdict is of the same tick as the last one's."""
+        again = self._class(element).asked_before(len(children) - 1)
+        for index in reversed(range(len(children))):
+            if id(children[index]) in self._guarding:
+                return True
+            if id(children[index]) not in self._instant and index - 1 not in again:
+                return False
+        return False
+
+    def _fails(self, element: Element) -> bool:
+        return not element.broken and "_successIf" not in element.attributes and self._class(element).never_succeeds
+
+    def _is_instant(self, element: Element) -> bool:
+        if element.broken:
+            return True
+        below = all(id(child) in self._instant for child in called(self._library, element))
+        return below and self._class(element).instant
 
     def _needs_guard(self, element: Element) -> bool:
         node = self._registry.classes.get(node_tag(element))
         return node is not None and node.needs_guard
 
     def _class(self, element: Element) -> type[TreeNode]:
-        return self._registry.classes[node_tag(element)]
+        return SubTree if element.tag == "SubTree" else self._registry.classes[node_tag(element)]

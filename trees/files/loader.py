@@ -76,7 +76,7 @@ def build(library: Library, registry: Registry, main: str, provided: Mapping[str
     root = builder.tree(main, scope)
     given = {id(scope.entry(key)) for key, port in library.models.get(main, {}).items() if port.direction != "output"}
     given |= builder.mentioned
-    problems = check_dataflow(builder, given) + check_order(builder.uses, builder.nodes, given)
+    problems = check_dataflow(builder, given, registry.words) + check_order(builder.uses, builder.nodes, given)
     scopes = (scope, *builder.scopes)
     tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes)
     return tree, problems

@@ -17,13 +17,6 @@ from trees.engine.node import TreeNode
 from trees.files.builder import Use
 from trees.files.structure import CONDITIONS, SCRIPTS_AFTER
 
-# These tick a child again that has finished, or a child whose elder siblings go on for several ticks.
-_COME_BACK = (
-    *("ReactiveSequence", "ReactiveFallback", "WhileDoElse", "Switch2", "Switch3", "Switch4", "Switch5", "Switch6"),
-    *("Parallel", "ParallelAll", "Repeat", "RetryUntilSuccessful", "KeepRunningUntilFailure"),
-    *("LoopInt", "LoopBool", "LoopDouble", "LoopString"),
-)
-
 Moment = tuple[int, int, int]
 
 
@@ -55,7 +48,7 @@ class _Order:
         self._back = [0] * (count + 1)  # uid of the topmost node above each one that comes back to it, 0 for none
         for node in nodes:
             for child in _children(node):
-                back = self._back[node.uid] or (node.uid if type(node).__name__ in _COME_BACK else 0)
+                back = self._back[node.uid] or (node.uid if node.comes_back else 0)
                 self._back[child.uid] = back
         for node in reversed(nodes):
             self._last[node.uid] = max([node.uid, *(self._last[child.uid] for child in _children(node))])

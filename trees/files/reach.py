@@ -13,6 +13,7 @@ from py_trees.common import Status
 from cell.interfaces.errors import Problem
 from trees.engine.node import FAILURE, SKIPPED, SUCCESS
 from trees.files.library import Library, bottom_up, called
+from trees.files.registry import BUILT_IN, tag_of
 from trees.files.xml_file import Element, node_tag
 
 Results = frozenset[Status]
@@ -25,6 +26,7 @@ BRANCHES = ("IfThenElse", "WhileDoElse")
 PARALLELS = ("Parallel", "ParallelAll")
 _ADDED = {"_failureIf": FAILURE, "_successIf": SUCCESS, "_skipIf": SKIPPED, "_while": SKIPPED}
 _ANY_END = ("Precondition", "LoopInt", "LoopBool", "LoopDouble", "LoopString", "RunOnce", "SkipUnlessUpdated")
+_KNOWN = {tag_of(node) for node in BUILT_IN}
 _WORDS = {SUCCESS: "succeeds", FAILURE: "fails", SKIPPED: "is skipped"}
 
 
@@ -63,8 +65,11 @@ class _Reach:
             return BOTH | {SKIPPED} if any(below) else NEVER
         if not below:
             return {"AlwaysSuccess": frozenset((SUCCESS,)), "AlwaysFailure": frozenset((FAILURE,))}.get(tag, BOTH)
+        if tag not in _KNOWN:
+            return BOTH | {SKIPPED}  # an own control or decorator may do anything with its children's results
         if len(below) == 1:
-            return frozenset(_decorated(element, tag, below[0]))
+            unset = {FAILURE} if any("{" in attribute.value for attribute in element.attributes.values()) else set()
+            return frozenset({*_decorated(element, tag, below[0]), *unset})
         return frozenset((FAILURE, SKIPPED)).union(*below)
 
     def _in_order(self, element: Element, below: list[Results], continue_on: Status) -> Results:

@@ -11,6 +11,7 @@ from trees.engine import choices, controls, decorators, leaves, loops, parallel
 from trees.engine.literals import STATUS_WORDS
 from trees.engine.node import Control, Decorator, TreeNode
 from trees.engine.ports import Port, ports_of
+from trees.engine.vocabulary import Words
 
 RESERVED = ("name", "ID")
 
@@ -56,14 +57,21 @@ BUILT_IN: tuple[type[TreeNode], ...] = (
 
 
 class Registry:
-    """Node classes by their names in XML, the built-in ones first, and the enum names that scripts know.
+    """What tree files may name: node classes, the built-in ones first, enums in scripts, names of the configuration.
 
     Args:
         classes: node classes of the project; their tags are their class names.
         enums: enums whose members scripts may name; those of ports are known anyway.
+        words: the names that ports of each kind take; a kind that is missing takes any.
     """
 
-    def __init__(self, classes: Iterable[type[TreeNode]] = (), enums: Iterable[type[Enum]] = ()) -> None:
+    def __init__(
+        self,
+        classes: Iterable[type[TreeNode]] = (),
+        enums: Iterable[type[Enum]] = (),
+        words: Words | None = None,
+    ) -> None:
+        self.words: Words = words or {}
         self.classes: dict[str, type[TreeNode]] = {}
         self._ports: dict[str, dict[str, Port]] = {}
         self.enums: dict[str, Any] = dict(STATUS_WORDS)

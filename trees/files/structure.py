@@ -12,6 +12,7 @@ from trees.engine.literals import TRUE_WORDS, LiteralError, from_text, has_liter
 from trees.engine.node import TreeNode
 from trees.engine.ports import Port
 from trees.engine.script import Script, ScriptError, parse_script
+from trees.engine.vocabulary import misnomer
 from trees.files.guarding import check_guards
 from trees.files.library import PROBLEM_LIMIT, Library
 from trees.files.registry import Registry
@@ -187,6 +188,8 @@ class _Checker:
             from_text(attribute.value, kind)
         except LiteralError as error:
             self._report(attribute.value_place, str(error), error.legal)
+        if wrong := misnomer(attribute.value, kind, self._registry.words):
+            self._report(attribute.value_place, *wrong)
 
     def _key(self, attribute: Attribute, key: str) -> None:
         if not _KEY.match(key):

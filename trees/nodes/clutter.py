@@ -7,6 +7,7 @@ from py_trees.common import Status
 from cell.interfaces.perception import PartDetection, PartsView
 from trees.engine.errors import NodeError
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.vocabulary import Part
 from trees.nodes.services import CellNode
 
 
@@ -38,7 +39,7 @@ class LookAtTray(CellNode):
 class FindPart(CellNode):
     """Choose among the seen parts of the required type the one that is easiest to get at (Alg. 2 line 3)."""
 
-    part = InputPort(str, "required type")
+    part = InputPort(Part, "required type")
     parts = InputPort(PartsView, "parts seen in the tray")
     index = OutputPort(int, "number of the required part among the seen ones")
 

@@ -54,6 +54,7 @@ class GripperIsEmpty(CellNode):
 
     node_type = "Condition"
     guards = True
+    instant = True
 
     def update(self) -> Status:
         return Status.FAILURE if self.services.observation.gripper.holding else Status.SUCCESS

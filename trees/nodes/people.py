@@ -11,6 +11,7 @@ from py_trees.common import Status
 from cell.interfaces.perception import PartsView
 from cell.interfaces.pose import Array
 from trees.engine.ports import InputPort
+from trees.engine.vocabulary import Hole
 from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
 from trees.nodes.watching import SeenAction
@@ -47,6 +48,8 @@ class WaitForAction(CellNode):
 class HandWatch(CellNode):
     """Base of the nodes that wait while the hand is near the way to something, or while nothing is known of it."""
 
+    abstract = True
+
     distance_m = InputPort(float, "how near is too near", default=0.20)
     stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5)
 
@@ -74,7 +77,7 @@ class HandWatch(CellNode):
 class WaitForHandClear(HandWatch):
     """Wait while the hand is near the way to a position, or while nothing is known of the hand."""
 
-    position = InputPort(str, "position that the arm goes to")
+    position = InputPort(Hole, "position that the arm goes to")
 
     def target(self) -> tuple[str, Array]:
         position = self.position.get()

@@ -7,6 +7,7 @@ from py_trees.common import Status
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InOutPort, InputPort
+from trees.engine.vocabulary import Hole, Part
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
 
@@ -16,8 +17,8 @@ class PlacePart(SkillNode):
 
     needs_guard = True
 
-    part = InputPort(str, "type of the part in the gripper")
-    position = InputPort(str, "hole to put it into")
+    part = InputPort(Part, "type of the part in the gripper")
+    position = InputPort(Hole, "hole to put it into")
 
     def make_skill(self) -> Skill:
         from skills.place import Place
@@ -29,8 +30,8 @@ class PlacePart(SkillNode):
 class VerifyPlacement(CellNode):
     """Look whether the hole now holds the part, upright."""
 
-    part = InputPort(str, "type of the placed part")
-    position = InputPort(str, "hole it was put into")
+    part = InputPort(Part, "type of the placed part")
+    position = InputPort(Hole, "hole it was put into")
     timeout_s = InputPort(float, "longest wait for a clear view showing it", default=2.0)
 
     _begun_s = 0.0
@@ -55,8 +56,8 @@ class RecordPlacement(CellNode):
     """Set the edge of the part that the robot placed (Alg. 1 line 13)."""
 
     state = InOutPort(AssemblyState, "what is placed so far")
-    part = InputPort(str, "type of the placed part")
-    position = InputPort(str, "hole it was put into")
+    part = InputPort(Part, "type of the placed part")
+    position = InputPort(Hole, "hole it was put into")
 
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()

@@ -6,6 +6,7 @@ from py_trees.common import Status
 
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.vocabulary import Hole, Part
 from trees.guard import Verdict
 from trees.nodes.services import CellNode, Services
 
@@ -53,14 +54,14 @@ class PredictNextObject(CellNode):
     """Predict the next object to fetch (Alg. 1 line 9)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
-    part = OutputPort(str, "type of the part to fetch")
+    part = OutputPort(Part, "type of the part to fetch")
 
     def update(self) -> Status:
         part = self.plan.get().next_part
         if part is None:
             self.feedback_message = "nothing remains to be fetched"
             return Status.FAILURE
-        self.part.set(part)
+        self.part.set(Part(part))
         self.feedback_message = part
         return Status.SUCCESS
 
@@ -69,7 +70,7 @@ class DecodePlan(CellNode):
     """Decode the plan [o, p...] of the next object (Alg. 1 line 10)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
-    part = InputPort(str, "type of the part to fetch")
+    part = InputPort(Part, "type of the part to fetch")
     positions = OutputPort(list[str], "positions where it is still to be put, in order")
 
     def update(self) -> Status:
@@ -86,9 +87,9 @@ class ChoosePosition(CellNode):
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")
-    part = InputPort(str, "type of the part to fetch")
+    part = InputPort(Part, "type of the part to fetch")
     positions = InputPort(list[str], "positions of its plan, in order")
-    position = OutputPort(str, "where it will be put")
+    position = OutputPort(Hole, "where it will be put")
 
     def update(self) -> Status:
         part = self.part.get()
@@ -97,7 +98,7 @@ class ChoosePosition(CellNode):
             note_verdict(self.services, part, position, verdict)
             self.feedback_message = verdict.reason
             if verdict.decision == "act":
-                self.position.set(position)
+                self.position.set(Hole(position))
                 self.services.show(message=f"fetching {part} for {position}")
                 return Status.SUCCESS
             if verdict.decision == "ask":
@@ -113,11 +114,12 @@ class CheckPlacement(CellNode):
 
     node_type = "Condition"
     guards = True
+    instant = True
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")
-    part = InputPort(str, "type of the part in the gripper")
-    position = InputPort(str, "where it will be put")
+    part = InputPort(Part, "type of the part in the gripper")
+    position = InputPort(Hole, "where it will be put")
 
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()
@@ -134,6 +136,7 @@ class WithoutGuard(CellNode):
 
     node_type = "Condition"
     guards = True
+    instant = True
 
     reason = InputPort(str, "why that is safe")
 

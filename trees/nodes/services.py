@@ -132,4 +132,6 @@ class Services:
 class CellNode(Node):
     """Base of the nodes in this library."""
 
+    abstract = True
+
     services: Services

@@ -17,6 +17,8 @@ _STATUS = {
 class SkillNode(CellNode):
     """Base of the nodes that move arm or gripper; a subclass says which skill it runs."""
 
+    abstract = True
+
     _skill: Skill | None = None
 
     def make_skill(self) -> Skill:

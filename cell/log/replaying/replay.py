@@ -214,7 +214,7 @@ def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Planners,
         else:
             configuration = load_configuration(changes.configuration)
             product = load_product(configuration, changes.configuration)
-        tree = load_tree(changes.tree or folder / "tree" / log.metadata["tree"], node_registry())
+        tree = load_tree(changes.tree or folder / "tree" / log.metadata["tree"], node_registry(product))
         recorded = folder / "faults.yaml"
         own = changes.configuration is None and recorded.exists()
         faults = load_yaml(recorded, FaultTable) if own else load_faults(configuration)

@@ -10,9 +10,12 @@ from pathlib import Path
 import pytest
 from py_trees.common import Status
 
+from cell.interfaces.clock import ManualClock
 from cell.interfaces.errors import InputError
-from trees.engine.node import Node
+from trees.engine.controls import ReactiveSequence
+from trees.engine.node import Control, Decorator, Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.vocabulary import Hole, Part
 from trees.files.check import check
 from trees.files.loader import load_tree
 from trees.files.registry import Registry
@@ -57,6 +60,7 @@ class Allow(Node):
     """A guard."""
 
     guards = True
+    instant = True
 
     def update(self) -> Status:
         return Status.SUCCESS
@@ -529,3 +533,108 @@ def test_a_thousand_levels_are_refused_and_nine_hundred_run(write: Write) -> Non
     tree = load_tree(chain(900), REGISTRY)
     assert tree.tick() is Status.SUCCESS
     tree.halt()
+
+
+SLEEP = '<Sleep msec="60000"/>'
+GUARDED = [
+    (f"<ReactiveSequence><Sequence><Allow/>{SLEEP}</Sequence><Put/></ReactiveSequence>", False),
+    (f"<ReactiveSequence><Sequence>{SLEEP}<Allow/></Sequence><Put/></ReactiveSequence>", True),
+    ("<ReactiveSequence><Sequence><Allow/><Script code='n := 1'/></Sequence><Put/></ReactiveSequence>", True),
+    (f"<ReactiveSequence><ReactiveSequence><Allow/>{SLEEP}</ReactiveSequence><Put/></ReactiveSequence>", True),
+    (
+        f"<ReactiveSequence><Fallback><Sequence><Allow/>{SLEEP}</Sequence><Allow/></Fallback><Put/></ReactiveSequence>",
+        False,
+    ),
+    (f"<WhileDoElse><Sequence>{SLEEP}<Allow/></Sequence><Put/></WhileDoElse>", False),
+    ("<WhileDoElse><Sequence><AlwaysSuccess/><Allow/></Sequence><Put/></WhileDoElse>", True),
+    ("<AllAtOnce><Allow/><Put/></AllAtOnce>", True),
+    ("<Reactive2><Allow/><Put/></Reactive2>", False),
+]
+
+
+class AllAtOnce(ReactiveSequence):
+    """A control of one's own that asks again like its base."""
+
+
+class Reactive2(Control):
+    """A control of one's own that says nothing of what it asks again."""
+
+    def run(self) -> Status:
+        return Status.FAILURE
+
+
+class Not(Decorator):
+    """A decorator of one's own."""
+
+    def run(self) -> Status:
+        return Status.FAILURE
+
+
+@pytest.mark.parametrize(("nodes", "sound"), GUARDED)
+def test_a_guard_counts_where_its_verdict_is_of_this_tick(write: Write, nodes: str, sound: bool) -> None:
+    problems = check(
+        [write(f'<BehaviorTree ID="Main">{nodes}</BehaviorTree>')], Registry([Put, Allow, AllAtOnce, Reactive2])
+    )
+    assert [problem.what for problem in problems] == (
+        [] if sound else ["Put runs without a guard that is asked in every tick"]
+    )
+
+
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        "<Fallback><Not><AlwaysSuccess/></Not><AlwaysSuccess/></Fallback>",
+        "<Not><Sequence><Script code='m := v' _skipIf='true'/><Script code='v := 1'/></Sequence></Not>",
+        '<Sequence><Script code="n := 1"/><Fallback><Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'
+        "<AlwaysSuccess/></Fallback></Sequence>",
+    ],
+)
+def test_nothing_is_guessed_of_controls_and_decorators_of_ones_own(write: Write, nodes: str) -> None:
+    assert check([write(f'<BehaviorTree ID="Main">{nodes}</BehaviorTree>')], Registry([Not])) == []
+
+
+class Bolt(Node):
+    """Takes names of the product."""
+
+    part = InputPort(Part, "type")
+    hole = InputPort(Hole, "where")
+
+    def update(self) -> Status:
+        self.feedback_message = f"{self.part.get()} {self.hole.get()}"
+        return Status.SUCCESS
+
+
+NAMED = Registry([Bolt], words={Part: ("o1", "o2"), Hole: ("p1", "p2")})
+
+
+@pytest.mark.parametrize(
+    ("nodes", "message"),
+    [
+        ('<Bolt part="o1" hole="^p99"/>', "the product has no position 'p99'; one of p1, p2"),
+        ('<Bolt part="^p1" hole="p1"/>', "the product has no part type 'p1'; one of o1, o2"),
+        (
+            '<SubTree ID="Inner" ^h="p9"/>',
+            "the product has no position 'p9'; port 'hole' of Bolt at .* takes one of p1, p2",
+        ),
+        ('<Sequence><Script code="x := 1; ^h := \'p9\'"/><Bolt part="o1" hole="{h}"/></Sequence>', "no position 'p9'"),
+        ('<Sequence><Script code="h := \'\' .. 1"/><Bolt part="{h}" ^hole="{h}"/></Sequence>', "takes {h} as Hole; "),
+    ],
+)
+def test_names_are_those_of_the_product(write: Write, nodes: str, message: str) -> None:
+    inner = '<BehaviorTree ID="Inner"><Bolt part="o1" hole="{h}"/></BehaviorTree>'
+    root = '<root BTCPP_format="4" main_tree_to_execute="Main">'
+    text = f'{root}<BehaviorTree ID="Main">{nodes}</BehaviorTree>{inner}</root>'
+    (problem,) = check([write(text.replace("^", ""))], NAMED)
+    assert re.search(message, str(problem))
+    assert problem.place.column == text.index("^") + 1
+    if "as Hole" not in message:
+        assert check([problem.place.file], Registry([Bolt])) == []  # without a product any name passes
+
+
+def test_a_name_that_turns_up_in_a_run_fails_the_node(write: Write) -> None:
+    bolt = '<Fallback><Bolt part="o1" hole="{h}"/><AlwaysSuccess/></Fallback>'
+    loop = f'<LoopString queue="p1;p9" value="{{h}}">{bolt}</LoopString>'
+    tree = load_tree(write(f'<BehaviorTree ID="Main">{loop}</BehaviorTree>'), NAMED)
+    tree.setup(None, ManualClock())
+    told = [tree.tick() and tree.nodes[2].feedback_message for _ in range(2)]
+    assert told == ["o1 p1", "port hole: the product has no position 'p9'; one of p1, p2"]

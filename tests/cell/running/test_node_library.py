@@ -1,0 +1,96 @@
+"""Which nodes tree files may name: the project's own, and those of the user."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cell.commands.main import main
+from cell.interfaces.errors import InputError
+from cell.running.node_library import node_registry
+
+OWN = """
+from py_trees.common import Status
+from trees.engine.node import Control, Decorator, Node
+from trees.nodes.moving import PickPart
+
+class GentlePickPart(PickPart):
+    "Picks more slowly."
+
+class Base(Node):
+    "Is only a base."
+    abstract = True
+
+class Leaf(Base):
+    "A leaf."
+    def update(self):
+        return Status.SUCCESS
+
+class Twice(Decorator):
+    "A decorator."
+    def run(self):
+        return self.decorated.execute()
+
+class Both(Control):
+    "A control."
+    def run(self):
+        return Status.SUCCESS
+"""
+TREE = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Both><Twice><Leaf/></Twice></Both></BehaviorTree></root>"""
+
+
+def test_leaves_decorators_and_controls_of_a_file_are_found(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(OWN)
+    added = set(node_registry(more=[str(file)]).classes) - set(node_registry().classes)
+    assert added == {"GentlePickPart", "Leaf", "Twice", "Both"}
+    assert "PickPart" in node_registry().classes
+
+
+def test_check_takes_them_from_the_option_and_from_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(OWN)
+    Path("tree.xml").write_text(TREE)
+    assert main(["check", "tree.xml"]) == 2
+    assert "there is no node 'Both'" in capsys.readouterr().err
+    assert main(["check", "tree.xml", "--nodes", "mine.py"]) == 0
+    Path("nodes").mkdir()
+    Path("mine.py").rename("nodes/mine.py")
+    assert main(["check", "tree.xml"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("no.py", None, "there is no such file"),
+        ("no_such_package", None, "cannot be loaded: ModuleNotFoundError"),
+        ("bad.py", "import nothing_at_all", "bad.py cannot be loaded: ModuleNotFoundError"),
+        ("syntax.py", "def", "syntax.py cannot be loaded: SyntaxError"),
+        (
+            "same.py",
+            OWN.replace("Leaf", "PickPart"),
+            "two node classes are named PickPart; they stand in trees.nodes.moving",
+        ),
+    ],
+)
+def test_what_cannot_be_loaded_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str | None, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if text is not None:
+        Path(name).write_text(text)
+    with pytest.raises(InputError, match=message):
+        node_registry(more=[name])
+
+
+def test_check_knows_the_product_of_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    place = '<ReactiveSequence><WithoutGuard reason="test"/><PlacePart part="o1" position="p99"/></ReactiveSequence>'
+    file = tmp_path / "tree.xml"
+    file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{place}</BehaviorTree></root>')
+    assert main(["check", str(file)]) == 0
+    assert "checked with --config" in capsys.readouterr().err
+    assert main(["check", str(file), "--config", "config/cell.yaml"]) == 2
+    assert "the product has no position 'p99'; one of p1, p2" in capsys.readouterr().err

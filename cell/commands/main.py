@@ -16,6 +16,7 @@ from cell.commands.init import init
 from cell.commands.log import log_app, report
 from cell.commands.looks import looks
 from cell.commands.models import data_app, eval_app, train_app
+from cell.commands.new import new_app
 from cell.commands.replay import replay
 from cell.commands.schema import schema
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
@@ -49,6 +50,7 @@ app.add_typer(eval_app, name="eval")
 app.add_typer(data_app, name="data")
 app.add_typer(log_app, name="log")
 app.add_typer(goals_app, name="goals")
+app.add_typer(new_app, name="new")
 app.command()(init)
 app.command()(looks)
 app.command()(replay)
@@ -182,16 +184,22 @@ def check(
         Path | None, typer.Option(help="Configuration whose part types and positions are the only legal ones.")
     ] = None,
     own_nodes: NodesOption = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Notes are mistakes, too.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
 ) -> int:
     """Say everything that is wrong with tree files."""
     from cell.running.node_library import node_registry
-    from trees.files.check import check as problems_of
+    from trees.files.check import findings
 
-    problems = problems_of(files, node_registry(_product(config), own_nodes or ()))
+    problems, notes = findings(files, node_registry(_product(config), own_nodes or ()))
+    if strict:
+        problems, notes = [*problems, *notes], []
     if as_json:
-        print_json({"problems": [_problem_data(problem) for problem in problems]})
+        told = {"problems": [_problem_data(problem) for problem in problems]}
+        print_json(told | ({"notes": [_problem_data(note) for note in notes]} if notes else {}))
         return BAD_INPUT if problems else 0
+    for note in notes:
+        sys.stderr.write(f"{note.place}: note: {note.what}\n")
     if problems:
         raise InputError(*problems)
     unchecked = "" if config else "; names of parts and positions are checked with --config"

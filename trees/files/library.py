@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cell.interfaces.errors import InputError, Place, Problem
-from trees.files.words import hint
+from trees.files.words import hint, is_near
 from trees.files.xml_file import Element, read_xml
 
 FORMAT = "4"
+UNNAMED = "BehaviorTree"  # the name of a tree that has none
 # Nobody reads more; a hostile file could cause a million.
 PROBLEM_LIMIT = 100
 
@@ -32,6 +33,7 @@ class Library:
         models: ports of SubTrees by ID, from TreeNodesModel.
         main: ID of the tree to run; empty where the file does not say.
         texts: every file read, with its text.
+        notes: what is left out of account here and means something elsewhere, such as to editors.
         incomplete: some file could not be read to its end, or is too large: trees may be missing, none is built.
     """
 
@@ -40,6 +42,7 @@ class Library:
     main: str = ""
     texts: dict[Path, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
+    notes: list[Problem] = field(default_factory=list)
     incomplete: bool = False
 
 
@@ -92,24 +95,32 @@ def _read(library: Library, path: Path, included_at: Place | None) -> Element | 
     _check_root(library, root)
     for element in root.children:
         if len(library.problems) < PROBLEM_LIMIT:
-            _take(library, element, path)
+            _take(library, element, path, len([child for child in root.children if child.tag == "BehaviorTree"]) == 1)
     return root
 
 
 def _check_root(library: Library, root: Element) -> None:
-    if root.get("BTCPP_format") != FORMAT:
-        found = root.get("BTCPP_format")
-        what = "BTCPP_format is missing" if found is None else f"BTCPP_format is '{found}'"
-        library.problems.append(Problem(root.place_of("BTCPP_format"), what, f'must be BTCPP_format="{FORMAT}"'))
-    for name, attribute in root.attributes.items():
-        legal = ("BTCPP_format", "main_tree_to_execute", "project_name")
+    found, place = root.get("BTCPP_format"), root.place_of("BTCPP_format")
+    if found is None:
+        what = f'BTCPP_format is missing; the file is read as BTCPP_format="{FORMAT}"'
+        library.notes.append(Problem(place, what, "say it in the file"))
+    elif found != FORMAT:
+        library.problems.append(Problem(place, f"BTCPP_format is '{found}'", f'must be BTCPP_format="{FORMAT}"'))
+    _check_attributes(library, root, ("BTCPP_format", "main_tree_to_execute", "project_name"))
+
+
+def _check_attributes(library: Library, element: Element, legal: tuple[str, ...]) -> None:
+    """An attribute that is written much like a legal one is a mistake; others are those of an editor."""
+    for name, attribute in element.attributes.items():
         if name not in legal:
-            library.problems.append(Problem(attribute.place, f"<root> has no attribute '{name}'", hint(name, legal)))
+            near = hint(name, legal) if is_near(name, legal) else ""
+            problem = Problem(attribute.place, f"<{element.tag}> has no attribute '{name}'", near or "it is ignored")
+            (library.problems if near else library.notes).append(problem)
 
 
-def _take(library: Library, element: Element, path: Path) -> None:
+def _take(library: Library, element: Element, path: Path, alone: bool) -> None:
     if element.tag == "BehaviorTree":
-        _take_tree(library, element)
+        _take_tree(library, element, alone)
     elif element.tag == "TreeNodesModel":
         _take_models(library, element)
     elif element.tag == "include":
@@ -121,8 +132,9 @@ def _take(library: Library, element: Element, path: Path) -> None:
         )
 
 
-def _take_tree(library: Library, element: Element) -> None:
-    identifier = element.get("ID")
+def _take_tree(library: Library, element: Element, alone: bool) -> None:
+    """Take a tree; one that stands alone in its file needs no name."""
+    identifier = element.get("ID") or (UNNAMED if alone and element.get("ID") is None else "")
     if not identifier:
         library.problems.append(Problem(element.place, "this BehaviorTree has no ID", 'give it one: ID="Name"'))
         return
@@ -132,10 +144,7 @@ def _take_tree(library: Library, element: Element) -> None:
         library.problems.append(Problem(element.place_of("ID"), what, "rename one of them"))
         return
     library.trees[identifier] = element
-    for name, attribute in element.attributes.items():
-        if name not in ("ID", "_description", "_fullpath"):
-            what = f"<BehaviorTree> has no attribute '{name}'"
-            library.problems.append(Problem(attribute.place, what, "legal: ID"))
+    _check_attributes(library, element, ("ID", "_description", "_fullpath"))
     if len(element.children) != 1:
         what = f"BehaviorTree '{identifier}' has {len(element.children)} nodes directly below it"
         if not element.broken:
@@ -163,7 +172,10 @@ def _take_models(library: Library, element: Element) -> None:
 
 
 def _include(library: Library, element: Element, path: Path) -> None:
-    """Only files beside or below the first one may be included, so that no file reaches out of its folder."""
+    """Only files beside or below the first one may be included, so that no file reaches out of its folder.
+
+    Each file is read once, however often it is included: a file of a library may name all that it needs.
+    """
     name = element.get("path")
     place = element.place_of("path")
     if not name:
@@ -175,10 +187,10 @@ def _include(library: Library, element: Element, path: Path) -> None:
         library.problems.append(Problem(place, f"'{name}' leads out of {folder}", "include files below that folder"))
         return
     known = {file.resolve() for file in library.texts}
-    if target in known:
-        library.problems.append(Problem(place, f"'{name}' is included already", "include each file once"))
-        return
-    _read(library, path.parent / name, place)
+    if target == path.resolve():
+        library.problems.append(Problem(place, f"'{name}' includes itself", "remove this include"))
+    elif target not in known:
+        _read(library, path.parent / name, place)
 
 
 def _choose_main(library: Library, root: Element) -> None:

@@ -16,7 +16,7 @@ from trees.engine.vocabulary import misnomer
 from trees.files.guarding import check_guards
 from trees.files.library import PROBLEM_LIMIT, Library
 from trees.files.registry import Registry
-from trees.files.words import hint
+from trees.files.words import hint, is_near
 from trees.files.xml_file import EXPLICIT, Attribute, Element
 from trees.files.xml_file import node_tag as node_tag
 
@@ -198,9 +198,12 @@ class _Checker:
     def _underscore(self, name: str, attribute: Attribute) -> None:
         if name in CONDITIONS or name in SCRIPTS_AFTER:
             self._script(attribute)
-        elif name not in NOTES:
+        elif name == "_autoremap" or is_near(name, (*CONDITIONS, *SCRIPTS_AFTER)):
             legal = (*CONDITIONS, *SCRIPTS_AFTER)
             self._report(attribute.place, f"there is no attribute '{name}' here", hint(name, legal))
+        elif name not in NOTES:
+            what = f"'{name}' means nothing here; it is ignored"
+            self._library.notes.append(Problem(attribute.place, what, "editors write such notes for themselves"))
 
 
 def count_levels(library: Library, identifier: str) -> int:

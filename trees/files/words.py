@@ -8,6 +8,11 @@ from collections.abc import Iterable
 MOST_WORDS = 12
 
 
+def is_near(word: str, legal: Iterable[str]) -> bool:
+    """Whether a word is written much like a legal one."""
+    return bool(difflib.get_close_matches(word.lower(), [one.lower() for one in legal], n=1, cutoff=0.6))
+
+
 def hint(word: str, legal: Iterable[str], all_of_them: str = "") -> str:
     """What could be meant: the nearest legal word, else all of them, or where they are listed."""
     words = sorted(legal)

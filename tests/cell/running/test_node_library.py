@@ -94,3 +94,26 @@ def test_check_knows_the_product_of_a_configuration(tmp_path: Path, capsys: pyte
     assert "checked with --config" in capsys.readouterr().err
     assert main(["check", str(file), "--config", "config/cell.yaml"]) == 2
     assert "the product has no position 'p99'; one of p1, p2" in capsys.readouterr().err
+
+
+def test_notes_are_mistakes_where_that_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "tree.xml"
+    file.write_text('<root><BehaviorTree><AlwaysSuccess _collapsed="true"/></BehaviorTree></root>')
+    assert main(["check", str(file)]) == 0
+    assert f"{file}:1:36: note: '_collapsed' means nothing here; it is ignored" in capsys.readouterr().err
+    assert main(["check", str(file), "--strict"]) == 2
+
+
+def test_a_new_tree_and_a_new_leaf_come_with_tests_that_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "leaf", "CountParts"]) == 0
+    assert main(["new", "tree", "TidyUp"]) == 0
+    assert main(["check", "trees/tidy_up.xml", "--strict"]) == 0
+    assert main(["new", "leaf", "CountParts"]) == 2  # nothing is overwritten
+    assert main(["new", "leaf", "../oops"]) == 2
+    for test in ("count_parts", "tidy_up"):
+        scope: dict[str, object] = {}
+        exec(Path(f"tests/test_{test}.py").read_text(), scope)  # as pytest would run it
+        (run,) = [value for name, value in scope.items() if name.startswith("test_")]
+        assert callable(run)
+        run()

@@ -16,7 +16,7 @@ from trees.engine.controls import ReactiveSequence
 from trees.engine.node import Control, Decorator, Node
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.vocabulary import Hole, Part
-from trees.files.check import check
+from trees.files.check import check, findings
 from trees.files.loader import load_tree
 from trees.files.registry import Registry
 
@@ -201,12 +201,15 @@ MAIN = '<BehaviorTree ID="Main">{}</BehaviorTree><BehaviorTree ID="Other"><Alway
 GOOD = '<BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree>'
 BAD_FILES = [
     ("^<tree/>", "the outermost element is <tree>; must be <root>"),
-    (f"^<root>{GOOD}</root>", "BTCPP_format is missing"),
     (f'<root ^BTCPP_format="3">{GOOD}</root>', "BTCPP_format is '3'"),
     (f'<root BTCPP_format="4" ^main_tree="Main">{GOOD}</root>', "did you mean 'main_tree_to_execute'"),
     (f'<root BTCPP_format="4" ^main_tree_to_execute="Mian">{GOOD}</root>', "names 'Mian'.*did you mean 'Main'"),
     (f'<root BTCPP_format="4">^<Behaviortree/>{GOOD}</root>', "<Behaviortree> cannot stand in <root>"),
-    ('<root BTCPP_format="4">^<BehaviorTree><AlwaysSuccess/></BehaviorTree></root>', "this BehaviorTree has no ID"),
+    (
+        f'<root BTCPP_format="4">^<BehaviorTree><AlwaysSuccess/></BehaviorTree>{GOOD}</root>',
+        "this BehaviorTree has no ID",
+    ),
+    ('<root BTCPP_format="4"><BehaviorTree ^id="A"><AlwaysSuccess/></BehaviorTree></root>', "did you mean 'ID'?"),
     ('<root BTCPP_format="4">^<BehaviorTree ID="Main"/></root>', "has 0 nodes directly below it"),
     (f'<root BTCPP_format="4">{GOOD}{GOOD.replace("ID", "^ID")}</root>', "a BehaviorTree 'Main' stands already at"),
     (
@@ -217,7 +220,7 @@ BAD_FILES = [
     (f'<root BTCPP_format="4"><include ^path="no.xml"/>{GOOD}</root>', "the included file no.xml cannot be used"),
     (f'<root BTCPP_format="4"><include ^path="../up.xml"/>{GOOD}</root>', "leads out of"),
     (f'<root BTCPP_format="4"><include ^path="/etc/passwd"/>{GOOD}</root>', "leads out of"),
-    (f'<root BTCPP_format="4"><include ^path="bad.xml"/>{GOOD}</root>', "is included already"),
+    (f'<root BTCPP_format="4"><include ^path="bad.xml"/>{GOOD}</root>', "'bad.xml' includes itself"),
     (
         f'<root BTCPP_format="4">{GOOD}<BehaviorTree ID="B">^',
         "the file ends, and <BehaviorTree> of line 1 is not closed; add </BehaviorTree>",
@@ -638,3 +641,35 @@ def test_a_name_that_turns_up_in_a_run_fails_the_node(write: Write) -> None:
     tree.setup(None, ManualClock())
     told = [tree.tick() and tree.nodes[2].feedback_message for _ in range(2)]
     assert told == ["o1 p1", "port hole: the product has no position 'p9'; one of p1, p2"]
+
+
+def test_what_editors_write_for_themselves_is_noted_and_loads(write: Write) -> None:
+    text = (
+        '<root license="mine">\n<BehaviorTree _favorite="true" name="x">\n<Sequence _collapsed="true">\n'
+        "<AlwaysSuccess/></Sequence>\n</BehaviorTree>\n</root>"
+    )
+    path = write(text)
+    problems, notes = findings([path], REGISTRY)
+    assert problems == []
+    assert [(note.place.line, note.what.split(";")[0]) for note in notes] == [
+        (1, "BTCPP_format is missing"),
+        (1, "<root> has no attribute 'license'"),
+        (2, "<BehaviorTree> has no attribute '_favorite'"),
+        (2, "<BehaviorTree> has no attribute 'name'"),
+        (3, "'_collapsed' means nothing here"),
+    ]
+    assert load_tree(path, REGISTRY).name == "BehaviorTree"
+
+
+def test_a_file_may_be_included_on_several_ways(write: Write) -> None:
+    root = '<root BTCPP_format="4" main_tree_to_execute="Main">'
+    write('<BehaviorTree ID="D"><AlwaysSuccess/></BehaviorTree>', "d.xml")
+    for name in "bc":
+        write(
+            f'<include path="d.xml"/><BehaviorTree ID="{name.upper()}"><SubTree ID="D"/></BehaviorTree>', f"{name}.xml"
+        )
+    main = '<BehaviorTree ID="Main"><Sequence><SubTree ID="B"/><SubTree ID="C"/></Sequence></BehaviorTree>'
+    path = write(f'{root}<include path="b.xml"/><include path="c.xml"/>{main}</root>')
+    assert check([path], REGISTRY) == []
+    write('<include path="tree.xml"/><BehaviorTree ID="D"><AlwaysSuccess/></BehaviorTree>', "d.xml")
+    assert check([path], REGISTRY) == []

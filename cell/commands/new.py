@@ -1,0 +1,95 @@
+"""`cell new`: a tree file or a leaf in the working folder, each with a test that passes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.init import write_new
+from cell.commands.terminal import console
+from cell.interfaces.errors import InputError
+
+new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a leaf of your own, with its test.")
+
+NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
+
+TREE = """<root BTCPP_format="4" main_tree_to_execute="{name}">
+  <BehaviorTree ID="{name}">
+    <Sequence>
+      <ActivateGripper/>
+      <MoveTo pose="park"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+TREE_TEST = '''"""Tests of trees/{file}.xml without the cell."""
+
+from pathlib import Path
+
+from cell.running.node_library import node_registry
+from trees.testing import TreeBench, assert_ticks
+
+
+def test_nothing_moves_while_the_gripper_is_not_active() -> None:
+    # S: success, F: failure, R: running, one letter a tick
+    bench = TreeBench(Path("trees/{file}.xml"), node_registry(), {{"ActivateGripper": "RF"}})
+    assert_ticks(bench, "RF")
+    assert bench.started("MoveTo") == 0
+'''
+LEAF = '''"""The node {name}."""
+
+from py_trees.common import Status
+
+from trees.engine.node import Node
+from trees.engine.ports import InputPort, OutputPort
+
+
+class {name}(Node):
+    """Say in one line what it does; `cell nodes` prints that."""
+
+    least = InputPort(int, "fails below this number", default=1)
+    count = OutputPort(int, "how many there are")
+
+    def update(self) -> Status:
+        self.count.set(0)
+        self.feedback_message = "nothing is counted yet"
+        return Status.FAILURE if self.least.get() > 0 else Status.SUCCESS
+'''
+LEAF_TEST = '''"""Tests of the node {name} alone."""
+
+from py_trees.common import Status
+
+from cell.running.node_library import node_registry
+from trees.testing import alone
+
+
+def test_too_few_fail() -> None:
+    node = alone(node_registry().classes["{name}"]("count"), least=1)
+    assert node.execute() is Status.FAILURE
+    assert node.feedback_message == "nothing is counted yet"
+'''
+
+
+@new_app.command()
+def tree(name: NameArgument) -> None:
+    """Write trees/NAME.xml and tests/test_NAME.py."""
+    _write(name, "trees/{file}.xml", TREE, TREE_TEST, "cell check {first}; pytest {second}")
+
+
+@new_app.command()
+def leaf(name: NameArgument) -> None:
+    """Write nodes/NAME.py and tests/test_NAME.py."""
+    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, "pytest {second}; cell nodes lists it")
+
+
+def _write(name: str, path: str, text: str, test: str, then: str) -> None:
+    if not re.fullmatch(r"[A-Z][A-Za-z0-9]{0,60}", name):
+        raise InputError(f"'{name}' is no name of a node or tree; like CountParts: letters and digits, a capital first")
+    file = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+    files = {path.format(file=file): text, f"tests/test_{file}.py": test}
+    write_new(Path(), {place: content.format(name=name, file=file).encode() for place, content in files.items()})
+    first, second = files
+    console().print(f"{first}\n{second}\nnext: {then.format(first=first, second=second)}", highlight=False)

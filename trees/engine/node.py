@@ -78,6 +78,8 @@ class TreeNode(behaviour.Behaviour):
         tag: element name in XML, the class name unless given.
         needs_guard: a tree file must let a guard be asked in every tick while this node runs.
         guards: SUCCESS means that what needs a guard may go on.
+        claims: devices that it commands while it runs, such as "arm"; two such nodes cannot run at once.
+        at_once: its children run at the same time.
         instant: it never answers RUNNING by itself, only while a child does.
         succeeds_after: what its SUCCESS says about its children: "all" succeeded, "one" of them did, or "" nothing.
         never_succeeds: no SUCCESS comes from it, whatever is below.
@@ -94,6 +96,8 @@ class TreeNode(behaviour.Behaviour):
     tag: ClassVar[str] = ""
     needs_guard: ClassVar[bool] = False
     guards: ClassVar[bool] = False
+    claims: ClassVar[tuple[str, ...]] = ()
+    at_once: ClassVar[bool] = False
     instant: ClassVar[bool] = False
     succeeds_after: ClassVar[str] = ""
     never_succeeds: ClassVar[bool] = False

@@ -14,6 +14,7 @@ from trees.engine.ports import InputPort
 class Parallel(Control):
     """Ticks all children in every tick until enough have succeeded or failed; those that finished wait."""
 
+    at_once = True
     success_count = InputPort(int, "children that must succeed; negative counts from all (-1: all)", default=-1)
     failure_count = InputPort(int, "children that must fail; negative counts from all (-1: all)", default=1)
 
@@ -76,6 +77,7 @@ class Parallel(Control):
 class ParallelAll(Control):
     """Ticks all children until every one has finished; fails where too many of them failed."""
 
+    at_once = True
     max_failures = InputPort(int, "failures from which this node fails; negative counts from all", default=1)
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:

@@ -12,6 +12,7 @@ from trees.engine.blackboard import Scope
 from trees.engine.node import Runtime
 from trees.engine.tree import Tree
 from trees.files.builder import Builder
+from trees.files.claims import check_claims
 from trees.files.dataflow import check_dataflow
 from trees.files.library import PROBLEM_LIMIT, Library, read_library
 from trees.files.order import check_order
@@ -60,7 +61,12 @@ def load_tree(
 
 def find_problems(library: Library, registry: Registry) -> list[Problem]:
     """What is wrong with any tree of a library as it stands in the files, before nodes are made of one of them."""
-    return library.problems + check_structure(library, registry) + check_reach(library)
+    return (
+        library.problems
+        + check_structure(library, registry)
+        + check_reach(library)
+        + list(check_claims(library, registry))
+    )
 
 
 def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:

@@ -28,6 +28,8 @@ class NamedPose(Enum):
 class ActivateGripper(CellNode):
     """Activate the gripper, once, and wait until it is ready."""
 
+    claims = ("gripper",)
+
     timeout_s = InputPort(float, "longest wait for the gripper", default=6.0)
 
     _asked_s: float | None = None

@@ -18,6 +18,7 @@ class SkillNode(CellNode):
     """Base of the nodes that move arm or gripper; a subclass says which skill it runs."""
 
     abstract = True
+    claims = ("arm", "gripper")
 
     _skill: Skill | None = None
 

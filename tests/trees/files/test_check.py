@@ -673,3 +673,29 @@ def test_a_file_may_be_included_on_several_ways(write: Write) -> None:
     assert check([path], REGISTRY) == []
     write('<include path="tree.xml"/><BehaviorTree ID="D"><AlwaysSuccess/></BehaviorTree>', "d.xml")
     assert check([path], REGISTRY) == []
+
+
+class Arm(Node):
+    """Moves the arm."""
+
+    claims = ("arm",)
+
+    def update(self) -> Status:
+        return Status.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("nodes", "told"),
+    [
+        ("<Parallel><Arm/>^<Arm/></Parallel>", True),
+        ('<ParallelAll max_failures="1"><Arm/>^<Sequence><SubTree ID="Inner"/></Sequence></ParallelAll>', True),
+        ("<Parallel><Sequence><Arm/><Arm/></Sequence><AlwaysSuccess/></Parallel>", False),
+        ("<Fallback><Arm/><Arm/></Fallback>", False),
+    ],
+)
+def test_two_branches_that_run_at_once_do_not_command_one_device(write: Write, nodes: str, told: bool) -> None:
+    root = '<root BTCPP_format="4" main_tree_to_execute="Main">'
+    text = f'{root}<BehaviorTree ID="Main">{nodes}</BehaviorTree><BehaviorTree ID="Inner"><Arm/></BehaviorTree></root>'
+    problems = check([write(text.replace("^", ""))], Registry([Arm]))
+    assert [problem.what for problem in problems] == ["Arm commands the arm while Arm may"] * told
+    assert [problem.place.column for problem in problems] == [text.find("^") + 1] * told

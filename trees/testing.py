@@ -21,6 +21,7 @@ from trees.engine.ports import Port
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
 from trees.files.registry import BUILT_IN, Registry, is_leaf, tag_of
+from trees.files.words import hint
 
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 WORDS = {status: letter for letter, status in LETTERS.items()}
@@ -58,6 +59,10 @@ class TreeBench:
         others = [node for node in registry.classes.values() if not is_leaf(node) and node not in BUILT_IN]
         self.tree: Tree = load_tree(path, Registry([*stand_ins, *others]), main, provided)
         self.tree.setup(None, self.clock)
+        self._tags = {node.name: type(node).__name__ for node in self.tree.nodes}
+        for name in {**(answers or {}), **(writes or {})}:
+            if name not in self._tags and name not in registry.classes:
+                raise ValueError(f"nothing is named '{name}'; {hint(name, [*self._tags, *registry.classes])}")
 
     def tick(self, after_s: float = 0.0) -> str:
         """Move the clock, then tick; the root's status as a letter."""
@@ -65,8 +70,15 @@ class TreeBench:
         return WORDS[self.tree.tick()]
 
     def started(self, name: str) -> int:
-        """How often a leaf was begun."""
-        return self.events.count(f"start {name}")
+        """How often a leaf was begun, by its name; by a tag, all leaves of that kind.
+
+        Raises:
+            ValueError: the tree has no such leaf.
+        """
+        names = [one for one, tag in self._tags.items() if name in (one, tag)]
+        if not names:
+            raise ValueError(f"the tree has no '{name}'; {hint(name, [*self._tags, *self._tags.values()])}")
+        return sum(self.events.count(f"start {one}") for one in names)
 
     def _stand_in(
         self,

@@ -107,6 +107,14 @@ def test_bench_runs_a_tree_with_scripted_leaves(write: Callable[[str], Path]) ->
         assert_ticks(bench, "S")
 
 
+def test_a_bench_refuses_names_that_nothing_has(write: Callable[[str], Path]) -> None:
+    path = write(XML)
+    with pytest.raises(ValueError, match="nothing is named 'Fetsch'; did you mean 'Fetch'"):
+        TreeBench(path, Registry([Fetch]), {"Fetsch": "F"})
+    with pytest.raises(ValueError, match="the tree has no 'Fetsch'; did you mean 'Fetch'"):
+        TreeBench(path, Registry([Fetch])).started("Fetsch")
+
+
 def test_a_node_can_be_tested_alone() -> None:
     node = alone(Fetch("fetch"), part="o2")
     assert node.execute() is Status.SUCCESS

@@ -54,7 +54,9 @@ class MotionPlanner:
         self.settings = settings or MotionSettings()
         self.kinematics = Kinematics(self.settings)
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
-        self.separation = SeparationMonitor(self._checker, bench, self.settings.separation)
+        self.separation = SeparationMonitor(
+            self._checker, bench, self.settings.separation, self.settings.acceleration_limits_rad_s2
+        )
 
     @property
     def robot_shapes(self) -> tuple[Shape, ...]:

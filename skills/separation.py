@@ -18,13 +18,14 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
 from skills.collision import CollisionChecker
-from skills.settings import SeparationSettings
+from skills.settings import SeparationSettings, SixFloats
 
 AHEAD_S = (0.0, 0.1, 0.2, 0.3, 0.45)  # along the trajectory, where the arm will be before it can be slow
 STEP_S = 0.02  # for the arm's speed
 TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
 HELD_RADIUS_M = 0.05  # of a sphere around a part between the fingers
 EXTRA_M_S: Array = np.arange(100, dtype=np.float64) * 0.02  # speeds above the slow one that are asked for
+LEAST_BRAKING = 0.5  # of what the joints may do, also where the path itself brakes or turns
 TINY = 1e-9
 
 
@@ -46,8 +47,11 @@ class Separation:
 class SeparationMonitor:
     """Geometry of arm and person; the same question has the same answer."""
 
-    def __init__(self, checker: CollisionChecker, bench: Bench, settings: SeparationSettings) -> None:
+    def __init__(
+        self, checker: CollisionChecker, bench: Bench, settings: SeparationSettings, acceleration_rad_s2: SixFloats
+    ) -> None:
         self.settings = settings
+        self._acceleration_rad_s2 = np.array(acceleration_rad_s2)
         self._model, self._geometry = checker.model, checker.arm_with_part(HELD_RADIUS_M)
         self._data, self._placed = self._model.createData(), self._geometry.createData()
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
@@ -77,19 +81,19 @@ class SeparationMonitor:
             if later_s and path_s + later_s > trajectory.duration_s:
                 break
             room_m, _ = self._nearest(trajectory.at(path_s + later_s), person, holding)
-            speed = self._speed_m_s(trajectory, path_s + later_s)
-            admissible = self.admissible_m_s(room_m, delay_s, coming) + self.settings.braking_m_s2 * later_s
+            speed, braking = self.speed_and_braking(trajectory, path_s + later_s)
+            admissible = self.admissible_m_s(room_m, delay_s, coming, braking) + braking * later_s
             share = min(share, admissible / max(speed, TINY))
         return Separation(distance_m, share, self.least_m(coming, delay_s))
 
-    def admissible_m_s(self, distance_m: float, delay_s: float, coming_m_s: float) -> float:
+    def admissible_m_s(self, distance_m: float, delay_s: float, coming_m_s: float, braking_m_s2: float) -> float:
         """Fastest speed of the arm from which it is slow before the hand has come this far.
 
         The hand comes during the delay and while the arm brakes to its slow speed, faster and faster; the arm moves on
         meanwhile.
         """
         settings = self.settings
-        slow, brake = settings.slow_m_s, settings.braking_m_s2
+        slow, brake = settings.slow_m_s, max(braking_m_s2, TINY)
         lasts_s: Array = delay_s + EXTRA_M_S / brake
         arm_m: Array = (slow + EXTRA_M_S) * delay_s + (slow + EXTRA_M_S / 2) * EXTRA_M_S / brake
         needed_m = settings.margin_m + np.add(arm_m, _reach_m(lasts_s, coming_m_s, settings))
@@ -115,16 +119,33 @@ class SeparationMonitor:
         inside = (pixels >= 0).all() and (pixels < (self._camera.width_px, self._camera.height_px)).all()
         return not bool(inside)
 
-    def _speed_m_s(self, trajectory: JointTrajectory, path_s: float) -> float:
-        """Of the fastest of joints and tool, as planned."""
+    def speed_and_braking(self, trajectory: JointTrajectory, path_s: float) -> tuple[float, float]:
+        """Of the fastest of joints and tool: its planned speed in [m/s], and how it can slow down in [m/s^2].
+
+        The arm slows along its path, all joints together: the one that needs longest for its share tells how fast.
+        """
+        before, here, after = (trajectory.at(path_s + step * STEP_S) for step in (-1, 0, 1))
+        speeds_rad_s, bends_rad_s2 = (after - before) / (2 * STEP_S), (after - 2 * here + before) / STEP_S**2
+        moves = np.abs(speeds_rad_s) > TINY
+        if not moves.any():
+            return 0.0, self.settings.braking_m_s2
+        fastest = np.abs(speeds_rad_s[moves])
+        limits = self._acceleration_rad_s2[moves] / fastest
+        along = bends_rad_s2[moves] * np.sign(speeds_rad_s[moves]) / fastest
+        share_per_s = max(float((limits + along).min()), LEAST_BRAKING * float(limits.min()))
+        speed_m_s = self._speed_m_s(before, after)
+        return speed_m_s, speed_m_s * share_per_s
+
+    def _speed_m_s(self, before_rad: Array, after_rad: Array) -> float:
+        """Of the fastest of joints and tool, between two places on its way."""
         places = []
-        for time_s in (path_s - STEP_S / 2, path_s + STEP_S / 2):
-            pinocchio.forwardKinematics(self._model, self._data, trajectory.at(time_s))
+        for joints_rad in (before_rad, after_rad):
+            pinocchio.forwardKinematics(self._model, self._data, joints_rad)
             last = self._data.oMi[self._model.njoints - 1]
             tips = [last.act(TOOL_LENGTH_M * axis) for axis in np.eye(3)]
             joints = [self._data.oMi[number].translation for number in range(1, self._model.njoints)]
             places.append(np.array([*joints, *tips]))
-        return float(np.linalg.norm(places[1] - places[0], axis=1).max() / STEP_S)
+        return float(np.linalg.norm(places[1] - places[0], axis=1).max() / (2 * STEP_S))
 
     def _nearest(self, joints_rad: Array, person: _Wall, holding: bool) -> tuple[float, Array]:
         """Least distance, and the way (3,) from the person to the arm along it."""

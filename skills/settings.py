@@ -39,7 +39,7 @@ class SeparationSettings(Model):
         hand_speed_m_s, hand_acceleration_m_s2: how fast a hand may become that is slow now, and how soon.
         speed_error_m_s: how far a hand's measured speed may be off.
         slow_m_s: speed of the arm at which a contact is admissible.
-        braking_m_s2: how the arm's fastest point slows down, as measured.
+        braking_m_s2: how the arm's fastest point slows down from the slow speed, as measured.
         reaction_s: from an answer of the detectors to the first braking: a tick and the arm's own cycle.
         hand_radius_m, hand_height_m: half the width of hand and forearm, and how high over the bench they may be.
         forearm_m: length of a forearm that is not seen, behind the palm.

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cell.interfaces.perception import HandSample
 from skills.separation import _reach_m
 from skills.trajectory import joint_move
-from tests.integration.cell_rig import BENCH, motion_planner
+from tests.integration.cell_rig import BENCH, motion_planner, robot_alone
 
 MONITOR = motion_planner().separation
 S = MONITOR.settings
@@ -24,24 +24,29 @@ def hand(x_m: float, y_m: float, velocity: tuple[float, float] | None = (0.0, 0.
     return HandSample(0.0, (0, 0, 9, 9), (x_m, y_m), (x_m + 0.1, y_m), velocity_m_s=velocity)
 
 
-@given(METRES, METRES, SECONDS, SECONDS, SPEEDS, SPEEDS)
+BRAKING = st.floats(0.3, 6.0)
+
+
+@given(METRES, METRES, SECONDS, SECONDS, SPEEDS, SPEEDS, BRAKING, BRAKING)
 @settings(max_examples=200, deadline=None)
 def test_nearer_later_or_faster_is_never_faster_for_the_arm(
-    d1: float, d2: float, t1: float, t2: float, v1: float, v2: float
+    d1: float, d2: float, t1: float, t2: float, v1: float, v2: float, b1: float, b2: float
 ) -> None:
-    best = MONITOR.admissible_m_s(max(d1, d2), min(t1, t2), min(v1, v2))
-    worst = MONITOR.admissible_m_s(min(d1, d2), max(t1, t2), max(v1, v2))
+    best = MONITOR.admissible_m_s(max(d1, d2), min(t1, t2), min(v1, v2), max(b1, b2))
+    worst = MONITOR.admissible_m_s(min(d1, d2), max(t1, t2), max(v1, v2), min(b1, b2))
     assert worst <= best
     assert worst >= S.slow_m_s
 
 
-@given(METRES, SECONDS, SPEEDS)
+@given(METRES, SECONDS, SPEEDS, BRAKING)
 @settings(max_examples=200, deadline=None)
-def test_the_arm_is_slow_before_a_hand_that_comes_at_once_arrives(distance: float, delay: float, coming: float) -> None:
-    speed = MONITOR.admissible_m_s(distance, delay, coming)
+def test_the_arm_is_slow_before_a_hand_that_comes_at_once_arrives(
+    distance: float, delay: float, coming: float, braking: float
+) -> None:
+    speed = MONITOR.admissible_m_s(distance, delay, coming, braking)
     if speed <= S.slow_m_s:
         return
-    lasts = delay + (speed - S.slow_m_s) / S.braking_m_s2
+    lasts = delay + (speed - S.slow_m_s) / braking
     arm = speed * delay + (speed + S.slow_m_s) / 2 * (lasts - delay)
     assert arm + float(_reach_m(np.array(lasts), coming, S)) + S.margin_m <= distance + 1e-9
 
@@ -92,3 +97,22 @@ def test_the_far_half_of_the_tray_is_known_to_be_out_of_view() -> None:
         assert joints is not None
         seen[y] = not MONITOR.out_of_view(joints)
     assert seen == {-0.55: False, -0.45: False, 0.10: True}
+
+
+@pytest.mark.parametrize("path_s", [0.2, 0.5, 0.9, 1.3, 1.6])
+def test_the_simulated_arm_brakes_at_least_as_foretold(path_s: float) -> None:
+    """From anywhere on its way to the slow speed, in no more time than the monitor counts with."""
+    trajectory = joint_move(PARK, LOOK, motion_planner().settings)
+    speed, braking = MONITOR.speed_and_braking(trajectory, path_s)
+    share = S.slow_m_s / max(speed, S.slow_m_s)
+    with robot_alone([], seed=1) as cell:
+        arm, clock = cell.arm, cell.devices.clock
+        arm.follow(trajectory)
+        clock.sleep_until(clock.now_s() + path_s)
+        began_s = clock.now_s()
+        arm.pace(share)
+        while arm._rate > share + 1e-6:
+            clock.sleep_until(clock.now_s() + 0.008)
+            arm.pace(share)
+    foretold_s = max(speed - S.slow_m_s, 0.0) / braking if braking > 0 else 0.0
+    assert clock.now_s() - began_s <= foretold_s + 0.016

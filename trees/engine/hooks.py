@@ -211,6 +211,12 @@ def _unlock(hooks: Hooks, order: Any) -> None:
     hooks.unlock(wanted.uid, wanted.position, STATUS_WORDS[wanted.desired_status], wanted.remove_when_done)
 
 
+def _insert(hooks: Hooks, order: Any) -> None:
+    """One hook, or a list of them; all are understood before the first is taken."""
+    for hook in [Hook.model_validate(one) for one in (order if isinstance(order, list) else [order])]:
+        hooks.insert(hook)
+
+
 def _remove(hooks: Hooks, order: Any) -> None:
     wanted = Which.model_validate(order)
     hooks.remove(wanted.uid, wanted.position)
@@ -218,7 +224,7 @@ def _remove(hooks: Hooks, order: Any) -> None:
 
 # Orders about hooks by their letters in Groot2's protocol.
 ORDERS: Mapping[str, Callable[[Hooks, Any], None]] = {
-    "I": lambda hooks, order: hooks.insert(Hook.model_validate(order)),
+    "I": _insert,
     "R": _remove,
     "U": _unlock,
     "A": lambda hooks, _: hooks.clear(),

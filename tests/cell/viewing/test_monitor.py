@@ -325,3 +325,12 @@ def test_a_port_in_use_is_bad_input(make: Callable[..., Bench]) -> None:
     bench = make()
     with pytest.raises(InputError, match="--monitor-port"):
         Monitor(bench.tree, Registry([Count]), bench.port)
+
+
+def test_several_hooks_may_come_in_one_request(make: Callable[..., Bench]) -> None:
+    monitor = make(hooks=True).monitor
+    hooks = b'[{"uid": 1, "mode": 1}, {"uid": 2, "mode": 1}]'
+    assert monitor.answer([HEADER.pack(2, ord("I"), 1), hooks])[0] != b"error"
+    dump = json.loads(monitor.answer([HEADER.pack(2, ord("D"), 1)])[1])
+    assert [hook["uid"] for hook in dump] == [1, 2]
+    assert monitor.answer([HEADER.pack(2, ord("I"), 1), b'[{"uid": 1}, {"uid": 0}]'])[0] == b"error"

@@ -60,4 +60,4 @@ def assembly_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
 @pytest.fixture(scope="session")
 def tray_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     """Until the robot, which acts on little evidence here, has looked into the tray for the first time."""
-    return recorded(tmp_path_factory.mktemp("tray"), DEFAULT_TREE, 9.0, seed=3, act=0.1)
+    return recorded(tmp_path_factory.mktemp("tray"), DEFAULT_TREE, 12.0, seed=3, act=0.1)

@@ -6,10 +6,6 @@ import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-import pytest
-
-from cell.log.reading.reader import read_log
-from cell.log.replaying.replay import Replay
 from cell.recording.identity import PACKAGES, identity, versions, what_changed
 
 
@@ -31,10 +27,3 @@ def test_there_are_no_secrets_in_it() -> None:
 def test_versions_that_changed_are_named() -> None:
     recorded = {**versions(), "version.placo": "0.0.1", "version.gone": "1", "seed": "7"}
     assert what_changed(recorded) == [f"placo was 0.0.1, is {versions()['version.placo']}"]
-
-
-@pytest.mark.parametrize("case", sorted(Path("tests/cases").glob("*.mcap")), ids=lambda case: case.stem)
-def test_a_replay_names_versions_that_changed(case: Path) -> None:
-    log = read_log(case)
-    log.metadata["version.numpy"] = "1.0"  # type: ignore[index]
-    assert any("numpy was 1.0" in remark for remark in Replay(log).remarks)

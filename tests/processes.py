@@ -47,9 +47,15 @@ def finished(
 
 
 def children() -> dict[int, str]:
-    """Command lines of this process's children that still run, by process id (Linux)."""
+    """Command lines of this process's children that still run, by process id (Linux); a new one may have none yet."""
     ids = [int(word) for task in Path("/proc/self/task").iterdir() for word in _read(task / "children").split()]
-    return {one: " ".join(line.split("\0")) for one in ids if (line := _read(Path(f"/proc/{one}/cmdline")))}
+    return {one: " ".join(_read(Path(f"/proc/{one}/cmdline")).split("\0")) for one in ids if runs(one)}
+
+
+def runs(process: int) -> bool:
+    """Whether a process is there and is no zombie (Linux)."""
+    state = _read(Path(f"/proc/{process}/stat")).rpartition(")")[2].split()
+    return bool(state) and state[0] not in "ZX"
 
 
 def _read(path: Path) -> str:

@@ -11,19 +11,11 @@ from pathlib import Path
 import pytest
 
 from tests import ROOT
-from tests.processes import children, finished, started
+from tests.processes import children, finished, runs, started
 
 SLEEPS = "import time; time.sleep(600)"
 STARTS = f"print(subprocess.Popen([sys.executable, '-c', {SLEEPS!r}]).pid, flush=True)"
 PARENT = f"import subprocess, sys; {STARTS}; {SLEEPS}"
-
-
-def runs(process: int) -> bool:
-    try:
-        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return False
-    return state not in "ZX"
 
 
 def test_what_a_process_started_ends_with_it() -> None:

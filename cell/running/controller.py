@@ -27,6 +27,7 @@ from cell.running.supervisor import Supervisor
 from trees.engine.node import StatusChange
 
 Answer = TypeVar("Answer")
+USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, nobody is told
 STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked
 STOPPING = "STOPPING"  # ... and in the ticks of the safe stop
 
@@ -195,7 +196,7 @@ class Controller:
         seen, joints = self.observe(), self._reader.samples()
         self._judgement = self._supervisor.judge(seen)
         self._seen = self._fingers.seen(replace(seen, share=self._judgement.share))
-        reasons = tuple(signal for signal, _ in self._judgement.reasons)
+        reasons = tuple(signal for signal, _ in self._judgement.reasons if signal not in USUAL)
         if reasons != self._said:
             self._said = reasons
             words = f"{self._judgement.action.name.lower()}: {self._judgement.words}" if reasons else "all clear"

@@ -14,6 +14,7 @@ from cell.interfaces.pose import Pose
 
 SEGMENT_FRAMES = 45  # 3 s at 15 FPS, section 3.2 of the paper
 ActionKind = Literal["assembly", "screw", "transit", "idle"]
+Side = Literal["left", "right"]
 
 
 @dataclass(frozen=True)
@@ -55,14 +56,20 @@ class PendingFrame(Frame):
 
 @dataclass(frozen=True)
 class HandSample:
-    """The hand in one frame.
+    """A hand in one frame. What a tracker cannot tell is None.
 
     Attributes:
         box_px: (left, top, right, bottom) of hand and held part in the image.
-        fingertips_m: (x, y) of the fingertips on the bench, in the world frame.
+        fingertips_m: (x, y) of the point between the tips of thumb and index finger, in the world frame.
         palm_m: (x, y) of the palm.
         held_part: type of the part seen between the fingers, or None.
         velocity_m_s: (x, y) of the palm; None where the track is too short to tell.
+        height_m: of the palm over the table.
+        side: whether it is a left or a right hand.
+        thumb_m, index_m: (x, y) of the tips of thumb and index finger.
+        held_m: (x, y) of the middle of the held part; None where nothing is held, too.
+        forearm_rad: direction from palm to elbow, from the x axis towards the y axis.
+        confidence: from 0 to 1, that there is a hand.
     """
 
     time_s: float
@@ -71,6 +78,13 @@ class HandSample:
     palm_m: tuple[float, float]
     held_part: str | None = None
     velocity_m_s: tuple[float, float] | None = None
+    height_m: float | None = None
+    side: Side | None = None
+    thumb_m: tuple[float, float] | None = None
+    index_m: tuple[float, float] | None = None
+    held_m: tuple[float, float] | None = None
+    forearm_rad: float | None = None
+    confidence: float = 1.0
 
     @property
     def speed_m_s(self) -> float | None:
@@ -140,6 +154,7 @@ class BenchView:
         holes: by position name; a position that was never seen unobstructed is absent.
         health: what is wrong with the image, in words: "dark", "frozen" and the like; empty for a sound one.
         hand_unknown: why it is not known where the hand is; empty where it is known, or known to be absent.
+        other_hands: hands in view that do not work.
     """
 
     sequence: int
@@ -149,6 +164,7 @@ class BenchView:
     action: Action
     health: str = ""
     hand_unknown: str = ""
+    other_hands: tuple[HandSample, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -181,10 +197,15 @@ class PartsView:
 
 
 class HandTracker(Protocol):
-    """Finds the hand in an overhead frame."""
+    """Finds hands in overhead frames, which come in order."""
 
     def track(self, frame: Frame) -> HandSample | None:
-        """The hand and what it holds, or None where no hand is in view."""
+        """The hand that works and what it holds, or None where none is in view."""
+        ...
+
+    @property
+    def others(self) -> tuple[HandSample, ...]:
+        """The hands of the last frame that do not work."""
         ...
 
 

@@ -37,6 +37,11 @@ class ClassicalHandTracker:
         view = View(bench.overhead.model, bench.overhead.mount.pose)
         self._scale = view.pixels_per_m((*bench.bracket.position_m[:2], settings.hand_height_m))
 
+    @property
+    def others(self) -> tuple[HandSample, ...]:
+        """None: only the largest piece of skin is looked at."""
+        return ()
+
     def track(self, frame: Frame) -> HandSample | None:
         """The hand and what it holds, or None where no hand is in view."""
         return self.track_labels(frame, self._colours.label(frame.image))

@@ -48,7 +48,7 @@ def hands(
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
-    """Crops of the hand, and which part it holds."""
+    """Frames of the overhead camera, and where every hand in them is, with what it holds."""
     _from_assemblies("hands", out, look, person, recordings, first_seed, physics, config, as_json)
 
 
@@ -100,7 +100,8 @@ def _from_assemblies(
     as_json: bool,
 ) -> None:
     from cell.configuration import load_configuration, load_product, simulated
-    from sim.data.actions import Source, write_hands, write_holes, write_segments
+    from sim.data.actions import Source, write_holes, write_segments
+    from sim.data.hands import write_hands
     from sim.data.recording import record
 
     configuration = simulated(load_configuration(config), look, person)

@@ -1,4 +1,4 @@
-"""Segments of what the hand does, crops of the hand, and crops of the holes, out of simulated assemblies."""
+"""Segments of what the hand does, with the last crop of the hand, and crops of the holes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from sim.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
 STRIDE_FRAMES = 15  # a segment a second
 ASSEMBLY_STRIDE_FRAMES = 4  # and more while a part is placed, which is short
-HAND_STRIDE_FRAMES = 5  # three crops of the hand a second
 HOLES_STRIDE_FRAMES = 30
 HOLE_HALF_M = 0.045  # half the width of a hole's crop on the plate
 COVERED_BY = ("hand", "shoulder", "upper", "forearm", "wrist", "gripper", "finger", "tool", "base", "head")
@@ -67,21 +66,6 @@ def write_segments(source: Source, folder: DataFolder) -> None:
                 "hands": window,
             },
         )
-    photographer.close()
-
-
-def write_hands(source: Source, folder: DataFolder) -> None:
-    """Rows of crops.jsonl: the hand, and what it really holds."""
-    photographer = source.assembly.photographer(source.bench)
-    for index, hand in enumerate(_hands(source)):
-        if hand is None or index % HAND_STRIDE_FRAMES:
-            continue
-        moment = source.assembly.moments[index]
-        frame = moment.exposure.sequence
-        image = _crop(photographer.take(moment.exposure).image, hand["box_px"])
-        file = folder.image(f"crops/{source.name}-{frame:06d}-hand.png", image)
-        row = {"file": file, "kind": "hand", "part": hand["held_part"], "confirmed": hand["held_part"]}
-        folder.row("crops", {**row, "log": source.name, "camera": CAMERA, "frame": frame, **hand})
     photographer.close()
 
 

@@ -24,11 +24,21 @@ Box = tuple[int, int, int, int]
 
 
 class Projection:
-    """The true camera of a look: its own mount and lens, not those that the controller believes in."""
+    """The true camera of a look: its own mount and lens, not those that the controller believes in.
+
+    Attributes:
+        camera: its number in the compiled world.
+    """
 
     def __init__(self, world: World, camera: str, setup: CameraSetup, look: Look) -> None:
-        self._model, self._camera = world.model, int(world.model.camera(camera).id)
+        self._model, self.camera = world.model, int(world.model.camera(camera).id)
         self._setup, self._look = setup, look.camera
+
+    def inside(self, pixels: Array) -> NDArray[np.bool_]:
+        """(n,) Which pixels (n, 2) are in the image."""
+        size = (self._setup.width_px, self._setup.height_px)
+        found: NDArray[np.bool_] = np.all((pixels >= 0) & (pixels < size), axis=1)
+        return found
 
     def box(self, poses: ScenePoses, geoms: NDArray[np.int64]) -> Box | None:
         """(left, top, right, bottom) around geoms, from the boxes around each; None where it is out of the image."""
@@ -44,8 +54,8 @@ class Projection:
 
     def pixels(self, poses: ScenePoses, points_m: Array) -> Array:
         """World points (n, 3) to pixels (n, 2) as (column, row)."""
-        turn = poses[CAMERA_TURNS][self._camera].reshape(3, 3)
-        x, y, z = ((points_m - poses[CAMERA_POSITIONS][self._camera]) @ turn).T
+        turn = poses[CAMERA_TURNS][self.camera].reshape(3, 3)
+        x, y, z = ((points_m - poses[CAMERA_POSITIONS][self.camera]) @ turn).T
         straight = np.stack([x, -y], axis=1) / -z[:, np.newaxis]
         square = (straight**2).sum(axis=1, keepdims=True)
         bent = straight * (1 + self._look.distortion_k1 * square + self._look.distortion_k2 * square**2)

@@ -14,10 +14,12 @@ import pytest
 from cell.configuration import load_configuration, load_product, simulated
 from cell.interfaces.errors import InputError
 from cell.interfaces.perception import SEGMENT_FRAMES
-from sim.data.actions import Source, holes_of, write_hands, write_holes, write_segments
+from sim.data.actions import Source, holes_of, write_holes, write_segments
 from sim.data.folder import DataFolder
+from sim.data.hands import hand_frames, write_hands
 from sim.data.objects import write_objects
 from sim.data.recording import Assembly, record
+from sim.data.sight import GEOM_POSITIONS
 from sim.data.splits import SPLITS, seeds
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
@@ -104,15 +106,45 @@ def test_segments_end_with_their_class_and_have_all_their_frames(tmp_path: Path)
             assert image(tmp_path / "new" / row["hand_crop"]).shape == (bottom - top, right - left, 3)
 
 
-def test_crops_of_the_hand_show_the_hand(tmp_path: Path) -> None:
-    write_hands(source(), DataFolder(tmp_path / "new", "test"))
-    found = rows(tmp_path / "new" / "crops.jsonl")
-    assert {row["part"] for row in found} == {None, *PRODUCT.parts}
-    skin = np.array(assembly().look.person.hand_rgb)[::-1]
-    for row in found[:: len(found) // 8]:
-        colours = image(tmp_path / "new" / row["file"]).reshape(-1, 3) + 1.0
-        alike = colours @ skin / np.linalg.norm(colours, axis=1) / np.linalg.norm(skin) > 0.99
-        assert alike.mean() > 0.2
+def test_hands_in_frames_are_where_the_rows_say(tmp_path: Path) -> None:
+    looks = simulated(CONFIGURATION, "nominal").devices.simulation.look
+    person = looks.low.person.model_copy(update={"second_hand": True, "left_hand": True})
+    look = looks.model_copy(update={"low": looks.low.model_copy(update={"person": person})})
+    look = look.model_copy(update={"high": look.low})
+    taken = record(PRODUCT, BENCH, SIMULATION.model_copy(update={"look": look}), SEED)
+    write_hands(Source(taken, PRODUCT, BENCH), DataFolder(tmp_path / "new", "test"))
+    found = rows(tmp_path / "new" / "hands.jsonl")
+    skin = np.array(person.hand_rgb)[::-1]
+    checked = 0
+    for row in found:
+        picture = image(tmp_path / "new" / row["file"])
+        for hand in row["hands"]:
+            assert hand["side"] == ("left" if hand["acting"] else "right")
+            assert (hand["held_part"] is None) == ("held" not in hand["points_px"])
+            left, top, right, bottom = hand["box_px"]
+            column, line = (round(value) for value in hand["points_px"]["palm"])
+            if not (5 < column < 475 and 5 < line < 355 and hand["visible"] > 0.7):
+                continue
+            assert left <= column < right
+            assert top <= line < bottom
+            colours = picture[line - 2 : line + 3, column - 2 : column + 3].reshape(-1, 3).mean(axis=0)
+            assert colours @ skin / np.linalg.norm(colours) / np.linalg.norm(skin) > 0.98
+            checked += 1
+    assert checked > len(found)  # both hands, in most frames
+
+
+def test_the_arm_stands_elsewhere_in_each_stretch_and_keeps_away_from_the_fingers() -> None:
+    stretches = [range(start, start + 2) for start in range(100, 220, 10)]
+    seen = list(hand_frames(source(), stretches))
+    tool = assembly().world.model.body("tool").id
+    geom = int(np.flatnonzero(assembly().world.model.geom_bodyid == tool)[0])
+    places = np.array([one.poses[GEOM_POSITIONS][geom] for one in seen])
+    assert np.allclose(places[::2], places[1::2])
+    assert len(np.unique(places.round(4), axis=0)) > len(stretches) / 2
+    for one, place in zip(seen, places, strict=True):
+        acting = next((hand for hand in one.hands if hand.acting), None)
+        if acting is not None:
+            assert np.linalg.norm(place - np.array(acting.points_m["pinch"])) > 0.1
 
 
 def test_what_hides_a_hole_is_told(tmp_path: Path) -> None:
@@ -150,7 +182,7 @@ def test_the_same_seed_gives_the_same_files_and_nothing_is_overwritten(tmp_path:
         again = record(PRODUCT, BENCH, SIMULATION, SEED)
         write_hands(Source(again, PRODUCT, BENCH), DataFolder(tmp_path / name, "test"))
     files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
-    assert len(files) > 50
+    assert len(files) > 10
     for file in files:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
     with pytest.raises(InputError, match="not an empty folder"):

@@ -1,0 +1,251 @@
+"""Frames of the overhead camera, and where every hand in them really is.
+
+The person alone assembles; the arm, which moves by no rule here, stands in another pose of its work in every stretch of
+frames, so that detectors see it beside hands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import JOINTS
+from cell.interfaces.perception import Frame, Side
+from cell.interfaces.pose import Array
+from sim.data.actions import Source
+from sim.data.folder import DataFolder
+from sim.data.recording import CAMERA, Moment
+from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection
+from sim.studio import ScenePoses, show_poses
+from sim.world import World
+
+FRAMES = 10  # of each recording
+POINTS = ("palm", "pinch", "thumb", "index", "wrist", "held")
+BLOCKS_M = 0.02  # what is nearer to the camera than a point by more hides it
+PARKED_SHARE = 0.3  # of stretches in which the arm is out of the way
+ARM_TRIES = 20
+ARM_CLEAR_M = 0.16  # between the arm and the fingertips
+ARM_LEAST_HEIGHT_M = 0.06
+PAN_RAD, BEND_RAD = (-0.5, 1.3), 0.35  # of the arm about the pose from which it looks into the tray
+SHOWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
+
+
+@dataclass(frozen=True)
+class HandTruth:
+    """One hand in one frame.
+
+    Attributes:
+        acting: it is the hand that works, not the one that rests.
+        box_px: (left, top, right, bottom) of the hand without its sleeve, and of what it holds.
+        visible: share of its shapes whose middles are in the image and hidden by nothing.
+        points_m: (x, y, z) by name in POINTS; `held` only where something is held.
+        points_px: (column, row) of the same, by the camera's true lens and place.
+    """
+
+    acting: bool
+    side: Side
+    box_px: Box
+    held_part: str | None
+    visible: float
+    points_m: dict[str, tuple[float, float, float]]
+    points_px: dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class HandFrame:
+    """A frame, all hands that reach into it, and the poses that it was taken of."""
+
+    frame: Frame
+    hands: tuple[HandTruth, ...]
+    poses: ScenePoses
+
+
+def write_hands(source: Source, folder: DataFolder) -> None:
+    """Rows of hands.jsonl: whole frames with all hands in them."""
+    assembly = source.assembly
+    rng = np.random.default_rng([assembly.seed, 4])
+    chosen = np.sort(rng.choice(len(assembly.moments), min(FRAMES, len(assembly.moments)), replace=False))
+    for seen in hand_frames(source, [range(index, index + 1) for index in chosen]):
+        file = folder.image(f"images/{source.name}-{seen.frame.sequence:06d}.jpg", seen.frame.image)
+        row = {"file": file, "log": source.name, "frame": seen.frame.sequence, "time_s": round(seen.frame.time_s, 4)}
+        folder.row("hands", {**row, "hands": [_row(hand) for hand in seen.hands]})
+
+
+def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFrame]:
+    """The frames of stretches of moments, given in order; in each stretch the arm stands still."""
+    assembly, bench = source.assembly, source.bench
+    photographer = assembly.photographer(bench)
+    projection = Projection(assembly.world, CAMERA, bench.overhead, assembly.look)
+    arm = _Arm(assembly.world, bench.arm_look_rad, np.random.default_rng([assembly.seed, 3]))
+    hands = _hands_of(source)
+    data = mujoco.MjData(assembly.world.model)
+    for stretch in stretches:
+        pose = arm.draw([assembly.moments[index].fingertips_m for index in stretch])
+        for index in stretch:
+            moment = assembly.moments[index]
+            exposure = replace(moment.exposure, moments=tuple(arm.put(one, pose) for one in moment.exposure.moments))
+            poses = exposure.moments[-1]
+            show_poses(data, poses)
+            held = assembly.held[index]
+            told = (hand.truth(moment, poses, held, projection, data) for hand in hands)
+            yield HandFrame(photographer.take(exposure), tuple(one for one in told if one is not None), poses)
+    photographer.close()
+
+
+@dataclass(frozen=True)
+class _HandModel:
+    """The shapes of one hand in the compiled world.
+
+    Attributes:
+        geoms: all but the sleeve.
+        palm, thumb, index, wrist: geom ids; the tips are the far ends of theirs.
+    """
+
+    world: World
+    acting: bool
+    side: Side
+    geoms: NDArray[np.int64]
+    palm: int
+    thumb: int
+    index: int
+    wrist: int
+
+    def truth(
+        self, moment: Moment, poses: ScenePoses, held: str | None, projection: Projection, data: mujoco.MjData
+    ) -> HandTruth | None:
+        """The hand at a moment; None where it is out of the image."""
+        part = self._part(moment, held)
+        geoms = np.concatenate([self.geoms, part])
+        box = projection.box(poses, geoms)
+        if box is None:
+            return None
+        centres = poses[GEOM_POSITIONS]
+        thumb, index = (self._tip(poses, geom) for geom in (self.thumb, self.index))
+        points = {
+            "palm": centres[self.palm],
+            "pinch": moment.fingertips_m if self.acting else (thumb + index) / 2,
+            "thumb": thumb,
+            "index": index,
+            "wrist": centres[self.wrist],
+        } | ({"held": centres[part].mean(axis=0)} if len(part) else {})
+        pixels = projection.pixels(poses, np.array(list(points.values())))
+        return HandTruth(
+            acting=self.acting,
+            side=self.side,
+            box_px=box,
+            held_part=held if self.acting else None,
+            visible=self._visible(poses, geoms, projection, data),
+            points_m={name: _rounded(value, 5) for name, value in points.items()},  # type: ignore[misc]
+            points_px={name: _rounded(px, 2) for name, px in zip(points, pixels, strict=True)},  # type: ignore[misc]
+        )
+
+    def _part(self, moment: Moment, held: str | None) -> NDArray[np.int64]:
+        """Shapes of the held part."""
+        if held is None or not self.acting:
+            return np.empty(0, np.int64)
+        away = np.linalg.norm(moment.parts_m - moment.fingertips_m, axis=1)
+        bodies = self.world.bodies
+        nearest = min((index for index, one in enumerate(bodies) if one.part == held), key=lambda index: away[index])
+        model = self.world.model
+        return np.flatnonzero((model.geom_bodyid == bodies[nearest].body) & (model.geom_group < 3))
+
+    def _tip(self, poses: ScenePoses, geom: int) -> Array:
+        """The end of a finger's last bone that is away from the palm."""
+        along = poses[GEOM_TURNS][geom].reshape(3, 3)[:, 2] * self.world.model.geom_size[geom][1]
+        ends: Array = poses[GEOM_POSITIONS][geom] + np.array([along, -along])
+        farthest: Array = ends[np.linalg.norm(ends - poses[GEOM_POSITIONS][self.palm], axis=1).argmax()]
+        return farthest
+
+    def _visible(self, poses: ScenePoses, own: NDArray[np.int64], projection: Projection, data: mujoco.MjData) -> float:
+        model, eye = self.world.model, poses[CAMERA_POSITIONS][projection.camera]
+        points = poses[GEOM_POSITIONS][self.geoms]
+        inside = projection.inside(projection.pixels(poses, points))
+        hit = np.zeros(1, np.int32)
+        seen = 0
+        for point in points[inside]:
+            way = point - eye
+            length_m = float(np.linalg.norm(way))
+            reached_m = mujoco.mj_ray(model, data, eye, way / length_m, SHOWN_GROUPS, 1, -1, hit, None)
+            seen += bool(hit[0] in own or reached_m < 0 or reached_m > length_m - BLOCKS_M)
+        return round(seen / len(points), 3)
+
+
+def _hands_of(source: Source) -> list[_HandModel]:
+    world, person = source.assembly.world, source.assembly.look.person
+    model = world.model
+
+    def shown(body: str) -> list[int]:
+        return [int(i) for i in np.flatnonzero((model.geom_bodyid == model.body(body).id) & (model.geom_group < 3))]
+
+    sides: tuple[Side, Side] = ("left", "right") if person.left_hand else ("right", "left")
+    palm, *_, wrist, _ = hand = shown("hand")  # the sleeve is the last
+    thumb, index = shown("hand_thumb"), shown("hand_index")
+    geoms = np.array(hand[:-1] + thumb + index)
+    found = [_HandModel(world, True, sides[0], geoms, palm, thumb[0], index[0], wrist)]
+    if person.second_hand:
+        palm, first, *_, last, wrist, _ = rest = shown("second_hand")
+        found.append(_HandModel(world, False, sides[1], np.array(rest[:-1]), palm, last, first, wrist))
+    return found
+
+
+class _Arm:
+    """Poses of the arm at its work, written over those of a moment."""
+
+    def __init__(self, world: World, look_rad: Sequence[float], rng: np.random.Generator) -> None:
+        self._world, self._look_rad, self._rng = world, np.array(look_rad), rng
+        self._data = mujoco.MjData(world.model)
+
+    @cached_property
+    def _geoms(self) -> NDArray[np.int64]:
+        model = self._world.model
+        root = model.body_rootid[model.body("tool").id]
+        return np.flatnonzero(model.body_rootid[model.geom_bodyid] == root)
+
+    def draw(self, tips_m: Sequence[Array]) -> tuple[Array, Array] | None:
+        """Where its shapes are in a pose that keeps away from fingertips; None where it stays parked."""
+        if self._rng.random() < PARKED_SHARE:
+            return None
+        for _ in range(ARM_TRIES):
+            self._data.qpos[:] = self._world.data.qpos
+            self._data.qpos[self._world.arm_qpos] = self._joints()
+            mujoco.mj_kinematics(self._world.model, self._data)
+            centres = self._data.geom_xpos[self._geoms]
+            tool = self._data.body("tool").xpos
+            near_m = min(float(np.linalg.norm(centres - tip, axis=1).min()) for tip in tips_m)
+            if near_m > ARM_CLEAR_M and tool[2] > ARM_LEAST_HEIGHT_M:
+                return centres.copy(), self._data.geom_xmat[self._geoms].copy()
+        return None
+
+    def put(self, poses: ScenePoses, pose: tuple[Array, Array] | None) -> ScenePoses:
+        """The poses of a moment with the arm in another one."""
+        if pose is None:
+            return poses
+        changed = list(poses)
+        for field, values in zip((GEOM_POSITIONS, GEOM_TURNS), pose, strict=True):
+            changed[field] = poses[field].copy()
+            changed[field][self._geoms] = values
+        return tuple(changed)
+
+    def _joints(self) -> Array:
+        """Somewhere over tray and bracket, the tool pointing down."""
+        joints = self._look_rad.copy()
+        lift, elbow, turn = self._rng.uniform(-BEND_RAD, BEND_RAD, 3)
+        joints[JOINTS.index("shoulder_pan")] += self._rng.uniform(*PAN_RAD)
+        joints[JOINTS.index("shoulder_lift")] += lift
+        joints[JOINTS.index("elbow")] += elbow
+        joints[JOINTS.index("wrist_1")] -= lift + elbow
+        joints[JOINTS.index("wrist_3")] += 4 * turn
+        return joints
+
+
+def _rounded(values: Array, digits: int) -> tuple[float, ...]:
+    return tuple(round(float(value), digits) for value in values)
+
+
+def _row(hand: HandTruth) -> dict[str, object]:
+    return {name: getattr(hand, name) for name in HandTruth.__dataclass_fields__}

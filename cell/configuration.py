@@ -30,6 +30,7 @@ DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
 DEFAULT_FAULTS = shipped("config", "faults.yaml")
 WEIGHTS = shipped("learned", "weights")
 DEFAULT_TREE = shipped("trees", "assemble.xml")
+LEARNED_KINDS = {"hands": "tracker", "actions": "slim", "holes": "plate", "parts": "centre"}  # the trained defaults
 
 
 class ControllerSettings(Model):
@@ -46,18 +47,54 @@ class ControllerSettings(Model):
     stop_timeout_s: float = Field(default=2.0, gt=0, le=60)
 
 
+class DetectorSettings(Model):
+    """One of the detectors.
+
+    Attributes:
+        kind: which implementation answers; "classical" needs no weights.
+        weights: file of weights, relative to this file; the shipped one of this kind by default.
+    """
+
+    kind: str
+    weights: Path | None = None
+
+
 class Perception(Model):
     """The detectors that read camera frames.
 
     Attributes:
-        kind: which detectors.
+        kind: all detectors at once: by rules about colours and outlines (classical), or trained (learned).
+        hands: who finds the hand, where that is to be another kind: classical, tracker.
+        actions: who names what the hand does: classical, slim.
+        holes: who reads the holes: classical, plate.
+        parts: who finds parts in the wrist camera's view: classical, centre.
         latency_s: in lock-step simulation, clock time from a frame to its answer.
         classical: settings of that kind.
     """
 
-    kind: Literal["classical"] = "classical"
+    kind: Literal["classical", "learned"] = "classical"
+    hands: DetectorSettings | None = None
+    actions: DetectorSettings | None = None
+    holes: DetectorSettings | None = None
+    parts: DetectorSettings | None = None
     latency_s: float = Field(default=0.1, ge=0, le=2)
     classical: ClassicalSettings = ClassicalSettings()
+
+    def chosen(self, detector: str) -> DetectorSettings:
+        """The settings of a detector, by its key: its own ones, or what `kind` says."""
+        own: DetectorSettings | None = getattr(self, detector)
+        return own or DetectorSettings(kind=LEARNED_KINDS[detector] if self.kind == "learned" else "classical")
+
+    def weights(self, detector: str) -> Path:
+        """The file of weights of a detector that is not classical."""
+        settings = self.chosen(detector)
+        return settings.weights or WEIGHTS / weights_file(detector, settings.kind)
+
+    @property
+    def words(self) -> str:
+        """For logs and summaries: `kind`, or each detector's where they are chosen one by one."""
+        own = [f"{name} {settings.kind}" for name in LEARNED_KINDS if (settings := getattr(self, name)) is not None]
+        return ", ".join((self.kind, *own))
 
 
 class PlannerSettings(Model):
@@ -182,6 +219,11 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
         name: planner.model_copy(update={"weights": _weights(name, planner, folder)} | _beside(planner, folder))
         for name, planner in read.planners
     }
+    detectors = {
+        name: own.model_copy(update={"weights": folder / own.weights})
+        for name in LEARNED_KINDS
+        if (own := getattr(read.perception, name)) is not None and own.weights is not None
+    }
     faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
     database = read.gripper_can.database
@@ -190,6 +232,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
         update={
             "product": folder / read.product,
             "faults": faults,
+            "perception": read.perception.model_copy(update=detectors),
             "planners": read.planners.model_copy(update=planners),
             "gripper_can": gripper,
             "log": log,

@@ -18,6 +18,7 @@ from rich.console import Console
 from cell.configuration import (
     DEFAULT_CONFIGURATION,
     DEFAULT_TREE,
+    LEARNED_KINDS,
     Configuration,
     LogSettings,
     load_configuration,
@@ -40,7 +41,7 @@ from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
 from cell.running.controller import Controller
-from cell.running.detectors import lock_step, worker_processes
+from cell.running.detectors import check_detectors, lock_step, worker_processes
 from cell.running.finished import FinishedBrackets
 from cell.running.injection import Injection
 from cell.running.node_library import node_registry
@@ -136,6 +137,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
         product = load_product(configuration, options.configuration)
         tree = load_tree(options.tree, node_registry(product, options.nodes))
         log = _log_path(options, configuration.log)
+        check_detectors(configuration.bench, product, configuration.perception)
         return _run(
             options,
             Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration)),
@@ -326,15 +328,23 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         "pace": options.pace,
         "person": options.person or "as configured",
         "tree": options.tree.name,
-        "perception": files.configuration.perception.kind,
+        "perception": files.configuration.perception.words,
         "look": files.configuration.devices.simulation.look.name,
     }
+    for name in LEARNED_KINDS:
+        if files.configuration.perception.chosen(name).kind != "classical":
+            values |= _weights(name, files.configuration.perception.weights(name))
     for name, planner in files.configuration.planners:
         values[f"planner.{name}"] = planner.kind
         if planner.weights is not None and planner.weights.exists():
-            values[f"weights.{name}.file"] = str(planner.weights)
-            values[f"weights.{name}.sha256"] = hashlib.sha256(planner.weights.read_bytes()).hexdigest()
+            values |= _weights(name, planner.weights)
     return Heading({**values, **identity()}, attachments)
+
+
+def _weights(name: str, file: Path) -> dict[str, str]:
+    """Which weights a planner or detector has."""
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    return {f"weights.{name}.file": str(file), f"weights.{name}.sha256": digest}
 
 
 def _texts(options: RunOptions, tree: Tree) -> dict[str, str]:
@@ -389,7 +399,7 @@ def _summary(
         "sim_time_s": round(outcome.sim_time_s, 3),
         "wall_time_s": round(outcome.wall_time_s, 3),
         "real_time_factor": round(speed, 2),
-        "perception": files.configuration.perception.kind,
+        "perception": files.configuration.perception.words,
         "seed": options.seed,
         "log": str(recorder.path),
         "log_parts": recorder.parts,

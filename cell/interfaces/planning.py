@@ -14,7 +14,7 @@ UNKNOWN_GOAL = "none of these"
 
 
 def weights_file(planner: str, kind: str) -> str:
-    """Name of the file in which the weights of a kind of planner are shipped: a graph is JSON, networks are ONNX."""
+    """Name of the shipped file of weights of a kind of planner or detector: a graph is JSON, networks are ONNX."""
     kind = "factored" if kind == "auto" else kind
     return f"{planner}_{kind}.{'json' if kind == 'and_or' else 'onnx'}"
 

@@ -1,28 +1,83 @@
-"""Makes the detectors that the configuration names, and the executors that run them."""
+"""Makes the detectors that the configuration names, and the executors that run them.
+
+Trained detectors are imported only where they are chosen. Each is made by one function of its package, which takes
+bench, product and the file of weights; a new kind is one more line in TRAINED.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
 
 from cell.configuration import Perception
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
+from cell.interfaces.errors import ModelError, SettingError
 from cell.interfaces.perception import BenchView, Frame, PartDetector, PartsView
 from cell.interfaces.product import Product
 from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
-from learned.classical.bench_watcher import ClassicalBenchWatcher
-from learned.classical.part_detector import ClassicalPartDetector
+from learned.bench_watcher import DetectorChain
+from learned.classical.detectors import ClassicalDetectors
+
+Maker = Callable[[Bench, Product, Path], Any]
+
+TRAINED: Mapping[str, Mapping[str, Maker]] = {"hands": {}, "actions": {}, "holes": {}, "parts": {}}
 
 
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
     """What answers overhead frames."""
-    return ClassicalBenchWatcher(bench, product, perception.classical).watch
+    made = Detectors(bench, product, perception)
+    return DetectorChain(bench, product, made.make("hands"), made.make("holes"), made.make("actions")).watch
 
 
 def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:
     """What answers wrist frames."""
-    detector: PartDetector = ClassicalPartDetector(bench, product, perception.classical)
+    detector: PartDetector = Detectors(bench, product, perception).make("parts")
     return lambda frame: PartsView(frame.sequence, frame.time_s, detector.detect(frame))
+
+
+class Detectors:
+    """Makes the chosen detector for each task, by the task's key in the configuration."""
+
+    def __init__(self, bench: Bench, product: Product, perception: Perception) -> None:
+        self._bench, self._product, self._perception = bench, product, perception
+        self._classical = ClassicalDetectors(bench, product, perception.classical)
+
+    def make(self, task: str) -> Any:
+        """HandTracker, HoleReader, ActionDetector or PartDetector for hands, holes, actions or parts.
+
+        Raises:
+            SettingError: there is no such kind, or its weights are missing or do not fit the product.
+        """
+        kind = self._perception.chosen(task).kind
+        if kind == "classical":
+            return getattr(self._classical, task)()
+        maker = TRAINED[task].get(kind)
+        if maker is None:
+            legal = ", ".join(("classical", *TRAINED[task]))
+            raise SettingError((("perception", task), f"no detector of kind {kind!r}; legal: {legal}"))
+        try:
+            return maker(self._bench, self._product, self._perception.weights(task))
+        except ModelError as error:
+            raise SettingError((("perception", task), str(error))) from error
+
+
+def check_detectors(bench: Bench, product: Product, perception: Perception) -> None:
+    """Make each trained detector once, before any device is opened.
+
+    Raises:
+        SettingError: with every problem.
+    """
+    made, problems = Detectors(bench, product, perception), []
+    for task in TRAINED:
+        try:
+            if perception.chosen(task).kind != "classical":
+                made.make(task)
+        except SettingError as error:
+            problems += [place for place in error.places if place not in problems]
+    if problems:
+        raise SettingError(*problems)
 
 
 def lock_step(

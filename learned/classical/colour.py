@@ -41,9 +41,15 @@ class ColourModel:
         _refuse_alike(names, references)
         self.skin = len(names)
         self._table = _table(references)
+        self._last: tuple[NDArray[np.uint8], Labels] | None = None
 
     def label(self, image: NDArray[np.uint8]) -> Labels:
-        """Labels (height, width) of an RGB image (height, width, 3)."""
+        """Labels (height, width) of an RGB image (height, width, 3); several detectors may ask about one image."""
+        if self._last is None or self._last[0] is not image:
+            self._last = image, self._labels(image)
+        return self._last[1]
+
+    def _labels(self, image: NDArray[np.uint8]) -> Labels:
         reduced = (image >> (8 - BITS)).astype(np.uint32)
         index = (reduced[..., 0] << (2 * BITS)) | (reduced[..., 1] << BITS) | reduced[..., 2]
         labels: Labels = self._table[index]

@@ -44,10 +44,7 @@ class ClassicalHandTracker:
 
     def track(self, frame: Frame) -> HandSample | None:
         """The hand and what it holds, or None where no hand is in view."""
-        return self.track_labels(frame, self._colours.label(frame.image))
-
-    def track_labels(self, frame: Frame, labels: Labels) -> HandSample | None:
-        """As `track`, of a frame whose colours are labelled."""
+        labels = self._colours.label(frame.image)
         view = View.of(self._bench.overhead.model, frame)
         skin, box = self._largest(labels)
         if skin is None:

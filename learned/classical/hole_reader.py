@@ -83,12 +83,9 @@ class ClassicalHoleReader:
         self._views: dict[str, HoleView] = {}
 
     def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
-        """Holes by position name, as far as ever seen."""
-        return self.read_labels(frame, self._colours.label(frame.image), hand)
-
-    def read_labels(self, frame: Frame, labels: Labels, hand: HandSample | None) -> Mapping[str, HoleView]:
-        """As `read`, of a frame whose colours are labelled; the skin in it counts, not the hand's box."""
+        """Holes by position name, as far as ever seen; the skin in the frame counts, not the hand's box."""
         del hand
+        labels = self._colours.label(frame.image)
         left, top, right, bottom = self._window
         crop = labels[top:bottom, left:right]
         grey = frame.image[top:bottom, left:right].mean(axis=2)

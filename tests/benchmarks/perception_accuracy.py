@@ -19,7 +19,8 @@ from cell.configuration import Configuration, load_configuration, load_product, 
 from cell.interfaces.perception import BenchView, Frame, PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.classical.bench_watcher import ClassicalBenchWatcher
+from learned.bench_watcher import DetectorChain
+from learned.classical.detectors import classical_bench_watcher
 from learned.classical.part_detector import ClassicalPartDetector
 from sim.camera import SimCamera
 from sim.cell import SimCell
@@ -168,7 +169,7 @@ def parts_in_clutter(configuration: Configuration, product: Product, scenes: int
 def worker_run(configuration: Configuration, product: Product, seed: int, errors: RunErrors) -> None:
     """The person alone; every frame is watched and compared."""
     cell = open_sim(configuration, product, seed, clutter=[])
-    watcher = ClassicalBenchWatcher(configuration.bench, product)
+    watcher = classical_bench_watcher(configuration.bench, product)
     assert cell.worker is not None
     views: list[BenchView] = []
     clock, camera = cell.devices.clock, cell.devices.overhead
@@ -258,7 +259,7 @@ def holes_under_arm(configuration: Configuration, product: Product, poses: int) 
     kinematics = Kinematics(configuration.motion)
     readings = wrong = 0
     for index in range(poses):
-        watcher = ClassicalBenchWatcher(bench, product)
+        watcher = classical_bench_watcher(bench, product)
         cell.world.set_arm(bench.arm_park_rad)
         truth = fill_holes(cell, product, rng)
         watch_still(cell, watcher, 6)
@@ -303,7 +304,7 @@ def hole_m(configuration: Configuration, product: Product, position: str) -> Arr
     return configuration.bench.bracket.pose.transform(np.array([*xy, 0.0]))
 
 
-def watch_still(cell: SimCell, watcher: ClassicalBenchWatcher, frames: int) -> BenchView:
+def watch_still(cell: SimCell, watcher: DetectorChain, frames: int) -> BenchView:
     """Frames of a world that does not move."""
     camera = cell.devices.overhead
     assert isinstance(camera, SimCamera)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cell.interfaces.perception import Frame
-from learned.classical.bench_watcher import ClassicalBenchWatcher
+from learned.classical.detectors import classical_bench_watcher
 from learned.classical.image_health import ImageHealth, TrackHealth
 from tests.integration.cell_rig import BENCH, PRODUCT, with_person
 
@@ -81,7 +81,7 @@ def test_an_image_that_is_black_from_the_start_is_found() -> None:
 
 
 def test_the_watcher_hands_health_and_speed_on(frames: list[Frame]) -> None:
-    watcher = ClassicalBenchWatcher(BENCH, PRODUCT)
+    watcher = classical_bench_watcher(BENCH, PRODUCT)
     views = [watcher.watch(frame) for frame in frames]
     assert {view.health for view in views} == {""}
     assert {view.hand_unknown for view in views} == {""}

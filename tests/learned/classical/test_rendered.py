@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from learned.classical.bench_watcher import ClassicalBenchWatcher
+from learned.classical.detectors import classical_bench_watcher
 from learned.classical.part_detector import ClassicalPartDetector
 from sim.clutter import full_set, sample_clutter
 from sim.foreign import UNKNOWN
@@ -49,7 +49,7 @@ def test_what_lies_or_is_of_no_type_is_not_taken_for_a_standing_part() -> None:
 def test_the_first_placement_is_seen_and_nothing_before_it() -> None:
     cell = open_sim(CONFIGURATION, PRODUCT, 5, clutter=[])
     assert cell.worker is not None
-    watcher = ClassicalBenchWatcher(BENCH, PRODUCT)
+    watcher = classical_bench_watcher(BENCH, PRODUCT)
     clock, finished, sequence = cell.devices.clock, None, -1
     while finished is None and clock.now_s() < 8.0:
         frame = cell.devices.overhead.latest()

@@ -1,0 +1,48 @@
+"""Turns the stream of overhead frames into bench views: hand, holes, action, whichever detectors find them."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import (
+    SEGMENT_FRAMES,
+    ActionDetector,
+    BenchView,
+    Frame,
+    HandSample,
+    HandTracker,
+    HoleReader,
+    Segment,
+)
+from cell.interfaces.product import Product
+from learned.classical.image_health import ImageHealth, TrackHealth
+
+NOWHERE = (0, 0, 0, 0)
+
+
+class DetectorChain:
+    """Runs a tracker, a hole reader and an action detector on each frame (BenchWatcher)."""
+
+    def __init__(
+        self, bench: Bench, product: Product, tracker: HandTracker, reader: HoleReader, detector: ActionDetector
+    ) -> None:
+        self._tracker, self._reader, self._detector = tracker, reader, detector
+        self._health = ImageHealth(bench, product)
+        self._track = TrackHealth(bench.overhead.width_px, bench.overhead.height_px)
+        self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
+        self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
+
+    def watch(self, frame: Frame) -> BenchView:
+        """The answer to this frame; frames must come in order."""
+        hand = self._tracker.track(frame)
+        health = self._health.judge(frame)
+        unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)
+        hand = hand and replace(hand, velocity_m_s=self._track.velocity_m_s)
+        holes = self._reader.read(frame, hand)
+        self._frames.append(frame)
+        self._hands.append(hand)
+        action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands)), holes)
+        others = self._tracker.others
+        return BenchView(frame.sequence, frame.time_s, hand, holes, action, health, unknown, others)

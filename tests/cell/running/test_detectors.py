@@ -1,0 +1,90 @@
+"""Which detectors a configuration gets: one kind for all, or each chosen by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.configuration import DEFAULT_CONFIGURATION, LEARNED_KINDS, Perception, load_configuration, load_product
+from cell.interfaces.bench import Bench
+from cell.interfaces.errors import InputError, ModelError, SettingError
+from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.pose import Pose
+from cell.interfaces.product import Product
+from cell.running import detectors
+from cell.running.detectors import TRAINED, Detectors, bench_watcher, check_detectors
+from learned.classical.action_detector import ClassicalActionDetector
+from learned.classical.hand_tracker import ClassicalHandTracker
+
+CONFIGURATION = load_configuration()
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+HAND = HandSample(0.0, (10, 10, 60, 60), (0.7, 0.1), (0.8, 0.1))
+
+
+@dataclass
+class Found:
+    """A tracker that sees a hand everywhere."""
+
+    weights: Path
+    others: tuple[HandSample, ...] = ()
+
+    def track(self, frame: Frame) -> HandSample | None:
+        del frame
+        return HAND
+
+
+def test_the_short_form_chooses_every_detector_and_each_may_be_another_kind() -> None:
+    own = Perception.model_validate({"kind": "learned", "hands": {"kind": "classical"}})
+    assert [own.chosen(task).kind for task in LEARNED_KINDS] == ["classical", *list(LEARNED_KINDS.values())[1:]]
+    assert {Perception(kind="classical").chosen(task).kind for task in LEARNED_KINDS} == {"classical"}
+    assert own.words == "learned, hands classical"
+
+
+def test_a_trained_tracker_works_beside_classical_detectors(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Path] = []
+
+    def maker(bench: Bench, product: Product, weights: Path) -> Found:
+        del bench, product
+        made.append(weights)
+        return Found(weights)
+
+    monkeypatch.setitem(detectors.TRAINED, "hands", {"ideal": maker})
+    perception = Perception.model_validate({"hands": {"kind": "ideal", "weights": "/some/file.onnx"}})
+    assert isinstance(Detectors(BENCH, PRODUCT, perception).make("actions"), ClassicalActionDetector)
+    assert isinstance(Detectors(BENCH, PRODUCT, Perception()).make("hands"), ClassicalHandTracker)
+    image = np.full((BENCH.overhead.height_px, BENCH.overhead.width_px, 3), 90, np.uint8)
+    view = bench_watcher(BENCH, PRODUCT, perception)(Frame("overhead", 3, 0.2, image, Pose((0.0, 0.0, 1.0))))
+    assert view.hand is not None
+    assert view.hand.box_px == HAND.box_px
+    assert made == [Path("/some/file.onnx")]
+
+
+def test_unknown_kinds_and_weights_that_do_not_fit_are_told_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(bench: Bench, product: Product, weights: Path) -> object:
+        del bench, product
+        raise ModelError(f"{weights}: damaged")
+
+    monkeypatch.setitem(detectors.TRAINED, "parts", {"centre": broken})
+    perception = Perception.model_validate({"parts": {"kind": "centre"}, "actions": {"kind": "guess"}})
+    with pytest.raises(SettingError) as told:
+        check_detectors(BENCH, PRODUCT, perception)
+    assert [place for place, _ in told.value.places] == [("perception", "actions"), ("perception", "parts")]
+    assert "no detector of kind 'guess'; legal: classical" in str(told.value)
+    assert "parts_centre.onnx: damaged" in str(told.value)
+
+
+def test_weights_stand_beside_the_configuration(tmp_path: Path) -> None:
+    text = DEFAULT_CONFIGURATION.read_text()
+    text = text.replace("  latency_s:", "  parts: {kind: centre, weights: mine.onnx}\n  latency_s:")
+    (tmp_path / "cell.yaml").write_text(text)
+    assert load_configuration(tmp_path / "cell.yaml").perception.weights("parts") == tmp_path / "mine.onnx"
+    (tmp_path / "wrong.yaml").write_text(text.replace("kind: classical", "kind: guesses"))
+    with pytest.raises(InputError, match="perception"):
+        load_configuration(tmp_path / "wrong.yaml")
+
+
+def test_every_task_has_a_trained_default() -> None:
+    assert list(TRAINED) == list(LEARNED_KINDS)

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 from rich.console import Console
@@ -50,8 +50,6 @@ from cell.running.services import Planners, TickClock, load_planners, make_servi
 from cell.running.statistics import RunStatistics
 from cell.running.supervisor import make_supervisor
 from cell.viewing.contact_sheet import ContactSheet
-from cell.viewing.live_server import LiveServer
-from cell.viewing.monitor import Monitor
 from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from skills.can_gripper import CanGripper, Tap
@@ -59,6 +57,10 @@ from skills.gripper_database import SHIPPED, load_gripper_database, read_frames
 from skills.planner import MotionPlanner
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
+
+if TYPE_CHECKING:
+    from cell.viewing.live_server import LiveServer
+    from cell.viewing.monitor import Monitor
 
 Pace = Literal["fast", "real"]
 LAYOUT = shipped("config", "foxglove_layout.json")
@@ -174,7 +176,7 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
         heading = _heading(options, files)
         recorder = McapRecorder(log, configuration.log, heading, model, alarm, blackboard, truth, result)
         stack.callback(recorder.abandon)
-        live = None if options.live_port is None else LiveServer(recorder.context, recorder.scene, options.live_port)
+        live = _open_live_server(options, recorder)
         if live is not None:
             stack.callback(live.abandon)
             console.print(f"live: ws://127.0.0.1:{live.port} (layout: {LAYOUT})", highlight=False)
@@ -244,7 +246,17 @@ def drive(
 def _open_monitor(options: RunOptions, tree: Tree, hooked: Callable[[str, Any], None]) -> Monitor | None:
     if options.monitor_port is None:
         return None
+    from cell.viewing.monitor import Monitor
+
     return Monitor(tree, node_registry(more=options.nodes), options.monitor_port, options.monitor_hooks, hooked)
+
+
+def _open_live_server(options: RunOptions, recorder: McapRecorder) -> LiveServer | None:
+    if options.live_port is None:
+        return None
+    from cell.viewing.live_server import LiveServer
+
+    return LiveServer(recorder.context, recorder.scene, options.live_port)
 
 
 def _watched(

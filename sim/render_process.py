@@ -52,7 +52,7 @@ class RenderProcess:
             model: the compiled cell.
             sensors: by the camera's name.
         """
-        context = multiprocessing.get_context("forkserver")
+        context = multiprocessing.get_context("spawn")
         self._setups = {camera: sensor.setup for camera, sensor in sensors.items()}
         self._slots = {
             camera: context.RawArray(ctypes.c_uint8, SLOTS * _size(setup)) for camera, setup in self._setups.items()

@@ -28,7 +28,7 @@ def console() -> Console:
     """Standard error: progress and messages; standard output is for what programs read."""
     from rich.console import Console
 
-    return Console(stderr=True, soft_wrap=True)
+    return Console(stderr=True, soft_wrap=True, emoji=False)
 
 
 def table(title: str, values: Mapping[str, object]) -> Any:

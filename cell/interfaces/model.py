@@ -17,7 +17,8 @@ _ENTRY = re.compile(r"^    (\w+(?:, \w+)*): ")
 class Model(BaseModel):
     """A part of a configuration file; field names carry their units, the docstring's Attributes their meaning."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    # Checks are made ready at first use: a process that only gets models, ready made, never needs them.
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
     @classmethod
     def summary(cls) -> str:

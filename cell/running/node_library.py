@@ -51,7 +51,7 @@ def _words(product: Product | None) -> Words:
 def _nodes(module: ModuleType) -> Iterator[type[TreeNode]]:
     """The node classes that a module defines: leaves, controls and decorators, but no bases."""
     for member in vars(module).values():
-        if not isinstance(member, type) or not issubclass(member, TreeNode) or member.__module__ != module.__name__:
+        if not isinstance(member, type) or member.__module__ != module.__name__ or not issubclass(member, TreeNode):
             continue
         if not vars(member).get("abstract") and not member.__name__.startswith("_"):
             yield member

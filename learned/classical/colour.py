@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ class ColourModel:
         references = _chroma(colours)
         _refuse_alike(names, references)
         self.skin = len(names)
-        self._table = _table(references)
+        self._table = _table(tuple(map(tuple, references.tolist())))
         self._last: tuple[NDArray[np.uint8], Labels] | None = None
 
     def label(self, image: NDArray[np.uint8]) -> Labels:
@@ -63,8 +64,9 @@ def _chroma(colours: Array) -> Array:
     return chroma
 
 
-def _table(references: Array) -> Labels:
-    """Label of each reduced colour, (2 ** (3 * BITS),)."""
+@lru_cache(maxsize=2)
+def _table(references: tuple[tuple[float, ...], ...]) -> Labels:
+    """Label of each reduced colour, (2 ** (3 * BITS),); all detectors of a cell share one."""
     levels = (np.arange(2**BITS) + 0.5) / 2**BITS
     colours = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
     chroma = _chroma(colours)
@@ -74,7 +76,7 @@ def _table(references: Array) -> Labels:
     widest = LARGEST_ANGLE_RAD + DRIFT_RAD * clipped
     best = np.full(len(colours), np.inf)
     labels = np.zeros(len(colours), np.uint8)
-    for label, reference in enumerate(references, start=1):
+    for label, reference in enumerate(np.array(references), start=1):
         strength = float(np.linalg.norm(reference))
         angle = np.arccos(np.clip(chroma @ reference / np.maximum(saturation * strength, 1e-9), -1.0, 1.0))
         ratio = saturation / strength
@@ -84,6 +86,7 @@ def _table(references: Array) -> Labels:
         labels[fits] = label
         best[fits] = distance[fits]
     labels[colours.mean(axis=1) < DARKEST] = BACKGROUND
+    labels.setflags(write=False)
     return labels
 
 

@@ -39,7 +39,7 @@ def main() -> None:
     parser.add_argument("--before", type=Path, help="checkout to compare with; by default this one without overlap")
     parser.add_argument("--max-duration-s", type=float, default=300.0, help="end runs after so much simulated time")
     options = parser.parse_args()
-    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    adopt_orphans()
     console = Console(stderr=True)
     pairs: list[tuple[Cost, Cost]] = []
     with tempfile.TemporaryDirectory() as name:
@@ -56,6 +56,11 @@ def main() -> None:
                 highlight=False,
             )
     Console().print(table(pairs))
+
+
+def adopt_orphans() -> None:
+    """From now on the processor time of every process that a run leaves behind is counted, too."""
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def configuration(checkout: Path, path: Path, overlap: bool | None, max_duration_s: float) -> Path:

@@ -142,7 +142,7 @@ class MeddlingMonitor(Monitor):
 
 
 def test_what_a_monitor_did_to_nodes_is_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.run.Monitor", MeddlingMonitor)
+    monkeypatch.setattr("cell.viewing.monitor.Monitor", MeddlingMonitor)
     configuration = changed_configuration(tmp_path, "max_duration_s: 300.0", "max_duration_s: 4.5")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -79,7 +79,7 @@ class Bench(Model):
         hand_rest_m: where the person's hand rests (x, y, z).
         overhead: the fixed camera that sees bracket and hands.
         wrist: the camera beside the gripper, which looks into the tray.
-        arm_park_rad: joints out of the overhead view.
+        arm_park_rad: joints away from bracket and person.
         arm_look_rad: joints from which the wrist camera sees the tray.
     """
 

@@ -86,17 +86,17 @@ def test_a_hand_of_unknown_speed_counts_as_the_fastest() -> None:
     assert unknown.least_m == pytest.approx(MONITOR.least_m(S.hand_speed_m_s, 0.15 + S.reaction_s))
 
 
-def test_the_far_half_of_the_tray_is_known_to_be_out_of_view() -> None:
+def test_the_whole_tray_is_in_view_and_what_lies_beyond_it_is_known_to_be_out_of_it() -> None:
     motion = motion_planner()
     seen = {}
-    for y in (-0.55, -0.45, 0.10):
+    for y in (-0.75, -0.55, -0.45, 0.10):
         pose = motion.kinematics.forward(LOOK)
         from cell.interfaces.pose import Pose
 
         joints = motion.kinematics.inverse(Pose((0.56, y, 0.15), pose.quaternion_wxyz), LOOK)
         assert joints is not None
         seen[y] = not MONITOR.out_of_view(joints)
-    assert seen == {-0.55: False, -0.45: False, 0.10: True}
+    assert seen == {-0.75: False, -0.55: True, -0.45: True, 0.10: True}
 
 
 @pytest.mark.parametrize("path_s", [0.2, 0.5, 0.9, 1.3, 1.6])

@@ -65,7 +65,7 @@ class GripperIsEmpty(CellNode):
 class MoveTo(SkillNode):
     """Move the arm to a named pose."""
 
-    pose = InputPort(NamedPose, "park: out of the overhead view; look: the wrist camera sees the tray")
+    pose = InputPort(NamedPose, "park: away from bracket and person; look: the wrist camera sees the tray")
 
     def make_skill(self) -> Skill:
         from skills.move_to import MoveTo as MoveToSkill

@@ -30,7 +30,7 @@ class DetectorChain:
     ) -> None:
         self._tracker, self._reader, self._detector = tracker, reader, detector
         self._health = ImageHealth(bench, product)
-        self._track = TrackHealth(bench.overhead.width_px, bench.overhead.height_px)
+        self._track = TrackHealth(bench)
         self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
         self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
 
@@ -45,4 +45,6 @@ class DetectorChain:
         self._hands.append(hand)
         action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands)), holes)
         others = self._tracker.others
-        return BenchView(frame.sequence, frame.time_s, hand, holes, action, health, unknown, others)
+        return BenchView(
+            frame.sequence, frame.time_s, hand, holes, action, health, unknown, others, self._track.left_by
+        )

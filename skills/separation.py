@@ -1,12 +1,14 @@
 """How far the person is from the arm, and how fast the arm may be for that (speed and separation, ISO/TS 15066).
 
 A hand is known from above only, so it counts as a wall over the bench, from the fingertips along the forearm behind
-them. A contact at the slow speed is admissible, so the arm must be slow before a hand at full speed can arrive; and it
-must stand before the hand that is coming, as fast as it is seen to come, arrives. Not safety-rated.
+them; a higher hand is nearer to the camera's axis than it seems, so the wall leans. A hand that left the view may be
+anywhere beyond the edge. A contact at the slow speed is admissible, so the arm must be slow before a hand at full speed
+can arrive; and it must stand before the hand that is coming, as fast as it is seen to come, arrives. Not safety-rated.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import coal
@@ -15,9 +17,10 @@ import pinocchio
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.perception import HandSample
+from cell.interfaces.perception import Edge, HandSample
 from cell.interfaces.pose import Array
 from skills.collision import CollisionChecker
+from skills.person_space import PersonSpace
 from skills.settings import SeparationSettings, SixFloats
 
 AHEAD_S = (0.0, 0.1, 0.2, 0.3, 0.45)  # along the trajectory, where the arm will be before it can be slow
@@ -26,6 +29,8 @@ TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
 HELD_RADIUS_M = 0.05  # of a sphere around a part between the fingers
 EXTRA_M_S: Array = np.arange(100, dtype=np.float64) * 0.02  # speeds above the slow one that are asked for
 LEAST_BRAKING = 0.5  # of what the joints may do, also where the path itself brakes or turns
+BLIND_HEIGHT_M = 0.25  # a hand beside the tool that is so high must be in the view
+HERE = coal.Transform3s()
 TINY = 1e-9
 
 
@@ -55,6 +60,7 @@ class SeparationMonitor:
         self._model, self._geometry = checker.model, checker.arm_with_part(HELD_RADIUS_M)
         self._data, self._placed = self._model.createData(), self._geometry.createData()
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
+        self._person = PersonSpace(bench, settings)
 
     def judge(
         self,
@@ -72,19 +78,55 @@ class SeparationMonitor:
             holding: a part is between the fingers.
             ahead: the trajectory that is followed, and how far along it the arm is; None for a standing arm.
         """
-        person, delay_s = self._person(hand), age_s + self.settings.reaction_s
-        distance_m, way = self._nearest(joints_rad, person, holding)
-        share, coming = 1.0, _coming_m_s(hand, way, self.settings)
-        for later_s in AHEAD_S if ahead is not None else ():
-            assert ahead is not None
-            trajectory, path_s = ahead
+        delay_s = age_s + self.settings.reaction_s
+        wall = self._person.wall(hand)
+        distance_m, way = self._nearest(joints_rad, wall, holding)
+        coming = _coming_m_s(hand, way, self.settings)
+        share = self._share(wall, (delay_s, coming), holding, ahead)
+        return Separation(distance_m, share, self.least_m(coming, delay_s))
+
+    def judge_beyond(
+        self,
+        joints_rad: Array,
+        edges: Sequence[Edge],
+        age_s: float,
+        holding: bool,
+        ahead: tuple[JointTrajectory, float] | None = None,
+    ) -> Separation | None:
+        """The same for a hand that left the view by one of these edges; it may come back anywhere there.
+
+        Behind the edge where the person stands a hand may stay away for long: the arm is slow before it could arrive,
+        but does not wait for it.
+        """
+        delay_s, coming = age_s + self.settings.reaction_s, self.settings.hand_speed_m_s
+        found: list[Separation] = []
+        for edge in edges:
+            beyond = self._person.beyond[edge]
+            distance_m, _ = self._nearest(joints_rad, beyond, holding)
+            share = self._share(beyond, (delay_s, coming), holding, ahead)
+            least_m = -np.inf if edge == self._person.edge else self.least_m(coming, delay_s)
+            found.append(Separation(distance_m, share, least_m))
+        return nearest(found)
+
+    def _share(
+        self,
+        person: coal.Convex,
+        arrival: tuple[float, float],
+        holding: bool,
+        ahead: tuple[JointTrajectory, float] | None,
+    ) -> float:
+        """Admissible share of speed; `arrival`: delay in [s] and how fast the person comes in [m/s]."""
+        if ahead is None:
+            return 1.0
+        share, (delay_s, coming), (trajectory, path_s) = 1.0, arrival, ahead
+        for later_s in AHEAD_S:
             if later_s and path_s + later_s > trajectory.duration_s:
                 break
             room_m, _ = self._nearest(trajectory.at(path_s + later_s), person, holding)
             speed, braking = self.speed_and_braking(trajectory, path_s + later_s)
             admissible = self.admissible_m_s(room_m, delay_s, coming, braking) + braking * later_s
             share = min(share, admissible / max(speed, TINY))
-        return Separation(distance_m, share, self.least_m(coming, delay_s))
+        return share
 
     def admissible_m_s(self, distance_m: float, delay_s: float, coming_m_s: float, braking_m_s2: float) -> float:
         """Fastest speed of the arm from which it is slow before the hand has come this far.
@@ -110,7 +152,7 @@ class SeparationMonitor:
         """Whether the tool works where the overhead camera would not see a hand beside it."""
         pinocchio.forwardKinematics(self._model, self._data, joints_rad)
         x, y, z = self._data.oMi[self._model.njoints - 1].translation
-        height_m = self.settings.hand_height_m
+        height_m = BLIND_HEIGHT_M
         if z > height_m + TOOL_LENGTH_M:
             return False
         points = self._camera_from_world.transform(np.array([[x, y, 0.0], [x, y, height_m]]))
@@ -147,7 +189,7 @@ class SeparationMonitor:
             places.append(np.array([*joints, *tips]))
         return float(np.linalg.norm(places[1] - places[0], axis=1).max() / (2 * STEP_S))
 
-    def _nearest(self, joints_rad: Array, person: _Wall, holding: bool) -> tuple[float, Array]:
+    def _nearest(self, joints_rad: Array, person: coal.Convex, holding: bool) -> tuple[float, Array]:
         """Least distance, and the way (3,) from the person to the arm along it."""
         pinocchio.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, joints_rad)
         best_m, way = np.inf, np.zeros(3)
@@ -157,32 +199,21 @@ class SeparationMonitor:
                 continue  # base and shoulder stand where the person does not reach
             result.clear()
             arm = coal.Transform3s(placement.rotation, placement.translation)
-            distance_m = coal.distance(item.geometry, arm, person.shape, person.place, request, result)
+            distance_m = coal.distance(item.geometry, arm, person, HERE, request, result)
             if distance_m < best_m:
                 best_m, way = distance_m, result.getNearestPoint1() - result.getNearestPoint2()
         return float(best_m), way
 
-    def _person(self, hand: HandSample) -> _Wall:
-        """A wall over the bench, from the fingertips over the palm along the forearm."""
-        settings = self.settings
-        tips, palm = np.array(hand.fingertips_m), np.array(hand.palm_m)
-        along = palm - tips
-        length_m = float(np.linalg.norm(along))
-        along = along / length_m if length_m > settings.margin_m else np.array([1.0, 0.0])
-        return _Wall(tips, along, length_m + settings.forearm_m, 2 * settings.hand_radius_m, settings.hand_height_m)
+
+def nearest(found: Sequence[Separation]) -> Separation | None:
+    """The worst of several: least room before the arm must stand, least share of speed."""
+    if not found:
+        return None
+    worst = min(found, key=lambda one: one.distance_m - one.least_m)
+    return Separation(worst.distance_m, min(one.share for one in found), worst.least_m)
 
 
 HELD = "held part"
-
-
-class _Wall:
-    """A box that stands on the bench, by the middle of one end and its direction."""
-
-    def __init__(self, end_m: Array, along: Array, length_m: float, width_m: float, height_m: float) -> None:
-        x, y = end_m + along * length_m / 2
-        turn = np.array([[along[0], -along[1], 0.0], [along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
-        self.shape = coal.Box(length_m, width_m, height_m)
-        self.place = coal.Transform3s(turn, np.array([x, y, height_m / 2]))
 
 
 def _reach_m(time_s: Array, speed_m_s: float, settings: SeparationSettings) -> Array:

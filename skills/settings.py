@@ -42,6 +42,7 @@ class SeparationSettings(Model):
         braking_m_s2: how the arm's fastest point slows down from the slow speed, as measured.
         reaction_s: from an answer of the detectors to the first braking: a tick and the arm's own cycle.
         hand_radius_m, hand_height_m: half the width of hand and forearm, and how high over the bench they may be.
+        assumed_height_m: the height for which a tracker that does not tell heights works out positions.
         forearm_m: length of a forearm that is not seen, behind the palm.
         margin_m: how far positions of hand and arm may be off.
         hysteresis_m: how much farther than where the arm was held a hand must be for it to go on.
@@ -49,13 +50,14 @@ class SeparationSettings(Model):
     """
 
     hand_speed_m_s: float = Field(default=1.6, gt=0, le=5)
-    hand_acceleration_m_s2: float = Field(default=10.0, gt=0, le=100)
+    hand_acceleration_m_s2: float = Field(default=20.0, gt=0, le=100)
     speed_error_m_s: float = Field(default=0.1, ge=0, le=2)
-    slow_m_s: float = Field(default=0.25, gt=0, le=0.5)
+    slow_m_s: float = Field(default=0.24, gt=0, le=0.5)
     braking_m_s2: float = Field(default=1.6, gt=0, le=20)
     reaction_s: float = Field(default=0.048, ge=0, le=1)
     hand_radius_m: float = Field(default=0.06, gt=0, le=0.3)
-    hand_height_m: float = Field(default=0.25, gt=0, le=1)
+    hand_height_m: float = Field(default=0.50, gt=0, le=1)
+    assumed_height_m: float = Field(default=0.10, ge=0, le=1)
     forearm_m: float = Field(default=0.35, ge=0, le=1)
     margin_m: float = Field(default=0.03, ge=0, le=0.5)
     hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)

@@ -15,6 +15,7 @@ from cell.interfaces.pose import Pose
 SEGMENT_FRAMES = 45  # 3 s at 15 FPS, section 3.2 of the paper
 ActionKind = Literal["assembly", "screw", "transit", "idle"]
 Side = Literal["left", "right"]
+Edge = Literal["left", "top", "right", "bottom"]
 
 
 @dataclass(frozen=True)
@@ -155,6 +156,8 @@ class BenchView:
         health: what is wrong with the image, in words: "dark", "frozen" and the like; empty for a sound one.
         hand_unknown: why it is not known where the hand is; empty where it is known, or known to be absent.
         other_hands: hands in view that do not work.
+        left_by: edges of the image by which the last hand left the view, or may have; empty while one is seen, and
+            before the first.
     """
 
     sequence: int
@@ -165,6 +168,7 @@ class BenchView:
     health: str = ""
     hand_unknown: str = ""
     other_hands: tuple[HandSample, ...] = ()
+    left_by: tuple[Edge, ...] = ()
 
 
 @dataclass(frozen=True)

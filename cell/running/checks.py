@@ -11,7 +11,7 @@ import numpy as np
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.judgement import Action, Judgement
 from cell.interfaces.observation import ArmMode, Observation
-from skills.separation import Separation, SeparationMonitor
+from skills.separation import Separation, SeparationMonitor, nearest
 
 STALE_ARM_S = 0.085  # two ticks
 STALE_GRIPPER_S = 0.1
@@ -211,16 +211,18 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
 
 
 def _separation(monitor: SeparationMonitor, seen: Observation, memory: Memory) -> Separation | None:
-    """None where no hand is seen, or the arm's joints make no sense: then other checks act."""
-    hand = None if seen.bench is None else seen.bench.hand
+    """From every hand that is seen, or from where the last one went; None where there is none, or joints are wrong."""
     joints = np.array(seen.arm.positions_rad)
-    if seen.bench is None or hand is None or joints.shape != (6,) or not np.isfinite(joints).all():
+    if seen.bench is None or joints.shape != (6,) or not np.isfinite(joints).all():
         return None
     path_s = seen.arm.path_s
     follows = seen.arm.moving and memory.trajectory is not None and path_s is not None
     ahead = (memory.trajectory, path_s) if follows and memory.trajectory is not None and path_s is not None else None
-    age_s = max(0.0, seen.time_s - seen.bench.time_s)
-    return monitor.judge(joints, hand, age_s, seen.gripper.holding, ahead)
+    age_s, holding = max(0.0, seen.time_s - seen.bench.time_s), seen.gripper.holding
+    hands = [hand for hand in (seen.bench.hand, *seen.bench.other_hands) if hand is not None]
+    if not hands:
+        return monitor.judge_beyond(joints, seen.bench.left_by, age_s, holding, ahead)
+    return nearest([monitor.judge(joints, hand, age_s, holding, ahead) for hand in hands])
 
 
 CHECKS: Mapping[str, Check] = {

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame
+from cell.interfaces.perception import Edge, Frame
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.classical.box_model import View
@@ -108,22 +108,29 @@ class ImageHealth:
 
 
 class TrackHealth:
-    """Says whether no hand means that there is none, and how fast a hand moves."""
+    """Says whether no hand means that there is none, and how fast a hand moves.
 
-    def __init__(self, width_px: int, height_px: int) -> None:
-        self._size = (width_px, height_px)
+    Attributes:
+        left_by: edges by which the hand left the view, or may have; empty while one is seen.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        camera = bench.overhead.model
+        self._size = (camera.width_px, camera.height_px)
+        self._fastest_px_s = HAND_M_S * camera.focal_px / (bench.overhead.mount.position_m[2] - HAND_M)
         self._seen: deque[tuple[float, tuple[float, float], tuple[int, int, int, int]]] = deque(maxlen=4)
         self._unknown = ""
+        self.left_by: tuple[Edge, ...] = ()
 
     def unknown(self, time_s: float, palm_m: tuple[float, float] | None, box_px: tuple[int, int, int, int]) -> str:
         """Why it is not known where the hand is; empty where it is seen, or left by the edge of the view."""
         if palm_m is not None:
             self._seen.append((time_s, palm_m, box_px))
-            self._unknown = ""
+            self._unknown, self.left_by = "", ()
         elif self._seen:
-            self._unknown = "" if self._left(time_s) else "it vanished inside the view"
-            if not self._unknown:
-                self._seen.clear()
+            self.left_by = self._edges(time_s)
+            self._unknown = "" if self.left_by else "it vanished inside the view"
+            self._seen.clear()
         return self._unknown
 
     @property
@@ -136,14 +143,18 @@ class TrackHealth:
             return None
         return (end[0] - start[0]) / (to_s - from_s), (end[1] - start[1]) / (to_s - from_s)
 
-    def _left(self, time_s: float) -> bool:
-        """Whether the last box touched the edge, or was about to pass it."""
+    def _edges(self, time_s: float) -> tuple[Edge, ...]:
+        """By which edges the hand can have left: it touched them, or was about to, and could be out of view by now."""
         last_s, _, box = self._seen[-1]
+        gone_s = time_s - last_s
+        ahead_s = min(gone_s, LEAVES_S)
         speeds = self._box_speeds()
-        gone_s = min(time_s - last_s, 0.2)
-        ahead = [value + speed * gone_s for value, speed in zip(box, speeds, strict=True)]
+        left, top, right, bottom = (value + speed * ahead_s for value, speed in zip(box, speeds, strict=True))
         width, height = self._size
-        return ahead[0] <= EDGE_PX or ahead[1] <= EDGE_PX or ahead[2] >= width - EDGE_PX or ahead[3] >= height - EDGE_PX
+        outer: dict[Edge, float] = {"left": left, "top": top, "right": width - right, "bottom": height - bottom}
+        inner: dict[Edge, float] = {"left": box[2], "top": box[3], "right": width - box[0], "bottom": height - box[1]}
+        most_px = self._fastest_px_s * gone_s + UNSEEN_PX
+        return tuple(edge for edge in outer if outer[edge] <= EDGE_PX and inner[edge] <= most_px)
 
     def _box_speeds(self) -> tuple[float, ...]:
         (from_s, _, start), (to_s, _, end) = self._seen[0], self._seen[-1]
@@ -153,6 +164,9 @@ class TrackHealth:
 
 
 EDGE_PX = 6  # a box this near to the image's edge touches it
+LEAVES_S = 0.2  # a hand that is not seen any more is thought to have gone on for so long
+UNSEEN_PX = 40  # of a hand at the edge that may be too little to be found
+HAND_M_S, HAND_M = 2.0, 0.4  # as fast and as high as hands are
 
 
 def _small(grey: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import coal
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cell.interfaces.perception import HandSample
+from skills.person_space import EDGES, PersonSpace
 from skills.separation import _reach_m
 from skills.trajectory import joint_move
 from tests.integration.cell_rig import BENCH, motion_planner, robot_alone
@@ -97,6 +99,37 @@ def test_the_whole_tray_is_in_view_and_what_lies_beyond_it_is_known_to_be_out_of
         assert joints is not None
         seen[y] = not MONITOR.out_of_view(joints)
     assert seen == {-0.75: False, -0.55: True, -0.45: True, 0.10: True}
+
+
+def test_a_hand_that_left_by_an_edge_may_be_anywhere_beyond_it() -> None:
+    """Where the person stands, the arm is slow; beyond any other edge a hand may come at once, and the arm waits."""
+    ahead = (joint_move(PARK, LOOK, motion_planner().settings), 0.5)
+    assert MONITOR.judge_beyond(PARK, (), 0.15, False, ahead) is None
+    beyond = {edge: MONITOR.judge_beyond(PARK, (edge,), 0.15, False, ahead) for edge in EDGES}
+    assert all(one is not None and one.distance_m < 2.0 for one in beyond.values())
+    behind_tray = beyond["left"]
+    assert behind_tray is not None
+    assert behind_tray.distance_m < behind_tray.least_m
+    person = beyond[PersonSpace(BENCH, S).edge]
+    assert person is not None
+    assert person.distance_m > person.least_m
+    both = MONITOR.judge_beyond(PARK, EDGES, 0.15, False, ahead)
+    assert both is not None
+    assert both.share <= min(one.share for one in beyond.values() if one is not None)
+
+
+@given(st.floats(0.0, 0.5), st.floats(-0.3, 0.5), st.floats(0.5, 1.1))
+@settings(max_examples=50, deadline=None)
+def test_a_hand_of_any_height_is_within_the_wall_that_its_image_makes(height: float, y: float, x: float) -> None:
+    """The tracker takes every hand to be at one height; the wall is where it may be at all of them."""
+    eye = np.array(BENCH.overhead.mount.position_m)
+    scale = (eye[2] - S.assumed_height_m) / (eye[2] - height)
+    true = np.array([[x, y], [x + 0.1, y]])
+    told = eye[:2] + (true - eye[:2]) * scale
+    wall = PersonSpace(BENCH, S).wall(HandSample(0.0, (100, 100, 200, 200), tuple(told[0]), tuple(told[1])))
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    dot = coal.Transform3s(np.eye(3), np.array([*true.mean(axis=0), height]))
+    assert coal.distance(coal.Sphere(0.001), dot, wall, coal.Transform3s(), request, result) <= 1e-6
 
 
 @pytest.mark.parametrize("path_s", [0.2, 0.5, 0.9, 1.3, 1.6])

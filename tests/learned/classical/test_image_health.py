@@ -92,7 +92,7 @@ def test_the_watcher_hands_health_and_speed_on(frames: list[Frame]) -> None:
 
 def track(*boxes: tuple[int, int, int, int] | None) -> list[str]:
     """What is said of a hand seen in these boxes, 15 a second."""
-    health = TrackHealth(480, 360)
+    health = TrackHealth(BENCH)
     return [
         health.unknown(number / 15, None if box is None else (0.7 + 0.01 * number, 0.1), box or (0, 0, 0, 0))
         for number, box in enumerate(boxes)
@@ -111,3 +111,21 @@ def test_a_hand_that_leaves_by_the_edge_is_gone() -> None:
 
 def test_a_fast_hand_that_passes_the_edge_between_two_frames_is_gone() -> None:
     assert track((200, 180, 260, 240), (200, 230, 260, 290), (200, 280, 260, 340), None) == [""] * 4
+
+
+def test_a_hand_that_was_all_in_view_cannot_leave_between_two_frames() -> None:
+    """Its wrist touches the edge always; when all of it vanishes at once, something covers it."""
+    reaching = (200, 100, 260, 358)
+    assert track(reaching, reaching, None, None) == ["", "", *["it vanished inside the view"] * 2]
+
+
+def test_it_is_told_by_which_edge_a_hand_left() -> None:
+    health = TrackHealth(BENCH)
+    for number, box in enumerate([(60, 100, 120, 160), (30, 100, 90, 160), (2, 100, 60, 160)]):
+        health.unknown(number / 15, (0.7, 0.1), box)
+        assert health.left_by == ()
+    for number in (3, 4, 60):
+        assert health.unknown(number / 15, None, (0, 0, 0, 0)) == ""
+        assert health.left_by == ("left",)
+    health.unknown(61 / 15, (0.7, 0.1), (2, 100, 60, 160))
+    assert health.left_by == ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import inspect
+import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -270,7 +271,7 @@ def _watched(
     """A tree whose edits take over; the log keeps the text of each, a monitor shows it."""
 
     def swapped(tree: Tree, time_s: float) -> None:
-        recorder.edited(_texts(options, tree), time_s)
+        recorder.edited(_texts(tree), time_s)
         if monitor is not None:
             monitor.watch(tree)
 
@@ -331,7 +332,7 @@ def _heading(options: RunOptions, files: Files) -> Heading:
     for path in (semantic.goals, semantic.confusions):
         if path is not None and path.exists() and path.resolve().is_relative_to(folder):
             attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())
-    for name, text in _texts(options, files.tree).items():
+    for name, text in _texts(files.tree).items():
         attachments[name] = ("application/xml", text.encode())
     values = {
         "seed": str(options.seed),
@@ -339,7 +340,7 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         "product": files.product.name,
         "pace": options.pace,
         "person": options.person or "as configured",
-        "tree": options.tree.name,
+        "tree": options.tree.resolve().relative_to(_common_folder(files.tree)).as_posix(),
         "perception": files.configuration.perception.words,
         "look": files.configuration.devices.simulation.look.name,
     }
@@ -359,10 +360,14 @@ def _weights(name: str, file: Path) -> dict[str, str]:
     return {f"weights.{name}.file": str(file), f"weights.{name}.sha256": digest}
 
 
-def _texts(options: RunOptions, tree: Tree) -> dict[str, str]:
-    """Files of a tree by their names in the log."""
-    folder = options.tree.resolve().parent
-    return {f"tree/{path.resolve().relative_to(folder)}": text for path, text in tree.texts.items()}
+def _texts(tree: Tree) -> dict[str, str]:
+    """Files of a tree by their names in the log: below the folder that holds all of them."""
+    folder = _common_folder(tree)
+    return {f"tree/{path.resolve().relative_to(folder).as_posix()}": text for path, text in tree.texts.items()}
+
+
+def _common_folder(tree: Tree) -> Path:
+    return Path(os.path.commonpath([path.resolve().parent for path in tree.texts]))
 
 
 def _log_path(options: RunOptions, settings: LogSettings) -> Path:

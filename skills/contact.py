@@ -6,7 +6,7 @@ import numpy as np
 
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
-from cell.interfaces.pose import Pose
+from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Progress, SkillStatus
 from skills.phases import Move, failed
 from skills.planner import Load, MotionPlanner
@@ -17,14 +17,18 @@ def tool_height_m(planner: MotionPlanner, observation: Observation) -> float:
     return planner.kinematics.forward(np.array(observation.arm.positions_rad)).position_m[2]
 
 
-def meets_something(planner: MotionPlanner, move: Move, observation: Observation) -> bool:
-    """Whether something holds the tool up on a way down."""
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def meets_something(planner: MotionPlanner, move: Move, observation: Observation, along: Array = DOWN) -> bool:
+    """Whether something holds the tool back on a straight way in the direction `along` (3,)."""
     if move.trajectory is None:
         return False
     settings = planner.settings
     followed_s = move.followed_s(observation) - settings.servo_lag_s
-    expected = planner.kinematics.forward(move.trajectory.at(followed_s))
-    return tool_height_m(planner, observation) - expected.position_m[2] > settings.contact_lag_m
+    expected = planner.kinematics.forward(move.trajectory.at(followed_s)).position_m
+    measured = planner.kinematics.forward(np.array(observation.arm.positions_rad)).position_m
+    return float(np.subtract(expected, measured) @ along) > settings.contact_lag_m
 
 
 class Descend:

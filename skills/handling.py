@@ -164,6 +164,14 @@ def held_grip(planner: MotionPlanner, name: str, observation: Observation) -> Gr
     return grip_of(planner.product.parts[name], observation.gripper.opening_m, planner.settings)
 
 
+def carried(planner: MotionPlanner, name: str | None, observation: Observation) -> tuple[str | None, tuple[Box, ...]]:
+    """The held part's type and its boxes in the tool frame, as far as it is known what the gripper holds."""
+    if name is None or not observation.gripper.holding:
+        return None, ()
+    kind, grip = planner.product.parts[name], held_grip(planner, name, observation)
+    return name, held_boxes(name, kind, planner.settings, grip, with_peg=True)
+
+
 def _choose(
     planner: MotionPlanner, options: Sequence[Grasp], others: Sequence[PartDetection], near_rad: Array
 ) -> tuple[Grasp, Array] | str:

@@ -1,4 +1,4 @@
-"""MoveTo: bring the arm to joints that the bench names, for example `park` or `look`."""
+"""Bring the arm to joints or to a pose of its tool by a free way: MoveTo, MoveToJoints, MoveToPose."""
 
 from __future__ import annotations
 
@@ -9,40 +9,109 @@ import numpy as np
 
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Array, Pose
 from skills.grip import STROKE_M
-from skills.handling import bracket_boxes, seen_in_holes, tray_boxes
+from skills.handling import bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
+from skills.kinematics import within_limits
 from skills.phases import Move, Phase, PhasedSkill
 from skills.planner import Load, MotionPlanner
 
 NamedPose = Literal["park", "look"]
 
 
-class MoveTo(PhasedSkill):
-    """Move to a named pose by a free way."""
+class FreeMove(PhasedSkill):
+    """Base of the motions by a free way; a subclass says where to."""
 
-    def __init__(self, planner: MotionPlanner, pose: NamedPose, tray_parts: Sequence[PartDetection] = ()) -> None:
+    def __init__(
+        self, planner: MotionPlanner, to: str, standing: Sequence[PartDetection] = (), held: str | None = None
+    ) -> None:
         """Args:
-        tray_parts: parts seen in the tray; the arm keeps clear of them.
+        to: where the arm goes, in words.
+        standing: parts that stand in the tray or were put down elsewhere; the arm keeps clear of them.
+        held: type of the part that the gripper holds, if it holds one.
         """
         super().__init__()
-        self._planner, self._pose, self._tray_parts = planner, pose, tuple(tray_parts)
+        self._planner, self._to, self._standing, self._held = planner, to, tuple(standing), held
+
+    def goal(self, observation: Observation, load: Load) -> Array | str:
+        """Joints (6,) to go to, or why there are none."""
+        raise NotImplementedError
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """One motion."""
         planner = self._planner
-        bench = planner.bench
-        goal = np.array({"park": bench.arm_park_rad, "look": bench.arm_look_rad}[self._pose])
-        obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self._tray_parts))
-        load = Load(min(STROKE_M, max(0.0, observation.gripper.opening_m)), obstacles)
+        held, boxes = carried(planner, self._held, observation)
+        obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self._standing))
+        load = Load(min(STROKE_M, max(0.0, observation.gripper.opening_m)), obstacles, boxes)
+        goal = self.goal(observation, load)
+        if isinstance(goal, str):
+            return f"cannot move to {self._to}: {goal}"
         return [
             Move(
-                f"moving to {self._pose}",
+                f"moving to {self._to}",
                 lambda start: planner.free_move(start, goal, load),
                 planner.settings,
+                holding=held,
             )
         ]
 
     @property
     def done(self) -> str:
         """What the skill has achieved, in words."""
-        return f"arm at {self._pose}"
+        return f"arm at {self._to}"
+
+
+class MoveTo(FreeMove):
+    """Move to joints that the bench names."""
+
+    def __init__(
+        self,
+        planner: MotionPlanner,
+        pose: NamedPose,
+        standing: Sequence[PartDetection] = (),
+        held: str | None = None,
+    ) -> None:
+        super().__init__(planner, pose, standing, held)
+        self._joints = {"park": planner.bench.arm_park_rad, "look": planner.bench.arm_look_rad}[pose]
+
+    def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
+        """The joints of that name."""
+        return np.array(self._joints)
+
+
+class MoveToJoints(FreeMove):
+    """Move to joints (6,) in [rad]."""
+
+    def __init__(
+        self,
+        planner: MotionPlanner,
+        joints_rad: Array,
+        standing: Sequence[PartDetection] = (),
+        held: str | None = None,
+    ) -> None:
+        super().__init__(planner, "the joints", standing, held)
+        self._joints = joints_rad
+
+    def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
+        """The joints, if the arm has them."""
+        return self._joints if within_limits(self._joints) else "they lie beyond the arm's limits"
+
+
+class MoveToPose(FreeMove):
+    """Move the tool (TCP) to a pose in the world."""
+
+    def __init__(
+        self,
+        planner: MotionPlanner,
+        world_from_tool: Pose,
+        to: str,
+        standing: Sequence[PartDetection] = (),
+        held: str | None = None,
+    ) -> None:
+        super().__init__(planner, to, standing, held)
+        self._pose = world_from_tool
+
+    def goal(self, observation: Observation, load: Load) -> Array | str:
+        """Joints for the pose, near to where the arm stands."""
+        found = self._planner.reach([self._pose], joints_of(observation), load)
+        return found if isinstance(found, str) else found[1]

@@ -116,6 +116,11 @@ class MotionPlanner:
         contact = self._contact(line.positions_rad, load)
         return line if contact is None else f"no free way: {contact}"
 
+    def blind_move(self, start_rad: Array, world_from_tool: Pose, speed_m_s: float) -> Plan:
+        """The tool on a straight line without a look at what is in the way, as that is to be felt."""
+        settings = self.settings.model_copy(update={"line_speed_m_s": speed_m_s})
+        return line_move(self.kinematics, start_rad, world_from_tool, settings) or "the arm cannot follow that line"
+
     def _contact(self, positions_rad: Array, load: Load) -> str | None:
         margin_m = 0.0 if load.close else self.settings.collision_margin_m
         return self._checker.first_contact(positions_rad, load.opening_m, load.obstacles, load.held, margin_m)

@@ -16,7 +16,7 @@ from py_trees.common import Status
 
 from cell.interfaces.clock import ManualClock
 from trees.engine.blackboard import Entry
-from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node, Runtime
+from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node, Runtime, TreeNode
 from trees.engine.ports import Port
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
@@ -35,6 +35,7 @@ class TreeBench:
             A leaf that is not named succeeds.
         writes: by node name or tag, values of output ports that the leaf writes when it succeeds.
         provided: entries of the main tree that are set before the first tick.
+        services: what own controls and decorators work with; none by default.
 
     Attributes:
         events: "start NAME", "tick NAME", "end NAME" and "halt NAME" since the beginning.
@@ -48,6 +49,7 @@ class TreeBench:
         writes: Mapping[str, Mapping[str, Any]] | None = None,
         provided: Mapping[str, Any] | None = None,
         main: str | None = None,
+        services: object = None,
     ) -> None:
         self.events: list[str] = []
         self.clock = ManualClock()
@@ -58,7 +60,7 @@ class TreeBench:
         ]
         others = [node for node in registry.classes.values() if not is_leaf(node) and node not in BUILT_IN]
         self.tree: Tree = load_tree(path, Registry([*stand_ins, *others]), main, provided)
-        self.tree.setup(None, self.clock)
+        self.tree.setup(services, self.clock)
         self._tags = {node.name: type(node).__name__ for node in self.tree.nodes}
         for name in {**(answers or {}), **(writes or {})}:
             if name not in self._tags and name not in registry.classes:
@@ -82,7 +84,7 @@ class TreeBench:
 
     def _stand_in(
         self,
-        original: type,
+        original: type[TreeNode],
         ports: Mapping[str, Port],
         answers: Mapping[str, str],
         writes: Mapping[str, Mapping[str, Any]],
@@ -113,6 +115,7 @@ class TreeBench:
 
         properties = {name: getattr(original, name) for name in ("node_type", "instant", "guards", "needs_guard")}
         attributes = {port.attribute: port for port in ports.values()}
+        properties["further_port"] = classmethod(lambda _, name: original.further_port(name))
         return type(tag, (StandIn,), {**properties, **attributes})
 
 

@@ -59,12 +59,14 @@ class Display:
         goal_belief: probability by goal.
         message: what the robot does or waits for, in words.
         help_request: what the robot asks the person to do, or None.
+        beeps: how often the bell was to sound so far.
     """
 
     guidance: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     goal_belief: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
     help_request: str | None = None
+    beeps: int = 0
 
 
 @dataclass

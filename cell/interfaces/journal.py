@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, Protocol
 
-Topic = Literal["belief", "plan", "verdict", "help", "skill"]
+Topic = Literal["belief", "plan", "verdict", "help", "skill", "file", "message", "snapshot"]
 
 
 class Journal(Protocol):

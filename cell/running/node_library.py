@@ -17,8 +17,9 @@ import trees.nodes
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from trees.engine.node import TreeNode
-from trees.engine.vocabulary import Hole, Part, Words
+from trees.engine.vocabulary import Goal, Hole, Part, Words
 from trees.files.registry import Registry
+from trees.framed_pose import FRAMES, FramedPose
 
 ENTRY_POINTS = "cell.nodes"  # a package names a module of its own there
 OWN_FOLDER = Path("nodes")
@@ -45,7 +46,10 @@ def node_registry(product: Product | None = None, more: Iterable[str] = ()) -> R
 
 
 def _words(product: Product | None) -> Words:
-    return {} if product is None else {Part: tuple(product.parts), Hole: product.positions}
+    if product is None:
+        return {}
+    frames = (*FRAMES, *product.positions)
+    return {Part: tuple(product.parts), Hole: product.positions, Goal: tuple(product.goals), FramedPose: frames}
 
 
 def _nodes(module: ModuleType) -> Iterator[type[TreeNode]]:

@@ -109,4 +109,20 @@ def make_services(
         guard=Guard(planners.known, configuration.guard),
         journal=journal,
         observation=observation,
+        teach=_teacher(configuration, planners.known),
     )
+
+
+def _teacher(configuration: Configuration, product: Product) -> Callable[[str, tuple[str, ...]], str] | None:
+    """Notes goals in the configuration's file of goals."""
+    settings = configuration.planners.semantic
+    if settings.goals is None:
+        return None
+    path = settings.goals
+
+    def teach(name: str, parts: tuple[str, ...]) -> str:
+        goals = OpenGoals.load(path, product, settings.new_goals).with_goal(name, parts)
+        goals.save(path)
+        return next(name for name, goal in goals.finished.items() if goal.parts == parts)
+
+    return teach

@@ -43,6 +43,8 @@ class LiveProgress:
         now_s = time.monotonic()
         self._stamps = [*self._stamps[-LOOK_BACK_TICKS:], now_s]
         if record.command.display is not None:
+            if record.command.display.beeps > self._display.beeps:
+                self._console.bell()
             self._display = record.command.display
         view = record.observation.bench
         if view is not None:

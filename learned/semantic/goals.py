@@ -22,6 +22,7 @@ from cell.interfaces.yaml_file import load_yaml
 from learned.semantic.graph import Floats
 from learned.semantic.settings import NewGoals
 
+SHOWN_BRACKETS = 3  # a goal that somebody showed counts as much as so many finished brackets
 _HEAD = """# Goals as they were finished: the part type at every position, and how many brackets ended so.
 # Goals that the product file does not list were learned; rename, correct or remove them as you like.
 """
@@ -153,12 +154,29 @@ class OpenGoals:
         Raises:
             InputError: no bracket of this product ends so.
         """
-        known = self.product.goals | {name: goal.parts for name, goal in self.finished.items()}
-        name = next((name for name, goal in known.items() if goal == parts), None)
-        if name is None:
-            name = next(f"new{i}" for i in range(1, len(known) + 2) if f"new{i}" not in known)
+        known = self._known
+        free = next(f"new{i}" for i in range(1, len(known) + 2) if f"new{i}" not in known)
+        return self._after(free, parts, 1, "a finished bracket")
+
+    def with_goal(self, name: str, parts: tuple[str, ...]) -> OpenGoals:
+        """The goals with one that somebody showed; a known one keeps its name.
+
+        Raises:
+            InputError: no bracket of this product ends so, or another goal has this name.
+        """
+        if self._known.get(name, parts) != parts:
+            raise InputError(f"goal {name} is {' '.join(self._known[name])} already; give this one another name")
+        return self._after(name, parts, SHOWN_BRACKETS, "the goal that was shown")
+
+    @property
+    def _known(self) -> dict[str, tuple[str, ...]]:
+        return {**self.product.goals, **{name: goal.parts for name, goal in self.finished.items()}}
+
+    def _after(self, name: str, parts: tuple[str, ...], brackets: int, what: str) -> OpenGoals:
+        """With so many more brackets of an arrangement; one that is not known takes the name."""
+        name = next((known for known, goal in self._known.items() if goal == parts), name)
         before = self.finished[name].finished if name in self.finished else 0
-        finished = self.finished | {name: FinishedGoal(parts=parts, finished=before + 1)}
+        finished = self.finished | {name: FinishedGoal(parts=parts, finished=before + brackets)}
         after = OpenGoals(self.listed, finished, self.settings)
-        after.check(Path("a finished bracket"))
+        after.check(Path(what))
         return after

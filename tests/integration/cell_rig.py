@@ -9,6 +9,7 @@ from pathlib import Path
 
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.interfaces.perception import Frame
+from cell.interfaces.product import Product
 from cell.observer import Level, Outcome, TickRecord
 from cell.run import Files, drive
 from cell.running.node_library import node_registry
@@ -73,6 +74,13 @@ def robot_alone(clutter: Sequence[ScenePart], seed: int) -> Iterator[SimCell]:
 def with_person(goal: str, seed: int) -> Iterator[SimCell]:
     """A cell with a person who assembles this goal."""
     with _opened(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, seed, goal)) as cell:
+        yield cell
+
+
+@contextmanager
+def person_who_knows(product: Product, goal: str, seed: int) -> Iterator[SimCell]:
+    """A cell with a person who assembles a goal that only they know."""
+    with _opened(SimCell(product, BENCH, SIMULATION, *CAN, seed, goal)) as cell:
         yield cell
 
 

@@ -47,7 +47,7 @@ def type_name(kind: Any) -> str:
 
 def has_literals(kind: Any) -> bool:
     """Whether a value of this type can be written in a tree file."""
-    if kind in (int, float, bool, str, Any) or is_word(kind):
+    if kind in (int, float, bool, str, Any) or is_word(kind) or hasattr(kind, "from_text"):
         return True
     if typing.get_origin(kind) in (list, tuple):
         return has_literals(_item(kind))
@@ -69,6 +69,8 @@ def from_text(text: str, kind: Any) -> Any:
     if typing.get_origin(kind) in (list, tuple):
         items = [from_text(item, _item(kind)) for item in text.split(";")] if text else []
         return typing.get_origin(kind)(items)
+    if hasattr(kind, "from_text"):
+        return _own(text, kind)
     if isinstance(kind, type) and issubclass(kind, Enum):
         return _member(text, kind)
     raise LiteralError(
@@ -146,6 +148,15 @@ def _without_loss(value: int | float, kind: type[int] | type[float] | type[bool]
 
 def _item(kind: Any) -> Any:
     return (typing.get_args(kind) or (str,))[0]
+
+
+def _own(text: str, kind: Any) -> Any:
+    """A value of a class that reads its own texts: `from_text` makes it, `like` says how they look."""
+    try:
+        return kind.from_text(text)
+    except Exception as error:  # the class may be a user's own
+        what = f"'{text}' is no {type_name(kind)}: {error}"
+        raise LiteralError(what, getattr(kind, "like", "see the class's documentation")) from None
 
 
 def _boolean(text: str) -> bool:

@@ -13,6 +13,7 @@ from py_trees.common import Status
 
 from cell.interfaces.clock import Clock, ManualClock
 from trees.engine.errors import NodeError as NodeError  # node modules import it from here
+from trees.engine.ports import Port
 
 IDLE = Status.INVALID
 RUNNING = Status.RUNNING
@@ -113,6 +114,11 @@ class TreeNode(behaviour.Behaviour):
     def asked_before(cls, child: int) -> range:  # noqa: ARG003  # who overrides it reads it
         """Children that are asked again in every tick while `child` runs, and must have succeeded for it to run."""
         return range(0)
+
+    @classmethod
+    def further_port(cls, name: str) -> Port | None:  # noqa: ARG003  # who overrides it reads it
+        """The port that an attribute means which is not declared; None where the node takes no such attributes."""
+        return None
 
     def attach(self, runtime: Runtime, uid: int, path: str) -> None:
         """Join a tree."""

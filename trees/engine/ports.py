@@ -16,7 +16,7 @@ from typing import Any, Generic, TypeVar, cast, overload
 
 from trees.engine.blackboard import UNSET, Entry
 from trees.engine.errors import NodeError
-from trees.engine.vocabulary import Words, is_word, misnomer
+from trees.engine.vocabulary import Words, misnomer
 
 T = TypeVar("T")
 D = TypeVar("D")
@@ -56,7 +56,7 @@ class Port:
     def connect(self, node: object, entry: Entry | None, constant: bool = False, words: Words = NO_WORDS) -> None:
         """Connect this port of one node; a plain attribute of the node from now on."""
         connection = vars(node)[self.attribute] = CONNECTIONS[self.direction](self, entry, constant)
-        if is_word(self.kind):
+        if isinstance(self.kind, type) and self.kind in words:
             connection.words = words
 
     def _own(self, node: object) -> Any:
@@ -222,6 +222,20 @@ class InOutPort(Port, Generic[T]):
     def __get__(self, node: object, owner: type) -> InOut[T]: ...
     def __get__(self, node: object | None, owner: type) -> InOutPort[T] | InOut[T]:
         return self if node is None else cast(InOut[T], self._own(node))
+
+
+def named(port: Port, name: str) -> Port:
+    """A port that a file names and no class declares; its connection is among `further_of`."""
+    port.name, port.attribute = name, _FURTHER + name
+    return port
+
+
+def further_of(node: object) -> dict[str, Any]:
+    """Connections of a node's ports that only the file names, in its order."""
+    return {key.removeprefix(_FURTHER): value for key, value in vars(node).items() if key.startswith(_FURTHER)}
+
+
+_FURTHER = "port "  # no attribute of a class is named so
 
 
 def ports_of(node: type) -> dict[str, Port]:

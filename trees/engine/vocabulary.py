@@ -10,28 +10,40 @@ class Word(str):
     """A name from the configuration; in ticks a plain text.
 
     Attributes:
-        thing: what it names, for messages.
+        missing: how a message begins that there is none of this name.
     """
 
     __slots__ = ()
-    thing: ClassVar[str] = "name"
+    missing: ClassVar[str] = "there is no name"
+
+    @staticmethod
+    def name_in(value: object) -> object:
+        """The name that a value holds: the value itself."""
+        return value
 
 
 class Part(Word):
     """A part type of the product."""
 
     __slots__ = ()
-    thing: ClassVar[str] = "part type"
+    missing: ClassVar[str] = "the product has no part type"
 
 
 class Hole(Word):
     """A position of the product, where a part belongs."""
 
     __slots__ = ()
-    thing: ClassVar[str] = "position"
+    missing: ClassVar[str] = "the product has no position"
 
 
-Words = Mapping[type[Word], tuple[str, ...]]
+class Goal(Word):
+    """A goal of the product: which part belongs where."""
+
+    __slots__ = ()
+    missing: ClassVar[str] = "the product has no goal"
+
+
+Words = Mapping[type[Any], tuple[str, ...]]  # by kind of port; each has `missing` and `name_in`, as Word
 
 
 def is_word(kind: Any) -> bool:
@@ -41,7 +53,7 @@ def is_word(kind: Any) -> bool:
 
 def misnomer(value: object, kind: Any, words: Words) -> tuple[str, str] | None:
     """What is wrong with a name, and which there are; None where it is legal, or nothing is loaded to tell."""
-    known = words.get(kind) if is_word(kind) else None
-    if known is None or value in known:
+    known = words.get(kind) if isinstance(kind, type) else None
+    if known is None or (name := kind.name_in(value)) in known:
         return None
-    return f"the product has no {kind.thing} '{value}'", "one of " + ", ".join(known)
+    return f"{kind.missing} '{name}'", "one of " + ", ".join(known)

@@ -134,7 +134,7 @@ class Builder:
         children = [self._node(child, scope) for child in element.children]
         node_class: Any = self._registry.classes[tag]
         node: TreeNode = node_class(name, children) if issubclass(node_class, Control | Decorator) else node_class(name)
-        for port in self._registry.ports(tag).values():
+        for port in self._registry.ports_in(tag, element.attributes).values():
             self._port(node, uid, port, element, scope)
         return node
 

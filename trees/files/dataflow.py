@@ -53,7 +53,7 @@ def _constant_problems(writers: list[Use], typed: Use) -> list[Problem]:
 
 def _misnomers(group: list[Use], words: Words) -> Iterator[Problem]:
     """Names that are spelt out for an entry, in a script or in what a SubTree is given, and that do not exist."""
-    taker = next((use for use in group if use.reads and is_word(use.kind)), None)
+    taker = next((use for use in group if use.reads and _has_names(use.kind, words)), None)
     for use in group:
         spelt_out = use.text if use.sign else use.entry.text if use.writes and not use.turn else None
         if taker is not None and spelt_out is not None and (wrong := misnomer(spelt_out, taker.kind, words)):
@@ -111,6 +111,10 @@ def _agree(use: Use, typed: Use) -> bool:
         return has_literals(use.kind)
     classes = isinstance(use.kind, type) and isinstance(typed.kind, type)
     return classes and not use.writes and use.kind not in (int, float) and issubclass(typed.kind, use.kind)
+
+
+def _has_names(kind: Any, words: Words) -> bool:
+    return isinstance(kind, type) and kind in words
 
 
 def _is_text(kind: Any) -> bool:

@@ -172,20 +172,17 @@ def _take_models(library: Library, element: Element) -> None:
 
 
 def _include(library: Library, element: Element, path: Path) -> None:
-    """Only files beside or below the first one may be included, so that no file reaches out of its folder.
-
-    Each file is read once, however often it is included: a file of a library may name all that it needs.
-    """
+    """Each file is read once, however often it is included: a file of a library may name all that it needs."""
     name = element.get("path")
     place = element.place_of("path")
     if not name:
         library.problems.append(Problem(element.place, "this include has no path", 'like <include path="grasp.xml"/>'))
         return
-    folder = next(iter(library.texts)).resolve().parent
-    target = (path.parent / name).resolve()
-    if element.get("ros_pkg") is not None or not target.is_relative_to(folder):
-        library.problems.append(Problem(place, f"'{name}' leads out of {folder}", "include files below that folder"))
+    if element.get("ros_pkg") is not None:
+        what = "a package of ROS cannot be found here"
+        library.problems.append(Problem(element.place_of("ros_pkg"), what, "give the path from this file"))
         return
+    target = (path.parent / name).resolve()
     known = {file.resolve() for file in library.texts}
     if target == path.resolve():
         library.problems.append(Problem(place, f"'{name}' includes itself", "remove this include"))

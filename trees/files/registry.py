@@ -10,7 +10,7 @@ from typing import Any
 from trees.engine import choices, controls, decorators, leaves, loops, parallel
 from trees.engine.literals import STATUS_WORDS
 from trees.engine.node import Control, Decorator, TreeNode
-from trees.engine.ports import Port, ports_of
+from trees.engine.ports import Port, named, ports_of
 from trees.engine.vocabulary import Words
 
 RESERVED = ("name", "ID")
@@ -84,13 +84,25 @@ class Registry:
         """Ports of a class by their names in XML."""
         return self._ports[tag]
 
+    def ports_in(self, tag: str, attributes: Iterable[str]) -> Mapping[str, Port]:
+        """Declared ports of a class, and those that only a file's attributes name."""
+        ports = self._ports[tag]
+        further = {
+            name: named(port, name)
+            for name in attributes
+            if name not in ports
+            and not is_reserved(name)
+            and (port := self.classes[tag].further_port(name)) is not None
+        }
+        return {**ports, **further} if further else ports
+
     def _add(self, node: type[TreeNode]) -> None:
         tag = tag_of(node)
         if tag in self.classes:
             raise ValueError(f"two node classes are named {tag}")
         ports = ports_of(node)
         for name in ports:
-            if name in RESERVED or name.startswith("_"):
+            if is_reserved(name):
                 raise ValueError(f"port name {name} of {tag} is reserved")
         self.classes[tag] = node
         self._ports[tag] = ports
@@ -103,6 +115,11 @@ class Registry:
         for name, member in kind.__members__.items():
             value = member.value if isinstance(member.value, int) else member
             self.enums.setdefault(name, value)
+
+
+def is_reserved(name: str) -> bool:
+    """Whether an attribute of this name is never a port."""
+    return name in RESERVED or name.startswith("_")
 
 
 def tag_of(node: type[TreeNode]) -> str:

@@ -126,7 +126,7 @@ class _Checker:
         self._children(element, node)
         if tag == "ReactiveSequence":
             self._reactive(element)
-        ports = self._registry.ports(tag)
+        ports = self._registry.ports_in(tag, element.attributes)
         for name, attribute in element.attributes.items():
             if name in ports:
                 self._port(attribute, ports[name])
@@ -188,6 +188,7 @@ class _Checker:
             from_text(attribute.value, kind)
         except LiteralError as error:
             self._report(attribute.value_place, str(error), error.legal)
+            return
         if wrong := misnomer(attribute.value, kind, self._registry.words):
             self._report(attribute.value_place, *wrong)
 

@@ -70,7 +70,8 @@ class MoveTo(SkillNode):
     def make_skill(self) -> Skill:
         from skills.move_to import MoveTo as MoveToSkill
 
-        return MoveToSkill(self.services.motion, self.pose.get().value, self.services.tray_parts)
+        services = self.services
+        return MoveToSkill(services.motion, self.pose.get().value, services.standing, services.held_part)
 
 
 class PickPart(SkillNode):
@@ -84,7 +85,7 @@ class PickPart(SkillNode):
 
         part, others = part_and_others(self.parts.get(), self.index.get())
         self.services.held_part, self.services.tray_parts = part.part, others
-        return Pick(self.services.motion, part, others)
+        return Pick(self.services.motion, part, self.services.standing)
 
 
 class MoveAside(SkillNode):
@@ -98,7 +99,7 @@ class MoveAside(SkillNode):
 
         part, others = part_and_others(self.parts.get(), self.index.get())
         self.services.held_part, self.services.tray_parts = part.part, others
-        return MoveAsideSkill(self.services.motion, part, others)
+        return MoveAsideSkill(self.services.motion, part, self.services.standing)
 
 
 class ReturnToTray(SkillNode):
@@ -109,4 +110,4 @@ class ReturnToTray(SkillNode):
 
         if self.services.held_part is None:
             raise NodeError("nothing was picked yet, so the part in the gripper has no known type")
-        return PutBack(self.services.motion, self.services.held_part, self.services.tray_parts)
+        return PutBack(self.services.motion, self.services.held_part, self.services.standing)

@@ -24,7 +24,7 @@ class PlacePart(SkillNode):
         from skills.place import Place
 
         services = self.services
-        return Place(services.motion, self.position.get(), self.part.get(), services.tray_parts)
+        return Place(services.motion, self.position.get(), self.part.get(), services.standing)
 
 
 class VerifyPlacement(CellNode):

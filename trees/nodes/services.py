@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, Gra
 from cell.interfaces.product import Product
 from trees.engine.node import Node
 from trees.guard import Guard
+from trees.nodes.files import Files, WorkingFolder
 
 # Skills load kinematics and collision checking; who only checks or shows a tree file does not wait for them.
 if TYPE_CHECKING:
@@ -35,6 +37,10 @@ class Services:
         rule_semantic, rule_grasp: rule-based planners that answer where the chosen ones cannot be used.
         held_part: type of the part that was picked last; whether it is still held, the gripper tells.
         tray_parts: what stands in the tray as last seen, without what was taken since.
+        files: tables and saved values of the user.
+        teach: notes a goal, its name and the part at every position, where goals are kept, and says under which name;
+            None where they are kept nowhere.
+        put_down: what the robot stood elsewhere in this run; no camera looks there.
     """
 
     product: Product
@@ -52,9 +58,17 @@ class Services:
     display: Display = field(default_factory=Display)
     held_part: str | None = None
     tray_parts: tuple[PartDetection, ...] = ()
+    put_down: tuple[PartDetection, ...] = ()
+    files: Files = field(default_factory=WorkingFolder)
+    teach: Callable[[str, tuple[str, ...]], str] | None = None
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
     _solved: dict[int, GraspPlan] = field(default_factory=dict)
     _solved_view: PartsView | None = None
+
+    @property
+    def standing(self) -> tuple[PartDetection, ...]:
+        """All parts that the arm keeps clear of, beside those in holes."""
+        return self.tray_parts + self.put_down
 
     def show(self, **changes: Any) -> None:
         """Change what the person is shown; fields as in Display."""

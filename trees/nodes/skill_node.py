@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from py_trees.common import Status
 
 from cell.interfaces.skill import Skill, SkillStatus
@@ -18,7 +20,7 @@ class SkillNode(CellNode):
     """Base of the nodes that move arm or gripper; a subclass says which skill it runs."""
 
     abstract = True
-    claims = ("arm", "gripper")
+    claims: ClassVar[tuple[str, ...]] = ("arm", "gripper")
 
     _skill: Skill | None = None
 

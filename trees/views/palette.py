@@ -66,6 +66,15 @@ def _node_lines(tag: str, registry: Registry) -> Iterator[str]:
         needed = "" if port.optional else ", mandatory"
         line = f"    {arrow} {port.name}: {type_name(port.kind)}{default}{needed}"
         yield f"{line}  ({port.meaning})" if port.meaning else line
+    yield from _further_line(node)
+
+
+def _further_line(node: type[TreeNode]) -> Iterator[str]:
+    """Ports that only the file names."""
+    port = node.further_port("NAME")
+    if port is not None:
+        arrow = {"input": "<-", "output": "->", "inout": "<>"}[port.direction]
+        yield f"    {arrow} any further name: {type_name(port.kind)}  ({port.meaning})"
 
 
 def _port_data(port: Port) -> dict[str, object]:

@@ -30,6 +30,7 @@ from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.node import StatusChange
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
+from trees.nodes.files import LoggedFiles
 
 PLANNERS = ("semantic", "grasp")
 ENDS = ("SUCCESS", "FAILURE", "ERROR")
@@ -97,6 +98,8 @@ class Replay:
             self._journal,
             log.ticks[0].observation,
         )
+        read = [fields for tick in log.ticks for topic, fields in tick.notes if topic == "file"]
+        self._services.files = LoggedFiles(read)
         self._clock = TickClock(self._services)
         self.tree.setup(self._services, self._clock)
         self._hooks = Hooks(self.tree, _nobody)

@@ -1,0 +1,74 @@
+"""PutDown: stand the held part on a spot of the table, the tray or a fixture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Pose
+from skills.handling import (
+    bracket_boxes,
+    carry_over_bracket_m,
+    held_grip,
+    joints_of,
+    put_phases,
+    seen_in_holes,
+    tray_boxes,
+)
+from skills.phases import Phase, PhasedSkill
+from skills.planner import MotionPlanner
+
+UPRIGHT = 0.999  # cosine of the largest tilt of a spot that a part can stand on
+
+
+class PutDown(PhasedSkill):
+    """Carry the held part over a spot, lower it, let go and rise."""
+
+    def __init__(
+        self,
+        planner: MotionPlanner,
+        part: str,
+        world_from_spot: Pose,
+        where: str,
+        standing: Sequence[PartDetection] = (),
+    ) -> None:
+        """Args:
+        part: type of the part that the gripper holds.
+        world_from_spot: what its peg will stand on; x along the part's length.
+        where: the spot in words.
+        standing: parts that stand in the tray or were put down before.
+        """
+        super().__init__()
+        self._planner, self._part, self._spot, self._where = planner, part, world_from_spot, where
+        self._standing = tuple(standing)
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """Choose a heading of the tool."""
+        planner = self._planner
+        if not observation.gripper.holding:
+            return f"cannot put {self._part} down: the gripper holds nothing"
+        if self._spot.rotation[2, 2] < UPRIGHT:
+            return f"cannot put {self._part} down at {self._where}: nothing stands on a tilted spot"
+        obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self._standing))
+        kind = planner.product.parts[self._part]
+        return put_phases(
+            planner,
+            self._part,
+            held_grip(planner, self._part, observation),
+            stands_at(self._spot, kind.peg_length_m),
+            obstacles,
+            joints_of(observation),
+            carry_over_bracket_m(planner, kind),
+        )
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return f"{self._part} stands at {self._where}"
+
+
+def stands_at(world_from_spot: Pose, peg_length_m: float) -> Pose:
+    """World pose of a part whose peg stands on a spot."""
+    x, y, z = world_from_spot.position_m
+    return Pose.from_yaw((x, y, z + peg_length_m), world_from_spot.yaw_rad)

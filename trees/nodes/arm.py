@@ -1,0 +1,158 @@
+"""Motions of the arm to places that the tree file gives: poses, joints, lines, contact."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from py_trees.common import Status
+
+from cell.interfaces.pose import Pose
+from cell.interfaces.skill import Skill
+from trees.engine.errors import NodeError
+from trees.engine.node import SUCCESS
+from trees.engine.ports import InputPort, OutputPort
+from trees.framed_pose import TOOL, WORLD, FramedPose
+from trees.nodes.poses import FINGERS_DOWN, frame_pose, tool_pose, world_from_tool
+from trees.nodes.services import CellNode, Services
+from trees.nodes.skill_node import SkillNode
+
+FEELING_M_S = 0.05  # faster, and what is met is pushed before the arm knows
+
+
+class MoveToPose(SkillNode):
+    """Move the tool to a pose by a free way; not turned, the fingers point down."""
+
+    claims = ("arm",)
+
+    pose = InputPort(FramedPose, "where the tool (TCP) goes")
+
+    def make_skill(self) -> Skill:
+        from skills.move_to import MoveToPose as Motion
+
+        services, pose = self.services, self.pose.get()
+        target = world_from_tool(services, pose)
+        return Motion(services.motion, target, str(pose), services.standing, services.held_part)
+
+
+class MoveToJoints(SkillNode):
+    """Move the arm to joint angles by a free way."""
+
+    claims = ("arm",)
+
+    joints_deg = InputPort(list[float], "six angles in [deg] from the base to the flange: 0;-90;90;-90;-90;0")
+
+    def make_skill(self) -> Skill:
+        from skills.move_to import MoveToJoints as Motion
+
+        angles = self.joints_deg.get()
+        if len(angles) != 6:
+            raise NodeError(f"the arm has 6 joints, not {len(angles)}")
+        services = self.services
+        return Motion(services.motion, np.radians(angles), services.standing, services.held_part)
+
+
+class MoveStraight(SkillNode):
+    """Move the tool on a straight line to a pose."""
+
+    claims = ("arm",)
+
+    pose = InputPort(FramedPose, "where the tool (TCP) goes")
+    speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1)
+
+    def make_skill(self) -> Skill:
+        from skills.straight import StraightMove
+
+        services, pose = self.services, self.pose.get()
+        speed, target = _speed(services, self.speed_m_s.get()), world_from_tool(services, pose)
+        return StraightMove(services.motion, lambda _: target, str(pose), speed, services.standing, services.held_part)
+
+
+class MoveBy(SkillNode):
+    """Move the tool on a straight line by a distance from where it is, and turn it."""
+
+    claims = ("arm",)
+
+    by = InputPort(FramedPose, "how far along the axes of a frame, and how much turned: world: 0 0 0.1; 0 0 90")
+    speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1)
+
+    def make_skill(self) -> Skill:
+        from skills.straight import StraightMove
+
+        services, by = self.services, self.by.get()
+        speed, axes = _speed(services, self.speed_m_s.get()), frame_pose(services, by.frame)
+
+        def target(world_from_tool: Pose) -> Pose:
+            return moved_by(world_from_tool @ FINGERS_DOWN, axes, by.pose) @ FINGERS_DOWN
+
+        return StraightMove(services.motion, target, f"by {by}", speed, services.standing, services.held_part)
+
+
+class MoveUntilContact(SkillNode):
+    """Move the tool on a straight line until it meets something; fails where it meets nothing."""
+
+    claims = ("arm",)
+
+    by = InputPort(FramedPose, "the longest way along the axes of a frame: world: 0 0 -0.05")
+    speed_m_s = InputPort(float, f"speed of the tool in [m/s], at most {FEELING_M_S}", default=0.02)
+
+    def make_skill(self) -> Skill:
+        from skills.straight import MoveUntilContact as Motion
+
+        services, by = self.services, self.by.get()
+        speed = self.speed_m_s.get()
+        if not 0 < speed <= FEELING_M_S:
+            raise NodeError(
+                f"speed_m_s is {speed:g}; more than 0 and at most {FEELING_M_S} where contact is looked for"
+            )
+        return Motion(services.motion, frame_pose(services, by.frame).rotation @ np.array(by.pose.position_m), speed)
+
+
+class GetToolPose(CellNode):
+    """Tell where the tool is, to come back there later."""
+
+    instant = True
+
+    pose = OutputPort(FramedPose, "where the tool (TCP) is, in the world")
+
+    def update(self) -> Status:
+        self.pose.set(FramedPose(WORLD, tool_pose(self.services)))
+        self.feedback_message = f"the tool is at {self.pose.entry.value}" if self.pose.entry else ""
+        return SUCCESS
+
+
+class ToolIsAt(CellNode):
+    """The tool is at a pose, within a distance and an angle."""
+
+    node_type = "Condition"
+    instant = True
+
+    pose = InputPort(FramedPose, "where it should be")
+    within_m = InputPort(float, "how far off it may be in [m]", default=0.005)
+    within_deg = InputPort(float, "how far turned it may be in [deg]", default=3.0)
+
+    def update(self) -> Status:
+        wanted = self.pose.get()
+        if wanted.frame == TOOL:
+            raise NodeError("the tool is always at a pose of its own frame; give another one")
+        off = world_from_tool(self.services, wanted).inverse() @ (tool_pose(self.services) @ FINGERS_DOWN)
+        distance_m = math.dist(off.position_m, (0.0, 0.0, 0.0))
+        angle_deg = math.degrees(2 * math.acos(min(1.0, abs(off.quaternion_wxyz[0]))))
+        self.feedback_message = f"{distance_m * 1000:.1f} mm and {angle_deg:.1f} degrees off"
+        near = distance_m <= self.within_m.get() and angle_deg <= self.within_deg.get()
+        return SUCCESS if near else Status.FAILURE
+
+
+def moved_by(start: Pose, axes: Pose, by: Pose) -> Pose:
+    """A pose in the world after a way along the axes of a frame, turned about the same axes where it then is."""
+    x, y, z = (float(value) for value in np.array(start.position_m) + axes.rotation @ np.array(by.position_m))
+    turned = np.eye(4)
+    turned[:3, :3] = axes.rotation @ by.rotation @ axes.rotation.T @ start.rotation
+    return Pose((x, y, z), Pose.from_matrix(turned).quaternion_wxyz)
+
+
+def _speed(services: Services, speed_m_s: float) -> float:
+    most = services.motion.settings.line_speed_m_s
+    if not 0 < speed_m_s <= most:
+        raise NodeError(f"speed_m_s is {speed_m_s:g}; more than 0 and at most {most:g}, the configuration's limit")
+    return speed_m_s

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from py_trees.common import Status
@@ -26,7 +27,7 @@ from trees.nodes.tray import ChoosePart, GridSpot
 from trees.testing import alone
 
 
-def run(body: str, to: Services, ticks: int = 50, **provided: object) -> tuple[Status, dict[str, object]]:
+def run(body: str, to: Services, ticks: int = 50, **provided: Any) -> tuple[Status, dict[str, object]]:
     """Run a tree to its end; its last status and its blackboard."""
     models = "".join(f'<input_port name="{name}"/>' for name in provided)
     text = f'<BehaviorTree ID="Main">{body}</BehaviorTree><TreeNodesModel><SubTree ID="Main">{models}</SubTree>'
@@ -71,7 +72,7 @@ def test_spots_of_a_grid_go_row_by_row_in_the_corner_s_axes() -> None:
     for number in range(4):
         node = alone(GridSpot("grid"), pitch_m=[0.1, 0.2], number=number, **ports)
         assert node.execute() is Status.SUCCESS
-        places.append(node.spot.entry.value.pose.position_m)
+        places.append(vars(node)["spot"].entry.value.pose.position_m)
     rounded = [tuple(round(value, 6) for value in place) for place in places]
     assert rounded == [(0.5, 0.5, 0.0), (0.5, 0.6, 0.0), (0.3, 0.5, 0.0), (0.3, 0.6, 0.0)]
     full = alone(GridSpot("grid"), pitch_m=[0.1], number=4, **ports)
@@ -158,7 +159,7 @@ def test_a_replay_reads_what_was_read_and_writes_nothing() -> None:
 
 def test_values_are_saved_and_loaded_with_their_types() -> None:
     to = services()
-    given = {"n": 3, "x": 0.25, "t": "007", "b": True, "w": FramedPose.from_text("p1: 0 0 0.1; 0 0 33")}
+    given: dict[str, Any] = {"n": 3, "x": 0.25, "t": "007", "b": True, "w": FramedPose.from_text("p1: 0 0 0.1; 0 0 33")}
     ports = " ".join(f'{name}="{{{name}}}"' for name in given)
     assert run(f'<SaveBlackboard file="kept/a.json" {ports}/>', to, **given)[0] is Status.SUCCESS
     status, board = run(f'<LoadBlackboard file="kept/a.json" {ports}/>', to)
@@ -207,6 +208,7 @@ def test_the_bell_and_pictures_are_asked_for_once() -> None:
     assert node.execute() is Status.RUNNING
     see(to, 0.1)
     assert node.execute() is Status.SUCCESS
+    assert isinstance(to.journal, ListJournal)
     assert to.journal.notes[-1] == ("snapshot", {"camera": "overhead", "sequence": 0, "label": "before"})
 
 

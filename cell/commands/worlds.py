@@ -21,6 +21,9 @@ RecordingsOption = Annotated[int, typer.Option(min=1, help="How many assemblies,
 FirstSeedOption = Annotated[
     int, typer.Option(min=0, help="Of seeds in a row: training below 800000, validation below 900000, then tests.")
 ]
+MixedOption = Annotated[bool, typer.Option("--mixed", help="Some parts lie or are stacked, some objects are unknown.")]
+ViewsOption = Annotated[int, typer.Option(min=1, max=50, help="Images of each tray.")]
+SteelOption = Annotated[float, typer.Option(min=0, max=1, help="Share of recordings with parts of bare steel.")]
 PhysicsOption = Annotated[bool, typer.Option("--physics", help="Move hand and parts by physics: slower, with slips.")]
 
 
@@ -59,11 +62,12 @@ def holes(
     recordings: RecordingsOption = 10,
     first_seed: FirstSeedOption = 0,
     physics: PhysicsOption = False,
+    steel_share: SteelOption = 0.0,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
     """Crops of the holes, what is in them, and how much of each is hidden."""
-    _from_assemblies("holes", out, look, person, recordings, first_seed, physics, config, as_json)
+    _from_assemblies("holes", out, look, person, recordings, first_seed, physics, config, as_json, steel_share)
 
 
 def objects(
@@ -71,21 +75,30 @@ def objects(
     look: LookOption = "varied",
     recordings: RecordingsOption = 10,
     first_seed: FirstSeedOption = 0,
+    views: ViewsOption = 1,
+    mixed: MixedOption = False,
+    steel_share: SteelOption = 0.0,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
     """Images of trays from the wrist camera, with type, pose and box of each part."""
     from cell.configuration import load_configuration, load_product, simulated
     from sim.data.objects import write_objects
+    from sim.data.variety import mixed_clutter, sometimes_steel
 
     configuration = simulated(load_configuration(config), look)
     product = load_product(configuration, config)
-    simulation = configuration.devices.simulation
-    _write(
-        f"cell data objects --look {look} --recordings {recordings} --first-seed {first_seed}",
-        (out, recordings, first_seed, as_json),
-        lambda seed, folder: write_objects(product, configuration.bench, simulation, seed, folder),
-    )
+    settings = configuration.devices.simulation
+
+    def one(seed: int, folder: DataFolder) -> None:
+        clutter = mixed_clutter(settings.clutter, seed) if mixed else settings.clutter
+        simulation = settings.model_copy(update={"clutter": clutter})
+        kinds = sometimes_steel(product, steel_share, seed)
+        write_objects(kinds, configuration.bench, simulation, seed, folder, views)
+
+    command = f"cell data objects --look {look} --recordings {recordings} --first-seed {first_seed} --views {views}"
+    command += " --mixed" * mixed + (f" --steel-share {steel_share:g}" if steel_share else "")
+    _write(command, (out, recordings, first_seed, as_json), one)
 
 
 def _from_assemblies(
@@ -98,11 +111,13 @@ def _from_assemblies(
     physics: bool,
     config: Path,
     as_json: bool,
+    steel_share: float = 0.0,
 ) -> None:
     from cell.configuration import load_configuration, load_product, simulated
     from sim.data.actions import Source, write_holes, write_segments
     from sim.data.hands import write_hands
     from sim.data.recording import record
+    from sim.data.variety import sometimes_steel
 
     configuration = simulated(load_configuration(config), look, person)
     product, bench = load_product(configuration, config), configuration.bench
@@ -110,12 +125,14 @@ def _from_assemblies(
     write = {"actions": write_segments, "hands": write_hands, "holes": write_holes}[what]
 
     def one(seed: int, folder: DataFolder) -> float:
-        assembly = record(product, bench, simulation, seed, physics=physics)
-        write(Source(assembly, product, bench), folder)
+        kinds = sometimes_steel(product, steel_share, seed)
+        assembly = record(kinds, bench, simulation, seed, physics=physics)
+        write(Source(assembly, kinds, bench), folder)
         return assembly.moments[-1].time_s
 
     command = f"cell data {what} --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"
-    _write(command + (" --physics" if physics else ""), (out, recordings, first_seed, as_json), one)
+    command += (" --physics" if physics else "") + (f" --steel-share {steel_share:g}" if steel_share else "")
+    _write(command, (out, recordings, first_seed, as_json), one)
 
 
 def _write(command: str, options: tuple[Path, int, int, bool], one: Callable[[int, DataFolder], float | None]) -> None:

@@ -36,7 +36,8 @@ class CameraSetup(Model):
 
     Attributes:
         width_px, height_px: size of its images.
-        focal_px: focal length, the same along both axes; images are undistorted, their middle is the principal point.
+        focal_px: focal length, the same along both axes; the image's middle is the principal point.
+        distortion_k1, distortion_k2: radial distortion of the lens (Brown-Conrady); 0 for undistorted images.
         rate_hz: frames per second.
         triggered: it sends a frame only when asked.
         mount: where it is: world_from_camera of a fixed camera, tool_from_camera of one on the wrist (tool: the TCP
@@ -46,13 +47,15 @@ class CameraSetup(Model):
     width_px: int = Field(ge=16, le=4096)
     height_px: int = Field(ge=16, le=4096)
     focal_px: float = Field(ge=10, le=100_000)
+    distortion_k1: float = Field(default=0.0, ge=-0.5, le=0.5)
+    distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
     rate_hz: float = Field(ge=0.1, le=1000)
     triggered: bool = False
     mount: Mount
 
     @property
     def model(self) -> CameraModel:
-        return CameraModel(self.width_px, self.height_px, self.focal_px)
+        return CameraModel(self.width_px, self.height_px, self.focal_px, self.distortion_k1, self.distortion_k2)
 
 
 class Tray(Model):

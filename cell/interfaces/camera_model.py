@@ -1,4 +1,7 @@
-"""Pinhole camera: pixels to rays and back. Camera frame: x right, y down, z forward (OpenCV)."""
+"""Camera with radial distortion: pixels to rays and back. Camera frame: x right, y down, z forward (OpenCV).
+
+x_d = x (1 + k1 r^2 + k2 r^4) in normalised image coordinates (Brown, 1971).
+"""
 
 from __future__ import annotations
 
@@ -9,18 +12,24 @@ import numpy as np
 from cell.interfaces.pose import Array, Pose
 
 
+ITERATIONS = 12  # of the fixed point that takes distortion out
+
+
 @dataclass(frozen=True)
 class CameraModel:
-    """Intrinsics of an undistorted camera.
+    """Intrinsics of a camera.
 
     Attributes:
         width_px, height_px: image size.
         focal_px: focal length, the same along both axes.
+        distortion_k1, distortion_k2: radial distortion; 0 for none.
     """
 
     width_px: int
     height_px: int
     focal_px: float
+    distortion_k1: float = 0.0
+    distortion_k2: float = 0.0
 
     @property
     def matrix(self) -> Array:
@@ -38,11 +47,42 @@ class CameraModel:
         in_camera = world_from_camera.inverse().transform(points_m)
         image = in_camera @ self.matrix.T
         pixels: Array = image[:, :2] / image[:, 2:3]
-        return pixels
+        return self.bent(pixels)
+
+    @property
+    def plain(self) -> bool:
+        """Whether the lens bends nothing."""
+        return self.distortion_k1 == self.distortion_k2 == 0
+
+    def bent(self, pixels: Array) -> Array:
+        """Where a pinhole camera's pixels (n, 2) are seen through this lens."""
+        if self.plain:
+            return pixels
+        middle = self.matrix[:2, 2]
+        straight = (pixels - middle) / self.focal_px
+        bent: Array = straight * self._stretch(straight) * self.focal_px + middle
+        return bent
+
+    def straightened(self, pixels: Array) -> Array:
+        """The inverse of `bent`."""
+        if self.plain:
+            return pixels
+        middle = self.matrix[:2, 2]
+        bent = (pixels - middle) / self.focal_px
+        straight = bent
+        for _ in range(ITERATIONS):
+            straight = bent / self._stretch(straight)
+        pinhole: Array = straight * self.focal_px + middle
+        return pinhole
+
+    def _stretch(self, straight: Array) -> Array:
+        square = (straight**2).sum(axis=-1, keepdims=True)
+        stretch: Array = 1 + self.distortion_k1 * square + self.distortion_k2 * square**2
+        return stretch
 
     def onto_plane(self, world_from_camera: Pose, pixels: Array, height_m: float) -> Array:
         """Pixels (n, 2) as (column, row) to the world points (n, 3) where their rays meet z = height_m."""
-        homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
+        homogeneous = np.column_stack([self.straightened(pixels), np.ones(len(pixels))])
         rays = homogeneous @ np.linalg.inv(self.matrix).T @ world_from_camera.rotation.T
         origin = np.array(world_from_camera.position_m)
         scale = (height_m - origin[2]) / rays[:, 2:3]

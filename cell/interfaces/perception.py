@@ -181,6 +181,7 @@ class PartDetection:
         size_m: (length, width, height) of the body.
         box_px: (left, top, right, bottom) in the image.
         embedding: features of the crop for the grasp planner; empty where the detector has none.
+        upright: it stands on its peg; of what does not, and of unknown things, the pose is a rough one.
     """
 
     part: str
@@ -189,15 +190,22 @@ class PartDetection:
     size_m: tuple[float, float, float]
     box_px: tuple[int, int, int, int]
     embedding: tuple[float, ...] = ()
+    upright: bool = True
 
 
 @dataclass(frozen=True)
 class PartsView:
-    """Answer to one wrist frame."""
+    """Answer to one wrist frame.
+
+    Attributes:
+        detections: parts that stand.
+        others: parts that lie and things of no type ("unknown"), as far as the detector tells them.
+    """
 
     sequence: int
     time_s: float
     detections: tuple[PartDetection, ...]
+    others: tuple[PartDetection, ...] = ()
 
 
 class HandTracker(Protocol):
@@ -233,7 +241,7 @@ class PartDetector(Protocol):
     """Finds parts in a wrist frame."""
 
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
-        """Parts in view, in no promised order."""
+        """Parts in view, in no promised order; those that do not stand say so."""
         ...
 
 

@@ -48,7 +48,7 @@ class View:
         """World points (n, 3) to pixels (n, 2) as (column, row)."""
         image = points_m @ self._projection[:, :3].T + self._projection[:, 3]
         pixels: Array = image[:, :2] / image[:, 2:3]
-        return pixels
+        return self.model.bent(pixels)
 
     def on_plane(self, pixels: Array, height_m: float) -> Array:
         """Pixels (n, 2) to the world (x, y) where they meet z = height_m, (n, 2)."""

@@ -1,26 +1,37 @@
-"""Images of the wrist camera over random trays, with type, pose and visible box of every part."""
+"""Images of the wrist camera over random trays, with type, pose, posture and box of everything in them."""
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.clutter import full_set, sample_clutter
 from sim.data.folder import DataFolder
-from sim.data.sight import Masks, box_of
+from sim.data.sight import Masks, Projection, box_of
+from sim.look import Look
 from sim.photographer import Exposure, Photographer, SensorSetup
 from sim.settings import SimSettings
-from sim.studio import visible_poses
-from sim.world import build_world
+from sim.studio import ScenePoses, visible_poses
+from sim.tray_truth import resting_parts
+from sim.world import CAMERA_FROM_MUJOCO, World, build_world
 
 CAMERA = "wrist"
 LEAST_PX = 30  # of a part that counts as seen
 ARM_OFF_RAD = 0.02  # standard deviation of each joint from the pose in which the arm looks
 
 
-def write_objects(product: Product, bench: Bench, settings: SimSettings, seed: int, folder: DataFolder) -> None:
-    """One image, one row of objects.jsonl; the scene is drawn from the seed."""
+def write_objects(
+    product: Product, bench: Bench, settings: SimSettings, seed: int, folder: DataFolder, views: int = 1
+) -> None:
+    """An image and a row of objects.jsonl for each view of one tray; the scene is drawn from the seed.
+
+    Args:
+        views: how many images are taken of the tray, each with the arm a little elsewhere.
+    """
     rng = np.random.default_rng([seed, 4])
     look = settings.look.draw(seed)
     types = full_set(product)
@@ -28,37 +39,74 @@ def write_objects(product: Product, bench: Bench, settings: SimSettings, seed: i
     scene = sample_clutter(product, bench.tray, chosen, rng, settings.clutter)
     world = build_world(product, bench, scene, settings.physics, None, look)
     world.settle()
-    world.set_arm(np.array(bench.arm_look_rad) + rng.normal(0.0, ARM_OFF_RAD, 6))
     photographer = Photographer(world.model, {CAMERA: SensorSetup(bench.wrist, look.camera, rng)})
     masks = Masks(world, CAMERA, bench.wrist, look)
-    exposure = Exposure(CAMERA, 0, 0.0, world.camera_pose(CAMERA), (visible_poses(world.data),))
-    frame, bodies = photographer.take(exposure), masks.bodies(exposure.moments[0])
-    parts = []
-    for body in world.bodies:
-        shown = masks.of(bodies, [body.body])
-        box = box_of(shown)
-        if box is None or int(shown.sum()) < LEAST_PX:
-            continue
-        pose, kind = world.part_pose(body), product.parts[body.part]
-        parts.append(
+    for view in range(views):
+        world.set_arm(np.array(bench.arm_look_rad) + rng.normal(0.0, ARM_OFF_RAD, 6))
+        exposure = Exposure(CAMERA, view, 0.0, world.camera_pose(CAMERA), (visible_poses(world.data),))
+        frame = photographer.take(exposure)
+        name = f"seed{seed:06d}" + (f"-{view}" if view else "")
+        folder.row(
+            "objects",
             {
-                "part": body.part,
-                "world_from_part": {"position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz},
-                "size_m": kind.size_m,
-                "box_px": box,
-                "visible_px": int(shown.sum()),
-            }
+                "file": folder.image(f"images/{name}.png", frame.image),
+                "log": f"seed{seed:06d}",
+                "camera": CAMERA,
+                "world_from_camera": _told(frame.world_from_camera),
+                "true_camera": _true_camera(world, bench, look),
+                "parts": _parts(world, product, bench, masks, exposure.moments[0], look),
+            },
         )
     photographer.close()
     masks.close()
-    mount = frame.world_from_camera
-    folder.row(
-        "objects",
-        {
-            "file": folder.image(f"images/seed{seed:06d}.png", frame.image),
-            "log": f"seed{seed:06d}",
-            "camera": CAMERA,
-            "world_from_camera": {"position_m": mount.position_m, "quaternion_wxyz": mount.quaternion_wxyz},
-            "parts": parts,
-        },
-    )
+
+
+def _parts(
+    world: World, product: Product, bench: Bench, masks: Masks, poses: ScenePoses, look: Look
+) -> list[dict[str, object]]:
+    """Everything in the tray of which enough is seen."""
+    seen = masks.bodies(poses)
+    projection = Projection(world, CAMERA, bench.wrist, look)
+    parts: list[dict[str, object]] = []
+    for body, rests in zip(world.bodies, resting_parts(world), strict=True):
+        shown = masks.of(seen, [body.body])
+        box = box_of(shown)
+        if box is None or int(shown.sum()) < LEAST_PX:
+            continue
+        kind = product.parts.get(body.part)
+        parts.append(
+            {
+                "part": body.part,
+                "posture": rests.posture,
+                "world_from_part": _told(rests.world_from_part),
+                "size_m": None if kind is None else kind.size_m,
+                "box_px": box,
+                "whole_box_px": projection.box(poses, _geoms(world.model, body.body)),
+                "visible_px": int(shown.sum()),
+            }
+        )
+    return parts
+
+
+def _geoms(model: mujoco.MjModel, body: int) -> NDArray[np.int64]:
+    """Everything of a body that is seen."""
+    found: NDArray[np.int64] = np.flatnonzero((model.geom_bodyid == body) & (model.geom_group < 3))
+    return found
+
+
+def _true_camera(world: World, bench: Bench, look: Look) -> dict[str, object]:
+    """Where the camera really is, and its real lens."""
+    camera = world.data.camera(CAMERA)
+    turned = np.eye(4)
+    turned[:3, :3], turned[:3, 3] = camera.xmat.reshape(3, 3), camera.xpos
+    pose = Pose.from_matrix(turned) @ CAMERA_FROM_MUJOCO.inverse()
+    lens = {
+        "focal_px": bench.wrist.focal_px * (1 + look.camera.focal_error),
+        "distortion_k1": look.camera.distortion_k1,
+        "distortion_k2": look.camera.distortion_k2,
+    }
+    return {**_told(pose), **lens}
+
+
+def _told(pose: Pose) -> dict[str, object]:
+    return {"position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz}

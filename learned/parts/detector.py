@@ -1,0 +1,187 @@
+"""The trained part detector: a centre net says what is where, a pose net says exactly how it stands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.errors import DeviceFault
+from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from learned.onnx_model import Network, OnnxModel
+from learned.parts.crops import crop_of
+from learned.parts.maps import INPUT_PX, Peak, network_input, peaks
+
+UNKNOWN = "unknown"
+CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
+LEAST_SCORE = 0.3
+LEAST_STANDING = 0.5  # probability from the pose net that a part stands, and is of its type
+MARGIN_M = 0.06  # things this far outside the tray still count
+NEAREST_M = 0.05  # from the camera to the tray
+AXIS_PX = 8.0
+ROUNDS = 2  # of the pose net: the second one sees the part where the first one put it
+SAME_M = 0.012  # two standing parts cannot be nearer
+
+
+@dataclass(frozen=True)
+class _Standing:
+    """A part that may stand: where the middle of its body is supposed to be, and how it is turned."""
+
+    peak: Peak
+    place_m: Array
+    yaw_rad: float
+    standing: float = 0.0
+
+
+class CentrePartDetector:
+    """Finds all that lies in the tray; what stands gets an exact pose (PartDetector)."""
+
+    def __init__(self, bench: Bench, product: Product, centre: Network, pose: Network) -> None:
+        self._bench, self._product = bench, product
+        self._types = tuple(product.parts)
+        self._centre, self._pose = centre, pose
+        for network in (centre, pose):
+            network.card.require_vocabulary(network.path, {"parts": self._types})
+
+    @staticmethod
+    def load(bench: Bench, product: Product, centre: Path, pose: Path) -> CentrePartDetector:
+        """With the networks of two files.
+
+        Raises:
+            ModelError: a file is missing, damaged, of another kind, or trained for other parts.
+        """
+        return CentrePartDetector(
+            bench, product, OnnxModel.load(centre, CENTRE_KIND), OnnxModel.load(pose, POSE_KIND)
+        )
+
+    def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
+        """Everything in and near the tray: standing parts first, then what lies and what is unknown.
+
+        Raises:
+            DeviceFault: the image has not the size that the camera was set up with.
+        """
+        model = self._bench.wrist.model
+        height, width = frame.image.shape[:2]
+        if (width, height) != (model.width_px, model.height_px):
+            what = f"image is {width} x {height}, must be {model.width_px} x {model.height_px}"
+            raise DeviceFault(f"{frame.camera} camera", what)
+        if not self._looks_down(frame.world_from_camera):
+            return ()
+        maps = self._centre.run({"image": network_input(frame.image)})
+        features = maps["features"][0]
+        found = [self._scaled(peak) for peak in peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE)]
+        known = [peak for peak in found if peak.kind < len(self._types)]
+        standing = self._refined(frame, [one for peak in known for one in self._supposed(frame, peak)])
+        stands = {id(one.peak) for one in standing}
+        answers = [self._standing(one, features) for one in standing]
+        answers += [self._other(frame, peak, features) for peak in found if id(peak) not in stands]
+        return tuple(one for one in answers if self._near_tray(one))
+
+    def _looks_down(self, world_from_camera: Pose) -> bool:
+        """Whether all of the tray is before the camera."""
+        tray = self._bench.tray
+        corners = np.array([[x, y, 0.0] for x in (-0.5, 0.5) for y in (-0.5, 0.5)]) * (*tray.size_m, 0.0)
+        depths = world_from_camera.inverse().transform(corners + np.array(tray.centre_m))[:, 2]
+        return bool(depths.min() > NEAREST_M)
+
+    def _scaled(self, peak: Peak) -> Peak:
+        """In pixels of the camera's image."""
+        model = self._bench.wrist
+        scale = np.array([model.width_px / INPUT_PX[0], model.height_px / INPUT_PX[1]])
+        centre = (peak.centre_px + 0.5) * scale - 0.5
+        return replace(peak, centre_px=centre, box_px=peak.box_px * np.tile(scale, 2))
+
+    def _supposed(self, frame: Frame, peak: Peak) -> list[_Standing]:
+        """Where a part would be if it stood; both ways round where its ends differ."""
+        kind = self._product.parts[self._types[peak.kind]]
+        middle_m = self._bench.tray.centre_m[2] + kind.peg_length_m + kind.size_m[2] / 2
+        way = AXIS_PX * np.array([math.cos(peak.axis_rad), math.sin(peak.axis_rad)])
+        pixels = np.stack([peak.centre_px, peak.centre_px + way, peak.centre_px - way])
+        place, ahead, behind = self._bench.wrist.model.onto_plane(frame.world_from_camera, pixels, middle_m)
+        yaw = math.atan2(ahead[1] - behind[1], ahead[0] - behind[0])
+        turns = (0.0,) if kind.alike_after_half_turn else (0.0, math.pi)
+        return [_Standing(peak, place, yaw + turn) for turn in turns]
+
+    def _refined(self, frame: Frame, supposed: Sequence[_Standing]) -> list[_Standing]:
+        """Those that stand, moved to where the pose net sees them; of one thing the surest answer, none inside others."""
+        for _ in range(ROUNDS):
+            if supposed:
+                supposed = self._corrected(frame, supposed)
+        kept: list[_Standing] = []
+        for one in sorted(supposed, key=lambda one: -one.standing):
+            apart = all(float(np.hypot(*(one.place_m - other.place_m)[:2])) > SAME_M for other in kept)
+            if one.standing >= LEAST_STANDING and apart and all(one.peak is not other.peak for other in kept):
+                kept.append(one)
+        return kept
+
+    def _corrected(self, frame: Frame, supposed: Sequence[_Standing]) -> list[_Standing]:
+        model = self._bench.wrist.model
+        crops = [crop_of(frame.image, model, frame.world_from_camera, one.place_m, one.yaw_rad) for one in supposed]
+        answer = self._pose.run({"crops": np.stack(crops)})
+        shares = np.exp(answer["kinds"] - answer["kinds"].max(axis=1, keepdims=True))
+        shares /= shares.sum(axis=1, keepdims=True)
+        moved = []
+        for one, off, share in zip(supposed, answer["corrections"], shares, strict=True):
+            along, across, turn = (float(value) for value in off[one.peak.kind])
+            cosine, sine = math.cos(one.yaw_rad), math.sin(one.yaw_rad)
+            way = np.array([along * cosine - across * sine, along * sine + across * cosine, 0.0]) / 100
+            kind = float(share[one.peak.kind])
+            moved.append(_Standing(one.peak, one.place_m + way, one.yaw_rad + turn, kind))
+        return moved
+
+    def _standing(self, one: _Standing, features: NDArray[np.float32]) -> PartDetection:
+        name = self._types[one.peak.kind]
+        kind = self._product.parts[name]
+        turn = math.pi if kind.alike_after_half_turn else 2 * math.pi
+        yaw = (one.yaw_rad + turn / 2) % turn - turn / 2
+        bottom_m = self._bench.tray.centre_m[2] + kind.peg_length_m
+        pose = Pose.from_yaw((float(one.place_m[0]), float(one.place_m[1]), bottom_m), yaw)
+        score = one.peak.score * one.standing
+        return PartDetection(name, score, pose, kind.size_m, _box(one.peak), _embedding(one.peak, features))
+
+    def _other(self, frame: Frame, peak: Peak, features: NDArray[np.float32]) -> PartDetection:
+        """A part that does not stand, or something unknown: where it lies, as well as the centre net knows."""
+        model, floor_m = self._bench.wrist.model, self._bench.tray.centre_m[2]
+        known = peak.kind < len(self._types)
+        height_m = peak.height_m if known else 0.0
+        pixels = peak.centre_px[np.newaxis]
+        place = model.onto_plane(frame.world_from_camera, pixels, floor_m + max(height_m, 0.0))[0]
+        x, y, z = (float(value) for value in place)
+        yaw = self._supposed(frame, peak)[0].yaw_rad if known else 0.0
+        name = self._types[peak.kind] if known else UNKNOWN
+        size = self._product.parts[name].size_m if known else self._extent(frame, peak)
+        pose = Pose.from_yaw((x, y, z), yaw)
+        return PartDetection(name, peak.score, pose, size, _box(peak), _embedding(peak, features), upright=False)
+
+    def _extent(self, frame: Frame, peak: Peak) -> tuple[float, float, float]:
+        """What an unknown thing may cover of the floor, from its box; as high as it is wide."""
+        left, top, right, bottom = peak.box_px
+        model, floor_m = self._bench.wrist.model, self._bench.tray.centre_m[2]
+        pixels = np.array([[left, top], [right, top], [left, bottom]])
+        corner, across, down = model.onto_plane(frame.world_from_camera, pixels, floor_m)
+        length, width = float(np.linalg.norm(across - corner)), float(np.linalg.norm(down - corner))
+        return length, width, min(length, width)
+
+    def _near_tray(self, one: PartDetection) -> bool:
+        tray = self._bench.tray
+        reach = np.array(tray.size_m) / 2 + MARGIN_M
+        off = np.abs(np.array(one.world_from_part.position_m[:2]) - np.array(tray.centre_m[:2]))
+        return bool((off < reach).all())
+
+
+def _box(peak: Peak) -> tuple[int, int, int, int]:
+    left, top = (int(value) for value in np.floor(peak.box_px[:2]))
+    right, bottom = (int(value) for value in np.ceil(peak.box_px[2:]))
+    return left, top, right, bottom
+
+
+def _embedding(peak: Peak, features: NDArray[np.float32]) -> tuple[float, ...]:
+    column, row = peak.cell
+    return tuple(float(value) for value in features[:, row, column])

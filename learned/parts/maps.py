@@ -1,0 +1,98 @@
+"""What the centre net says and how it is read: maps at a quarter of its input (Zhou, Objects as Points, 2019).
+
+Channels: a heat map for each type and one for unknown things, offset (2), box (4), axis (2), height, upright.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.pose import Array
+
+INPUT_PX = (320, 240)
+STRIDE = 4
+CELLS = (INPUT_PX[0] // STRIDE, INPUT_PX[1] // STRIDE)
+OFFSET, BOX, AXIS, HEIGHT, UPRIGHT = slice(0, 2), slice(2, 6), slice(6, 8), 8, 9  # after the heat maps
+FURTHER = 10
+BOX_UNIT_PX, HEIGHT_UNIT_M = 32.0, 0.05
+PEAK = np.ones((3, 3), np.uint8)
+
+Maps = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Peak:
+    """One thing that the centre net sees, in pixels of its input.
+
+    Attributes:
+        kind: index of its type; the number of types for an unknown thing.
+        centre_px: (2,) the middle of its body.
+        box_px: (4,) left, top, right, bottom of all of it.
+        axis_rad: direction of its x axis in the image, of a line and not of an arrow: within half a turn.
+        height_m: of its frame above the tray's floor.
+        upright: probability that it stands.
+        cell: (column, row) of its peak.
+    """
+
+    kind: int
+    score: float
+    centre_px: Array
+    box_px: Array
+    axis_rad: float
+    height_m: float
+    upright: float
+    cell: tuple[int, int]
+
+
+def network_input(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """An image (height, width, 3) as the centre net takes it, (1, 3, 240, 320)."""
+    small = cv2.resize(image, INPUT_PX, interpolation=cv2.INTER_AREA)
+    planes: NDArray[np.float32] = small.transpose(2, 0, 1)[np.newaxis] / np.float32(255) - np.float32(0.5)
+    return planes
+
+
+def peaks(heat: Maps, further: Maps, least: float) -> list[Peak]:
+    """What the maps of one image say, the surest first.
+
+    Args:
+        heat: (types + 1, rows, columns) probabilities.
+        further: (FURTHER, rows, columns).
+        least: score below which a peak is nothing.
+    """
+    found = []
+    for kind, layer in enumerate(heat):
+        highest = cv2.dilate(layer, PEAK)
+        for row, column in np.argwhere((layer >= highest) & (layer > least)):
+            found.append(_peak(kind, float(layer[row, column]), int(column), int(row), further[:, row, column]))
+    return _apart(sorted(found, key=lambda peak: -peak.score))
+
+
+def _peak(kind: int, score: float, column: int, row: int, values: NDArray[np.float32]) -> Peak:
+    centre = (np.array([column, row]) + 0.5 + values[OFFSET]) * STRIDE
+    left, top, right, bottom = values[BOX] * BOX_UNIT_PX
+    box = np.array([centre[0] - left, centre[1] - top, centre[0] + right, centre[1] + bottom])
+    axis = math.atan2(values[AXIS][1], values[AXIS][0]) / 2
+    upright = 1.0 / (1.0 + math.exp(-float(values[UPRIGHT])))
+    return Peak(kind, score, centre, box, axis, float(values[HEIGHT]) * HEIGHT_UNIT_M, upright, (column, row))
+
+
+def _apart(found: Sequence[Peak], most: float = 0.7) -> list[Peak]:
+    """Without things that a surer one of any type already stands for."""
+    kept: list[Peak] = []
+    for peak in found:
+        if all(overlap(peak.box_px, other.box_px) < most for other in kept):
+            kept.append(peak)
+    return kept
+
+
+def overlap(first: Array, second: Array) -> float:
+    """Intersection over union of two boxes (left, top, right, bottom)."""
+    low, high = np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])
+    both = float(np.prod(np.clip(high - low, 0, None)))
+    return both / max(float(np.prod(first[2:] - first[:2]) + np.prod(second[2:] - second[:2])) - both, 1e-9)

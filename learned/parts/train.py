@@ -1,0 +1,178 @@
+"""Training of the part detector's two networks on labelled images of trays, and export to ONNX. Imports torch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from cell.interfaces.product import Product
+from learned.fitting import Checkpoint, fit
+from learned.onnx_model import ModelCard
+from learned.parts.augment import recoloured, sample
+from learned.parts.crops import CROP_PX, PLANES, crop_of
+from learned.parts.dataset import UNKNOWN, Label, Scene, data_hash
+from learned.parts.maps import HEIGHT, INPUT_PX, UPRIGHT
+from learned.parts.networks import CentreAnswer, CentreNet, PoseNet
+from learned.parts.settings import CentreTraining, PoseTraining
+from learned.torch_model import TorchModel, write_weights
+
+CENTRE_OUTPUTS, POSE_OUTPUTS = ("heat", "further", "features"), ("corrections", "kinds")
+CENTIMETRE = 100.0
+WRONG_WAY_SHARE = 0.3  # of parts whose ends differ, seen the wrong way round
+
+
+def centre_loss(answer: tuple[Tensor, Tensor, Tensor], heat: Tensor, further: Tensor, weights: Tensor) -> Tensor:
+    """Penalty-reduced focal loss of the heat (Zhou 2019, Eq. 1), L1 of what stands at middles."""
+    logits, said, _ = answer
+    probability = torch.sigmoid(logits).clamp(1e-4, 1 - 1e-4)
+    middle = (heat > 0.999).float()
+    count = middle.sum().clamp(min=1.0)
+    found = -((1 - probability) ** 2) * probability.log() * middle
+    false = -((1 - heat) ** 4) * probability**2 * (1 - probability).log() * (1 - middle)
+    total: Tensor = (found.sum() + false.sum()) / count
+    unsure = nn.functional.binary_cross_entropy_with_logits(said[:, UPRIGHT], further[:, UPRIGHT], reduction="none")
+    off = (said - further).abs()
+    scale = weights[:, 0].sum().clamp(min=1.0)
+    lengths = (off * weights)[:, : HEIGHT + 1].sum() / scale
+    return total + lengths + (unsure * weights[:, UPRIGHT]).sum() / scale
+
+
+def train_centre(
+    scenes: Sequence[Scene],
+    product: Product,
+    floor_m: float,
+    seed: int,
+    settings: CentreTraining,
+    *,
+    checkpoint: Path | None = None,
+    quiet: bool = True,
+) -> CentreNet:
+    """A trained centre net; the same arguments give the same weights."""
+    torch.manual_seed(seed)
+    rng, types = np.random.default_rng([seed, 1]), tuple(product.parts)
+    network = CentreNet(len(types), settings.widths, settings.features)
+    optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
+    batches = max(1, len(scenes) // settings.batch)
+
+    def losses(_: int) -> Iterator[Tensor]:
+        order = rng.permutation(len(scenes))
+        for chosen in np.array_split(order[: batches * settings.batch], batches):
+            samples = [sample(scenes[index], types, floor_m, rng) for index in chosen]
+            image, heat, further, weights = (
+                torch.from_numpy(np.stack([getattr(one, name) for one in samples]))
+                for name in ("image", "heat", "further", "weights")
+            )
+            yield centre_loss(network(image), heat, further, weights)
+
+    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
+    kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
+    fit(network, optimiser, losses, settings.epochs, batches, largest_gradient=5.0, rng=rng, checkpoint=kept, quiet=quiet)
+    return network
+
+
+def train_pose(
+    scenes: Sequence[Scene],
+    product: Product,
+    floor_m: float,
+    seed: int,
+    settings: PoseTraining,
+    *,
+    checkpoint: Path | None = None,
+    quiet: bool = True,
+) -> PoseNet:
+    """A trained pose net; the same arguments give the same weights."""
+    torch.manual_seed(seed)
+    rng, types = np.random.default_rng([seed, 2]), tuple(product.parts)
+    network = PoseNet(len(types), settings.widths, settings.hidden)
+    network(torch.zeros(2, PLANES, *reversed(CROP_PX)))  # the lazy layer learns its width
+    optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
+    things = [(scene, label) for scene in scenes for label in scene.labels]
+    batches = max(1, len(things) // settings.batch)
+
+    def losses(_: int) -> Iterator[Tensor]:
+        order = rng.permutation(len(things))
+        for chosen in np.array_split(order[: batches * settings.batch], batches):
+            yield _pose_loss(network, [pose_sample(*things[index], product, floor_m, settings, rng) for index in chosen])
+
+    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
+    kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
+    fit(network, optimiser, losses, settings.epochs, batches, largest_gradient=5.0, rng=rng, checkpoint=kept, quiet=quiet)
+    return network
+
+
+PoseSample = tuple[NDArray[np.float32], int, NDArray[np.float32]]
+
+
+def pose_sample(
+    scene: Scene,
+    label: Label,
+    product: Product,
+    floor_m: float,
+    settings: PoseTraining,
+    rng: np.random.Generator,
+) -> PoseSample:
+    """A crop around where a coarse detector might see the thing, its type (of standing parts), and how far off it is."""
+    types = tuple(product.parts)
+    stands = label.part != UNKNOWN and label.upright
+    name = label.part if label.part != UNKNOWN else types[int(rng.integers(len(types)))]
+    kind = product.parts[name]
+    middle_m = floor_m + kind.peg_length_m + kind.size_m[2] / 2
+    x, y = label.pose.position_m[:2]
+    yaw = label.pose.yaw_rad
+    if not stands:
+        x, y, _ = scene.camera.onto_plane(scene.world_from_camera, label.centre_px[np.newaxis], middle_m)[0]
+        yaw = rng.uniform(-np.pi, np.pi)
+    off, off_rad = rng.normal(0, settings.off_m, 2), rng.normal(0, settings.off_rad)
+    turned = yaw + off_rad
+    if kind.alike_after_half_turn:
+        turned += np.pi * (rng.random() < 0.5)
+    elif rng.random() < WRONG_WAY_SHARE:
+        turned, stands = turned + np.pi, False
+    cosine, sine = np.cos(turned), np.sin(turned)
+    place = np.array([x + off[0] * cosine - off[1] * sine, y + off[0] * sine + off[1] * cosine, middle_m])
+    image = scene.image
+    crop = crop_of(image, scene.camera, scene.world_from_camera, place, turned)
+    levels = np.rint((crop[:3].transpose(1, 2, 0) + 0.5) * 255).clip(0, 255).astype(np.uint8)
+    crop[:3] = recoloured(levels, rng).transpose(2, 0, 1).astype(np.float32) / 255 - 0.5
+    wanted = np.array([-off[0] * CENTIMETRE, -off[1] * CENTIMETRE, -off_rad], np.float32)
+    return crop, types.index(name) if stands else len(types), wanted
+
+
+def _pose_loss(network: PoseNet, samples: Sequence[PoseSample]) -> Tensor:
+    crops, kinds, wanted = zip(*samples, strict=True)
+    truth = torch.tensor(kinds)
+    corrections, logits = network(torch.from_numpy(np.stack(crops)))
+    types = corrections.shape[1]
+    stands = truth < types
+    own = corrections[torch.arange(len(truth)), truth.clamp(max=types - 1)]
+    off = nn.functional.smooth_l1_loss(own, torch.from_numpy(np.stack(wanted)), reduction="none", beta=0.05)
+    scale = torch.tensor([1.0, 1.0, 3.0])
+    weight = stands.float()[:, None] * scale
+    position = (off * weight).sum() / stands.sum().clamp(min=1)
+    total: Tensor = 2 * position + 0.3 * nn.functional.cross_entropy(logits, truth)
+    return total
+
+
+def write_centre(network: CentreNet, out: Path, card: ModelCard) -> None:
+    """Export; the file is compared with torch."""
+    model = TorchModel(CentreAnswer(network).eval(), CENTRE_OUTPUTS, card)
+    width, height = INPUT_PX
+    rng = np.random.default_rng(0)
+    samples = [{"image": rng.uniform(-0.5, 0.5, (1, 3, height, width)).astype(np.float32)} for _ in range(2)]
+    write_weights(model, out, samples, lambda: dict(card.scores))
+
+
+def write_pose(network: PoseNet, out: Path, card: ModelCard) -> None:
+    """Export; the file is compared with torch."""
+    model = TorchModel(network.eval(), POSE_OUTPUTS, card)
+    width, height = CROP_PX
+    rng = np.random.default_rng(0)
+    shapes = [(count, PLANES, height, width) for count in (2, 1, 5)]
+    samples = [{"crops": rng.uniform(-0.5, 0.5, shape).astype(np.float32)} for shape in shapes]
+    write_weights(model, out, samples, lambda: dict(card.scores), any_rows=True)
+

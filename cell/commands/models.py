@@ -22,7 +22,7 @@ data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)
 data_app.command("grasp")(grasp_commands.data)
 train_app.command("noise")(noise_commands.train)
-for command in (worlds.actions, worlds.hands, worlds.holes, worlds.objects):
+for command in (worlds.actions, worlds.hands, worlds.holes, worlds.plates, worlds.objects):
     data_app.command(command.__name__)(command)
 
 for name, commands in (("semantic", semantic_commands), ("grasp", grasp_commands)):

@@ -1,4 +1,4 @@
-"""`cell data actions|hands|holes|objects`: labelled data from the simulated world, whose labels are the truth."""
+"""`cell data actions|hands|holes|plates|objects`: data from the simulated world, whose labels are true."""
 
 from __future__ import annotations
 
@@ -68,6 +68,43 @@ def holes(
 ) -> None:
     """Crops of the holes, what is in them, and how much of each is hidden."""
     _from_assemblies("holes", out, look, person, recordings, first_seed, physics, config, as_json, steel_share)
+
+
+def plates(
+    out: OutOption,
+    look: LookOption = "varied",
+    person: PersonOption = "varied",
+    recordings: Annotated[int, typer.Option(min=1, help="How many looks.")] = 10,
+    first_seed: FirstSeedOption = 0,
+    stills: Annotated[int, typer.Option(min=1, max=1000, help="Images of each look.")] = 10,
+    steel_share: SteelOption = 0.0,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Images of the plate with any parts in its holes and hand or arm over it, and what is in each hole."""
+    from cell.configuration import load_configuration, load_product, simulated
+    from sim.data.plates import write_plates
+    from sim.data.variety import sometimes_steel
+    from skills.grasp_pose import tool_down
+    from skills.kinematics import Kinematics
+
+    configuration = simulated(load_configuration(config), look, person)
+    product, kinematics = load_product(configuration, config), Kinematics(configuration.motion)
+
+    def one(seed: int, folder: DataFolder) -> None:
+        write_plates(
+            sometimes_steel(product, steel_share, seed),
+            configuration.bench,
+            configuration.devices.simulation,
+            seed,
+            folder,
+            stills,
+            lambda tool_m, yaw_rad: kinematics.inverse(tool_down(list(tool_m), yaw_rad)),
+        )
+
+    command = f"cell data plates --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"
+    command += f" --stills {stills}" + (f" --steel-share {steel_share:g}" if steel_share else "")
+    _write(command, (out, recordings, first_seed, as_json), one)
 
 
 def objects(

@@ -11,7 +11,6 @@ import numpy as np
 
 from cell.interfaces.pose import Array, Pose
 
-
 ITERATIONS = 12  # of the fixed point that takes distortion out
 
 

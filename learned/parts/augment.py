@@ -59,7 +59,8 @@ def sample(scene: Scene, types: tuple[str, ...], floor_m: float, rng: np.random.
     turn[:, 2] = (np.diag(turn[:, :2]) - 1) / 2  # pixels count from their middles
     if rng is not None:
         turn = _random_turn(turn, rng)
-    image = cv2.warpAffine(scene.image, turn, INPUT_PX, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = cv2.warpAffine(scene.image, turn, INPUT_PX, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    image = np.asarray(seen, np.uint8)
     if rng is not None:
         image = recoloured(image, rng)
     columns, rows = CELLS
@@ -118,7 +119,7 @@ def _draw(
     bump = np.exp(-(across**2 + down**2) / (2 * spread**2)).astype(np.float32)
     np.maximum(heat[kind], bump, out=heat[kind])
     axis = turn[:, :2] @ label.axis_px
-    length = float(np.linalg.norm(axis) / max(np.linalg.norm(turn[:, 0]) * 10, 1e-9))  # short where it points at us
+    length = float(np.linalg.norm(axis)) / (10 * float(np.linalg.norm(turn[:, 0])))  # short where it points at us
     double = 2 * math.atan2(axis[1], axis[0])
     for at_row in range(max(0, row - NEAREST), min(rows, row + NEAREST + 1)):
         for at in range(max(0, column - NEAREST), min(columns, column + NEAREST + 1)):

@@ -110,11 +110,9 @@ def _scene(folder: Path, row: dict[str, Any], product: Product) -> Scene:
     read = cv2.imread(str(folder / row["file"]), cv2.IMREAD_COLOR)
     if read is None:
         raise ValueError(f"{folder / row['file']} is no image")
-    image = np.ascontiguousarray(read[..., ::-1])
+    image = np.ascontiguousarray(read[..., ::-1], np.uint8)
     true = row["true_camera"]
-    camera = CameraModel(
-        image.shape[1], image.shape[0], true["focal_px"], true["distortion_k1"], true["distortion_k2"]
-    )
+    camera = CameraModel(image.shape[1], image.shape[0], true["focal_px"], true["distortion_k1"], true["distortion_k2"])
     pose = _pose(true)
     labels = tuple(_label(entry, camera, pose, product) for entry in row["parts"] if entry["whole_box_px"])
     return Scene(row["log"], image, camera, pose, _pose(row["world_from_camera"]), labels)

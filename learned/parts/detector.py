@@ -57,9 +57,7 @@ class CentrePartDetector:
         Raises:
             ModelError: a file is missing, damaged, of another kind, or trained for other parts.
         """
-        return CentrePartDetector(
-            bench, product, OnnxModel.load(centre, CENTRE_KIND), OnnxModel.load(pose, POSE_KIND)
-        )
+        return CentrePartDetector(bench, product, OnnxModel.load(centre, CENTRE_KIND), OnnxModel.load(pose, POSE_KIND))
 
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
         """Everything in and near the tray: standing parts first, then what lies and what is unknown.
@@ -110,7 +108,7 @@ class CentrePartDetector:
         return [_Standing(peak, place, yaw + turn) for turn in turns]
 
     def _refined(self, frame: Frame, supposed: Sequence[_Standing]) -> list[_Standing]:
-        """Those that stand, moved to where the pose net sees them; of one thing the surest answer, none inside others."""
+        """Those that stand, where the pose net sees them; of one thing the surest answer, none inside others."""
         for _ in range(ROUNDS):
             if supposed:
                 supposed = self._corrected(frame, supposed)

@@ -41,6 +41,7 @@ class CentreNet(nn.Module):
         self.features = _conv(features, features)
         self.heat = nn.Conv2d(features, types + 1, 1)
         self.further = nn.Conv2d(features, FURTHER, 1)
+        assert self.heat.bias is not None
         nn.init.constant_(self.heat.bias, -4.0)  # at first nothing is anywhere
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:

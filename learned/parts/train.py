@@ -71,7 +71,17 @@ def train_centre(
 
     identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
     kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
-    fit(network, optimiser, losses, settings.epochs, batches, largest_gradient=5.0, rng=rng, checkpoint=kept, quiet=quiet)
+    fit(
+        network,
+        optimiser,
+        losses,
+        settings.epochs,
+        batches,
+        largest_gradient=5.0,
+        rng=rng,
+        checkpoint=kept,
+        quiet=quiet,
+    )
     return network
 
 
@@ -97,11 +107,21 @@ def train_pose(
     def losses(_: int) -> Iterator[Tensor]:
         order = rng.permutation(len(things))
         for chosen in np.array_split(order[: batches * settings.batch], batches):
-            yield _pose_loss(network, [pose_sample(*things[index], product, floor_m, settings, rng) for index in chosen])
+            yield _pose_loss(network, [pose_sample(things[index], product, floor_m, settings, rng) for index in chosen])
 
     identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
     kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
-    fit(network, optimiser, losses, settings.epochs, batches, largest_gradient=5.0, rng=rng, checkpoint=kept, quiet=quiet)
+    fit(
+        network,
+        optimiser,
+        losses,
+        settings.epochs,
+        batches,
+        largest_gradient=5.0,
+        rng=rng,
+        checkpoint=kept,
+        quiet=quiet,
+    )
     return network
 
 
@@ -109,15 +129,14 @@ PoseSample = tuple[NDArray[np.float32], int, NDArray[np.float32]]
 
 
 def pose_sample(
-    scene: Scene,
-    label: Label,
+    thing: tuple[Scene, Label],
     product: Product,
     floor_m: float,
     settings: PoseTraining,
     rng: np.random.Generator,
 ) -> PoseSample:
-    """A crop around where a coarse detector might see the thing, its type (of standing parts), and how far off it is."""
-    types = tuple(product.parts)
+    """A crop around where the centre net might see a thing, the type of a standing part, and how far off it is."""
+    (scene, label), types = thing, tuple(product.parts)
     stands = label.part != UNKNOWN and label.upright
     name = label.part if label.part != UNKNOWN else types[int(rng.integers(len(types)))]
     kind = product.parts[name]
@@ -135,8 +154,7 @@ def pose_sample(
         turned, stands = turned + np.pi, False
     cosine, sine = np.cos(turned), np.sin(turned)
     place = np.array([x + off[0] * cosine - off[1] * sine, y + off[0] * sine + off[1] * cosine, middle_m])
-    image = scene.image
-    crop = crop_of(image, scene.camera, scene.world_from_camera, place, turned)
+    crop = crop_of(scene.image, scene.camera, scene.world_from_camera, place, turned)
     levels = np.rint((crop[:3].transpose(1, 2, 0) + 0.5) * 255).clip(0, 255).astype(np.uint8)
     crop[:3] = recoloured(levels, rng).transpose(2, 0, 1).astype(np.float32) / 255 - 0.5
     wanted = np.array([-off[0] * CENTIMETRE, -off[1] * CENTIMETRE, -off_rad], np.float32)
@@ -175,4 +193,3 @@ def write_pose(network: PoseNet, out: Path, card: ModelCard) -> None:
     shapes = [(count, PLANES, height, width) for count in (2, 1, 5)]
     samples = [{"crops": rng.uniform(-0.5, 0.5, shape).astype(np.float32)} for shape in shapes]
     write_weights(model, out, samples, lambda: dict(card.scores), any_rows=True)
-

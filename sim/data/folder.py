@@ -43,7 +43,8 @@ class DataFolder:
         file = self._path / name
         file.parent.mkdir(parents=True, exist_ok=True)
         bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-        file.write_bytes(cv2.imencode(file.suffix, bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes())
+        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if file.suffix == ".jpg" else []
+        file.write_bytes(cv2.imencode(file.suffix, bgr, options)[1].tobytes())
         return name
 
     def row(self, file: str, row: Mapping[str, Any]) -> None:

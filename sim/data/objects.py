@@ -7,17 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.clutter import full_set, sample_clutter
 from sim.data.folder import DataFolder
-from sim.data.sight import Masks, Projection, box_of
+from sim.data.sight import Masks, Projection, box_of, told_pose, true_camera
 from sim.look import Look
 from sim.photographer import Exposure, Photographer, SensorSetup
 from sim.settings import SimSettings
 from sim.studio import ScenePoses, visible_poses
 from sim.tray_truth import resting_parts
-from sim.world import CAMERA_FROM_MUJOCO, World, build_world
+from sim.world import World, build_world
 
 CAMERA = "wrist"
 LEAST_PX = 30  # of a part that counts as seen
@@ -52,8 +51,8 @@ def write_objects(
                 "file": folder.image(f"images/{name}.png", frame.image),
                 "log": f"seed{seed:06d}",
                 "camera": CAMERA,
-                "world_from_camera": _told(frame.world_from_camera),
-                "true_camera": _true_camera(world, bench, look),
+                "world_from_camera": told_pose(frame.world_from_camera),
+                "true_camera": true_camera(world, CAMERA, bench.wrist),
                 "parts": _parts(world, product, bench, masks, exposure.moments[0], look),
             },
         )
@@ -78,7 +77,7 @@ def _parts(
             {
                 "part": body.part,
                 "posture": rests.posture,
-                "world_from_part": _told(rests.world_from_part),
+                "world_from_part": told_pose(rests.world_from_part),
                 "size_m": None if kind is None else kind.size_m,
                 "box_px": box,
                 "whole_box_px": projection.box(poses, _geoms(world.model, body.body)),
@@ -92,21 +91,3 @@ def _geoms(model: mujoco.MjModel, body: int) -> NDArray[np.int64]:
     """Everything of a body that is seen."""
     found: NDArray[np.int64] = np.flatnonzero((model.geom_bodyid == body) & (model.geom_group < 3))
     return found
-
-
-def _true_camera(world: World, bench: Bench, look: Look) -> dict[str, object]:
-    """Where the camera really is, and its real lens."""
-    camera = world.data.camera(CAMERA)
-    turned = np.eye(4)
-    turned[:3, :3], turned[:3, 3] = camera.xmat.reshape(3, 3), camera.xpos
-    pose = Pose.from_matrix(turned) @ CAMERA_FROM_MUJOCO.inverse()
-    lens = {
-        "focal_px": bench.wrist.focal_px * (1 + look.camera.focal_error),
-        "distortion_k1": look.camera.distortion_k1,
-        "distortion_k2": look.camera.distortion_k2,
-    }
-    return {**_told(pose), **lens}
-
-
-def _told(pose: Pose) -> dict[str, object]:
-    return {"position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz}

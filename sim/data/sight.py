@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import CameraSetup
-from cell.interfaces.pose import Array
+from cell.interfaces.pose import Array, Pose
 from sim.hand import FOREARM_SKIN_GROUP
 from sim.lens import Lens
 from sim.look import Look
 from sim.studio import VISIBLE, ScenePoses, show_poses
-from sim.world import World
+from sim.world import CAMERA_FROM_MUJOCO, World
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 GEOM_POSITIONS, GEOM_TURNS = VISIBLE.index("geom_xpos"), VISIBLE.index("geom_xmat")
@@ -62,6 +63,21 @@ class Projection:
         middle = np.array([(self._setup.width_px - 1) / 2, (self._setup.height_px - 1) / 2])
         pixels: Array = bent * self._setup.focal_px * (1 + self._look.focal_error) + middle
         return pixels
+
+
+def told_pose(pose: Pose) -> dict[str, Any]:
+    """As rows tell it."""
+    return {"position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz}
+
+
+def true_camera(world: World, camera: str, setup: CameraSetup) -> dict[str, Any]:
+    """Where a camera really is, and its real lens, as rows tell it."""
+    seen, look = world.data.camera(camera), world.look.camera
+    turned = np.eye(4)
+    turned[:3, :3], turned[:3, 3] = seen.xmat.reshape(3, 3), seen.xpos
+    pose = Pose.from_matrix(turned) @ CAMERA_FROM_MUJOCO.inverse()
+    lens = {"distortion_k1": look.distortion_k1, "distortion_k2": look.distortion_k2}
+    return {**told_pose(pose), "focal_px": setup.focal_px * (1 + look.focal_error), **lens}
 
 
 class Masks:

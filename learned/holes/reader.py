@@ -1,0 +1,101 @@
+"""The trained hole reader: one small network looks at all holes of a frame at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Frame, HandSample, HoleView
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from learned.holes.crops import hole_crops, squares_m
+from learned.onnx_model import Network, OnnxModel
+
+KIND = "holes.plate"
+SETTLE_FRAMES = 3  # equal readings in a row before a hole's view changes
+LEAST_SURE = "least_sure"  # key of the model card: probability below which nothing is said
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What one frame shows at one hole.
+
+    Attributes:
+        part: None where it is empty.
+        confidence: calibrated probability that part and emptiness are right.
+    """
+
+    part: str | None
+    upright: bool
+    confidence: float
+
+    def same(self, other: Reading) -> bool:
+        """Whether it says the same, whatever the confidence."""
+        return self.part == other.part and self.upright == other.upright
+
+
+class HoleNetwork:
+    """What the network says about the holes of single frames."""
+
+    def __init__(self, bench: Bench, product: Product, network: Network) -> None:
+        self._model, self._network = bench.overhead.model, network
+        self._squares: Array = squares_m(bench, product)
+        self._positions, self._types = product.positions, tuple(product.parts)
+        network.card.require_vocabulary(network.path, {"parts": self._types})
+        self._least = float(str(network.card.config.get(LEAST_SURE, 0.9)))
+
+    def read(self, image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], camera: Pose) -> dict[str, Reading | None]:
+        """By position; None where a hole is covered, or nothing can be said for sure."""
+        answer = self._network.run({"crops": hole_crops(image, self._model, camera, self._squares)})
+        rows = zip(self._positions, answer["kinds"], answer["upright"], answer["covered"], strict=True)
+        return {position: self._reading(kinds, float(up), float(hidden)) for position, kinds, up, hidden in rows}
+
+    def _reading(self, kinds: Array, upright: float, covered: float) -> Reading | None:
+        best = int(kinds.argmax())
+        sure = float(kinds[best])
+        if covered > 0.5 or sure < self._least:
+            return None
+        if best == 0:
+            return Reading(None, True, sure)
+        return Reading(self._types[best - 1], upright > 0.5, sure)
+
+
+class PlateHoleReader:
+    """Keeps what was seen of each hole while hand or arm are in the way (HoleReader)."""
+
+    def __init__(self, bench: Bench, product: Product, network: Network) -> None:
+        self._camera = bench.overhead.mount.pose
+        self._network = HoleNetwork(bench, product, network)
+        self._candidates: dict[str, tuple[Reading, int]] = {}
+        self._views: dict[str, HoleView] = {}
+
+    @staticmethod
+    def load(bench: Bench, product: Product, path: Path) -> PlateHoleReader:
+        """With the network of a file.
+
+        Raises:
+            ModelError: the file is missing, damaged, of another kind, or trained for other parts.
+        """
+        return PlateHoleReader(bench, product, OnnxModel.load(path, KIND))
+
+    def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
+        """Holes by position name, as far as ever seen; what covers a hole is seen in the image, whatever `hand` is."""
+        del hand
+        for position, reading in self._network.read(frame.image, self._camera).items():
+            self._settle(position, reading, frame.time_s)
+        return dict(sorted(self._views.items()))
+
+    def _settle(self, position: str, reading: Reading | None, time_s: float) -> None:
+        """Take a reading over once it stood for some frames; one that agrees with the view refreshes it."""
+        if reading is None:
+            self._candidates.pop(position, None)
+            return
+        candidate, count = self._candidates.get(position, (reading, 0))
+        count = count + 1 if candidate.same(reading) else 1
+        self._candidates[position] = (reading, count)
+        if count >= SETTLE_FRAMES:
+            self._views[position] = HoleView(reading.part, reading.confidence, time_s, reading.upright)

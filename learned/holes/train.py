@@ -1,0 +1,195 @@
+"""Training of the hole reader's network on labelled stills of the plate, and export to ONNX. Imports torch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from learned.fitting import Checkpoint, fit
+from learned.holes.crops import CROP_PX, hole_crops, squares_m
+from learned.holes.dataset import Plate, data_hash
+from learned.holes.network import HoleAnswer, HoleNet
+from learned.holes.reader import KIND, LEAST_SURE
+from learned.holes.settings import HoleTraining
+from learned.onnx_model import ModelCard
+from learned.torch_model import TorchModel, write_weights
+
+OUTPUTS = ("kinds", "upright", "covered")
+COVERED, BARE = 0.15, 0.04  # share hidden from which a hole counts as covered, and up to which it does not
+TEMPERATURES = np.geomspace(0.5, 4.0, 40)
+LEAST_LEGAL, MOST_LEGAL = 0.8, 0.9999
+
+
+def train_holes(
+    plates: Sequence[Plate],
+    bench: Bench,
+    product: Product,
+    out: Path,
+    seed: int,
+    settings: HoleTraining | None = None,
+    *,
+    command: str = "",
+    quiet: bool = True,
+) -> dict[str, float]:
+    """Train, calibrate on recordings that were kept apart, and write the weights.
+
+    Returns:
+        Scores on those recordings, the same as on the model card.
+    """
+    settings = settings or HoleTraining()
+    learned, kept = split(plates, settings.validation_share, seed)
+    checkpoint = out.with_name(out.name + ".checkpoint")
+    network = _trained(learned, bench, product, seed, settings, checkpoint, quiet)
+    logits, truth = _answers(network, kept, bench, product)
+    temperature = _temperature(logits, truth)
+    shares = torch.softmax(logits / temperature, dim=1).numpy()
+    least = least_sure(shares, truth.numpy(), settings.most_called_empty)
+    config = settings.model_dump(mode="json") | {LEAST_SURE: least, "temperature": temperature}
+    said = shares.max(axis=1) >= least
+    right = shares.argmax(axis=1) == truth.numpy()
+    scores = {"validation_said": float(said.mean()), "validation_right": float(right[said].mean())}
+    card = ModelCard(
+        kind=KIND,
+        config=config,
+        vocabulary={"parts": tuple(product.parts)},
+        data_sha256=data_hash(plates),
+        scores=scores,
+        command=command or "train_holes",
+        seed=seed,
+    )
+    model = TorchModel(HoleAnswer(network, temperature).eval(), OUTPUTS, card)
+    rng = np.random.default_rng(0)
+    samples = [{"crops": rng.uniform(-0.5, 0.5, (n, 3, CROP_PX, CROP_PX)).astype(np.float32)} for n in (6, 1, 9)]
+    return write_weights(model, out, samples, lambda: scores, any_rows=True)
+
+
+def split(plates: Sequence[Plate], share: float, seed: int) -> tuple[list[Plate], list[Plate]]:
+    """Plates to learn from and plates kept apart; a recording is on one side."""
+    logs = sorted({plate.log for plate in plates})
+    chosen = np.random.default_rng([seed, 3]).permutation(len(logs))[: max(1, round(share * len(logs)))]
+    apart = {logs[index] for index in chosen}
+    return [one for one in plates if one.log not in apart], [one for one in plates if one.log in apart]
+
+
+def least_sure(shares: NDArray[np.float32], truth: NDArray[np.int64], most: float) -> float:
+    """The least probability at which fewer filled holes than this share are called empty.
+
+    Args:
+        shares: (n, types + 1) probabilities, empty first.
+        truth: (n,) right answers.
+    """
+    filled = truth > 0
+    empties = np.sort(shares[filled & (shares.argmax(axis=1) == 0), 0])[::-1]
+    allowed = math.floor(most * int(filled.sum()))
+    wanted = float(empties[allowed]) + 1e-6 if len(empties) > allowed else 0.0
+    return min(max(wanted, LEAST_LEGAL), MOST_LEGAL)
+
+
+def _trained(
+    plates: Sequence[Plate],
+    bench: Bench,
+    product: Product,
+    seed: int,
+    settings: HoleTraining,
+    checkpoint: Path,
+    quiet: bool,
+) -> HoleNet:
+    torch.manual_seed(seed)
+    rng, types = np.random.default_rng([seed, 1]), tuple(product.parts)
+    network = HoleNet(len(types), settings.widths, settings.hidden)
+    network(torch.zeros(2, 3, CROP_PX, CROP_PX))  # the lazy layer learns its width
+    optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
+    squares, batches = squares_m(bench, product), max(1, len(plates) // settings.batch)
+
+    def losses(epoch: int) -> Iterator[Tensor]:
+        torch.manual_seed(seed * 100_003 + epoch)
+        for chosen in np.array_split(rng.permutation(len(plates))[: batches * settings.batch], batches):
+            yield _loss(network, [plates[index] for index in chosen], squares, types, settings, rng)
+
+    identity = f"{data_hash(plates)} {settings.model_dump_json()} {seed}"
+    kept = Checkpoint(checkpoint, identity)
+    fit(
+        network,
+        optimiser,
+        losses,
+        settings.epochs,
+        batches,
+        largest_gradient=5.0,
+        rng=rng,
+        checkpoint=kept,
+        quiet=quiet,
+    )
+    return network
+
+
+def _loss(
+    network: HoleNet,
+    plates: Sequence[Plate],
+    squares: Array,
+    types: tuple[str, ...],
+    settings: HoleTraining,
+    rng: np.random.Generator,
+) -> Tensor:
+    crops = np.concatenate([_recoloured(_seen(plate, squares, settings, rng), rng) for plate in plates])
+    truth, upright, covered = _truth(plates, types)
+    kinds, up, hidden = network(torch.from_numpy(crops))
+    bare = 1 - covered
+    filled = (truth > 0).float() * bare
+    named = nn.functional.cross_entropy(kinds, truth, reduction="none") * bare
+    stands = nn.functional.binary_cross_entropy_with_logits(up, upright, reduction="none") * filled
+    clear = ((covered >= COVERED) | (covered <= BARE)).float()
+    hides = nn.functional.binary_cross_entropy_with_logits(hidden, (covered >= COVERED).float(), reduction="none")
+    total: Tensor = named.mean() + 0.5 * stands.mean() + 0.5 * (hides * clear).mean()
+    return total
+
+
+def _seen(plate: Plate, squares: Array, settings: HoleTraining, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Crops by a camera that is believed a little elsewhere than it is."""
+    x, y, z = rng.normal(0, settings.off_m, 3)
+    a, b, c = (float(value) for value in rng.normal(0, settings.off_rad / 2, 3))
+    turn = math.sqrt(max(0.0, 1 - a * a - b * b - c * c)), a, b, c
+    believed = plate.world_from_camera @ Pose((float(x), float(y), float(z)), turn)
+    return hole_crops(plate.image, plate.camera, believed, squares)
+
+
+def _recoloured(crops: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+    """Another exposure, white balance and noise for one image; each crop mirrored or not."""
+    gains = np.exp(rng.normal(0, 0.15) + rng.normal(0, 0.06, 3)).astype(np.float32)
+    noise = rng.normal(0, rng.uniform(0, 0.02), crops.shape).astype(np.float32)
+    levels = np.clip((crops + np.float32(0.5)) * gains[:, np.newaxis, np.newaxis] + noise, 0, 1) - np.float32(0.5)
+    return np.ascontiguousarray(levels[..., ::-1] if rng.random() < 0.5 else levels, np.float32)
+
+
+def _truth(plates: Sequence[Plate], types: tuple[str, ...]) -> tuple[Tensor, Tensor, Tensor]:
+    """Index of what is in each hole (0: nothing), whether it is upright, and share hidden; all (n,)."""
+    holes = [hole for plate in plates for hole in plate.holes]
+    kinds = torch.tensor([0 if hole.part is None else 1 + types.index(hole.part) for hole in holes])
+    return kinds, torch.tensor([float(hole.upright) for hole in holes]), torch.tensor([hole.covered for hole in holes])
+
+
+def _answers(network: HoleNet, plates: Sequence[Plate], bench: Bench, product: Product) -> tuple[Tensor, Tensor]:
+    """Logits and truth of the holes that nothing covers, and that the network does not call covered."""
+    squares, types = squares_m(bench, product), tuple(product.parts)
+    logits, truths = [], []
+    with torch.no_grad():
+        for plate in plates:
+            crops = hole_crops(plate.image, plate.camera, plate.world_from_camera, squares)
+            kinds, _, hidden = network(torch.from_numpy(crops))
+            logits.append(kinds[hidden < 0])
+            truths.append(_truth([plate], types)[0][hidden < 0])
+    return torch.cat(logits), torch.cat(truths)
+
+
+def _temperature(logits: Tensor, truth: Tensor) -> float:
+    """The one under which the truth is likeliest."""
+    losses = [float(nn.functional.cross_entropy(logits / float(one), truth)) for one in TEMPERATURES]
+    return float(TEMPERATURES[int(np.argmin(losses))])

@@ -1,0 +1,221 @@
+"""Stills of the bracket's plate: any parts in any holes, well or badly seated, with hand or arm over them or not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from sim.clutter import ScenePart
+from sim.data.actions import COVERED_BY
+from sim.data.folder import DataFolder
+from sim.data.sight import Masks, Projection, told_pose, true_camera
+from sim.hand import DIGITS, GANTRY, add_hand
+from sim.photographer import Exposure, Photographer, SensorSetup
+from sim.settings import SimSettings
+from sim.storage import person_set
+from sim.studio import ScenePoses, visible_poses
+from sim.world import WorldPart, build_world
+
+CAMERA = "overhead"
+FAR_AWAY_M = (3.0, 3.0, 0.1)
+MORE_OF_EACH = 2  # parts beyond those of one product, so that any mixture can stand on the plate
+FILLED_SHARE, ASTRAY_SHARE = 0.55, 0.15  # of holes; of parts in them
+SEATED_M, SEATED_RAD = 0.0015, 0.02
+ASTRAY_M, ASTRAY_RAD = (0.006, 0.018), (0.15, 0.5)
+LYING_SHARE = 0.25  # of parts that are astray
+HAND_SHARE, ARM_SHARE, HOLDING_SHARE = 0.4, 0.35, 0.6
+OVER_M = (0.005, 0.14)  # of fingertips over the plate's upper side
+COVERED_HALF_M = 0.03  # half the width of the square around a hole whose hidden share is told
+
+Reach = Callable[[Array, float], Array | None]
+
+
+@dataclass
+class Still:
+    """What stands on the plate of one image.
+
+    Attributes:
+        holes: by position, the part's type or None, and whether it is well seated.
+        held: parts in a hand or gripper.
+    """
+
+    holes: dict[str, tuple[str | None, bool]]
+    held: list[WorldPart]
+
+
+class Plate:
+    """A world whose plate is filled at random, again and again."""
+
+    def __init__(self, product: Product, bench: Bench, settings: SimSettings, seed: int, reach: Reach) -> None:
+        self._product, self._bench, self._reach = product, bench, reach
+        self._rng = np.random.default_rng([seed, 5])
+        self.look = settings.look.draw(seed)
+        more = [ScenePart(name, Pose(FAR_AWAY_M), "person") for name in product.parts for _ in range(MORE_OF_EACH)]
+        scene = [*person_set(product, bench), *more]
+        hand = partial(add_hand, bench=bench, person=self.look.person, habits=settings.person)
+        self.world = build_world(product, bench, scene, settings.physics, hand, self.look)
+        model = self.world.model
+        self._start = self.world.data.qpos.copy()
+        self._gantry = [int(model.joint(name).qposadr[0]) for name in GANTRY]
+        self._digits = [int(model.joint(name).qposadr[0]) for name in DIGITS]
+        self._rest_m: Array = model.body("hand").pos.copy()
+
+    def shuffle(self) -> Still:
+        """Put everything elsewhere."""
+        self.world.data.qpos[:] = self._start
+        self.world.set_arm(self._bench.arm_park_rad)
+        rng, left = self._rng, list(self.world.bodies)
+        for body in left:  # what is not used stays in its bin or far away
+            if self.world.part_pose(body).position_m[0] > FAR_AWAY_M[0] - 1:
+                self.world.place(body, Pose((FAR_AWAY_M[0], 3.0 + 0.2 * left.index(body), 0.1)))
+        still = Still(dict.fromkeys(self._product.positions, (None, True)), [])
+        rng.shuffle(left)
+        for position in self._product.positions:
+            if rng.random() < FILLED_SHARE:
+                still.holes[position] = self._fill(position, left.pop())
+        if rng.random() < HAND_SHARE:
+            still.held += self._hand_over(left)
+        if rng.random() < ARM_SHARE:
+            still.held += self._arm_over(left)
+        mujoco.mj_forward(self.world.model, self.world.data)
+        return still
+
+    def _fill(self, position: str, part: WorldPart) -> tuple[str, bool]:
+        rng, yaw = self._rng, self._rng.uniform(-math.pi, math.pi)
+        if rng.random() < 0.5:  # people and robot like the directions of the plate
+            yaw = round(yaw / (math.pi / 2)) * math.pi / 2 + rng.normal(0, 0.05)
+        hole = self._hole_m(position)
+        if rng.random() >= ASTRAY_SHARE:
+            tilt = Pose.from_yaw((0, 0, 0), yaw) @ _tilted(rng.normal(0, SEATED_RAD), rng.uniform(-math.pi, math.pi))
+            x, y, z = (float(value) for value in hole + np.array([*rng.normal(0, SEATED_M, 2), 0.0]))
+            self.world.place(part, Pose((x, y, z), tilt.quaternion_wxyz))
+            return part.part, True
+        kind = self._product.parts[part.part]
+        way, off = rng.uniform(-math.pi, math.pi), rng.uniform(*ASTRAY_M)
+        lies = rng.random() < LYING_SHARE
+        angle = math.pi / 2 if lies else rng.uniform(*ASTRAY_RAD)
+        high = kind.size_m[1] / 2 if lies else kind.peg_length_m * math.cos(angle)
+        x, y, z = (float(value) for value in hole + off * np.array([math.cos(way), math.sin(way), high / off]))
+        turned = Pose.from_yaw((0, 0, 0), yaw) @ _tilted(angle, 0.0 if lies else way)
+        self.world.place(part, Pose((x, y, z), turned.quaternion_wxyz))
+        return part.part, False
+
+    def _hand_over(self, left: list[WorldPart]) -> list[WorldPart]:
+        """The hand somewhere over the plate, now and then with a part."""
+        rng, data = self._rng, self.world.data
+        tips = self._spot_m()
+        data.qpos[self._gantry] = [*(tips - self._rest_m), rng.normal(0, 0.4)]
+        if rng.random() >= HOLDING_SHARE:
+            data.qpos[self._digits] = rng.uniform(0, 0.03)
+            return []
+        part = left.pop()
+        length, width, height = self._product.parts[part.part].size_m
+        data.qpos[self._digits] = min(length, width) / 2
+        x, y, z = (float(value) for value in tips)
+        self.world.place(part, Pose.from_yaw((x, y, z - height / 2), float(rng.normal(0, 0.3))))
+        return [part]
+
+    def _arm_over(self, left: list[WorldPart]) -> list[WorldPart]:
+        """The gripper somewhere over the plate, now and then with a part; parked where the arm cannot reach."""
+        rng = self._rng
+        tool, yaw = self._spot_m(), float(rng.uniform(-math.pi, math.pi))
+        joints = self._reach(tool, yaw)
+        if joints is None:
+            return []
+        self.world.set_arm(joints)
+        if rng.random() >= HOLDING_SHARE:
+            return []
+        part = left.pop()
+        _, width, height = self._product.parts[part.part].size_m
+        self.world.set_opening(min(width, 0.08))
+        x, y, z = (float(value) for value in tool)
+        self.world.place(part, Pose.from_yaw((x, y, z - height + 0.02), yaw + math.pi / 2))
+        return [part]
+
+    def _spot_m(self) -> Array:
+        """Over a hole or between holes."""
+        holes = np.array([self._hole_m(position) for position in self._product.positions])
+        low, high = holes.min(axis=0), holes.max(axis=0)
+        spot = self._rng.uniform(low, high)
+        spot[:2] += self._rng.normal(0, 0.03, 2)
+        spot[2] += self._rng.uniform(*OVER_M)
+        return np.asarray(spot, float)
+
+    def _hole_m(self, position: str) -> Array:
+        return self._bench.bracket.pose.transform(np.array([*self._product.bracket.holes_m[position], 0.0]))
+
+
+def write_plates(
+    product: Product, bench: Bench, settings: SimSettings, seed: int, folder: DataFolder, stills: int, reach: Reach
+) -> None:
+    """An image and a row of plates.jsonl for each still; look and stills are drawn from the seed.
+
+    Args:
+        reach: joints that bring the tool to a place with its fingers down and a heading; None where the arm cannot.
+    """
+    plate = Plate(product, bench, settings, seed, reach)
+    world, look = plate.world, plate.look
+    rng = np.random.default_rng([seed, 8])
+    photographer = Photographer(world.model, {CAMERA: SensorSetup(bench.overhead, look.camera, rng)})
+    masks = Masks(world, CAMERA, bench.overhead, look)
+    projection = Projection(world, CAMERA, bench.overhead, look)
+    model = world.model
+    hiding = [body for body in range(model.nbody) if model.body(body).name.startswith(COVERED_BY)]
+    for number in range(stills):
+        still = plate.shuffle()
+        exposure = Exposure(CAMERA, number, 0.0, world.camera_pose(CAMERA), (visible_poses(world.data),))
+        frame = photographer.take(exposure)
+        hidden = masks.of(masks.bodies(exposure.moments[0]), [*hiding, *(part.body for part in still.held)])
+        holes = [
+            {
+                "position": position,
+                "part": part,
+                "upright": upright,
+                "covered": round(_covered(hidden, projection, exposure.moments[0], hole), 3),
+            }
+            for (position, (part, upright)), hole in zip(still.holes.items(), _holes_m(product, bench), strict=True)
+        ]
+        name = f"seed{seed:06d}-{number:02d}"
+        folder.row(
+            "plates",
+            {
+                "file": folder.image(f"images/{name}.png", frame.image),
+                "log": f"seed{seed:06d}",
+                "camera": CAMERA,
+                "world_from_camera": told_pose(frame.world_from_camera),
+                "true_camera": true_camera(world, CAMERA, bench.overhead),
+                "holes": holes,
+            },
+        )
+    photographer.close()
+    masks.close()
+
+
+def _covered(hidden: NDArray[np.bool_], projection: Projection, poses: ScenePoses, hole_m: Array) -> float:
+    """Share of what is seen around a hole that something hides."""
+    corners = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]]) * COVERED_HALF_M + hole_m
+    pixels = projection.pixels(poses, corners)
+    left, top = np.clip(np.floor(pixels.min(axis=0)), 0, None).astype(int)
+    right, bottom = np.ceil(pixels.max(axis=0)).astype(int)
+    seen = hidden[top:bottom, left:right]
+    return float(seen.mean()) if seen.size else 1.0
+
+
+def _holes_m(product: Product, bench: Bench) -> Sequence[Array]:
+    return [bench.bracket.pose.transform(np.array([*xy, 0.0])) for xy in product.bracket.holes_m.values()]
+
+
+def _tilted(angle_rad: float, way_rad: float) -> Pose:
+    """A turn about the level axis of this heading."""
+    half = angle_rad / 2
+    turn = (math.cos(half), math.sin(half) * math.cos(way_rad), math.sin(half) * math.sin(way_rad), 0.0)
+    return Pose((0.0, 0.0, 0.0), turn)

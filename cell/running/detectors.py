@@ -14,7 +14,7 @@ from cell.configuration import Perception
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import ModelError, SettingError
-from cell.interfaces.perception import BenchView, Frame, PartDetector, PartsView
+from cell.interfaces.perception import BenchView, Frame, HoleReader, PartDetector, PartsView
 from cell.interfaces.product import Product
 from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
 from learned.bench_watcher import DetectorChain
@@ -22,7 +22,25 @@ from learned.classical.detectors import ClassicalDetectors
 
 Maker = Callable[[Bench, Product, Path], Any]
 
-TRAINED: Mapping[str, Mapping[str, Maker]] = {"hands": {}, "actions": {}, "holes": {}, "parts": {}}
+
+def _plate(bench: Bench, product: Product, weights: Path) -> HoleReader:
+    from learned.holes.reader import PlateHoleReader
+
+    return PlateHoleReader.load(bench, product, weights)
+
+
+def _centre(bench: Bench, product: Product, weights: Path) -> PartDetector:
+    from learned.parts.detector import CentrePartDetector
+
+    return CentrePartDetector.load(bench, product, weights)
+
+
+TRAINED: Mapping[str, Mapping[str, Maker]] = {
+    "hands": {},
+    "actions": {},
+    "holes": {"plate": _plate},
+    "parts": {"centre": _centre},
+}
 
 
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
@@ -34,7 +52,13 @@ def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Cal
 def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:
     """What answers wrist frames."""
     detector: PartDetector = Detectors(bench, product, perception).make("parts")
-    return lambda frame: PartsView(frame.sequence, frame.time_s, detector.detect(frame))
+
+    def find(frame: Frame) -> PartsView:
+        found = detector.detect(frame)
+        known = tuple(one for one in found if one.upright and one.part in product.parts)
+        return PartsView(frame.sequence, frame.time_s, known, tuple(one for one in found if one not in known))
+
+    return find
 
 
 class Detectors:

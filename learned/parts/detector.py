@@ -30,6 +30,11 @@ ROUNDS = 2  # of the pose net: the second one sees the part where the first one 
 SAME_M = 0.012  # two standing parts cannot be nearer
 
 
+def pose_file(centre: Path) -> Path:
+    """Where the pose net is that belongs to a centre net."""
+    return centre.with_name(f"{centre.stem}_pose{centre.suffix}")
+
+
 @dataclass(frozen=True)
 class _Standing:
     """A part that may stand: where the middle of its body is supposed to be, and how it is turned."""
@@ -51,13 +56,15 @@ class CentrePartDetector:
             network.card.require_vocabulary(network.path, {"parts": self._types})
 
     @staticmethod
-    def load(bench: Bench, product: Product, centre: Path, pose: Path) -> CentrePartDetector:
-        """With the networks of two files.
+    def load(bench: Bench, product: Product, path: Path) -> CentrePartDetector:
+        """With the networks of two files: the centre net's, and the pose net's beside it.
 
         Raises:
             ModelError: a file is missing, damaged, of another kind, or trained for other parts.
         """
-        return CentrePartDetector(bench, product, OnnxModel.load(centre, CENTRE_KIND), OnnxModel.load(pose, POSE_KIND))
+        return CentrePartDetector(
+            bench, product, OnnxModel.load(path, CENTRE_KIND), OnnxModel.load(pose_file(path), POSE_KIND)
+        )
 
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
         """Everything in and near the tray: standing parts first, then what lies and what is unknown.

@@ -14,13 +14,18 @@ import pytest
 from cell.configuration import load_configuration, load_product, simulated
 from cell.interfaces.errors import InputError
 from cell.interfaces.perception import SEGMENT_FRAMES
+from learned.holes.crops import hole_crops, squares_m
+from learned.holes.dataset import load_plates
+from learned.parts.dataset import load_scenes
 from sim.data.actions import Source, holes_of, write_holes, write_segments
 from sim.data.folder import DataFolder
 from sim.data.hands import hand_frames, write_hands
 from sim.data.objects import write_objects
+from sim.data.plates import write_plates
 from sim.data.recording import Assembly, record
 from sim.data.sight import GEOM_POSITIONS
 from sim.data.splits import SPLITS, seeds
+from sim.data.variety import mixed_clutter, sometimes_steel
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
@@ -175,6 +180,45 @@ def test_boxes_of_parts_lie_around_them(tmp_path: Path) -> None:
             paint = np.array(PRODUCT.parts[part["part"]].colour_rgb)[::-1]
             assert inside.argmax() == paint.argmax()
             assert part["visible_px"] <= (right - left) * (bottom - top)
+
+
+def test_mixed_trays_have_things_that_lie_and_unknown_ones_where_the_true_camera_sees_them(tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "new", "test")
+    varied = simulated(load_configuration(), "varied").devices.simulation
+    for seed in range(4):
+        settings = varied.model_copy(update={"clutter": mixed_clutter(varied.clutter, seed)})
+        write_objects(sometimes_steel(PRODUCT, 0.5, seed), BENCH, settings, seed, folder, views=2)
+    found = load_scenes([tmp_path / "new"], PRODUCT)
+    labels = [label for scene in found for label in scene.labels]
+    assert len(found) == 8
+    assert any(not label.upright for label in labels)
+    assert any(label.part == "unknown" for label in labels)
+    for row, scene in zip(rows(tmp_path / "new" / "objects.jsonl"), found, strict=True):
+        for part, label in zip(row["parts"], scene.labels, strict=True):
+            left, top, right, bottom = part["box_px"]
+            assert label.box_px[0] - 3 < left
+            assert label.box_px[1] - 3 < top
+            assert right < label.box_px[2] + 4
+            assert bottom < label.box_px[3] + 4
+
+
+def test_stills_of_the_plate_tell_what_is_in_the_holes_and_what_hides_them(tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "new", "test")
+    write_plates(PRODUCT, BENCH, SIMULATION, 3, folder, 12, lambda *_: np.array(BENCH.arm_look_rad))
+    plates = load_plates([tmp_path / "new"])
+    holes = [hole for plate in plates for hole in plate.holes]
+    assert len(plates) == 12
+    assert {hole.position for hole in holes} == set(PRODUCT.positions)
+    assert {hole.part for hole in holes} == {None, *PRODUCT.parts}
+    assert any(not hole.upright for hole in holes)
+    assert max(hole.covered for hole in holes) > 0.3
+    squares = squares_m(BENCH, PRODUCT)
+    for plate in plates:
+        crops = hole_crops(plate.image, plate.camera, plate.world_from_camera, squares)
+        for crop, hole in zip(crops, plate.holes, strict=True):
+            middle = crop[:, 22:26, 22:26].mean()
+            if hole.part is None and hole.covered == 0:
+                assert middle < np.median(crop)
 
 
 def test_the_same_seed_gives_the_same_files_and_nothing_is_overwritten(tmp_path: Path) -> None:

@@ -1,0 +1,82 @@
+"""Crops of holes hold the hole in their middle; the threshold keeps filled holes from being called empty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.configuration import load_configuration, load_product
+from cell.interfaces.perception import Frame
+from learned.holes.crops import CROP_PX, hole_crops, squares_m
+from learned.holes.reader import SETTLE_FRAMES, PlateHoleReader
+from learned.onnx_model import ModelCard
+
+CONFIGURATION = load_configuration()
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+TYPES = tuple(PRODUCT.parts)
+CARD = ModelCard(
+    kind="holes.plate", vocabulary={"parts": TYPES}, data_sha256="", command="", seed=0, config={"least_sure": 0.9}
+)
+
+
+class Said:
+    """A network whose answers are given."""
+
+    path, card, outputs = Path("said"), CARD, ["kinds", "upright", "covered"]
+
+    def __init__(self) -> None:
+        self.kind, self.sure, self.upright, self.covered = 0, 0.99, 1.0, 0.0
+
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        count = len(inputs["crops"])
+        kinds = np.full((count, len(TYPES) + 1), (1 - self.sure) / len(TYPES), np.float32)
+        kinds[:, self.kind] = self.sure
+        ones = np.ones(count, np.float32)
+        return {"kinds": kinds, "upright": ones * self.upright, "covered": ones * self.covered}
+
+
+def frame(number: int) -> Frame:
+    setup = BENCH.overhead
+    image = np.full((setup.height_px, setup.width_px, 3), 90, np.uint8)
+    return Frame("overhead", number, number / 15, image, setup.mount.pose)
+
+
+def watch(reader: PlateHoleReader, frames: range) -> dict[str, str | None]:
+    for number in frames:
+        views = reader.read(frame(number), None)
+    return {position: view.part for position, view in views.items()}
+
+
+def test_the_middle_of_a_crop_is_the_hole() -> None:
+    model, camera = BENCH.overhead.model, BENCH.overhead.mount.pose
+    image = np.zeros((model.height_px, model.width_px, 3), np.uint8)
+    holes = np.array([[*xy, 0.0] for xy in PRODUCT.bracket.holes_m.values()])
+    for column, row in np.rint(model.project(camera, BENCH.bracket.pose.transform(holes))).astype(int):
+        image[row - 1 : row + 2, column - 1 : column + 2] = 255
+    crops = hole_crops(image, model, camera, squares_m(BENCH, PRODUCT))
+    assert crops.shape == (len(holes), 3, CROP_PX, CROP_PX)
+    for crop in crops:
+        rows, columns = np.nonzero(crop[0] > 0)
+        assert abs(rows.mean() - (CROP_PX - 1) / 2) < 1
+        assert abs(columns.mean() - (CROP_PX - 1) / 2) < 1
+
+
+def test_a_view_changes_after_equal_readings_in_a_row_and_stays_while_covered() -> None:
+    said = Said()
+    reader = PlateHoleReader(BENCH, PRODUCT, said)
+    assert watch(reader, range(SETTLE_FRAMES - 1)) == {}
+    assert watch(reader, range(SETTLE_FRAMES - 1, SETTLE_FRAMES)) == dict.fromkeys(PRODUCT.positions)
+    said.kind, said.covered = 1, 0.9
+    assert watch(reader, range(10, 20)) == dict.fromkeys(PRODUCT.positions)
+    said.covered = 0.0
+    assert watch(reader, range(20, 20 + SETTLE_FRAMES)) == dict.fromkeys(PRODUCT.positions, TYPES[0])
+
+
+def test_what_is_not_sure_is_not_said() -> None:
+    said = Said()
+    said.sure = 0.85
+    assert watch(PlateHoleReader(BENCH, PRODUCT, said), range(10)) == {}

@@ -66,7 +66,11 @@ class ModelCard(Model):
 
 
 def save_onnx(model: ModelProto, path: Path, card: ModelCard) -> None:
-    """Write weights and card to one file; a file that was there before stays whole until the new one is."""
+    """Write weights and card to one file; a file that was there before stays whole until the new one is.
+
+    What the exporter notes of its own work (stack traces with the paths of the machine that trained) is left out.
+    """
+    _remove_notes(model)
     for entry in [entry for entry in model.metadata_props if entry.key == CARD_KEY]:
         model.metadata_props.remove(entry)
     entry = model.metadata_props.add()
@@ -75,6 +79,13 @@ def save_onnx(model: ModelProto, path: Path, card: ModelCard) -> None:
     partial = path.with_name(path.name + ".partial")
     partial.write_bytes(model.SerializeToString())
     partial.replace(path)
+
+
+def _remove_notes(model: ModelProto) -> None:
+    graph = model.graph
+    for noted in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
+        noted.ClearField("metadata_props")
+        noted.ClearField("doc_string")
 
 
 class Network(Protocol):

@@ -48,6 +48,15 @@ def test_the_card_and_the_network_come_back(saved: Path) -> None:
     assert [file.name for file in saved.parent.iterdir()] == ["root.onnx"]
 
 
+def test_nothing_of_the_machine_that_exported_is_kept(tmp_path: Path) -> None:
+    model = square_root()
+    trace = model.graph.node[0].metadata_props.add()
+    trace.key, trace.value = "pkg.torch.onnx.stack_trace", 'File "/home/someone/train.py", line 3'
+    model.graph.output[0].doc_string = "/home/someone"
+    save_onnx(model, tmp_path / "root.onnx", CARD)
+    assert b"/home/someone" not in (tmp_path / "root.onnx").read_bytes()
+
+
 def test_saving_again_replaces_the_card(saved: Path) -> None:
     save_onnx(onnx.load(saved), saved, CARD.model_copy(update={"seed": 8}))
     assert OnnxModel.load(saved, "test.root").card.seed == 8

@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all check bench pictures train-deps constraints doctor clean .venv/browser
+.PHONY: help run test test-all check bench pictures train-deps hands constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -34,6 +34,7 @@ help:
 	@echo "make bench      benchmarks"
 	@echo "make test-all   the tests and the long experiments"
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
+	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
 	@echo "make pictures   docs: the pictures, and the page of all keys"
 	@echo "make constraints  newest versions of all packages into constraints.txt"
 	@echo "make doctor     what is missing on this machine"
@@ -68,6 +69,9 @@ pictures: .venv/tests .venv/system
 	$(BIN)/python -m tests.docs.pictures
 
 train-deps: .venv/tests
+
+hands: .venv/tests
+	$(BIN)/cell hands fetch
 
 # The ranges of pyproject.toml hold; what they allow is pinned by name and version, without addresses.
 constraints: .venv/uv

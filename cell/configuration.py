@@ -19,6 +19,7 @@ from cell.interfaces.product import Product
 from cell.interfaces.quantity import Duration
 from cell.interfaces.yaml_file import load_yaml, place_of
 from learned.classical.settings import PerceptionSettings as ClassicalSettings
+from learned.hands.mediapipe.files import model_folder, network_file
 from learned.semantic.settings import NewGoals
 from sim.look_range import look_range
 from sim.person import load_person
@@ -30,7 +31,7 @@ DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
 DEFAULT_FAULTS = shipped("config", "faults.yaml")
 WEIGHTS = shipped("learned", "weights")
 DEFAULT_TREE = shipped("trees", "assemble.xml")
-LEARNED_KINDS = {"hands": "tracker", "actions": "slim", "holes": "plate", "parts": "centre"}  # the trained defaults
+LEARNED_KINDS = {"hands": "slim", "actions": "slim", "holes": "plate", "parts": "centre"}  # the trained defaults
 
 
 class ControllerSettings(Model):
@@ -64,7 +65,7 @@ class Perception(Model):
 
     Attributes:
         kind: all detectors at once: by rules about colours and outlines (classical), or trained (learned).
-        hands: who finds the hand, where that is to be another kind: classical, tracker.
+        hands: who finds the hand, where that is to be another kind: classical, slim, mediapipe.
         actions: who names what the hand does: classical, slim.
         holes: who reads the holes: classical, plate.
         parts: who finds parts in the wrist camera's view: classical, centre.
@@ -88,6 +89,8 @@ class Perception(Model):
     def weights(self, detector: str) -> Path:
         """The file of weights of a detector that is not classical."""
         settings = self.chosen(detector)
+        if (detector, settings.kind) == ("hands", "mediapipe"):
+            return settings.weights or network_file(model_folder(), "landmark", "lite")
         return settings.weights or WEIGHTS / weights_file(detector, settings.kind)
 
     @property

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cell.commands.goals import goals_app
+from cell.commands.hands import hands_app
 from cell.commands.init import init
 from cell.commands.log import log_app, report
 from cell.commands.looks import looks
@@ -51,6 +52,7 @@ app.add_typer(data_app, name="data")
 app.add_typer(log_app, name="log")
 app.add_typer(goals_app, name="goals")
 app.add_typer(new_app, name="new")
+app.add_typer(hands_app, name="hands")
 app.command()(init)
 app.command()(looks)
 app.command()(replay)

@@ -7,6 +7,7 @@ import typer
 from cell.commands import data as data_commands
 from cell.commands import faults as fault_commands
 from cell.commands import grasp as grasp_commands
+from cell.commands import hands as hand_commands
 from cell.commands import noise as noise_commands
 from cell.commands import semantic as semantic_commands
 from cell.commands import train as train_commands
@@ -25,6 +26,8 @@ train_app.command("noise")(noise_commands.train)
 for command in (worlds.actions, worlds.hands, worlds.holes, worlds.plates, worlds.objects):
     data_app.command(command.__name__)(command)
 
+train_app.command("hands")(hand_commands.train)
+eval_app.command("hands")(hand_commands.evaluate)
 for name, commands in (("semantic", semantic_commands), ("grasp", grasp_commands)):
     train_app.command(name)(commands.train)
     eval_app.command(name)(commands.evaluate)

@@ -14,7 +14,7 @@ from cell.configuration import Perception
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import ModelError, SettingError
-from cell.interfaces.perception import BenchView, Frame, HoleReader, PartDetector, PartsView
+from cell.interfaces.perception import BenchView, Frame, HandTracker, HoleReader, PartDetector, PartsView
 from cell.interfaces.product import Product
 from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
 from learned.bench_watcher import DetectorChain
@@ -35,8 +35,20 @@ def _centre(bench: Bench, product: Product, weights: Path) -> PartDetector:
     return CentrePartDetector.load(bench, product, weights)
 
 
+def _slim_hands(bench: Bench, product: Product, weights: Path) -> HandTracker:
+    from learned.hands.slim import slim_tracker
+
+    return slim_tracker(bench, product, weights)
+
+
+def _mediapipe_hands(bench: Bench, product: Product, weights: Path) -> HandTracker:
+    from learned.hands.mediapipe.tracker import mediapipe_tracker
+
+    return mediapipe_tracker(bench, product, weights)
+
+
 TRAINED: Mapping[str, Mapping[str, Maker]] = {
-    "hands": {},
+    "hands": {"slim": _slim_hands, "mediapipe": _mediapipe_hands},
     "actions": {},
     "holes": {"plate": _plate},
     "parts": {"centre": _centre},

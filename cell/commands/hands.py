@@ -1,0 +1,206 @@
+"""`cell train hands` and `cell eval hands`: the small tracker, against the simulator's truth, and MediaPipe's."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cell.configuration import Configuration
+    from cell.interfaces.perception import HandTracker
+    from cell.interfaces.product import Product
+
+FIRST_VALIDATION_SEED = 800_000
+RECORDING_S = 2.6  # of processor time: to make a recording's frames, and to train on them
+
+
+def train(
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File of weights; the finder goes beside it.")] = None,
+    data: Annotated[
+        Path | None, typer.Option(help="Folder of `cell data hands`; made anew by default, of the look `varied`.")
+    ] = None,
+    budget: Annotated[str, typer.Option(help="Processor time for data and training, as in 90s, 30m or 2h.")] = "30m",
+    epochs: Annotated[int, typer.Option(min=1, help="How often each frame is seen.")] = 20,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Train the small hand tracker on simulated frames, and score it on frames that it never saw."""
+    from cell.commands.budget import seconds
+    from cell.commands.weights import need_torch, new_weights
+    from cell.configuration import load_configuration, load_product
+
+    need_torch()
+    budget_s = seconds(budget)
+    configuration = load_configuration(config)
+    product = load_product(configuration, config)
+    weights = out or new_weights("hands", "slim", config)
+    made = {
+        "train": (data or weights.with_suffix(".data"), 0, max(4, int(budget_s / RECORDING_S))),
+        "validation": (
+            weights.with_suffix(".validation"),
+            FIRST_VALIDATION_SEED,
+            max(2, int(budget_s / RECORDING_S / 12)),
+        ),
+    }
+    for folder, first_seed, recordings in made.values():
+        _make_data(folder, first_seed, recordings, config)
+    from learned.hands.score import score_readings
+    from learned.hands.slim import SlimReader
+    from learned.hands.train import train_hands
+
+    setup, types = configuration.bench.overhead, tuple(product.parts)
+    scores = train_hands(
+        made["train"][0],
+        setup,
+        product,
+        weights,
+        seed,
+        score=lambda: score_readings(SlimReader(setup, types, weights), configuration.bench, made["validation"][0]),
+        epochs=epochs,
+        command=f"cell train hands --budget {budget} --epochs {epochs} --seed {seed}",
+    )
+    console().print(table(f"hand tracker in {weights}", {name: f"{value:.4g}" for name, value in scores.items()}))
+    if as_json:
+        print_json(scores)
+
+
+def _make_data(folder: Path, first_seed: int, recordings: int, config: Path) -> None:
+    """In a process of its own: torch and software OpenGL do not live in one.
+
+    Raises:
+        InputError: the data could not be made; what the command said is in the message.
+    """
+    if (folder / "manifest.json").exists():
+        console().print(f"data: {folder}, made before")
+        return
+    words = ["data", "hands", "--look", "varied", "--recordings", str(recordings), "--first-seed", str(first_seed)]
+    words += ["--config", str(config), "--out", str(folder)]
+    console().print(f"cell {shlex.join(words)}", highlight=False)
+    done = subprocess.run([sys.executable, "-m", "cell", *words], stderr=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        raise InputError(f"training data could not be made: {done.stderr.strip().splitlines()[-1]}")
+
+
+def evaluate(
+    look: Annotated[str, typer.Option(help="What recordings look like: nominal, varied, hard, or a file.")] = "varied",
+    first_seed: Annotated[int, typer.Option(min=0, help="Of seeds in a row; tests begin at 900000.")] = 900_000,
+    recordings: Annotated[int, typer.Option(min=1, help="How many assemblies.")] = 10,
+    stretches: Annotated[int, typer.Option(min=1, help="Of frames in a row, in each assembly.")] = 4,
+    kinds: Annotated[
+        str, typer.Option(help="Which trackers, with commas between: slim, classical, mediapipe.")
+    ] = "slim",
+    only: Annotated[
+        str, typer.Option(help="Which persons: all, or the same ones bare-right, left, second or gloves.")
+    ] = "all",
+    person: Annotated[str, typer.Option(help="Who assembles: a person's name or file.")] = "varied",
+    weights: Annotated[Path | None, typer.Option(help="Weights of `slim`; the shipped ones by default.")] = None,
+    photos: Annotated[
+        Path | None, typer.Option(help="Folder of photographs: score MediaPipe's networks on them.")
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option(help="JSON for --photos: file in the folder -> hands, each 21 x [x_px, y_px].")
+    ] = None,
+    size: Annotated[str, typer.Option(help="Of --photos, which of MediaPipe's networks: full or lite.")] = "full",
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Score hand trackers on simulated assemblies, or MediaPipe's networks on photographs."""
+    if photos is not None or truth is not None:
+        _photographs(photos, truth, size, as_json)
+        return
+    from cell.configuration import load_configuration, load_product, simulated
+    from cell.evaluating.hands import ONLY, evaluate_hands
+    from sim.data.splits import seeds
+
+    if only not in ONLY:
+        raise InputError(f"--only {only}: there is no such choice; legal: {', '.join(ONLY)}")
+    configuration = simulated(load_configuration(config), look, person)
+    product = load_product(configuration, config)
+    _, wanted = seeds(first_seed, recordings)
+    makers: dict[str, Callable[[], HandTracker]] = {
+        kind.strip(): _maker(configuration, product, kind.strip(), weights) for kind in kinds.split(",")
+    }
+    found = evaluate_hands(configuration, product, makers, wanted, stretches=stretches, only=only)
+    for name, one in found.items():
+        console().print(table(f"{name}, {look}, {only}", _rows(one)))
+    if as_json:
+        print_json({"look": look, "only": only, "first_seed": first_seed, "recordings": recordings, "trackers": found})
+
+
+def _maker(
+    configuration: Configuration, product: Product, kind: str, weights: Path | None
+) -> Callable[[], HandTracker]:
+    """Makes trackers of a kind; networks are loaded once.
+
+    Raises:
+        SettingError: there is no such kind, or its weights cannot be used.
+    """
+    from cell.configuration import DetectorSettings
+    from cell.running.detectors import Detectors
+
+    chosen = DetectorSettings(kind=kind, weights=weights if kind == "slim" else None)
+    perception = configuration.perception.model_copy(update={"hands": chosen})
+    detectors = Detectors(configuration.bench, product, perception)
+
+    def make() -> HandTracker:
+        tracker: HandTracker = detectors.make("hands")
+        return tracker
+
+    return make
+
+
+def _rows(scores: dict[str, object]) -> dict[str, object]:
+    """Figures with their intervals, for reading."""
+    hidden = ("_low", "_high", "_n")
+    return {
+        name: f"{value} ({scores[f'{name}_low']} to {scores[f'{name}_high']})" if f"{name}_low" in scores else value
+        for name, value in scores.items()
+        if not name.endswith(hidden)
+    }
+
+
+def _photographs(photos: Path | None, truth: Path | None, size: str, as_json: bool) -> None:
+    if photos is None or truth is None:
+        raise InputError("--photos DIR and --truth FILE belong together")
+    from learned.hands.mediapipe.files import SIZES, model_folder
+    from learned.hands.mediapipe.hands import MediaPipeHands
+    from learned.hands.mediapipe.photographs import compare_photographs, load_truth
+
+    if size not in SIZES:
+        raise InputError(f"--size {size}: there is no such size; legal: {', '.join(SIZES)}")
+    given = load_truth(truth, photos)
+    scores = compare_photographs(MediaPipeHands(model_folder(), "full" if size == "full" else "lite"), photos, given)
+    console().print(table(f"MediaPipe's networks, {size}, on {photos}", scores))
+    if as_json:
+        print_json(scores)
+
+
+hands_app = typer.Typer(no_args_is_help=True, help="MediaPipe's hand networks, which are not shipped.")
+
+
+@hands_app.command()
+def fetch(
+    wheel: Annotated[Path | None, typer.Option(help="A wheel of mediapipe that is here already.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Fetch MediaPipe's hand networks with pip, and keep them as ONNX in the user's cache, with their licence."""
+    from learned.hands.mediapipe.fetch import fetch as fetch_networks
+    from learned.hands.mediapipe.files import model_folder
+
+    folder = model_folder()
+    files = fetch_networks(folder, wheel)
+    sizes = {file.name: f"{file.stat().st_size / 1e6:.1f} MB" for file in files}
+    console().print(table(f"{folder} (Apache License 2.0, see LICENSE there)", sizes))
+    if as_json:
+        print_json({"folder": str(folder), "files": [file.name for file in files]})

@@ -1,0 +1,1 @@
+"""Trained hand trackers: our own small one, and MediaPipe's two networks."""

@@ -1,0 +1,55 @@
+"""What training does to images so that networks do not rely on colour, light or sharpness. Imports torch."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+MIX_SHARE, BLUR_SHARE, GAMMA_SHARE, COVER_SHARE = 0.6, 0.4, 0.4, 0.3
+LARGEST_NOISE = 0.06
+GAMMA = 0.35  # standard deviation of its logarithm
+COVER = (0.08, 0.3)  # sides of what covers a piece, as shares of the image's
+
+
+def varied(images: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    """Images (n, 3, height, width) of 0 to 1 with other colours, gamma, blur, noise and a piece covered.
+
+    Returns:
+        The images, and how much the channels of each were mixed, (n,), 0 to 1.
+    """
+    count = len(images)
+    amount = rng.uniform(0.0, 1.0, count) * (rng.random(count) < MIX_SHARE)
+    mixing = _mixing(amount, rng)
+    images = torch.einsum("nij,njhw->nihw", mixing, images).clamp(0.0, 1.0)
+    gamma = np.exp(rng.normal(0.0, GAMMA, count) * (rng.random(count) < GAMMA_SHARE))
+    images = (images + 1e-4) ** _each(gamma)
+    softness = rng.uniform(0.0, 1.0, count) * (rng.random(count) < BLUR_SHARE)
+    soft = F.avg_pool2d(F.pad(images, (1, 1, 1, 1), mode="replicate"), 3, 1)
+    images = images + _each(softness) * (soft - images)
+    noise = torch.from_numpy(rng.standard_normal(images.shape, dtype=np.float32))
+    images = images + _each(LARGEST_NOISE * rng.random(count) ** 2) * noise
+    _cover(images, rng)
+    return images, torch.from_numpy(amount.astype(np.float32))
+
+
+def _mixing(amount: np.ndarray[tuple[int], np.dtype[np.float64]], rng: np.random.Generator) -> Tensor:
+    """Matrices (n, 3, 3) from the identity (amount 0) to channels swapped, mixed and weighed at random (1)."""
+    random = rng.dirichlet((0.6, 0.6, 0.6), (len(amount), 3)) * rng.uniform(0.6, 1.4, (len(amount), 3, 1))
+    share = amount[:, np.newaxis, np.newaxis]
+    return torch.from_numpy(((1 - share) * np.eye(3) + share * random).astype(np.float32))
+
+
+def _cover(images: Tensor, rng: np.random.Generator) -> None:
+    """Lay a plain rectangle over some of the images, in place."""
+    height, width = images.shape[2:]
+    for row in np.flatnonzero(rng.random(len(images)) < COVER_SHARE):
+        tall, wide = (rng.uniform(*COVER, 2) * (height, width)).astype(int) + 1
+        top, left = int(rng.integers(height - tall)), int(rng.integers(width - wide))
+        colour = torch.from_numpy(rng.random(3).astype(np.float32))
+        images[row, :, top : top + tall, left : left + wide] = colour[:, None, None]
+
+
+def _each(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Tensor:
+    return torch.from_numpy(values.astype(np.float32))[:, None, None, None]

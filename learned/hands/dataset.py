@@ -1,0 +1,171 @@
+"""Training data of the small tracker: rows of `cell data hands` as arrays."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import CameraSetup
+from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.pose import Array
+from learned.hands.regions import POINTS, REGION_PX, Image, Regions, centre_of
+
+ROWS = "hands.jsonl"
+PATCH_PX = REGION_PX + 48  # a region and the room that it is shifted in
+LEAST_VISIBLE = 0.25  # of a hand that is to be found; less is neither right nor wrong
+EDGE_PX = 4.0  # a hand whose centre is nearer to the image's edge is neither, too
+NO_HAND_WITHIN = 0.8  # of a region: of places that are shown as empty
+
+
+@dataclass(frozen=True)
+class HandData:
+    """Frames for the finder and patches for the reader.
+
+    Attributes:
+        small: (frames, 120, 160, 3) whole images.
+        centres: (hands, 3): frame, and centre of a hand as shares of the image.
+        unsure: (hands, 3) the same of hands that may be found or not.
+        patches: (n, 144, 144, 3) about hands, then about empty places.
+        points: (n, 6, 2) shares of the middle region of a patch; not a number where there is none.
+        boxes: (n, 4) shares: left, top, right, bottom.
+        facts: (n, 3) 0 or 1: there is a hand, a left one, the one that works.
+        heights_m: (n, 2) of palm and pinch.
+        held: (n,) 0 for nothing, else 1 + number of the type.
+        places: (n, 2) of the patch in the image.
+    """
+
+    small: NDArray[np.uint8]
+    centres: Array
+    unsure: Array
+    patches: NDArray[np.uint8]
+    points: NDArray[np.float32]
+    boxes: NDArray[np.float32]
+    facts: NDArray[np.float32]
+    heights_m: NDArray[np.float32]
+    held: NDArray[np.int64]
+    places: NDArray[np.float32]
+    sha256: str
+
+
+def rows_of(folder: Path) -> list[dict[str, Any]]:
+    """All rows of a folder of `cell data hands`.
+
+    Raises:
+        InputError: it is no such folder, or a line is damaged.
+    """
+    path = folder / ROWS
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; make it with: cell data hands --out DIR") from None
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            row = json.loads(line)
+            rows.append({"file": folder / row["file"], "hands": row["hands"], "log": row["log"]})
+        except (ValueError, KeyError, TypeError):
+            raise InputError(Problem(Place(path, number), "not a row of `cell data hands`")) from None
+    if not rows:
+        raise InputError(f"{path}: holds no frames")
+    return rows
+
+
+def read_image(path: Path) -> Image:
+    """An image file as RGB.
+
+    Raises:
+        InputError: it is missing or damaged.
+    """
+    found = cv2.imread(str(path))
+    if found is None:
+        raise InputError(f"{path}: cannot be read as an image")
+    return np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def load_hands(folder: Path, setup: CameraSetup, types: Sequence[str], seed: int) -> HandData:
+    """Read a folder.
+
+    Args:
+        setup: of the camera that took the frames.
+        types: of parts, in the order of the product.
+
+    Raises:
+        InputError: it is no such folder, is damaged, or was made for another camera or product.
+    """
+    regions, rng = Regions.of(setup), np.random.default_rng([seed, 5])
+    small: list[Image] = []
+    centres: list[list[float]] = []
+    unsure: list[list[float]] = []
+    samples: list[tuple[Any, ...]] = []
+    for frame, row in enumerate(rows_of(folder)):
+        image = read_image(row["file"])
+        if image.shape[:2] != (setup.height_px, setup.width_px):
+            raise InputError(f"{row['file']}: must be {setup.width_px} x {setup.height_px} pixels, as the camera's are")
+        small.append(regions.small(image))
+        hands = [(_centre(hand), hand) for hand in row["hands"]]
+        for centre, hand in hands:
+            sure = hand["visible"] >= LEAST_VISIBLE and bool(_inside(centre, setup, EDGE_PX))
+            (centres if sure else unsure).append([frame, *((centre + 0.5) / regions.size_px)])
+            if sure:
+                samples.append(_sample(regions, image, centre, hand, types))
+        samples += [_sample(regions, image, place, None, types) for place in _empty(regions, hands, rng)]
+    columns = [np.stack(column) for column in zip(*samples, strict=True)]
+    patches, points, boxes, facts, heights_m, held, places = columns
+    digest = hashlib.sha256((folder / ROWS).read_bytes()).hexdigest()
+    return HandData(
+        np.stack(small),
+        np.array(centres).reshape(-1, 3),
+        np.array(unsure).reshape(-1, 3),
+        patches,
+        points,
+        boxes,
+        facts,
+        heights_m,
+        held,
+        places,
+        digest,
+    )
+
+
+def _sample(
+    regions: Regions, image: Image, centre: Array, hand: dict[str, Any] | None, types: Sequence[str]
+) -> tuple[Any, ...]:
+    """One row of the reader's arrays."""
+    patch, place = regions.cut(image, centre, PATCH_PX), regions.place(centre).astype(np.float32)
+    points, box = np.full((len(POINTS), 2), np.nan, np.float32), np.zeros(4, np.float32)
+    if hand is None:
+        return patch, points, box, np.zeros(3, np.float32), np.zeros(2, np.float32), np.int64(0), place
+    for index, name in enumerate(POINTS):
+        if name in hand["points_px"]:
+            points[index] = regions.inside(np.array(hand["points_px"][name]), centre)
+    box[:] = regions.inside(np.array(hand["box_px"]).reshape(2, 2), centre).reshape(4)
+    facts = np.array([1.0, hand["side"] == "left", hand["acting"]], np.float32)
+    heights = np.array([hand["points_m"][name][2] for name in ("palm", "pinch")], np.float32)
+    held = np.int64(0 if hand["held_part"] is None else 1 + list(types).index(hand["held_part"]))
+    return patch, points, box, facts, heights, held, place
+
+
+def _centre(hand: dict[str, Any]) -> Array:
+    return centre_of(np.array(hand["points_px"]["palm"]), np.array(hand["points_px"]["pinch"]))
+
+
+def _inside(point: Array, setup: CameraSetup, margin_px: float) -> Any:
+    size = np.array([setup.width_px, setup.height_px])
+    return ((point >= margin_px) & (point < size - margin_px)).all()
+
+
+def _empty(regions: Regions, hands: Sequence[tuple[Array, Any]], rng: np.random.Generator) -> Iterator[Array]:
+    """A place of the image without a hand, if one is found soon."""
+    for _ in range(5):
+        place: Array = rng.uniform((0.0, 0.0), regions.size_px)
+        if all(np.abs(place - centre).max() > NO_HAND_WITHIN * regions.side_px for centre, _ in hands):
+            yield place
+            return

@@ -1,0 +1,90 @@
+"""MediaPipe's networks as a tracker of the bench: its landmarks as points, sizes as heights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cell.interfaces.bench import Bench, CameraSetup
+from cell.interfaces.errors import ModelError
+from cell.interfaces.pose import Array
+from cell.interfaces.product import Product
+from learned.hands.mediapipe.files import FETCH, Size, model_folder
+from learned.hands.mediapipe.hands import MediaPipeHands
+from learned.hands.mediapipe.landmarks import (
+    INDEX_BASE,
+    INDEX_TIP,
+    LITTLE_BASE,
+    MIDDLE_BASE,
+    RING_BASE,
+    THUMB_TIP,
+    WRIST,
+)
+from learned.hands.mediapipe.landmarks import Landmarks as Hand
+from learned.hands.reading import Reading
+from learned.hands.regions import Image
+from learned.hands.tracking import HandTracks
+
+PALM = (WRIST, INDEX_BASE, MIDDLE_BASE, RING_BASE, LITTLE_BASE)
+SIZE: Size = "lite"  # on the bench
+HIGHEST_M = 0.45
+BOX_MARGIN = 0.12  # of the hand's extent
+ACTS, RESTS = 0.9, 0.1  # the hand that reaches farther into the view acts
+
+
+def mediapipe_tracker(bench: Bench, product: Product, path: Path) -> HandTracks:  # noqa: ARG001 (as all trackers)
+    """A tracker with the networks in the user's cache, or in the folder of `path` where they are there.
+
+    Raises:
+        ModelError: they were not fetched yet.
+    """
+    folder = path.parent if path.name.startswith("landmark") and path.is_file() else model_folder()
+    try:
+        return HandTracks(bench, MediaPipeReader(bench.overhead, MediaPipeHands(folder, SIZE)))
+    except ModelError as error:
+        raise ModelError(f"MediaPipe's networks are not shipped; fetch them once with: {FETCH} ({error})") from None
+
+
+class MediaPipeReader:
+    """Reads the hands of a stream of images (HandReader); what they hold it does not know."""
+
+    def __init__(self, setup: CameraSetup, hands: MediaPipeHands) -> None:
+        self._setup, self._hands = setup, hands
+
+    def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:  # noqa: ARG002
+        """All hands in the next RGB image; the networks follow hands by themselves."""
+        hands = self._hands.frame(image)
+        highest = min((float(hand.points_px[WRIST, 1]) for hand in hands), default=0.0)
+        return [self._reading(hand, float(hand.points_px[WRIST, 1]) == highest) for hand in hands]
+
+    def _reading(self, hand: Hand, acts: bool) -> Reading:
+        points = hand.points_px
+        thumb, index = points[THUMB_TIP], points[INDEX_TIP]
+        height = self._height_m(hand)
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = BOX_MARGIN * (high - low)
+        left, top, right, bottom = (float(value) for value in (*(low - margin), *(high + margin)))
+        return Reading(
+            confidence=hand.presence,
+            left=hand.left,
+            acting=ACTS if acts else RESTS,
+            points_px={
+                "palm": points[list(PALM)].mean(axis=0),
+                "pinch": (thumb + index) / 2,
+                "thumb": thumb,
+                "index": index,
+                "wrist": points[WRIST],
+            },
+            box_px=(left, top, right, bottom),
+            heights_m=(height, height),
+        )
+
+    def _height_m(self, hand: Hand) -> float:
+        """Over the table, from the size of the palm: its five bones in metres against those in the image."""
+        bones = [(WRIST, INDEX_BASE), (WRIST, MIDDLE_BASE), (WRIST, LITTLE_BASE), (INDEX_BASE, LITTLE_BASE)]
+        metres = sum(float(np.linalg.norm(hand.world_m[a, :2] - hand.world_m[b, :2])) for a, b in bones)
+        pixels = sum(float(np.linalg.norm(hand.points_px[a] - hand.points_px[b])) for a, b in bones)
+        depth_m = self._setup.focal_px * metres / max(pixels, 1e-6)
+        return float(np.clip(self._setup.mount.position_m[2] - depth_m, 0.0, HIGHEST_M))

@@ -1,0 +1,138 @@
+"""The two networks of the small tracker: the finder sees the whole image, the reader one hand. Imports torch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from learned.hands.regions import CELL_PX, FINDER_PX, POINTS, REGION_PX
+
+HEAT_PX = REGION_PX // 4
+LEAST_CONTRAST = 0.04  # of an image that is normalised
+
+
+class Found(NamedTuple):
+    """The finder's answer: (n, 1, rows, columns) score of a hand, and (n, 2, ...) its centre within the cell."""
+
+    score: Tensor
+    offset: Tensor
+
+
+class Read(NamedTuple):
+    """The reader's answer about n regions; shares are of the region, 0 to 1.
+
+    Attributes:
+        present, left, acting: (n,) probabilities.
+        points: (n, 6, 2) shares, of POINTS.
+        box: (n, 4) shares: left, top, right, bottom.
+        heights_m: (n, 2) of palm and pinch over the table.
+        held: (n, 1 + types) probabilities: nothing, then the types of parts.
+    """
+
+    present: Tensor
+    left: Tensor
+    acting: Tensor
+    points: Tensor
+    box: Tensor
+    heights_m: Tensor
+    held: Tensor
+
+
+class Finder(nn.Module):
+    """Hands in the whole image, a cell of 8 pixels at a time (heatmap and offset as in CenterNet, Zhou 2019)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.body = nn.Sequential(
+            _conv(3, 16, 2), _conv(16, 32, 2), _conv(32, 64, 2), _conv(64, 64), _conv(64, 64, dilation=2), _conv(64, 64)
+        )
+        self.head = nn.Conv2d(64, 3, 1)
+        nn.init.constant_(self.head.bias, -3.0)  # type: ignore[arg-type]
+
+    def logits(self, image: Tensor) -> Tensor:
+        """(n, 3, 120, 160) -> (n, 3, 15, 20): score before the sigmoid, and two offsets before theirs."""
+        answer: Tensor = self.head(self.body(normalised(image)))
+        return answer
+
+    def forward(self, image: Tensor) -> Found:
+        answer = torch.sigmoid(self.logits(image))
+        return Found(answer[:, :1], answer[:, 1:])
+
+
+class Reader(nn.Module):
+    """Points, box, heights and kind of one hand, from a region around it.
+
+    Args:
+        types: of parts.
+    """
+
+    def __init__(self, types: int) -> None:
+        super().__init__()
+        self.stem = nn.Sequential(_conv(3, 16, 2), _conv(16, 32, 2), _conv(32, 32))  # 24 x 24
+        self.middle = nn.Sequential(_conv(32, 64, 2), _conv(64, 64))  # 12 x 12
+        self.deep = nn.Sequential(_conv(64, 96, 2), _conv(96, 96))  # 6 x 6
+        self.from_deep, self.from_middle, self.from_stem = (
+            nn.Conv2d(96, 48, 1),
+            nn.Conv2d(64, 48, 1),
+            nn.Conv2d(32, 48, 1),
+        )
+        self.mix = _conv(48, 48)
+        self.fine = _conv(48, 48)
+        self.heat = nn.Conv2d(48, len(POINTS), 1)
+        self.facts = nn.Sequential(
+            nn.Linear(96 + 48 + 2 * len(POINTS) + 2, 96), nn.ReLU(), nn.Linear(96, 9 + 1 + types)
+        )
+
+    def raw(self, region: Tensor, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Points (n, 6, 2), facts (n, 10 + types) before their sigmoids, and the heatmaps (n, 6, 24, 24)."""
+        stem = self.stem(normalised(region))
+        middle = self.middle(stem)
+        deep = self.deep(middle)
+        up = self.mix(self.from_middle(middle) + F.interpolate(self.from_deep(deep), scale_factor=2.0))
+        fine = self.fine(self.from_stem(stem) + F.interpolate(up, scale_factor=2.0))
+        heat = self.heat(fine)
+        points = soft_argmax(heat)
+        pooled = [deep.mean(dim=(2, 3)), fine.mean(dim=(2, 3)), points.flatten(1), place]
+        return points, self.facts(torch.cat(pooled, dim=1)), heat
+
+    def forward(self, region: Tensor, place: Tensor) -> Read:
+        points, facts, _ = self.raw(region, place)
+        likely = torch.sigmoid(facts[:, :3])
+        return Read(
+            likely[:, 0],
+            likely[:, 1],
+            likely[:, 2],
+            points,
+            *split_facts(facts)[1:3],
+            torch.softmax(facts[:, 9:], dim=1),
+        )
+
+
+def split_facts(facts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Logits of present, left, acting (n, 3); box (n, 4); heights in [m] (n, 2); logits of what is held."""
+    return facts[:, :3], facts[:, 3:7] + facts.new_tensor([0.2, 0.1, 0.8, 0.9]), 0.1 + 0.1 * facts[:, 7:9], facts[:, 9:]
+
+
+def soft_argmax(heat: Tensor) -> Tensor:
+    """The mean place of each heatmap (n, k, s, s) as shares (n, k, 2) of (column, row)."""
+    weights = torch.softmax(heat.flatten(2), dim=2).view(*heat.shape)
+    middles = (torch.arange(HEAT_PX, dtype=heat.dtype, device=heat.device) + 0.5) / HEAT_PX
+    return torch.stack([(weights.sum(dim=2) * middles).sum(dim=2), (weights.sum(dim=3) * middles).sum(dim=2)], dim=2)
+
+
+def normalised(image: Tensor) -> Tensor:
+    """Each channel about its mean, all of them by one contrast: exposure and white balance leave it alone."""
+    centred = image - image.mean(dim=(2, 3), keepdim=True)
+    contrast = centred.pow(2).mean(dim=(1, 2, 3), keepdim=True).sqrt()
+    return centred / (contrast + LEAST_CONTRAST)
+
+
+def _conv(inside: int, outside: int, stride: int = 1, dilation: int = 1) -> nn.Sequential:
+    convolution = nn.Conv2d(inside, outside, 3, stride, padding=dilation, dilation=dilation, bias=False)
+    return nn.Sequential(convolution, nn.BatchNorm2d(outside), nn.ReLU())
+
+
+FINDER_CELLS = (FINDER_PX[1] // CELL_PX, FINDER_PX[0] // CELL_PX)  # (rows, columns)

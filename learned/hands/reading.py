@@ -1,0 +1,50 @@
+"""What a network tells of one hand in one image, before anything is known of other frames or of the world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from cell.interfaces.pose import Array
+from learned.hands.regions import Image, centre_of
+
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One hand in one image.
+
+    Attributes:
+        confidence, left, acting: probabilities that it is a hand, a left one, the one that works.
+        points_px: (2,) column and row by name: palm, pinch, thumb, index, wrist; held where something is held.
+        box_px: (left, top, right, bottom).
+        heights_m: of palm and pinch over the table.
+        held_part: type of what is held; None where nothing is held, or where it is of no known type.
+    """
+
+    confidence: float
+    left: float
+    acting: float
+    points_px: Mapping[str, Array]
+    box_px: Box
+    heights_m: tuple[float, float]
+    held_part: str | None = None
+
+    @property
+    def centre_px(self) -> Array:
+        """Where a region around the hand is centred."""
+        return centre_of(self.points_px["palm"], self.points_px["pinch"])
+
+
+class HandReader(Protocol):
+    """Reads the hands of single images."""
+
+    def read(self, image: Image, expected_px: Sequence[Array]) -> list[Reading]:
+        """All hands in an RGB image, surest first.
+
+        Args:
+            expected_px: centres (column, row) of hands that should be there, by the frames before.
+        """
+        ...

@@ -1,0 +1,93 @@
+"""Which part of an overhead image the networks look at: all of it, made small, to find hands; a square around each.
+
+A region is as large as a hand with what it holds, whatever the camera: REGION_M at REGION_HEIGHT_M over the table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import CameraSetup
+from cell.interfaces.pose import Array
+
+FINDER_PX = (160, 120)  # (width, height) of the whole image as the finder sees it
+CELL_PX = 8  # of the finder's answer, in its image
+REGION_PX = 96  # side of a region as the reader sees it
+REGION_M, REGION_HEIGHT_M = 0.32, 0.10
+POINTS = ("palm", "pinch", "thumb", "index", "wrist", "held")
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Regions of the images of one camera.
+
+    Attributes:
+        width_px, height_px: size of its images.
+        side_px: of a region in them.
+    """
+
+    width_px: int
+    height_px: int
+    side_px: float
+
+    @staticmethod
+    def of(setup: CameraSetup) -> Regions:
+        """For a camera that looks down on the table."""
+        depth_m = setup.mount.position_m[2] - REGION_HEIGHT_M
+        return Regions(setup.width_px, setup.height_px, REGION_M * setup.focal_px / depth_m)
+
+    @property
+    def size_px(self) -> Array:
+        """(width, height) of the images."""
+        return np.array([self.width_px, self.height_px], dtype=np.float64)
+
+    def small(self, image: Image) -> Image:
+        """The whole image as the finder sees it, (120, 160, 3)."""
+        return cv2.resize(image, FINDER_PX, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+
+    def cut(self, image: Image, centre_px: Array, side_px: int = REGION_PX) -> Image:
+        """The region around a point (column, row), (side, side, 3); grey beyond the image.
+
+        Args:
+            side_px: of the answer; more than REGION_PX takes a larger region at the same scale.
+        """
+        scale = self.side_px / REGION_PX
+        corner = centre_px - scale * (side_px - 1) / 2
+        back = np.array([[scale, 0.0, corner[0]], [0.0, scale, corner[1]]])
+        smooth = cv2.GaussianBlur(image, (0, 0), 0.35 * scale) if scale > 1.5 else image
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        cut = cv2.warpAffine(smooth, back, (side_px, side_px), flags=flags, borderValue=(110, 110, 110))
+        return cut.astype(np.uint8, copy=False)
+
+    def inside(self, points_px: Array, centre_px: Array) -> Array:
+        """Points (..., 2) of the image as shares of the region around a point, 0 to 1."""
+        shares: Array = (points_px - centre_px) / self.side_px + 0.5
+        return shares
+
+    def outside(self, shares: Array, centre_px: Array) -> Array:
+        """The other way round: points of the image from shares of the region."""
+        points: Array = (shares - 0.5) * self.side_px + centre_px
+        return points
+
+    def place(self, centre_px: Array) -> Array:
+        """Where in the image a region is, (2,), 0 in the middle and +-1 at the edges."""
+        place: Array = 2 * (centre_px + 0.5) / self.size_px - 1
+        return place
+
+
+def planes(images: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Images (n, height, width, 3) as a network takes them: (n, 3, height, width), 0 to 1."""
+    scaled: NDArray[np.float32] = images.transpose(0, 3, 1, 2).astype(np.float32, order="C") / np.float32(255)
+    return scaled
+
+
+def centre_of(palm_px: Array, pinch_px: Array) -> Array:
+    """The point of a hand that the finder finds and the reader is centred on."""
+    centre: Array = (palm_px + pinch_px) / 2
+    return centre

@@ -1,0 +1,103 @@
+"""The small hand tracker: one network finds hands in the whole image, another reads each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from cell.interfaces.bench import Bench, CameraSetup
+from cell.interfaces.pose import Array
+from cell.interfaces.product import Product
+from learned.hands.reading import Reading
+from learned.hands.regions import POINTS, Image, Regions, planes
+from learned.hands.tracking import LEAST_CONFIDENCE, HandTracks
+from learned.onnx_model import OnnxModel
+
+FINDER_KIND, READER_KIND = "hands.slim_finder", "hands.slim"
+LEAST_SCORE = 0.25  # of the finder: the reader has the last word
+SAME_SHARE = 0.25  # of a region's side: centres that are nearer are of one hand
+MOST_REGIONS = 4
+
+
+def finder_file(path: Path) -> Path:
+    """The finder's weights, beside those of the reader."""
+    return path.with_name(f"{path.stem}_finder{path.suffix}")
+
+
+def slim_tracker(bench: Bench, product: Product, path: Path) -> HandTracks:
+    """The tracker with the weights of a file.
+
+    Raises:
+        ModelError: the file, or the one beside it, cannot be used.
+    """
+    return HandTracks(bench, SlimReader(bench.overhead, tuple(product.parts), path))
+
+
+class SlimReader:
+    """Reads the hands of single images (HandReader).
+
+    Args:
+        types: of the product's parts; where the weights know others, what is held has no type.
+    """
+
+    def __init__(self, setup: CameraSetup, types: tuple[str, ...], path: Path) -> None:
+        self._regions = Regions.of(setup)
+        self._finder = OnnxModel.load(finder_file(path), FINDER_KIND)
+        self._reader = OnnxModel.load(path, READER_KIND)
+        known = self._reader.card.vocabulary.get("parts", ())
+        self._types: tuple[str | None, ...] = known if known == types else (None,) * len(known)
+
+    def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:
+        """All hands in an RGB image, surest first."""
+        centres = self.find(image)
+        same_px = SAME_SHARE * self._regions.side_px
+        centres += [one for one in expected_px if _apart(one, centres, same_px)]
+        if not centres:
+            return []
+        centres = centres[:MOST_REGIONS]
+        regions = planes(np.stack([self._regions.cut(image, centre) for centre in centres]))
+        places = np.stack([self._regions.place(centre) for centre in centres]).astype(np.float32)
+        answer = self._reader.run({"region": regions, "place": places})
+        found = [
+            self._reading(centre, {name: v[row] for name, v in answer.items()}) for row, centre in enumerate(centres)
+        ]
+        best: list[Reading] = []
+        for reading in sorted(found, key=lambda one: -one.confidence):
+            if reading.confidence >= LEAST_CONFIDENCE and _apart(
+                reading.centre_px, [one.centre_px for one in best], same_px
+            ):
+                best.append(reading)
+        return best
+
+    def find(self, image: Image) -> list[Array]:
+        """Centres (column, row) of what may be hands, likeliest first."""
+        answer = self._finder.run({"image": planes(self._regions.small(image)[np.newaxis])})
+        score, offset = answer["score"][0, 0], answer["offset"][0]
+        peaks = (score >= cv2.dilate(score, np.ones((3, 3), np.uint8))) & (score > LEAST_SCORE)
+        cells = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda cell: -float(score[cell]))
+        shares = [(np.array(cell[::-1]) + offset[(slice(None), *cell)]) / score.shape[::-1] for cell in cells]
+        return [share * self._regions.size_px - 0.5 for share in shares]
+
+    def _reading(self, centre: Array, answer: dict[str, Array]) -> Reading:
+        points = dict(zip(POINTS, self._regions.outside(answer["points"].astype(float), centre), strict=True))
+        corners = self._regions.outside(answer["box"].astype(float).reshape(2, 2), centre)
+        kind = int(answer["held"].argmax())
+        if kind == 0:
+            del points["held"]
+        left, top, right, bottom = (float(value) for value in corners.reshape(4))
+        return Reading(
+            confidence=float(answer["present"]),
+            left=float(answer["left"]),
+            acting=float(answer["acting"]),
+            points_px=points,
+            box_px=(left, top, right, bottom),
+            heights_m=(max(0.0, float(answer["heights_m"][0])), max(0.0, float(answer["heights_m"][1]))),
+            held_part=None if kind == 0 else self._types[kind - 1],
+        )
+
+
+def _apart(point: Array, others: Sequence[Array], least_px: float) -> bool:
+    return all(float(np.linalg.norm(point - other)) >= least_px for other in others)

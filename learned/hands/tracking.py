@@ -1,0 +1,176 @@
+"""Hands over time: which reading belongs to which hand, which hand works, and smooth points in the world."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.pose import Array
+from learned.classical.box_model import View
+from learned.hands.reading import HandReader, Reading
+from learned.hands.regions import Regions
+
+NEW_CONFIDENCE, LEAST_CONFIDENCE = 0.5, 0.3  # of a hand that was not seen before, and of one that was
+LOST_S = 0.25  # after which a hand that comes back is a new one
+NEAR_SHARE = 0.45  # of a region's side: a hand is found again within it
+ACTING_KEEPS = 0.7  # share of the former opinion of which hand works, and of which side it is
+TAKES_OVER = 0.3  # by which another hand must look more like the one that works
+FORMER_S, LATTER = (
+    0.02,
+    0.35,
+)  # smoothing (see `_Smooth`): time constant of a hand at rest, and speed [m/s] that halves it
+
+Point = tuple[float, float]
+
+
+@dataclass
+class _Smooth:
+    """First-order smoothing that gives way to speed (the 1 Euro filter of Casiez 2012, with one constant each)."""
+
+    value: Array
+    speed: Array = field(default_factory=lambda: np.zeros(0))
+
+    def update(self, value: Array, step_s: float) -> Array:
+        """The smoothed value after one more measurement."""
+        raw = (value - self.value) / step_s
+        self.speed = raw if not len(self.speed) else 0.5 * self.speed + 0.5 * raw
+        constant_s = FORMER_S / (1 + float(np.linalg.norm(self.speed)) / LATTER)
+        self.value = self.value + (value - self.value) / (1 + constant_s / step_s)
+        return self.value
+
+
+@dataclass
+class _Track:
+    """One hand."""
+
+    reading: Reading
+    seen_s: float
+    acting: float
+    left: float
+    smooth: dict[str, _Smooth] = field(default_factory=dict)
+    smoothed_s: float = -math.inf
+    speed_px_s: Array = field(default_factory=lambda: np.zeros(2))
+
+    def expected_px(self, time_s: float) -> Array:
+        """Where its region should be now."""
+        centre: Array = self.reading.centre_px + self.speed_px_s * (time_s - self.seen_s)
+        return centre
+
+    def take(self, reading: Reading, time_s: float) -> None:
+        """It was seen again."""
+        step_s = time_s - self.seen_s
+        self.speed_px_s = (reading.centre_px - self.reading.centre_px) / step_s
+        self.acting = ACTING_KEEPS * self.acting + (1 - ACTING_KEEPS) * reading.acting
+        self.left = ACTING_KEEPS * self.left + (1 - ACTING_KEEPS) * reading.left
+        self.reading, self.seen_s = reading, time_s
+
+
+class HandTracks:
+    """Follows the hands that a reader sees (HandTracker)."""
+
+    def __init__(self, bench: Bench, reader: HandReader) -> None:
+        self._setup, self._reader = bench.overhead, reader
+        self._near_px = NEAR_SHARE * Regions.of(bench.overhead).side_px
+        self._tracks: list[_Track] = []
+        self._works: _Track | None = None
+        self._others: tuple[HandSample, ...] = ()
+
+    @property
+    def others(self) -> tuple[HandSample, ...]:
+        """The hands of the last frame that do not work."""
+        return self._others
+
+    def track(self, frame: Frame) -> HandSample | None:
+        """The hand that works, or None where none is in view.
+
+        Raises:
+            DeviceFault: the image has not the size of the camera.
+        """
+        view, now_s = View.of(self._setup.model, frame), frame.time_s
+        self._tracks = [one for one in self._tracks if 0 < now_s - one.seen_s <= LOST_S]
+        readings = self._reader.read(frame.image, [one.expected_px(now_s) for one in self._tracks])
+        self._assign(readings, now_s)
+        seen = [one for one in self._tracks if one.seen_s == now_s]
+        self._choose(seen)
+        samples = {id(one): _sample(one, view, frame) for one in seen}
+        self._others = tuple(samples[id(one)] for one in seen if one is not self._works)
+        return samples.get(id(self._works))
+
+    def _assign(self, readings: list[Reading], now_s: float) -> None:
+        """Give readings to tracks, nearest first; sure ones that are left begin tracks."""
+        pairs = sorted(
+            (float(np.linalg.norm(track.expected_px(now_s) - reading.centre_px)), t, r)
+            for t, track in enumerate(self._tracks)
+            for r, reading in enumerate(readings)
+        )
+        left_tracks, left = set(range(len(self._tracks))), set(range(len(readings)))
+        for away_px, t, r in pairs:
+            if away_px < self._near_px and t in left_tracks and r in left:
+                self._tracks[t].take(readings[r], now_s)
+                left_tracks.discard(t)
+                left.discard(r)
+        for r in sorted(left):
+            if readings[r].confidence >= NEW_CONFIDENCE:
+                self._tracks.append(_Track(readings[r], now_s, readings[r].acting, readings[r].left))
+
+    def _choose(self, seen: list[_Track]) -> None:
+        """Which hand works: the one that did, unless another looks more like it by far."""
+        best = max(seen, key=lambda one: one.acting, default=None)
+        kept = self._works if any(one is self._works for one in seen) else None
+        if best is None or best.acting < 0.5:
+            best = None
+        if kept is not None and (best is None or best.acting < kept.acting + TAKES_OVER):
+            best = kept if kept.acting > 0.5 - TAKES_OVER else best
+        self._works = best
+
+
+def _sample(track: _Track, view: View, frame: Frame) -> HandSample:
+    """A hand in the world."""
+    reading = track.reading
+    palm_m, pinch_m = reading.heights_m
+    heights = {name: palm_m if name in ("palm", "wrist") else pinch_m for name in reading.points_px}
+    world = {
+        name: np.array([*view.on_plane(pixel[np.newaxis], heights[name])[0], heights[name]])
+        for name, pixel in reading.points_px.items()
+    }
+    smooth = _smoothed(track, world, frame.time_s)
+    back = smooth["wrist"][:2] - smooth["palm"][:2]
+    height, width = frame.image.shape[:2]
+    return HandSample(
+        time_s=frame.time_s,
+        box_px=_clipped(reading.box_px, width, height),
+        fingertips_m=_xy(smooth["pinch"]),
+        palm_m=_xy(smooth["palm"]),
+        held_part=reading.held_part,
+        height_m=float(smooth["palm"][2]),
+        side="left" if track.left > 0.5 else "right",
+        thumb_m=_xy(smooth["thumb"]),
+        index_m=_xy(smooth["index"]),
+        held_m=_xy(smooth["held"]) if "held" in smooth else None,
+        forearm_rad=math.atan2(back[1], back[0]),
+        confidence=reading.confidence,
+    )
+
+
+def _smoothed(track: _Track, world: Mapping[str, Array], time_s: float) -> dict[str, Array]:
+    """Points (3,) by name, smoothed over the frames in which they were seen."""
+    step_s, track.smoothed_s = time_s - track.smoothed_s, time_s
+    track.smooth = {name: track.smooth.get(name, _Smooth(point)) for name, point in world.items()}
+    return {name: one.update(world[name], step_s) for name, one in track.smooth.items()}
+
+
+def _clipped(box: tuple[float, float, float, float], width: int, height: int) -> tuple[int, int, int, int]:
+    left, top = (
+        int(np.clip(math.floor(value), 0, most - 1)) for value, most in zip(box[:2], (width, height), strict=True)
+    )
+    right, bottom = (math.ceil(value) for value in box[2:])
+    return left, top, int(np.clip(right, left + 1, width)), int(np.clip(bottom, top + 1, height))
+
+
+def _xy(point: Array) -> Point:
+    return float(point[0]), float(point[1])

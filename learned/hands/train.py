@@ -1,0 +1,280 @@
+"""Training of the small tracker's two networks. Imports torch: never at run time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from cell.interfaces.bench import CameraSetup
+from cell.interfaces.product import Product
+from learned.fitting import Checkpoint, fit
+from learned.hands.augment import varied
+from learned.hands.dataset import PATCH_PX, HandData, load_hands
+from learned.hands.networks import FINDER_CELLS, HEAT_PX, Finder, Found, Read, Reader, split_facts
+from learned.hands.regions import REGION_PX, planes
+from learned.hands.slim import FINDER_KIND, READER_KIND, finder_file
+from learned.onnx_model import ModelCard
+from learned.torch_model import TorchModel, write_weights
+
+EPOCHS = 20
+BATCH = 32
+LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-2
+LARGEST_GRADIENT = 5.0
+SHIFT_PX = (PATCH_PX - REGION_PX) // 2  # of a region about its hand, in training
+HEAT_SPREAD = 1.0  # cells, of the target of a heatmap
+FOCAL_NEAR, FOCAL_EASY = 4, 2  # powers of the focal loss of CornerNet (Law 2018)
+WEIGHTS = {
+    "points": 10.0,
+    "heat": 0.1,
+    "box": 2.0,
+    "heights": 10.0,
+    "present": 1.0,
+    "side": 0.5,
+    "acting": 0.5,
+    "held": 0.3,
+}
+MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
+
+
+@dataclass(frozen=True)
+class Training:
+    """What is trained on, and how long."""
+
+    data: HandData
+    seed: int
+    epochs: int = EPOCHS
+    quiet: bool = False
+
+
+def train_hands(
+    folder: Path,
+    setup: CameraSetup,
+    product: Product,
+    out: Path,
+    seed: int,
+    *,
+    score: Callable[[], dict[str, float]],
+    epochs: int = EPOCHS,
+    command: str = "cell train hands",
+    quiet: bool = False,
+) -> dict[str, float]:
+    """Train both networks and write them, the reader to `out` and the finder beside it.
+
+    Args:
+        folder: of `cell data hands`.
+        score: scores of the tracker that reads `out`.
+
+    Returns:
+        The scores.
+
+    Raises:
+        InputError: the folder cannot be used.
+    """
+    types = tuple(product.parts)
+    training = Training(load_hands(folder, setup, types, seed), seed, epochs, quiet)
+    card = ModelCard(
+        kind=FINDER_KIND,
+        config={
+            "epochs": epochs,
+            "batch": BATCH,
+            "frames": len(training.data.small),
+            "hands": int(_hands(training.data)),
+        },
+        vocabulary={"parts": types},
+        data_sha256=training.data.sha256,
+        command=command,
+        seed=seed,
+    )
+    finder = fit_finder(training, out.with_suffix(".finder.checkpoint"))
+    small = {"image": planes(training.data.small[:1])}
+    write_weights(TorchModel(finder, Found._fields, card), finder_file(out), [small], dict)
+    reader = fit_reader(training, len(types), out.with_suffix(".checkpoint"))
+    region = {"region": planes(_middle(training.data.patches[:2])), "place": training.data.places[:2]}
+    model = TorchModel(reader, Read._fields, card.model_copy(update={"kind": READER_KIND}))
+    return write_weights(model, out, [region], score, any_rows=True)
+
+
+def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:
+    """Train the network that finds hands in whole images."""
+    torch.manual_seed(training.seed)
+    rng = np.random.default_rng([training.seed, 6])
+    data, network = training.data, Finder()
+    target, offset, near = finder_targets(data)
+
+    def losses(_: int) -> Iterator[Tensor]:
+        for rows in _batches(len(data.small), rng):
+            flip = rng.random() < 0.5
+            images, _mixed = varied(torch.from_numpy(planes(data.small[rows])), rng)
+            wanted = [torch.from_numpy(one[rows]) for one in (target, offset, near)]
+            if flip:
+                images, wanted = images.flip(-1), [one.flip(-1) for one in wanted]
+                wanted[1][:, 0] = 1 - wanted[1][:, 0]
+            yield finder_loss(network.logits(images), *wanted)
+
+    _fit(network, losses, len(data.small), training, rng, checkpoint)
+    return network
+
+
+def finder_targets(data: HandData) -> tuple[NDArray[np.float32], ...]:
+    """By frame and cell: score (n, 1, r, c), offset (n, 2, r, c), and weight (n, 1, r, c), 0 where nobody knows."""
+    rows, columns = FINDER_CELLS
+    score = np.zeros((len(data.small), 1, rows, columns), np.float32)
+    offset = np.full((len(data.small), 2, rows, columns), 0.5, np.float32)
+    weight = np.ones_like(score)
+    line, column = np.mgrid[0:rows, 0:columns] + 0.5
+    for hands, sure in ((data.unsure, False), (data.centres, True)):
+        for frame, x, y in hands:
+            away = (column - x * columns) ** 2 + (line - y * rows) ** 2
+            one = int(frame)
+            if not sure:
+                weight[one, 0][away < 4] = 0
+                continue
+            cell = min(rows - 1, int(y * rows)), min(columns - 1, int(x * columns))
+            score[one, 0] = np.maximum(score[one, 0], np.exp(-away / 1.5))
+            score[one, 0][cell] = 1.0
+            weight[one, 0][away < 4] = 1
+            offset[(one, slice(None), *cell)] = x * columns - cell[1], y * rows - cell[0]
+    return score, offset, weight
+
+
+def finder_loss(logits: Tensor, score: Tensor, offset: Tensor, weight: Tensor) -> Tensor:
+    """Focal loss of the scores, mean distance of the offsets, for each hand."""
+    found = torch.sigmoid(logits[:, :1]).clamp(1e-4, 1 - 1e-4)
+    hit = score == 1
+    right = -((1 - found) ** FOCAL_EASY) * found.log()
+    wrong = -((1 - score) ** FOCAL_NEAR) * found**FOCAL_EASY * (1 - found).log()
+    away = (torch.sigmoid(logits[:, 1:]) - offset).abs().sum(dim=1, keepdim=True)
+    total = (torch.where(hit, right + away, wrong) * weight).sum()
+    return total / hit.sum().clamp(min=1)
+
+
+def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -> Reader:
+    """Train the network that reads one hand."""
+    torch.manual_seed(training.seed)
+    rng = np.random.default_rng([training.seed, 7])
+    data, network = training.data, Reader(types)
+
+    def losses(_: int) -> Iterator[Tensor]:
+        for rows in _batches(len(data.patches), rng):
+            yield reader_loss(network, reader_batch(data, rows, rng))
+
+    _fit(network, losses, len(data.patches), training, rng, checkpoint)
+    return network
+
+
+def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generator) -> dict[str, Tensor]:
+    """Regions that do not quite sit on their hands, half of them mirrored, with what is true of them."""
+    shifts = np.clip(rng.normal(0.0, SHIFT_PX / 2.5, (len(rows), 2)).round(), -SHIFT_PX, SHIFT_PX).astype(int)
+    cuts = [
+        data.patches[row, SHIFT_PX + y : SHIFT_PX + y + REGION_PX, SHIFT_PX + x : SHIFT_PX + x + REGION_PX]
+        for row, (x, y) in zip(rows, shifts, strict=True)
+    ]
+    moved = (shifts / REGION_PX).astype(np.float32)
+    arrays = {
+        "region": planes(np.stack(cuts)),
+        "points": data.points[rows] - moved[:, np.newaxis],
+        "box": data.boxes[rows] - np.tile(moved, 2),
+        "facts": data.facts[rows],
+        "heights": data.heights_m[rows],
+        "held": data.held[rows],
+        "place": data.places[rows],
+    }
+    batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(one)) for name, one in arrays.items()}
+    batch["region"], mixed = varied(batch["region"], rng)
+    batch["paint"] = mixed < MIXED
+    return _mirrored(batch, torch.from_numpy(rng.random(len(rows)) < 0.5))
+
+
+def _mirrored(batch: dict[str, Tensor], chosen: Tensor) -> dict[str, Tensor]:
+    """The chosen rows seen in a mirror: a left hand becomes a right one."""
+    hand = chosen & (batch["facts"][:, 0] > 0)
+    batch["region"] = torch.where(chosen[:, None, None, None], batch["region"].flip(-1), batch["region"])
+    side = torch.tensor([1.0, 0.0])
+    batch["points"] = torch.where(
+        chosen[:, None, None], side - batch["points"] * torch.tensor([1.0, -1.0]), batch["points"]
+    )
+    left, top, right, bottom = batch["box"].unbind(dim=1)
+    batch["box"] = torch.where(chosen[:, None], torch.stack([1 - right, top, 1 - left, bottom], dim=1), batch["box"])
+    batch["place"] = torch.where(chosen[:, None], batch["place"] * torch.tensor([-1.0, 1.0]), batch["place"])
+    batch["facts"][:, 1] = torch.where(hand, 1 - batch["facts"][:, 1], batch["facts"][:, 1])
+    return batch
+
+
+def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
+    """The weighted sum of all losses; only presence where there is no hand."""
+    points, facts, heat = network.raw(batch["region"], batch["place"])
+    logits, box, heights, held = split_facts(facts)
+    hand = batch["facts"][:, 0] > 0
+    known = ((batch["points"] > 0) & (batch["points"] < 1)).all(dim=2) & hand[:, None]
+    wanted = torch.nan_to_num(batch["points"])
+    likely = F.binary_cross_entropy_with_logits(logits, batch["facts"], reduction="none")
+    typed = hand & batch["paint"]
+    terms = {
+        "points": _mean((points - wanted).abs().sum(dim=2), known),
+        "heat": _mean(-(heat_target(wanted) * F.log_softmax(heat.flatten(2), dim=2)).sum(dim=2), known),
+        "box": _mean((box - batch["box"].clamp(-0.2, 1.2)).abs().mean(dim=1), hand),
+        "heights": _mean((heights - batch["heights"]).abs().mean(dim=1), hand),
+        "present": likely[:, 0].mean(),
+        "side": _mean(likely[:, 1], hand),
+        "acting": _mean(likely[:, 2], hand),
+        "held": _mean(F.cross_entropy(held, batch["held"], reduction="none"), typed),
+    }
+    return torch.stack([WEIGHTS[name] * term for name, term in terms.items()]).sum()
+
+
+def heat_target(points: Tensor) -> Tensor:
+    """Normal distributions about points (n, k, 2), as (n, k, cells) that sum to 1."""
+    middles = torch.arange(HEAT_PX) + 0.5
+    away = ((points[..., None] * HEAT_PX - middles) / HEAT_SPREAD).pow(2)  # (n, k, 2, s)
+    logits = -(away[:, :, 1, :, None] + away[:, :, 0, None, :]) / 2
+    return torch.softmax(logits.flatten(2), dim=2)
+
+
+def _mean(values: Tensor, chosen: Tensor) -> Tensor:
+    return (values * chosen).sum() / chosen.sum().clamp(min=1)
+
+
+def _fit(
+    network: nn.Module,
+    losses: Callable[[int], Iterator[Tensor]],
+    rows: int,
+    training: Training,
+    rng: np.random.Generator,
+    checkpoint: Path | None,
+) -> None:
+    optimiser = torch.optim.AdamW(network.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    identity = f"{type(network).__name__} {training.data.sha256} {training.seed} {training.epochs}"
+    fit(
+        network,
+        optimiser,
+        losses,
+        training.epochs,
+        len(range(0, rows - BATCH + 1, BATCH)),
+        largest_gradient=LARGEST_GRADIENT,
+        rng=rng,
+        checkpoint=None if checkpoint is None else Checkpoint(checkpoint, identity),
+        quiet=training.quiet,
+    )
+
+
+def _batches(rows: int, rng: np.random.Generator) -> Iterator[NDArray[np.int64]]:
+    """Whole batches in a new order."""
+    order = rng.permutation(rows)
+    for start in range(0, rows - BATCH + 1, BATCH):
+        yield np.sort(order[start : start + BATCH])
+
+
+def _middle(patches: NDArray[np.uint8]) -> Any:
+    return patches[:, SHIFT_PX : SHIFT_PX + REGION_PX, SHIFT_PX : SHIFT_PX + REGION_PX]
+
+
+def _hands(data: HandData) -> float:
+    return float(data.facts[:, 0].sum())

@@ -1,0 +1,158 @@
+"""MediaPipe's networks without MediaPipe: what is computed around them, and what is said where they are missing."""
+
+import json
+import math
+import zipfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from cell.interfaces.errors import InputError, ModelError
+from cell.interfaces.pose import Array
+from learned.hands.mediapipe.fetch import fetch
+from learned.hands.mediapipe.files import model_folder, network_file
+from learned.hands.mediapipe.hands import MediaPipeHands, apart
+from learned.hands.mediapipe.landmarks import Landmarks
+from learned.hands.mediapipe.palms import ANCHORS, Palm, Roi, averaged, overlaps, wrapped
+from learned.hands.mediapipe.photographs import compare_photographs, load_truth, pair_errors
+from learned.hands.mediapipe.tracker import mediapipe_tracker
+from learned.hands.mediapipe.warp import square
+from learned.hands.regions import Image
+
+HAND = np.array([[0.0, 0.0], *([[10.0 * finger, -40.0 - 15 * joint] for finger in range(-2, 3) for joint in range(4)])])
+
+
+def turned(points: Array, angle_rad: float) -> Array:
+    """Clockwise on the screen."""
+    cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
+    found: Array = points @ np.array([[cosine, sine], [-sine, cosine]])
+    return found
+
+
+def landmarks(points: Array) -> Landmarks:
+    return Landmarks(points, np.zeros((21, 3)), 1.0, 0.0)
+
+
+def test_anchors_are_two_grids_row_by_row() -> None:
+    assert ANCHORS.shape == (2016, 2)
+    assert np.allclose(ANCHORS[:3], [[0.5 / 24, 0.5 / 24], [0.5 / 24, 0.5 / 24], [1.5 / 24, 0.5 / 24]])
+    assert np.allclose(ANCHORS[1152], [0.5 / 12, 0.5 / 12])
+    assert np.allclose(ANCHORS.mean(axis=0), 0.5)
+
+
+def test_what_overlaps_is_averaged_by_scores_and_the_best_score_stays() -> None:
+    box = np.array([[0.0, 0.0], [1.0, 1.0]])
+    rows = np.stack([box, box + 0.1, box + 5.0])
+    (score, first), (other, second) = averaged(np.array([0.6, 0.9, 0.7]), rows)
+    assert (score, other) == (0.9, 0.7)
+    assert np.allclose(first, (0.6 * rows[0] + 0.9 * rows[1]) / 1.5)
+    assert np.allclose(second, rows[2])
+    assert np.allclose(overlaps(box, rows), [1.0, 0.81 / 1.19, 0.0])
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.7, -2.0, 3.0])
+def test_regions_turn_with_the_hand(angle_rad: float) -> None:
+    upright, other = landmarks(HAND).roi, landmarks(turned(HAND, angle_rad) + 300).roi
+    assert upright.turn_rad == pytest.approx(0.0)
+    assert wrapped(other.turn_rad - angle_rad) == pytest.approx(0.0, abs=1e-9)
+    assert other.side_px == pytest.approx(upright.side_px)
+    assert np.allclose(turned(upright.centre_px, angle_rad) + 300, other.centre_px)
+    palm = Palm(1.0, np.array([0.0, -30.0, 50.0, 50.0]), HAND[[0, 5, 9, 13, 17, 1, 2]])
+    keypoints = turned(palm.keypoints_px, angle_rad)
+    middle = turned(palm.box_px[:2], angle_rad)
+    assert np.allclose(
+        Palm(1.0, np.array([*middle, 50.0, 50.0]), keypoints).roi.centre_px, turned(palm.roi.centre_px, angle_rad)
+    )
+
+
+def test_a_square_shows_what_its_shares_say() -> None:
+    image = np.zeros((200, 300, 3), np.uint8)
+    roi = Roi(np.array([150.0, 90.0]), 80.0, 0.5)
+    spot = roi.outside(np.array([[0.25, -0.1]]))[0]
+    cv2.circle(image, (round(spot[0]), round(spot[1])), 3, (255, 255, 255), -1)
+    corners = roi.outside(np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5]])).astype(np.float32)
+    onto = cv2.getAffineTransform(corners, np.array([[0, 0], [224, 0], [0, 224]], np.float32))
+    cut = square(image, onto, 224, cv2.BORDER_REPLICATE)[0, :, :, 0]
+    row, column = (places.mean() for places in np.nonzero(cut > 0.5))
+    assert (column / 224 - 0.5, row / 224 - 0.5) == (pytest.approx(0.25, abs=0.02), pytest.approx(-0.1, abs=0.02))
+
+
+def test_one_hand_is_looked_at_once() -> None:
+    first, near, far = (Roi(np.array([x, 50.0]), 40.0, 0.0) for x in (50.0, 55.0, 120.0))
+    assert apart([first, near, far]) == [first, far]
+
+
+def test_errors_are_shares_of_the_palm_and_hands_are_paired_once() -> None:
+    length = float(np.linalg.norm(HAND[9] - HAND[0]))
+    assert pair_errors([HAND + 500, HAND], [HAND, HAND + 500]) == [0.0, 0.0]
+    assert pair_errors([HAND + np.array([0.1 * length, 0.0])], [HAND, HAND + 500]) == [pytest.approx(0.1)]
+    assert pair_errors([], [HAND]) == []
+
+
+class OneHand(MediaPipeHands):
+    """Sees one hand in each picture that is not black."""
+
+    def __init__(self) -> None:
+        pass
+
+    def picture(self, image: Image) -> list[Landmarks]:
+        return [landmarks(HAND + 100)] if image.any() else []
+
+
+def test_photographs_are_compared_with_what_is_given(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    for name, level in (("bright.png", 200), ("sub/dark.png", 0)):
+        cv2.imwrite(str(tmp_path / name), np.full((50, 60, 3), level, np.uint8))
+    truth = tmp_path / "truth.json"
+    truth.write_text(json.dumps({"bright.png": [(HAND + 100).tolist()], "sub/dark.png": [HAND.tolist()]}))
+    answer = compare_photographs(OneHand(), tmp_path, load_truth(truth, tmp_path))
+    assert answer == {"photos": 2, "same_number": 1, "hands": 1, "error_p50": 0.0, "error_p90": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("[]", "must be an object"),
+        ("{", "is not JSON"),
+        ('{"none.png": []}', "no such file"),
+        ('{"a.png": [[[1, 2]]]}', "21 x"),
+        ('{"a.png": "x"}', "21 x"),
+        (json.dumps({"a.png": [[[1, True]] * 21]}), "21 x"),
+        (json.dumps({"a.png": [[[1, float("nan")]] * 21]}), "21 x"),
+    ],
+)
+def test_a_wrong_file_of_landmarks_is_refused(tmp_path: Path, content: str, said: str) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((9, 9, 3), np.uint8))
+    (tmp_path / "truth.json").write_text(content)
+    with pytest.raises(InputError, match=said):
+        load_truth(tmp_path / "truth.json", tmp_path)
+
+
+def test_missing_networks_are_said_with_what_fetches_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    configuration = load_configuration()
+    assert model_folder() == tmp_path / "cell" / "mediapipe"
+    weights = network_file(model_folder(), "landmark", "lite")
+    with pytest.raises(ModelError, match="make hands"):
+        mediapipe_tracker(configuration.bench, load_product(configuration), weights)
+
+
+def test_a_wheel_of_something_else_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    wheel = tmp_path / "other.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr("other-1.dist-info/LICENSE", "text")
+    (tmp_path / "no.whl").write_text("no archive")
+    with pytest.raises(InputError, match="holds no mediapipe"):
+        fetch(tmp_path / "out", wheel)
+    with pytest.raises(InputError, match="cannot be read as a wheel"):
+        fetch(tmp_path / "out", tmp_path / "no.whl")
+    with zipfile.ZipFile(wheel, "a") as archive:
+        for name in ("palm_detection/palm_detection", "hand_landmark/hand_landmark"):
+            for size in ("lite", "full"):
+                archive.writestr(f"mediapipe/modules/{name}_{size}.tflite", b"no graph")
+    with pytest.raises(InputError, match="is not that of"):
+        fetch(tmp_path / "out", wheel)
+    assert not (tmp_path / "out").exists()

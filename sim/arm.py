@@ -38,11 +38,7 @@ class SimArm:
     def __init__(self, world: World, keep_alive_s: float = KEEP_ALIVE_S, trailing_s: float = 0.0) -> None:
         self._world = world
         self._period_s = world.physics.control_period_s
-        model = world.model
-        stiffness = model.actuator_gainprm[world.arm_ctrl, 0]
-        damping = -model.actuator_biasprm[world.arm_ctrl, 2] + model.dof_damping[world.arm_qvel]
-        # A servo trails a moving set point by so much time; leading the set point by it makes up for it.
-        self._lag_s = damping / stiffness - trailing_s
+        self._lag_s = servo_lag_s(world) - trailing_s
         self._keep_alive_s = keep_alive_s
         self._reference = self._positions()[np.newaxis]
         self._progress = 0.0  # in control periods along the reference
@@ -217,3 +213,11 @@ class SimArm:
                 f"trajectory moves {JOINTS[joint]} at {speeds[joint]:.2f} rad/s, "
                 f"limit {SPEED_LIMITS_RAD_S[joint]:.2f} rad/s",
             )
+
+
+def servo_lag_s(world: World) -> Array:
+    """How far each servo trails a moving set point, (6,) as time; leading the set point by it makes up for it."""
+    model = world.model
+    stiffness: Array = model.actuator_gainprm[world.arm_ctrl, 0]
+    damping: Array = -model.actuator_biasprm[world.arm_ctrl, 2] + model.dof_damping[world.arm_qvel]
+    return damping / stiffness

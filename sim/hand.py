@@ -25,9 +25,9 @@ TIP_RADIUS_M = 0.0075
 TIP_REACH_M = 0.0135  # the tips end this far ahead of the hand frame's origin
 MAX_GAP_M = 0.11
 
-# Against palette.PART_TOUCH: flesh touches parts. Each shape has a hidden twin of the same size that touches the robot,
-# with the stiffness of a person: ISO/TS 15066, Table A.3, gives 75 N/mm for hands and 40 N/mm for forearms.
-CONTYPE, CONAFFINITY = 4, 2
+# Flesh touches parts, table, bins and bracket (sim/palette.py). Each shape has a hidden twin of the same size that
+# touches the robot, as stiff as a person: ISO/TS 15066, Table A.3, gives 75 N/mm for hands and 40 N/mm for forearms.
+CONTYPE, CONAFFINITY = 4, 3
 HAND_N_M, FOREARM_N_M = 75e3, 40e3
 MOVING_MASS_KG = 1.1  # of hand and forearm here; MuJoCo takes stiffness for each kilogram
 SKIN_DAMPING = 0.6  # of 2 for critical damping: flesh is soft and dull
@@ -36,9 +36,11 @@ PUSH_N, TWIST_NM, PINCH_N = 150.0, 8.0, 150.0  # the most that the person's arm,
 
 GANTRY = ("hand_x", "hand_y", "hand_z", "hand_yaw")
 WRIST_JOINTS = ("hand_tilt", "hand_roll")  # of a person whose wrist does more than turn
+CURL_JOINT = "hand_curl"  # of a person whose ring and little finger do not always lie alike
 DIGITS = ("hand_thumb", "hand_index")
 GANTRY_KP = (8000.0, 8000.0, 8000.0, 80.0)  # N/m and N m/rad: a held part sags by less than 0.5 mm
 DIGIT_KP = 2500.0
+CURL_KP, CURL_NM = 5.0, 2.0
 CONTROL_FILTER_S = 0.012  # smooths the steps of the 8 ms control period
 
 NO_TOUCH = {"contype": 0, "conaffinity": 0}
@@ -66,17 +68,21 @@ INDEX: tuple[Segment, ...] = (
     ((0.022, 0.0225, 0.006), (0.036, 0.028, 0.032), 0.0075),  # the middle finger, close beside
     ((0.034, 0.028, 0.032), (0.072, 0.032, 0.050), 0.0090),
 )
-CURLED: tuple[Segment, ...] = (
+BACK: tuple[Segment, ...] = (
     ((0.076, 0.008, 0.049), (0.090, 0.066, 0.050), 0.0115),  # knuckles
     ((0.085, 0.012, 0.049), (0.135, 0.026, 0.052), 0.0130),  # heel of the thumb
     ((0.068, -0.010, 0.034), (0.100, 0.014, 0.044), 0.0110),  # web of the thumb
     ((0.092, 0.064, 0.050), (0.140, 0.050, 0.053), 0.0120),  # outer edge of the palm
+)
+CURL_AXIS_M = (0.086, 0.060, 0.051)  # the knuckles that ring and little finger bend at
+FINGERS: tuple[Segment, ...] = (
     ((0.046, 0.054, 0.020), (0.052, 0.054, 0.042), 0.0080),  # ring finger
     ((0.052, 0.054, 0.042), (0.082, 0.054, 0.052), 0.0085),
     ((0.062, 0.070, 0.024), (0.066, 0.070, 0.042), 0.0070),  # little finger
     ((0.066, 0.070, 0.042), (0.090, 0.068, 0.050), 0.0075),
 )
 TOOL_AWAY_M = 1.6
+TOOL_FRICTION = (0.3, 0.005, 0.0001)  # metal on metal
 TOOL = (  # from, to, radius in [m], colour
     ((0.0, 0.0, -0.065), (0.0, 0.0, 0.0), 0.003, (0.5, 0.5, 0.52)),
     ((0.0, 0.0, 0.0), (0.02, 0.0, 0.06), 0.011, (0.75, 0.55, 0.1)),
@@ -98,8 +104,9 @@ def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.per
         for name, axis in zip(WRIST_JOINTS, ((0, -1, 0), (1, 0, 0)), strict=True):
             hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, armature=0.004)
     _add_ellipsoid(hand, PALM_M, (0.048, 0.043, 0.018), mass_kg=0.3)
-    for segment in CURLED:
+    for segment in BACK:
         _add_capsule(hand, segment, mass_kg=0.02)
+    _add_fingers(hand, habits.grip.curls)
     _add_capsule(hand, WRIST, mass_kg=0.2, forearm=True)
     _add_capsule(hand, SLEEVE, mass_kg=0.2, forearm=True, material="hand_sleeve")
     for name, outwards, segments in ((DIGITS[0], -1, _thumb(habits.grip.thumb_m)), (DIGITS[1], 1, INDEX)):
@@ -110,6 +117,7 @@ def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.per
     forces = (PUSH_N,) * 3 + (TWIST_NM, PINCH_N, PINCH_N)
     motors = [*zip(GANTRY + DIGITS, (*GANTRY_KP, DIGIT_KP, DIGIT_KP), forces, strict=True)]
     motors += [(name, GANTRY_KP[3], TWIST_NM) for name in WRIST_JOINTS if habits.grip.tilts]
+    motors += [(CURL_JOINT, CURL_KP, CURL_NM)] if habits.grip.curls else []
     for name, kp, most in motors:
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-most, most])
         motor.set_to_position(kp=kp, dampratio=1.0, timeconst=CONTROL_FILTER_S)
@@ -118,19 +126,25 @@ def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.per
         _add_tool(spec, hand)
 
 
+def _add_fingers(hand: mujoco.MjsBody, curls: bool) -> None:
+    """Ring and little finger, on a joint of their own where they bend and stretch."""
+    body = hand
+    if curls:
+        body = hand.add_body(name="hand_fingers", gravcomp=1)
+        axis = {"axis": (0, -1, 0), "pos": CURL_AXIS_M, "armature": 0.001}
+        body.add_joint(name=CURL_JOINT, type=mujoco.mjtJoint.mjJNT_HINGE, **axis)
+    for segment in FINGERS:
+        _add_capsule(body, segment, mass_kg=0.02)
+
+
 def _add_tool(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
-    """A screwdriver that touches nothing; where it is not needed, it is far behind the person, out of every view."""
+    """A screwdriver; where it is not needed, it is far behind the person, out of every view."""
     tool = hand.add_body(name="hand_tool", pos=(TOOL_AWAY_M, 0, 0), gravcomp=1)
     tool.add_joint(name="hand_tool", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(1, 0, 0), armature=0.01)
     for start, end, radius_m, rgb in TOOL:
-        tool.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=(*start, *end),
-            size=(radius_m, 0, 0),
-            mass=0.0005,
-            rgba=(*rgb, 1.0),
-            **NO_TOUCH,
-        )
+        shape = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": (*start, *end), "size": (radius_m, 0, 0)}
+        tool.add_geom(**shape, mass=0.0005, rgba=(*rgb, 1.0), **{**FLESH_TOUCH, "friction": TOOL_FRICTION})
+        _add_skin(tool, shape, HAND_N_M)
     motor = spec.add_actuator(name="hand_tool", target="hand_tool", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     motor.set_to_position(kp=100.0, dampratio=1.0)
 
@@ -165,7 +179,8 @@ class Hand:
         self._motors = [int(model.actuator(name).id) for name in GANTRY + DIGITS]
         names = {model.actuator(index).name for index in range(model.nu)}
         self._tool = int(model.actuator("hand_tool").id) if "hand_tool" in names else None
-        self._wrist = [int(model.actuator(name).id) for name in WRIST_JOINTS if name in names]
+        self._wrist = [int(model.actuator(name).id) for name in (*WRIST_JOINTS, CURL_JOINT) if name in names]
+        self._wrist_values = [index for index, name in enumerate((*WRIST_JOINTS, CURL_JOINT)) if name in names]
 
     @property
     def position_m(self) -> Array:
@@ -201,6 +216,7 @@ class Hand:
         gap_m: float,
         tilt_rad: float = 0.0,
         roll_rad: float = 0.0,
+        curl_rad: float = 0.0,
         *,
         tool: bool = False,
     ) -> None:
@@ -208,12 +224,14 @@ class Hand:
 
         Args:
             tilt_rad, roll_rad: fingers down, and leaning to the right; a hand without such a wrist ignores them.
+            curl_rad: ring and little finger bent by so much more than usual, or stretched; may be ignored, too.
             tool: hold the tool, if the person has one.
         """
         if self._tool is not None:
             self._data.ctrl[self._tool] = -TOOL_AWAY_M if tool else 0.0
         if self._wrist:
-            self._data.ctrl[self._wrist] = tilt_rad, roll_rad
+            values = tilt_rad, roll_rad, curl_rad
+            self._data.ctrl[self._wrist] = [values[index] for index in self._wrist_values]
         self._data.ctrl[self._motors[:3]] = position_m - self._rest_m
         self._data.ctrl[self._motors[3]] = yaw_rad
         self._data.ctrl[self._motors[4:]] = min(gap_m, MAX_GAP_M) / 2

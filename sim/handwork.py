@@ -13,7 +13,7 @@ from cell.interfaces.product import PartType, Product
 from sim.hand import Hand
 from sim.hand_motion import at_pace, min_jerk, plan_reach
 from sim.person import Person, drawn
-from sim.pinch import widest, widest_near_end
+from sim.pinch import top_m, widest, widest_near_end
 from sim.worker_sight import SeenPart, Sight
 
 Script = Iterator[None]
@@ -24,6 +24,9 @@ RELAXED_GAP_M = 0.025
 SQUEEZE_M = 0.016  # commanded below the part's width: 20 N a finger
 LOST_GRIP_M = 0.006  # gap this far below the part's width: nothing is between the fingers
 LOST_PART_M = 0.07
+CLOSED_M = 0.002  # gap this far above the part's width: the fingers lie against it
+BEFORE_PART_M = 0.06  # in front of a part that is held out
+LETS_GO_S = 0.7  # how long a robot takes to notice and to open its fingers
 MOST_YAW_RAD = 1.3
 BEFORE_HOLE_M = 0.012  # of the peg's tip over the plate before the insertion
 PRESS_M = 0.001
@@ -33,7 +36,9 @@ FINGERS_S, LOOK_S = 0.25, 0.12
 BACK_OFF_M = 0.07
 CAREFUL, STEADY = 0.45, 0.7  # haste
 ARCH_M = 0.04
-TOOL_M = 0.07  # from the fingertips to the end of a tool
+TOOL_M = 0.068  # from the fingertips to the end of a tool
+TOOL_PRESS_M = 0.001  # how far the hand goes on when the tool meets the part: 8 N
+TAKE_TOOL_S = 0.4
 SCREW_EASE_S = 0.4
 
 
@@ -53,6 +58,7 @@ class GripStyle:
 
     tilt_rad: float
     roll_rad: float
+    curl_rad: float
     from_middle_m: float | None
     open_m: float
 
@@ -62,7 +68,7 @@ class Handwork:
 
     Attributes:
         position_m, yaw_rad, gap_m: commanded to the hand at the end of each period.
-        wrist_rad: tilt and roll (2,), commanded with them.
+        wrist_rad: tilt, roll and curl (3,), commanded with them.
         tool_out: there is a tool in the hand.
         pace: how fast this person is, as a factor.
         clear_height_m: of a carried body's bottom, at which it passes over everything in the bracket.
@@ -95,7 +101,7 @@ class Handwork:
         self.position_m = hand.position_m
         self.yaw_rad = hand.yaw_rad
         self.gap_m = RELAXED_GAP_M
-        self.wrist_rad = np.zeros(2)
+        self.wrist_rad = np.zeros(3)
         self.tool_out = False
 
     def send(self) -> None:
@@ -118,7 +124,7 @@ class Handwork:
         arch_m: float = 0.0,
         haste: float = 1.0,
         duration_s: float | None = None,
-        wrist_rad: tuple[float, float] | None = None,
+        wrist_rad: tuple[float, float, float] | None = None,
     ) -> Script:
         """One reach; wrist and fingers move along with it. It takes as long as is drawn, or as it is told."""
         path = plan_reach(self.position_m, target_m, self._motion, self._rng, arch_m=arch_m, haste=haste)
@@ -128,7 +134,7 @@ class Handwork:
         yaw_by = 0.0 if yaw_rad is None else yaw_rad - yaw_from
         gap_by = 0.0 if gap_m is None else gap_m - gap_from
         wrist_from = self.wrist_rad
-        wrist_by = np.zeros(2) if wrist_rad is None else np.array(wrist_rad) - wrist_from
+        wrist_by = np.zeros(3) if wrist_rad is None else np.array(wrist_rad) - wrist_from
         elapsed_s = 0.0
         while elapsed_s < path.duration_s:
             elapsed_s += self.dt_s
@@ -144,7 +150,7 @@ class Handwork:
         grip_m, across_m, top_m = self._grip(seen, yaw_rad)
         over_m = np.array([grip_m[0], grip_m[1], top_m + HOVER_M])
         _, width_m = self._pinch_place(self._product.parts[seen.part])
-        wrist_rad = (self._style.tilt_rad, self._style.roll_rad)
+        wrist_rad = (self._style.tilt_rad, self._style.roll_rad, self._style.curl_rad)
         yield from self.reach(over_m, yaw_rad, across_m + self._style.open_m, arch_m=ARCH_M, wrist_rad=wrist_rad)
         yield from self.reach(grip_m, haste=STEADY)
         yield from self.pinch(width_m - SQUEEZE_M)
@@ -152,6 +158,24 @@ class Handwork:
         if self.holds(seen.body):
             lift_m = max(self.clear_height_m - seen.pose.position_m[2], 0.02)
             yield from self.reach(self.position_m + np.array([0.0, 0.0, lift_m]), haste=STEADY)
+
+    def take_over(self, seen: SeenPart) -> Script:
+        """Take a part that the robot holds out: from the front, and wait until it lets go."""
+        self._style = self._draw_style()
+        yaw_rad = fold_yaw(seen.pose.yaw_rad)
+        grip_m, across_m, _ = self._grip(seen, yaw_rad)
+        back_m = turn(yaw_rad, np.array([BEFORE_PART_M, 0.0, 0.0]))
+        _, width_m = self._pinch_place(self._product.parts[seen.part])
+        yield from self.reach(grip_m + back_m, yaw_rad, across_m + self._style.open_m, arch_m=ARCH_M)
+        yield from self.reach(grip_m, haste=STEADY)
+        yield from self.pinch(width_m - SQUEEZE_M)
+        yield from self.wait(LETS_GO_S)
+        yield from self.reach(self.position_m + back_m, haste=STEADY)
+
+    def pinches(self, body: str) -> bool:
+        """Whether the fingers are closed around a part."""
+        _, width_m = self._pinch_place(self._product.parts[self._sight.part(body).part])
+        return self.holds(body) and self._hand.gap_m < width_m + CLOSED_M
 
     def holds(self, body: str) -> bool:
         """Whether a part is between the fingers."""
@@ -192,20 +216,27 @@ class Handwork:
     def back_off(self) -> Script:
         """Move the fingers up and away towards the person, and put a tool away."""
         away_m = turn(self.yaw_rad, np.array([BACK_OFF_M, 0.0, BACK_OFF_M]))
-        yield from self.reach(self.position_m + away_m, 0.0, haste=STEADY, wrist_rad=(0.0, 0.0))
+        yield from self.reach(self.position_m + away_m, 0.0, haste=STEADY, wrist_rad=(0.0, 0.0, 0.0))
         self.tool_out = False
 
     def reach_over(self, seen: SeenPart, height_m: float, *, tool: bool) -> Script:
-        """Bring the fingertips, or the tool's end, over a placed part, where they screw."""
+        """Bring the fingertips, or the tool's end, over a placed part, where they screw, or down on it."""
         part = self._product.parts[seen.part]
         self._style = self._draw_style()
-        above_m = np.array(self._pinch_place(part)[0])
-        above_m[2] = part.size_m[2] + height_m + (TOOL_M if tool else 0.0)
-        self.tool_out = tool
-        yield from self.reach(np.array(seen.pose.position_m) + above_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
+        pinch_m = self._pinch_place(part)[0]
+        place_m = np.array(seen.pose.position_m) + np.array([pinch_m[0], pinch_m[1], part.size_m[2] + height_m])
+        if not tool:
+            yield from self.reach(place_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
+            return
+        over_m = np.array([place_m[0], place_m[1], self.clear_height_m + TOOL_M])
+        yield from self.reach(over_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
+        self.tool_out = True
+        yield from self.wait(TAKE_TOOL_S)
+        place_m[2] = seen.pose.position_m[2] + top_m(part, pinch_m[0]) + TOOL_M - TOOL_PRESS_M
+        yield from self.reach(place_m, haste=CAREFUL)
 
     def screw(self, motion: ScrewMotion, stop: Callable[[], bool]) -> Script:
-        """Circle where the fingertips are, touching nothing, until the time is up or `stop` says so."""
+        """Circle where the fingertips or the tool are until the time is up or `stop` says so."""
         centre_m, elapsed_s = self.position_m, 0.0
         while elapsed_s < motion.duration_s and not stop():
             elapsed_s += self.dt_s
@@ -246,6 +277,7 @@ class Handwork:
         return GripStyle(
             tilt_rad=drawn(habits.tilt_rad, self._chance),
             roll_rad=drawn(habits.roll_rad, self._chance),
+            curl_rad=drawn(habits.curl_rad, self._chance),
             from_middle_m=None if habits.from_middle_m is None else drawn(habits.from_middle_m, self._chance),
             open_m=drawn(habits.open_m, self._chance),
         )

@@ -20,7 +20,8 @@ from cell.interfaces.product import Product
 from cell.interfaces.solid import span_m
 from cell.interfaces.truth import TruthEvent
 from sim.diary import ActionEvent
-from sim.hand import DIGITS, GANTRY, WRIST_JOINTS, add_hand
+from sim.hand import CURL_JOINT, DIGITS, GANTRY, WRIST_JOINTS, add_hand
+from sim.handing import Giver, parts_in_tray
 from sim.look import NOMINAL, Look
 from sim.person import Person
 from sim.storage import Bin, Layout, lay_out
@@ -62,12 +63,13 @@ class KinematicBench:
 
     def __init__(self, product: Product, bench: Bench, person: Person, look: Look = NOMINAL) -> None:
         self._product, self._bench, self._person = product, bench, person
-        layout = lay_out(product, bench, person.storage, np.random.default_rng(0))
+        layout = lay_out(product, bench, person.storage, np.random.default_rng(0), handing=True)
         self._bins: tuple[Bin, ...] = layout.bins
         hand = partial(add_hand, bench=bench, person=look.person, habits=person)
         self.world = build_world(product, bench, layout.parts, None, hand, look, layout.bins)
         model = self.world.model
-        wrist = [name for name in WRIST_JOINTS if person.grip.tilts] + ["hand_tool"] * (person.screw.tool > 0)
+        wrist = [name for name in WRIST_JOINTS if person.grip.tilts] + [CURL_JOINT] * person.grip.curls
+        wrist += ["hand_tool"] * (person.screw.tool > 0)
         names = [*GANTRY, *wrist]
         self._motors = [int(model.actuator(name).id) for name in names]
         self._joints = [int(model.joint(name).qposadr[0]) for name in names]
@@ -77,6 +79,7 @@ class KinematicBench:
         self._start = self.world.data.qpos.copy()
         self._held: tuple[WorldPart, Array, Array, float] | None = None
         self._rng = np.random.default_rng(0)
+        self._giver: Giver | None = None
         bracket = bench.bracket.pose
         self._holes_m = [bracket.transform(np.array([*xy, 0.0])) for xy in product.bracket.holes_m.values()]
 
@@ -88,10 +91,11 @@ class KinematicBench:
         Args:
             frame: called at every sample with its time, while `world` is as it is then.
         """
-        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)]
+        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)]
         self._rng = streams[2]
-        self._reset(lay_out(self._product, self._bench, self._person.storage, streams[0]))
+        self._reset(lay_out(self._product, self._bench, self._person.storage, streams[0], handing=True))
         worker = Worker(self.world, self._product, self._bench, self._person, goal, streams[1], streams[0])
+        self._giver = Giver(self.world, parts_in_tray(self.world), worker.has, streams[3])
         every = max(1, round(1 / (rate_hz * PERIOD_S)))
         times, tips, palms = [], [], []
         period, over = 0, math.inf
@@ -102,10 +106,11 @@ class KinematicBench:
                 palms.append(worker.hand.palm_m)
                 if frame is not None:
                     frame(times[-1])
+            self._giver.advance(PERIOD_S)
             worker.update(period * PERIOD_S, PERIOD_S)
             self.step()
             period += 1
-            if worker.done and math.isinf(over):
+            if worker.done and self._giver.done and math.isinf(over):
                 over = period * PERIOD_S + TAIL_S
         return Recording(np.array(times), np.array(tips), np.array(palms), tuple(worker.events), tuple(worker.acts))
 
@@ -120,9 +125,23 @@ class KinematicBench:
         elif self._held is None and gap_m < 2 * float(data.qpos[self._digits[0]]):
             self._held = self._between(gap_m)
         data.qpos[self._digits] = (gap_m if self._held is None else max(gap_m, self._held[3])) / 2
+        self._move_arm()
         if self._held is not None:
             self._carry(*self._held[:3])
         mujoco.mj_kinematics(self.world.model, data)
+
+    def _move_arm(self) -> None:
+        """The arm is where it was commanded, with what it holds."""
+        world, giver = self.world, self._giver
+        assert giver is not None
+        offset = None
+        if giver.holding is not None and (self._held is None or self._held[0] != giver.holding):
+            offset = world.tool_pose().inverse() @ world.part_pose(giver.holding)
+        world.data.qpos[world.arm_qpos], world.data.qvel[world.arm_qvel] = giver.joints_rad, giver.speeds_rad_s
+        world.set_opening(giver.opening_m)
+        if offset is not None and giver.holding is not None:
+            mujoco.mj_kinematics(world.model, world.data)
+            self._put(giver.holding, world.tool_pose() @ offset)
 
     def _reset(self, layout: Layout) -> None:
         data = self.world.data

@@ -45,7 +45,7 @@ class ScrewHabits(Model):
         radius_m: least and greatest radius of the motion.
         yaw_rad: how far the wrist turns, least and most.
         height_m: of the fingertips over the part's top, least and most.
-        tool: share of the times in which it is done with a tool, farther away from the part.
+        tool: share of the times in which it is done with a tool, the hand farther away from the part.
     """
 
     probability: Share = 0.6
@@ -65,6 +65,7 @@ class Grip(Model):
         tilt_rad: how far the wrist tips the fingers down, least and most.
         roll_rad: how far the hand leans to a side, least and most; positive to the right.
         from_middle_m: where along the part it is gripped, from its middle towards the person; null for near its end.
+        curl_rad: how much more than usual ring and little finger are bent, least and most; negative is stretched.
         open_m: how much wider than the part the fingers open.
         thumb_m: length of the thumb.
     """
@@ -72,6 +73,7 @@ class Grip(Model):
     tilt_rad: Span = (0.0, 0.0)
     roll_rad: SignedSpan = (0.0, 0.0)
     from_middle_m: SignedSpan | None = None
+    curl_rad: SignedSpan = (0.0, 0.0)
     open_m: Span = (0.014, 0.014)
     thumb_m: float = Field(default=0.127, ge=0.08, le=0.15)
 
@@ -79,6 +81,11 @@ class Grip(Model):
     def tilts(self) -> bool:
         """Whether the wrist does more than turn about the vertical."""
         return self.tilt_rad[1] > 0 or self.roll_rad != (0.0, 0.0)
+
+    @property
+    def curls(self) -> bool:
+        """Whether ring and little finger move."""
+        return self.curl_rad != (0.0, 0.0)
 
 
 class Storage(Model):
@@ -88,12 +95,14 @@ class Storage(Model):
         bins: each type in its own bin of the bench file, or types and bins permuted anew in every run.
         mixed: how likely it is that two bins have one part exchanged.
         elsewhere: share of parts that lie on the table before the bracket, as the robot left them.
+        handed_over: share of parts that the robot fetches and holds out; only in data, where a script moves it.
         from_tray: share of fetches for which the person reaches into the robot's tray, where it has such a part.
     """
 
     bins: Literal["own", "permuted"] = "own"
     mixed: Share = 0.0
     elsewhere: Share = 0.0
+    handed_over: Share = 0.0
     from_tray: Share = 0.0
 
 
@@ -184,10 +193,11 @@ _ORDINARY = Person(
     grip=Grip(
         tilt_rad=(0.0, 0.35),
         roll_rad=(-0.06, 0.06),
+        curl_rad=(-0.6, 0.35),
         open_m=(0.010, 0.018),
         thumb_m=0.105,
     ),
-    storage=Storage(bins="permuted", mixed=0.5, elsewhere=0.15, from_tray=0.05),
+    storage=Storage(bins="permuted", mixed=0.5, elsewhere=0.15, handed_over=0.15, from_tray=0.05),
     lapses=Lapses(holds=0.25, hesitates=0.1, regrips=0.08, wrong_part=0.03, takes_away=0.04),
     screw=ScrewHabits(
         duration_s=(1.5, 7.0),

@@ -14,6 +14,7 @@ FROM_BOTTOM_M, FROM_TOP_M = 0.008, 0.004  # the same where a part is taken at an
 FROM_END = 0.16  # of the body's length, so that the part protrudes ahead of the fingertips
 LENGTH_M = 0.012  # of the fingers, ahead of and behind the pinch, that lies against the part
 STEP_M = 0.001
+TIP_M = 0.003  # radius of a tool's tip
 
 
 @cache
@@ -34,6 +35,14 @@ def widest(part: PartType, from_middle_m: float) -> tuple[tuple[float, float, fl
     length_m, _, height_m = part.size_m
     x_m = min(from_middle_m, length_m * (0.5 - FROM_END))
     return _widest(part, x_m, height_m / 2, (FROM_BOTTOM_M, height_m - FROM_TOP_M))
+
+
+@lru_cache(maxsize=512)
+def top_m(part: PartType, from_middle_m: float) -> float:
+    """How high the part reaches above its bottom on its long axis, where a tool's tip comes down."""
+    window = (from_middle_m - TIP_M, from_middle_m + TIP_M)
+    _, high = span_m(part.solids, 2, {0: window, 1: (-TIP_M, TIP_M)}) or (0.0, part.size_m[2])
+    return high
 
 
 def _widest(

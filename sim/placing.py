@@ -45,11 +45,16 @@ class Placing:
             return False
         seen = self._sight.in_hole(position)
         if seen is None:
-            return any(_graspable(spare) for spare in self._sight.spares(self._wanted[position]))
+            wanted = self._wanted[position]
+            return self.handed(position) or any(_graspable(spare) for spare in self._sight.spares(wanted))
         if seen.body == self._mistakes.get(position):
             return _graspable(seen)
         crooked = seen.part == self._wanted[position] and not self._sight.seated(seen, position)
         return crooked and _graspable(seen)
+
+    def handed(self, position: str) -> bool:
+        """Whether the robot holds out what belongs there, and the hole is empty."""
+        return self._sight.handed(self._wanted[position]) is not None and self._sight.in_hole(position) is None
 
     def fill(self, position: str) -> Generator[None, None, bool]:
         """Fill one position, or set a crooked part straight; returns whether the part sits as it should."""
@@ -95,6 +100,8 @@ class Placing:
 
     def _choose(self, position: str) -> SeenPart:
         """The part that is fetched: the right one, seldom a wrong one or one from the tray."""
+        if (theirs := self._sight.handed(self._wanted[position])) is not None:
+            return theirs
         right = next(filter(_graspable, self._sight.spares(self._wanted[position])))
         if self._happens(self._person.lapses.wrong_part):
             others = [name for name in set(self._wanted.values()) if name != self._wanted[position]]
@@ -111,6 +118,11 @@ class Placing:
         return right
 
     def _take(self, seen: SeenPart) -> Script:
+        if self._sight.handed(seen.part) == seen:
+            self._diary.note("handed over", part=seen.part)
+            yield from self._work.take_over(seen)
+            self._origins_m[seen.body] = self._sight.set_down_m(seen.part)
+            return
         yield from self._work.grasp(seen)
         lapses = self._person.lapses
         if self._work.holds(seen.body) and self._happens(lapses.regrips):

@@ -29,7 +29,7 @@ class PhysicsSettings(Model):
     control_period_s: float = Field(default=0.008, ge=0.001, le=0.05)
     sample_period_s: float = Field(default=0.002, ge=0.0001, le=0.05)
     settle_s: float = Field(default=0.3, ge=0, le=10)
-    sleep: bool = False
+    sleep: bool = True
 
     @model_validator(mode="after")
     def _periods_are_whole(self) -> PhysicsSettings:

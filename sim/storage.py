@@ -57,10 +57,13 @@ def person_set(product: Product, bench: Bench) -> tuple[ScenePart, ...]:
     return tuple(ScenePart(name, Pose(spot), "person") for name in product.parts for spot in _row(product, bench, name))
 
 
-def lay_out(product: Product, bench: Bench, storage: Storage, rng: np.random.Generator) -> Layout:
+def lay_out(
+    product: Product, bench: Bench, storage: Storage, rng: np.random.Generator, *, handing: bool = False
+) -> Layout:
     """Draw where bins and parts are.
 
     Args:
+        handing: there is a robot that hands parts over; those stand in its tray.
         rng: untouched where each type has its own bin and no part lies elsewhere.
     """
     layout = Layout(own_bins(product, bench), person_set(product, bench))
@@ -68,6 +71,8 @@ def lay_out(product: Product, bench: Bench, storage: Storage, rng: np.random.Gen
         layout = _permuted(product, bench, storage, rng)
     if storage.elsewhere > 0:
         layout = replace(layout, parts=_some_on_table(product, bench, layout.parts, storage.elsewhere, rng))
+    if handing and storage.handed_over > 0:
+        layout = replace(layout, parts=_some_in_tray(product, bench, layout.parts, storage.handed_over, rng))
     return layout
 
 
@@ -128,6 +133,23 @@ def _some_on_table(
             yaw = float(rng.uniform(-MOST_YAW_RAD, MOST_YAW_RAD))
             place = (x, free.pop() + float(rng.uniform(-0.015, 0.015)), product.parts[part.part].peg_length_m)
             part = replace(part, world_from_part=Pose.from_yaw(place, yaw))
+        found.append(part)
+    return tuple(found)
+
+
+def _some_in_tray(
+    product: Product, bench: Bench, parts: Sequence[ScenePart], share: float, rng: np.random.Generator
+) -> tuple[ScenePart, ...]:
+    """Some of the parts in the robot's tray, one at each of a few spots that are far apart."""
+    x, y, z = bench.tray.centre_m
+    length_m, width_m = bench.tray.size_m
+    spots = [(x + length_m * dx, y + width_m * dy) for dx in (-0.25, 0.25) for dy in (-0.3, 0.0, 0.3)]
+    free = [spots[index] for index in rng.permutation(len(spots))]
+    found = []
+    for part in parts:
+        if free and happens(share, rng):
+            place = (*free.pop(), z + product.parts[part.part].peg_length_m)
+            part = replace(part, world_from_part=Pose.from_yaw(place, float(rng.uniform(-MOST_YAW_RAD, MOST_YAW_RAD))))
         found.append(part)
     return tuple(found)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from sim.placing import Placing
 from sim.worker_sight import Sight, WorkerWorld
 
 AT_REST_M = 0.02
+TOOL_RADIUS_M = 0.003  # a tool that sits on a screw does not leave it
 OVER = object()
 PUNCTUATION = str.maketrans(",.;:()", "      ")
 
@@ -165,7 +167,12 @@ class Worker:
         words = (self._request or "").translate(PUNCTUATION).split()
         self._answered = self._request
         asked = [name for name in can_be_filled if name in words or self._wanted[name] in words]
-        return next(iter(asked + can_be_filled), None)
+        handed = [name for name in can_be_filled if self._placing.handed(name)]
+        return next(iter(asked + handed + can_be_filled), None)
+
+    def has(self, body: str) -> bool:
+        """Whether a part is between the closed fingers."""
+        return self._work.pinches(body)
 
     def _wants_to_screw(self) -> bool:
         habits = self._person.screw
@@ -188,6 +195,7 @@ class Worker:
         )
         tool = happens(habits.tool, self._chance)
         if tool:
+            motion = replace(motion, radius_m=min(motion.radius_m, TOOL_RADIUS_M))
             self._diary.note("tool", position=position)
         polite = happens(self._person.robot.waits, self._chance)
         yield from self._work.reach_over(seen, drawn(habits.height_m, self._rng), tool=tool)
@@ -215,6 +223,8 @@ class Worker:
         yield from self._go_to_rest()
         still_s = 0.0
         while not self._sight.arm_parked and still_s < self._person.robot.stands_s:
+            if any(self._placing.handed(name) for name in self._order):
+                return
             if self._asked and not self._sight.arm_over_bracket:
                 return
             busy = self._sight.arm_moving or self._sight.arm_over_bracket

@@ -23,6 +23,7 @@ GRASPABLE_TILT_RAD = math.radians(35)
 OWN_BIN_M = 0.16  # parts this close to a bin's middle lie in it
 BEFORE_BRACKET_M, BESIDE_BRACKET_M, LYING_M = (0.07, 0.25), 0.35, 0.06  # where parts on the table are noticed
 ARM_NEAR_BRACKET_M = 0.13
+HELD_OUT_M, HELD_M = 0.15, 0.05  # a tool this far beyond the bracket holds out what is this close to it
 ARM_MOVING_RAD_S = 0.02
 ARM_PARKED_RAD = 0.05
 
@@ -116,6 +117,21 @@ class Sight:
             one for one in self._of_type(part) if np.all(np.abs(np.array(one.pose.position_m) - middle)[:2] < half)
         ]
         return sorted(lying, key=lambda one: -one.pose.position_m[0])
+
+    def handed(self, part: str) -> SeenPart | None:
+        """A part of a type that the arm holds still, out to the person."""
+        if self._tool is None or self.arm_moving:
+            return None
+        tool_m = self._data.xpos[self._tool]
+        if tool_m[0] < self.bracket_m[0] + HELD_OUT_M:
+            return None
+        held = (one for one in self._of_type(part) if np.linalg.norm(np.array(one.pose.position_m) - tool_m) < HELD_M)
+        return next(held, None)
+
+    def set_down_m(self, part: str) -> Array:
+        """Where a part (its bottom) may be put on the table, before the bracket."""
+        x, y, _ = self.bracket_m
+        return np.array([x + sum(BEFORE_BRACKET_M) / 2, y, self._product.parts[part].peg_length_m])
 
     def _of_type(self, part: str) -> list[SeenPart]:
         return [self.part(body) for body, (_, name) in self._bodies.items() if name == part]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -159,12 +160,16 @@ def _from_assemblies(
     configuration = simulated(load_configuration(config), look, person)
     product, bench = load_product(configuration, config), configuration.bench
     simulation = configuration.devices.simulation
-    write = {"actions": write_segments, "hands": write_hands, "holes": write_holes}[what]
+    writers: dict[str, Callable[[Source, DataFolder], None]] = {
+        "actions": write_segments,
+        "hands": partial(write_hands, every=physics),
+        "holes": write_holes,
+    }
 
     def one(seed: int, folder: DataFolder) -> float:
         kinds = sometimes_steel(product, steel_share, seed)
         assembly = record(kinds, bench, simulation, seed, physics=physics)
-        write(Source(assembly, kinds, bench), folder)
+        writers[what](Source(assembly, kinds, bench), folder)
         return assembly.moments[-1].time_s
 
     command = f"cell data {what} --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"

@@ -23,6 +23,7 @@ STRIDE_FRAMES = 15  # a segment a second
 ASSEMBLY_STRIDE_FRAMES = 4  # and more while a part is placed, which is short
 HOLES_STRIDE_FRAMES = 30
 HOLE_HALF_M = 0.045  # half the width of a hole's crop on the plate
+HAND_BODIES = ("hand", "hand_thumb", "hand_index", "hand_fingers")
 COVERED_BY = ("hand", "shoulder", "upper", "forearm", "wrist", "gripper", "finger", "tool", "base", "head")
 
 
@@ -136,7 +137,7 @@ def _hands(source: Source) -> list[dict[str, Any] | None]:
     model = assembly.world.model
     projection = Projection(assembly.world, CAMERA, setup, assembly.look)
     bodies = {body.name: body.body for body in assembly.world.bodies}
-    of_hand = {model.body(name).id for name in ("hand", "hand_thumb", "hand_index")}
+    of_hand = {body for body in range(model.nbody) if model.body(body).name in HAND_BODIES}
     sleeve = {index for index in range(model.nmat) if model.mat(index).name == "hand_sleeve"}
     geoms = np.array(
         [

@@ -1,7 +1,7 @@
 """Frames of the overhead camera, and where every hand in them really is.
 
-The person alone assembles; the arm, which moves by no rule here, stands in another pose of its work in every stretch of
-frames, so that detectors see it beside hands.
+Where the arm is parked, it is put into another pose of its work in every stretch of frames, so that detectors see it
+beside hands; where it hands a part over, it stays as it is.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ from sim.studio import ScenePoses, show_poses
 from sim.world import World
 
 FRAMES = 10  # of each recording
+EVERY_STRETCH = 45  # frames in which the arm stands still, where all are written
 POINTS = ("palm", "pinch", "thumb", "index", "wrist", "held")
 BLOCKS_M = 0.02  # what is nearer to the camera than a point by more hides it
 PARKED_SHARE = 0.3  # of stretches in which the arm is out of the way
 ARM_TRIES = 20
+MOVED_M = 0.005
 ARM_CLEAR_M = 0.16  # between the arm and the fingertips
 ARM_LEAST_HEIGHT_M = 0.06
 PAN_RAD, BEND_RAD = (-0.5, 1.3), 0.35  # of the arm about the pose from which it looks into the tray
@@ -65,12 +67,20 @@ class HandFrame:
     poses: ScenePoses
 
 
-def write_hands(source: Source, folder: DataFolder) -> None:
-    """Rows of hands.jsonl: whole frames with all hands in them."""
+def write_hands(source: Source, folder: DataFolder, every: bool = False) -> None:
+    """Rows of hands.jsonl: whole frames with all hands in them.
+
+    Args:
+        every: all frames of the recording, in their order.
+    """
     assembly = source.assembly
     rng = np.random.default_rng([assembly.seed, 4])
     chosen = np.sort(rng.choice(len(assembly.moments), min(FRAMES, len(assembly.moments)), replace=False))
-    for seen in hand_frames(source, [range(index, index + 1) for index in chosen]):
+    count = len(assembly.moments)
+    stretches = [range(index, index + 1) for index in chosen]
+    if every:
+        stretches = [range(first, min(first + EVERY_STRETCH, count)) for first in range(0, count, EVERY_STRETCH)]
+    for seen in hand_frames(source, stretches):
         file = folder.image(f"images/{source.name}-{seen.frame.sequence:06d}.jpg", seen.frame.image)
         row = {"file": file, "log": source.name, "frame": seen.frame.sequence, "time_s": round(seen.frame.time_s, 4)}
         folder.row("hands", {**row, "hands": [_row(hand) for hand in seen.hands]})
@@ -85,7 +95,9 @@ def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFram
     hands = _hands_of(source)
     data = mujoco.MjData(assembly.world.model)
     for stretch in stretches:
-        pose = arm.draw([assembly.moments[index].fingertips_m for index in stretch])
+        moments = [assembly.moments[index] for index in stretch]
+        works = any(arm.moved(assembly.moments[0], moment) for moment in moments)
+        pose = None if works else arm.draw([moment.fingertips_m for moment in moments])
         for index in stretch:
             moment = assembly.moments[index]
             exposure = replace(moment.exposure, moments=tuple(arm.put(one, pose) for one in moment.exposure.moments))
@@ -185,7 +197,8 @@ def _hands_of(source: Source) -> list[_HandModel]:
     sides: tuple[Side, Side] = ("left", "right") if person.left_hand else ("right", "left")
     palm, *_, wrist, _ = hand = shown("hand")  # the sleeve is the last
     thumb, index = shown("hand_thumb"), shown("hand_index")
-    geoms = np.array(hand[:-1] + thumb + index)
+    bends = "hand_fingers" in {model.body(body).name for body in range(model.nbody)}
+    geoms = np.array(hand[:-1] + thumb + index + (shown("hand_fingers") if bends else []))
     found = [_HandModel(world, True, sides[0], geoms, palm, thumb[0], index[0], wrist)]
     if person.second_hand:
         palm, first, *_, last, wrist, _ = rest = shown("second_hand")
@@ -205,6 +218,11 @@ class _Arm:
         model = self._world.model
         root = model.body_rootid[model.body("tool").id]
         return np.flatnonzero(model.body_rootid[model.geom_bodyid] == root)
+
+    def moved(self, first: Moment, now: Moment) -> bool:
+        """Whether it is elsewhere than it was at first."""
+        before, after = (one.exposure.moments[-1][GEOM_POSITIONS][self._geoms] for one in (first, now))
+        return bool(np.abs(after - before).max() > MOVED_M)
 
     def draw(self, tips_m: Sequence[Array]) -> tuple[Array, Array] | None:
         """Where its shapes are in a pose that keeps away from fingertips; None where it stays parked."""

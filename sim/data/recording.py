@@ -14,9 +14,11 @@ from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
+from sim.arm import servo_lag_s
 from sim.camera import Delivery, SimCamera
 from sim.clock import SimClock
 from sim.hand import add_hand
+from sim.handing import Giver, parts_in_tray
 from sim.kinematic import LONGEST_S, TAIL_S, KinematicBench
 from sim.labels import Label, guarded, labels
 from sim.look import Look
@@ -135,13 +137,14 @@ class _Film:
 def _with_physics(
     product: Product, bench: Bench, settings: SimSettings, look: Look, goal: str, seed: int
 ) -> tuple[World, list[Moment], Worker]:
-    """The person alone, carried parts held by friction; the arm stands parked."""
-    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)]
-    layout = lay_out(product, bench, settings.person.storage, streams[0])
+    """Parts are carried by friction, in the hand and in the gripper of an arm that hands some of them over."""
+    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)]
+    layout = lay_out(product, bench, settings.person.storage, streams[0], handing=True)
     hand = partial(add_hand, bench=bench, person=look.person, habits=settings.person)
     world = build_world(product, bench, layout.parts, settings.physics, hand, look, layout.bins)
     worker = Worker(world, product, bench, settings.person, goal, streams[1], streams[0])
     world.settle()
+    giver = Giver(world, parts_in_tray(world), worker.has, streams[3])
     film = _Film(world, bench)
     tips: list[Array] = []
     palms: list[Array] = []
@@ -152,11 +155,25 @@ def _with_physics(
         return film.keep(exposure)
 
     camera = SimCamera(CAMERA, bench.overhead, world, take, Delivery(look.camera, 0.0, streams[2]))
-    clock = SimClock(world, [worker], [camera])
-    while not worker.done and clock.now_s() < LONGEST_S:
+    clock = SimClock(world, [_Servos(world, giver), worker], [camera])
+    while not (worker.done and giver.done) and clock.now_s() < LONGEST_S:
         clock.sleep_until(clock.now_s() + TAIL_S)
     clock.sleep_until(clock.now_s() + TAIL_S)
     return world, film.moments(tips, palms), worker
+
+
+class _Servos:
+    """Drives the arm and the gripper as a script says."""
+
+    def __init__(self, world: World, giver: Giver) -> None:
+        self._world, self._giver, self._lag_s = world, giver, servo_lag_s(world)
+
+    def update(self, time_s: float, dt_s: float) -> None:  # noqa: ARG002
+        """Set the servos for one control period."""
+        giver, world = self._giver, self._world
+        giver.advance(dt_s)
+        world.data.ctrl[world.arm_ctrl] = giver.joints_rad + giver.speeds_rad_s * self._lag_s
+        world.drive_opening(giver.opening_m)
 
 
 def _held(world: World, moments: Sequence[Moment], acts: Sequence[TruthEvent]) -> tuple[str | None, ...]:

@@ -11,7 +11,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +43,12 @@ def main() -> None:
     Console().print(table(runs, goals))
 
 
-def assemble(goal: str, seed: int, person: str = "careful") -> Run:
+def assemble(goal: str, seed: int, person: str = "careful", more: Sequence[str] = ()) -> Run:
     """The JSON line of one `cell run`; a run that prints none is one that failed to end by itself."""
     with tempfile.TemporaryDirectory() as folder:
         log = str(Path(folder) / "log.mcap")
         command = [sys.executable, "-m", "cell", "run", "--goal", goal, "--seed", str(seed), "--log", log, "--json"]
-        command += ["--person", person]
+        command += ["--person", person, *more]
         try:
             result = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
         except subprocess.TimeoutExpired:

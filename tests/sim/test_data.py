@@ -26,6 +26,7 @@ from sim.data.recording import Assembly, record
 from sim.data.sight import GEOM_POSITIONS
 from sim.data.splits import SPLITS, seeds
 from sim.data.variety import mixed_clutter, sometimes_steel
+from sim.person import Storage
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
@@ -231,3 +232,17 @@ def test_the_same_seed_gives_the_same_files_and_nothing_is_overwritten(tmp_path:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
     with pytest.raises(InputError, match="not an empty folder"):
         DataFolder(tmp_path / "one", "test")
+
+
+@pytest.mark.slow
+def test_by_physics_too_the_robot_hands_parts_over(tmp_path: Path) -> None:
+    person = SIMULATION.person.model_copy(update={"storage": Storage(handed_over=0.5)})
+    settings = SIMULATION.model_copy(update={"person": person})
+    taken = record(PRODUCT, BENCH, settings, 11, physics=True)
+    tray = np.array(BENCH.tray.centre_m)[:2], np.array(BENCH.tray.size_m) / 2
+    inside = np.all(np.abs(taken.moments[0].parts_m[:, :2] - tray[0]) < tray[1], axis=1)
+    assert inside.sum() >= 2  # only the robot fetches from there
+    last = holes_of(Source(taken, PRODUCT, BENCH), taken.moments[-1])
+    assert {position: part for position, (part, _) in last.items()} == dict(PRODUCT.goal_placements(taken.goal))
+    write_hands(Source(taken, PRODUCT, BENCH), DataFolder(tmp_path / "new", "test"), every=True)
+    assert len({row["frame"] for row in rows(tmp_path / "new" / "hands.jsonl")}) == len(taken.moments)

@@ -9,7 +9,7 @@ import pytest
 
 from sim.kinematic import KinematicBench, Recording
 from sim.labels import guarded, labels
-from sim.person import PERSONS, Lapses, Person
+from sim.person import PERSONS, Lapses, Person, Storage
 from tests.sim.worker_bench import bench, product
 
 
@@ -94,3 +94,19 @@ def test_the_guard_band_lies_about_changes(varied: KinematicBench) -> None:
     assert all(near[index] and near[index - 1] for index in changes)
     far = [index for index in range(5, len(found) - 5) if len(set(found[index - 4 : index + 5])) == 1]
     assert not any(near[index] for index in far)
+
+
+def test_what_the_robot_holds_out_is_taken_and_assembled() -> None:
+    person = Person(storage=Storage(handed_over=1.0))
+    table = KinematicBench(product(), bench(), person)
+    recording = table.record("g0", 4)
+    assert standing(table) == product().goal_placements("g0")
+    handed = [act for act in recording.acts if act.fields["act"] == "handed over"]
+    assert len(handed) == 6
+    assert len([act for act in recording.acts if act.fields["act"] == "release"]) == 6
+
+
+def test_nothing_is_handed_over_where_nobody_asks_for_it() -> None:
+    table = KinematicBench(product(), bench(), Person())
+    recording = table.record("g0", 4)
+    assert not any(act.fields["act"] == "handed over" for act in recording.acts)

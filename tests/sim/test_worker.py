@@ -8,10 +8,10 @@ import pytest
 from cell.interfaces.command import Display
 from cell.interfaces.pose import Pose
 from sim.clutter import ScenePart
-from sim.hand import Hand
-from sim.person import Person, ScrewHabits
+from sim.hand import CONTYPE, Hand
+from sim.person import Grip, Person, ScrewHabits
 from sim.storage import person_set
-from tests.sim.worker_bench import Shift, bench, product, world_with_hand
+from tests.sim.worker_bench import Shift, bench, product, world_of, world_with_hand
 
 GOALS = tuple(product().goals)
 ARM_OVER_BRACKET_RAD = (-0.1, -1.6, 1.7, -1.67, -1.57, 0.0)
@@ -175,3 +175,57 @@ def test_hole_filled_meanwhile_sends_the_part_back_to_its_bin() -> None:
     assert not shift.until(lambda: shift.worker.done, 8.0)
     assert np.allclose(shift.world.part_pose(own).position_m, home, atol=0.01)
     assert shift.placed()["p6"] == "o3"
+
+
+def touched(shift: Shift, prefix: str, other: str) -> bool:
+    """Whether a body whose name begins so touches another one now."""
+    model, data = shift.world.model, shift.world.data
+    for first, second in model.geom_bodyid[data.contact.geom]:
+        names = model.body(int(first)).name, model.body(int(second)).name
+        if any(one.startswith(prefix) and two.startswith(other) for one, two in (names, names[::-1])):
+            return True
+    return False
+
+
+def test_a_tool_stands_on_the_part_that_it_screws_and_leaves_it_seated() -> None:
+    person = Person(screw=ScrewHabits(probability=1.0, tool=1.0, duration_s=(1.0, 1.0)))
+    world = world_of(person, 1)
+    shift = Shift("g0", 1, person, world)
+    screws = 0
+    for _ in range(3):
+        assert shift.until(lambda: shift.doing("screw"))
+        assert shift.until(lambda: touched(shift, "hand_tool", "o"), 1.0)
+        assert shift.until(lambda: not shift.doing("screw"))
+        screws += 1
+    shift.until(lambda: False, 1.0)
+    assert len(shift.placed()) >= screws
+
+
+def test_the_hand_does_not_go_through_the_table() -> None:
+    world = world_with_hand()
+    hand = Hand(world.model, world.data)
+    down_m = np.array([0.95, -0.35, -0.20])  # beside bins and bracket
+    for _ in range(150):
+        hand.command(down_m, 0.0, 0.02)
+        world.step_period()
+    lowest = min(
+        world.data.geom_xpos[geom][2] - world.model.geom_rbound[geom]
+        for geom in range(world.model.ngeom)
+        if world.model.body(world.model.geom_bodyid[geom]).name.startswith("hand")
+        and world.model.geom_contype[geom] == CONTYPE
+    )
+    assert lowest > -0.03
+    assert hand.position_m[2] > -0.01
+
+
+def test_ring_and_little_finger_lie_otherwise_from_grasp_to_grasp() -> None:
+    person = Person(grip=Grip(curl_rad=(-0.6, 0.35)))
+    shift = Shift("g0", 2, person, world_of(person, 2))
+    joint = shift.world.model.joint("hand_curl").qposadr[0]
+    bent: list[float] = []
+    for _ in range(3):
+        assert shift.until(lambda: shift.doing("assembly"))
+        bent.append(float(shift.world.data.qpos[joint]))
+        assert shift.until(lambda: not shift.doing("assembly"))
+    assert all(-0.7 < value < 0.45 for value in bent)
+    assert max(bent) - min(bent) > 0.05

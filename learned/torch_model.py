@@ -48,6 +48,7 @@ def write_weights(
     score: Callable[[], dict[str, float]],
     *,
     any_rows: bool = False,
+    tolerance: float = TOLERANCE,
 ) -> dict[str, float]:
     """Export a network to `out`, compare the file with torch, score it, and write the scores onto its card.
 
@@ -55,12 +56,13 @@ def write_weights(
         samples: inputs on which ONNX and torch must agree; the first one tells the exporter their shapes.
         score: scores of the planner that reads `out`.
         any_rows: inputs may have any number of rows.
+        tolerance: by which outputs of file and network may differ.
 
     Returns:
         The scores.
 
     Raises:
-        ModelError: an output differs by more than TOLERANCE.
+        ModelError: an output differs by more than that.
     """
     samples = list(samples)
     program = _export(model, samples[0], any_rows)
@@ -70,8 +72,8 @@ def write_weights(
         expected = model.run(inputs)
         for name, value in written.run(inputs).items():
             difference = float(np.abs(value - expected[name]).max())
-            if difference > TOLERANCE:
-                raise ModelError(f"{out}: output {name} differs from torch by {difference:.1e}, more than {TOLERANCE}")
+            if difference > tolerance:
+                raise ModelError(f"{out}: output {name} differs from torch by {difference:.1e}, more than {tolerance}")
     scores = score()
     save_onnx(program, out, model.card.model_copy(update={"scores": scores}))
     return scores

@@ -20,6 +20,7 @@ from cell.commands.models import data_app, eval_app, train_app
 from cell.commands.new import new_app
 from cell.commands.replay import replay
 from cell.commands.schema import schema
+from cell.commands.see import see
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
 from cell.interfaces.files import own_or_shipped
@@ -58,6 +59,7 @@ app.command()(looks)
 app.command()(replay)
 app.command()(report)
 app.command()(schema)
+app.command()(see)
 
 
 @app.callback()

@@ -65,7 +65,7 @@ class HandSample:
         palm_m: (x, y) of the palm.
         held_part: type of the part seen between the fingers, or None.
         velocity_m_s: (x, y) of the palm; None where the track is too short to tell.
-        height_m: of the palm over the table.
+        height_m, fingertips_height_m: of palm and fingertips over the table.
         side: whether it is a left or a right hand.
         thumb_m, index_m: (x, y) of the tips of thumb and index finger.
         held_m: (x, y) of the middle of the held part; None where nothing is held, too.
@@ -80,6 +80,7 @@ class HandSample:
     held_part: str | None = None
     velocity_m_s: tuple[float, float] | None = None
     height_m: float | None = None
+    fingertips_height_m: float | None = None
     side: Side | None = None
     thumb_m: tuple[float, float] | None = None
     index_m: tuple[float, float] | None = None

@@ -148,6 +148,7 @@ def _sample(track: _Track, view: View, frame: Frame) -> HandSample:
         palm_m=_xy(smooth["palm"]),
         held_part=reading.held_part,
         height_m=float(smooth["palm"][2]),
+        fingertips_height_m=float(smooth["pinch"][2]),
         side="left" if track.left > 0.5 else "right",
         thumb_m=_xy(smooth["thumb"]),
         index_m=_xy(smooth["index"]),

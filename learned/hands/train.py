@@ -41,6 +41,7 @@ WEIGHTS = {
     "acting": 0.5,
     "held": 0.3,
 }
+TOLERANCE = 1e-3  # of scores, shares and metres: deep sums of 32-bit numbers differ by a few 1e-5
 MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
 
 
@@ -95,11 +96,11 @@ def train_hands(
     )
     finder = fit_finder(training, out.with_suffix(".finder.checkpoint"))
     small = {"image": planes(training.data.small[:1])}
-    write_weights(TorchModel(finder, Found._fields, card), finder_file(out), [small], dict)
+    write_weights(TorchModel(finder, Found._fields, card), finder_file(out), [small], dict, tolerance=TOLERANCE)
     reader = fit_reader(training, len(types), out.with_suffix(".checkpoint"))
     region = {"region": planes(_middle(training.data.patches[:2])), "place": training.data.places[:2]}
     model = TorchModel(reader, Read._fields, card.model_copy(update={"kind": READER_KIND}))
-    return write_weights(model, out, [region], score, any_rows=True)
+    return write_weights(model, out, [region], score, any_rows=True, tolerance=TOLERANCE)
 
 
 def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:

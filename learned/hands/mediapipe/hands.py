@@ -49,6 +49,10 @@ class MediaPipeHands:
         self._rois = apart([hand.roi for hand in hands])
         return hands
 
+    def forget(self) -> None:
+        """The next image is of another stream."""
+        self._rois = []
+
     def _read(self, image: Image, rois: Sequence[Roi]) -> list[Landmarks]:
         hands = (read_landmarks(self._landmarks, image, roi) for roi in rois)
         return [hand for hand in hands if hand.presence >= LEAST_PRESENCE]

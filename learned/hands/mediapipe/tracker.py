@@ -53,8 +53,10 @@ class MediaPipeReader:
     def __init__(self, setup: CameraSetup, hands: MediaPipeHands) -> None:
         self._setup, self._hands = setup, hands
 
-    def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:  # noqa: ARG002
-        """All hands in the next RGB image; the networks follow hands by themselves."""
+    def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:
+        """All hands in the next RGB image; the networks follow hands by themselves, unless none is expected."""
+        if not len(expected_px):
+            self._hands.forget()
         hands = self._hands.frame(image)
         highest = min((float(hand.points_px[WRIST, 1]) for hand in hands), default=0.0)
         return [self._reading(hand, float(hand.points_px[WRIST, 1]) == highest) for hand in hands]

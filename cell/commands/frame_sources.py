@@ -1,0 +1,152 @@
+"""Frames for `cell see`: pictures, folders of them, videos, cameras, logs, and the simulated cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Pose
+
+if TYPE_CHECKING:
+    from cell.configuration import Configuration
+    from cell.interfaces.product import Product
+
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp")
+VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm")
+APART_S = 10.0  # between the pictures of a folder, which need not follow each other
+LEGAL = "an image, a folder of images, a video, a log (.mcap), camera:NUMBER, or sim:SEED"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A stream of frames.
+
+    Attributes:
+        name: for files that are made of it.
+        single: it is one picture.
+        follows: frames follow each other in time.
+        rate_hz: of frames in a video of it.
+    """
+
+    name: str
+    single: bool
+    follows: bool
+    rate_hz: float
+    frames: Iterator[Frame]
+
+
+def open_source(
+    text: str, camera: str, configuration: Configuration, product: Product, world_from_camera: Pose
+) -> Source:
+    """What `cell see` was given.
+
+    Args:
+        camera: "overhead" or "wrist", as which frames are taken.
+        world_from_camera: where it is.
+
+    Raises:
+        InputError, LogError: there is no such source, or it cannot be read.
+    """
+    kind, _, number = text.partition(":")
+    if kind in ("camera", "sim") and number:
+        if not number.isdecimal():
+            raise InputError(f"{text}: {number!r} must be a number")
+        if kind == "camera":
+            return _video(int(number), f"camera{number}", camera, world_from_camera)
+        return _simulated(int(number), camera, configuration, product)
+    path = Path(text)
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in PICTURES)
+        if not files:
+            raise InputError(f"{path}: holds no images ({', '.join(PICTURES)})")
+        return Source(path.resolve().name, False, False, 2.0, _pictures(files, camera, world_from_camera))
+    if not path.is_file():
+        raise InputError(f"{text}: there is no such source; legal: {LEGAL}")
+    suffix = path.suffix.lower()
+    if suffix in PICTURES:
+        return Source(path.stem, True, False, 2.0, _pictures([path], camera, world_from_camera))
+    if suffix in VIDEOS:
+        return _video(str(path), path.stem, camera, world_from_camera)
+    if suffix == ".mcap":
+        return _log(path, camera, world_from_camera)
+    raise InputError(f"{path}: is of no known kind; legal: {LEGAL}")
+
+
+def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
+    for number, file in enumerate(files):
+        image = cv2.imread(str(file))
+        if image is None:
+            raise InputError(f"{file}: cannot be read as an image")
+        yield _frame(camera, number, APART_S * number, image, pose)
+
+
+def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
+    capture = cv2.VideoCapture(source)
+    if not capture.isOpened():
+        raise InputError(f"{source}: cannot be opened as a {'camera' if isinstance(source, int) else 'video'}")
+    told = capture.get(cv2.CAP_PROP_FPS)
+    rate_hz = float(told) if np.isfinite(told) and 1 <= told <= 240 else 15.0
+
+    def frames() -> Iterator[Frame]:
+        number = 0
+        while True:
+            there, image = capture.read()
+            if not there:
+                break
+            yield _frame(camera, number, number / rate_hz, image, pose)
+            number += 1
+        capture.release()
+        if number == 0:
+            raise InputError(f"{source}: holds no frames that can be read")
+
+    return Source(name, False, True, rate_hz, frames())
+
+
+def _log(path: Path, camera: str, pose: Pose) -> Source:
+    from cell.commands.log_terminal import read
+    from cell.log.reading.frames import CAMERA, Frames
+
+    log = read([path])
+    times_s = [message.time_ns / 1e9 for message in log.messages if message.topic == f"{CAMERA}{camera}"]
+    if not times_s:
+        raise LogError(path, f"holds no frames of the camera {camera} (configuration: log.camera_frames)")
+    stored = Frames(log)
+
+    def frames() -> Iterator[Frame]:
+        for number, time_s in enumerate(times_s):
+            found = stored.at(camera, time_s)
+            image = None if found is None else cv2.imdecode(np.frombuffer(found.jpeg, np.uint8), cv2.IMREAD_COLOR)
+            if image is None:
+                raise LogError(path, f"the image of camera {camera} at {time_s:.3f} s cannot be decoded")
+            yield _frame(camera, number, time_s, image, pose)
+
+    lasting_s = times_s[-1] - times_s[0]
+    return Source(path.stem, False, True, (len(times_s) - 1) / lasting_s if lasting_s > 0 else 15.0, frames())
+
+
+def _simulated(seed: int, camera: str, configuration: Configuration, product: Product) -> Source:
+    """The person alone before the overhead camera."""
+    if camera != "overhead":
+        raise InputError(f"sim:{seed}: shows the overhead camera only; for others see: cell data objects")
+    from sim.data.actions import Source as Recorded
+    from sim.data.hands import hand_frames
+    from sim.data.recording import record
+
+    def frames() -> Iterator[Frame]:
+        taken = record(product, configuration.bench, configuration.devices.simulation, seed)
+        whole = range(len(taken.moments))
+        for seen in hand_frames(Recorded(taken, product, configuration.bench), [whole]):
+            yield seen.frame
+
+    return Source(f"sim{seed}", False, True, configuration.bench.overhead.rate_hz, frames())
+
+
+def _frame(camera: str, number: int, time_s: float, bgr: Any, pose: Pose) -> Frame:
+    return Frame(camera, number, time_s, np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8), pose)

@@ -1,0 +1,138 @@
+"""`cell see`: what trackers and detectors find in pictures, drawn onto them."""
+
+from __future__ import annotations
+
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cell.commands.frame_sources import LEGAL
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json, table
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cell.configuration import Configuration
+    from cell.interfaces.bench import Bench
+    from cell.interfaces.observation import Image
+    from cell.interfaces.perception import Frame
+    from cell.interfaces.pose import Pose
+    from cell.interfaces.product import Product
+
+    Look = Callable[[Frame], tuple[object, Image]]
+
+CAMERAS = ("overhead", "wrist")
+MOST_FROM_CAMERA = 150  # ten seconds
+
+
+def see(
+    source: Annotated[str, typer.Argument(help=f"What to look at: {LEGAL}.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Picture, folder or .mp4; by default SOURCE-seen here.")
+    ] = None,
+    camera: Annotated[str, typer.Option(help="Which camera took it: overhead or wrist.")] = "overhead",
+    hands: Annotated[
+        str | None, typer.Option(help="Tracker: slim, classical or mediapipe, else as configured.")
+    ] = None,
+    perception: Annotated[str | None, typer.Option(help="All detectors: learned or classical.")] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="At most so many frames; all by default.")] = None,
+    every: Annotated[int, typer.Option(min=1, help="Draw only every so manieth frame; all are looked at.")] = 1,
+    look: Annotated[str | None, typer.Option(help="For sim:SEED: nominal, varied, hard, or a file.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Show what is found in pictures, a video, a log or a camera; nothing needs a window.
+
+    Pictures of another size than the camera's are searched for hands alone.
+    """
+    from cell.commands.frame_sources import open_source
+    from cell.configuration import load_configuration, load_product, simulated
+    from cell.recording.schemas import plain
+    from cell.viewing.detections import VIDEO_SUFFIX, PictureWriter
+
+    if camera not in CAMERAS:
+        raise InputError(f"--camera {camera}: there is no such camera; legal: {', '.join(CAMERAS)}")
+    configuration = _chosen(simulated(load_configuration(config), look), hands, perception)
+    product = load_product(configuration, config)
+    opened = open_source(source, camera, configuration, product, _pose(configuration.bench, camera))
+    suffix = ".png" if opened.single else VIDEO_SUFFIX if opened.follows else ""
+    target = out or Path(f"{opened.name}-seen{suffix}")
+    writer = PictureWriter(target, opened.rate_hz / every, overwrite=overwrite)
+    most = frames or (MOST_FROM_CAMERA if source.startswith("camera:") else None)
+    told: list[Any] = []
+    watching: Look | None = None
+    size = (0, 0)
+    for frame in islice(opened.frames, most):
+        if watching is None or frame.image.shape[:2] != size:
+            size = (frame.image.shape[0], frame.image.shape[1])
+            watching = _look(configuration, product, camera, size)
+        view, image = watching(frame)
+        told.append(plain(view))
+        if frame.sequence % every == 0:
+            writer.write(image, f"{frame.sequence:06d}")
+    writer.close()
+    hands_in = sum(bool(one.get("hand")) for one in told)
+    rows = {"frames": len(told)} | ({"with a hand that works": hands_in} if camera == "overhead" else {})
+    console().print(table(str(target), rows))
+    if as_json:
+        print_json({"source": source, "written": [str(file) for file in writer.written], "frames": told})
+
+
+def _chosen(configuration: Configuration, hands: str | None, kind: str | None) -> Configuration:
+    """The configuration with other detectors.
+
+    Raises:
+        InputError: there are no such detectors.
+    """
+    from cell.configuration import DetectorSettings
+
+    if kind not in (None, "learned", "classical"):
+        raise InputError(f"--perception {kind}: there is no such kind; legal: learned, classical")
+    changes: dict[str, object] = {} if kind is None else {"kind": kind}
+    if hands is not None:
+        changes["hands"] = DetectorSettings(kind=hands)
+    return configuration.model_copy(update={"perception": configuration.perception.model_copy(update=changes)})
+
+
+def _pose(bench: Bench, camera: str) -> Pose:
+    """Where a camera is; the one on the wrist where it looks into the tray."""
+    if camera == "overhead":
+        return bench.overhead.mount.pose
+    import numpy as np
+
+    from skills.kinematics import Kinematics
+
+    return Kinematics().forward(np.array(bench.arm_look_rad)) @ bench.wrist.mount.pose
+
+
+def _look(configuration: Configuration, product: Product, camera: str, size: tuple[int, int]) -> Look:
+    """What is found in a frame of this size, and the frame with it drawn."""
+    from cell.running.detectors import Detectors, bench_watcher, part_finder
+    from cell.viewing.detections import drawn_bench, drawn_hands, drawn_parts
+
+    bench, perception = configuration.bench, configuration.perception
+    setup = bench.overhead if camera == "overhead" else bench.wrist
+    fits = size == (setup.height_px, setup.width_px)
+    if camera == "wrist":
+        if not fits:
+            wanted = f"{setup.width_px} x {setup.height_px}"
+            raise InputError(f"a frame of {size[1]} x {size[0]} pixels; those of the wrist camera have {wanted}")
+        find = part_finder(bench, product, perception)
+        return lambda frame: (view := find(frame), drawn_parts(frame, view, bench, product))
+    if fits:
+        watch = bench_watcher(bench, product, perception)
+        return lambda frame: (view := watch(frame), drawn_bench(frame, view, bench, product))
+    same_view = {"width_px": size[1], "height_px": size[0], "focal_px": setup.focal_px * size[1] / setup.width_px}
+    other = bench.model_copy(update={"overhead": setup.model_copy(update=same_view)})
+    tracker = Detectors(other, product, perception).make("hands")
+
+    def hands_alone(frame: Frame) -> tuple[object, Image]:
+        hand = tracker.track(frame)
+        seen = {"sequence": frame.sequence, "time_s": frame.time_s, "hand": hand, "other_hands": tracker.others}
+        return seen, drawn_hands(frame, other, hand, tracker.others)
+
+    return hands_alone

@@ -1,0 +1,132 @@
+"""`cell see`: what is found is drawn and told, and nothing that exists is lost."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from cell.commands.main import BAD_INPUT, main
+from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
+
+TIPS_M = (0.78, 0.2)
+
+
+@pytest.fixture
+def picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    canvas = bench_canvas()
+    canvas.parts([in_hole("o2", "p2")])
+    draw_hand(canvas, TIPS_M)
+    return written(tmp_path / "bench.png", canvas.image(np.random.default_rng(3)))
+
+
+def written(path: Path, image: Any) -> Path:
+    path.parent.mkdir(exist_ok=True)
+    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    return path
+
+
+def see(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, Any]:
+    assert main(["see", *map(str, words), "--perception", "classical", "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return found
+
+
+def test_a_picture_gives_a_picture_with_the_hand_drawn_and_told(
+    picture: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = see(capsys, picture)
+    (view,) = answer["frames"]
+    assert np.allclose(view["hand"]["fingertips_m"], TIPS_M, atol=0.01)
+    assert answer["written"] == ["bench-seen.png"]
+    before, drawn = cv2.imread(str(picture)), cv2.imread("bench-seen.png")
+    assert before is not None
+    assert drawn is not None
+    factor = drawn.shape[1] // before.shape[1]
+    left, top, right, bottom = (factor * side for side in view["hand"]["box_px"])
+    changed = np.abs(drawn.astype(int) - cv2.resize(before, drawn.shape[1::-1])).max(axis=2) > 40
+    assert changed[top - 2 : top + 3, left:right].any(axis=0).mean() > 0.9
+    assert changed[bottom + 30 :, : left - 60].mean() < 0.01
+
+
+def test_nothing_is_overwritten_unasked(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = written(Path("kept.png"), np.zeros((4, 4, 3), np.uint8))
+    before = kept.read_bytes()
+    assert main(["see", str(picture), "--out", "kept.png"]) == BAD_INPUT
+    assert "--overwrite" in capsys.readouterr().err
+    assert kept.read_bytes() == before
+    assert main(["see", str(picture), "--out", ".", "--perception", "classical"]) == BAD_INPUT
+    see(capsys, picture, "--out", "kept.png", "--overwrite")
+    assert kept.read_bytes() != before
+
+
+def test_a_folder_gives_a_folder_and_each_picture_stands_alone(
+    picture: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = Path("many")
+    for number in range(3):
+        written(folder / f"{number}.png", np.full((360, 480, 3), 90, np.uint8))
+    (folder / "1.png").write_bytes(picture.read_bytes())
+    (folder / "notes.txt").write_text("no picture")
+    answer = see(capsys, folder)
+    assert [view["hand"] is not None for view in answer["frames"]] == [False, True, False]
+    assert answer["written"] == [f"many-seen/00000{number}.png" for number in range(3)]
+
+
+def test_a_video_gives_a_video_of_the_frames_that_are_asked_for(
+    picture: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image = cv2.imread(str(picture))
+    assert image is not None
+    video = cv2.VideoWriter("clip.mp4", cv2.VideoWriter.fourcc(*"mp4v"), 15.0, (480, 360))
+    for _ in range(6):
+        video.write(image)
+    video.release()
+    answer = see(capsys, "clip.mp4", "--frames", 5, "--every", 2)
+    assert len(answer["frames"]) == 5
+    assert all(view["hand"] for view in answer["frames"])
+    made = cv2.VideoCapture("clip-seen.mp4")
+    assert made.get(cv2.CAP_PROP_FRAME_COUNT) == 3
+    assert made.get(cv2.CAP_PROP_FPS) == pytest.approx(7.5)
+
+
+def test_pictures_of_another_size_are_searched_for_hands_alone(
+    picture: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image = cv2.imread(str(picture))
+    assert image is not None
+    cv2.imwrite("large.png", cv2.resize(image, (960, 720)))
+    (view,) = see(capsys, "large.png")["frames"]
+    assert np.allclose(view["hand"]["fingertips_m"], TIPS_M, atol=0.01)
+    assert "holes" not in view
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["none.png"], "no such source"),
+        (["empty"], "holds no images"),
+        (["text.png"], "cannot be read as an image"),
+        (["text.mp4"], "cannot be opened as a video"),
+        (["text.txt"], "of no known kind"),
+        (["camera:x"], "must be a number"),
+        (["sim:1", "--camera", "wrist"], "overhead camera only"),
+        (["bench.png", "--camera", "side"], "legal: overhead, wrist"),
+        (["bench.png", "--perception", "best"], "legal: learned, classical"),
+        (["bench.png", "--hands", "best"], "legal: classical, slim, mediapipe"),
+        (["bench.png", "--out", "seen.gif"], "must end in"),
+        (["small.png", "--camera", "wrist"], "8 x 8"),
+    ],
+)
+def test_bad_input_is_named(picture: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+    Path("empty").mkdir()
+    for name in ("text.png", "text.mp4", "text.txt"):
+        Path(name).write_text("no picture")
+    written(Path("small.png"), np.zeros((8, 8, 3), np.uint8))
+    before = set(picture.parent.iterdir())
+    assert main(["see", *words]) == BAD_INPUT
+    assert said in capsys.readouterr().err
+    assert set(picture.parent.iterdir()) == before

@@ -44,7 +44,7 @@ from cell.recording.scene import CellModel
 from cell.running.controller import Controller
 from cell.running.detectors import check_detectors, lock_step, worker_processes
 from cell.running.finished import FinishedBrackets
-from cell.running.injection import Injection
+from cell.running.injection import Injection, Injections
 from cell.running.node_library import node_registry
 from cell.running.reload import WatchedTree
 from cell.running.services import Planners, TickClock, load_planners, make_services
@@ -209,7 +209,7 @@ def drive(
     can_tap: Tap | None = None,
     pace: Pace = "fast",
     tree: Tree | WatchedTree | None = None,
-    injection: Injection | None = None,
+    injection: Injection | Injections | None = None,
 ) -> Outcome:
     """Run the tree on devices that are open, to its end and a safe stop; with a fault where one is to be tried."""
     configuration, tree = files.configuration, tree or files.tree

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from cell.interfaces.perception import Frame, HandSample, HoleView, PartDetection
 from cell.interfaces.pose import Array
 from sim.hand import PALM_M, WRIST
-from sim.photographer import Exposure
+from sim.photographer import Exposure, Photographer, SensorSetup
+from sim.studio import visible_poses
 from sim.tray_truth import resting_parts
 from sim.world import World
 
@@ -36,22 +37,20 @@ class BareSight:
     """Makes frames without images of their own, and answers what they would have shown (HandTracker, HoleReader).
 
     Args:
-        still: an image of the overhead camera for every frame, (height, width, 3), where something judges images.
+        hand: a person is at the bench.
+        still: the image of every frame but for noise, (height, width, 3).
         assumed_height_m: for which a tracker works out where a hand is.
 
     Attributes:
         others: no other hands are seen.
     """
 
-    def __init__(
-        self, world: World, hand: bool, still: NDArray[np.uint8] | None = None, assumed_height_m: float = 0.10
-    ) -> None:
+    def __init__(self, world: World, *, hand: bool, still: NDArray[np.uint8], assumed_height_m: float = 0.10) -> None:
         self._world, self._height_m = world, assumed_height_m
         self._hand_body = int(world.model.body("hand").id) if hand else -1
         rng = np.random.default_rng(0)
-        plain = np.zeros((4, 4, 3), np.uint8) if still is None else still
-        noise = rng.normal(0.0, NOISE, (IMAGES, *plain.shape))
-        self._images = [np.clip(plain + one, 0, 255).astype(np.uint8) for one in noise]
+        noise = rng.normal(0.0, NOISE, (IMAGES, *still.shape))
+        self._images = [np.clip(still + one, 0, 255).astype(np.uint8) for one in noise]
         self._holes: dict[str, HoleView] = {}
         self._seen: dict[tuple[str, int], tuple[HandSample | None, Mapping[str, HoleView]]] = {}
         self._parts: dict[int, tuple[PartDetection, ...]] = {}
@@ -150,6 +149,15 @@ class BareSight:
             return True
         hides: str = model.body(int(model.geom_bodyid[hit[0]])).name
         return hides.startswith(of)
+
+
+def bare_sight(world: World, sensors: Mapping[str, SensorSetup], *, hand: bool) -> BareSight:
+    """One that shows the bench as it is at the beginning in every frame; renders once."""
+    photographer = Photographer(world.model, sensors)
+    exposure = Exposure("overhead", 0, 0.0, world.camera_pose("overhead"), (visible_poses(world.data),))
+    still = photographer.take(exposure).image
+    photographer.close()
+    return BareSight(world, hand=hand, still=still)
 
 
 def _in_hole(offset_m: Array) -> bool:

@@ -14,6 +14,7 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from sim.arm import SimArm
+from sim.bare_sight import bare_sight
 from sim.camera import Delivery, SimCamera
 from sim.clock import Actor, Observer, SimClock
 from sim.clutter import ScenePart, full_set, sample_clutter
@@ -54,10 +55,11 @@ class SimCell:
         worker: with the person and their parts in the bins, or the robot alone.
         clutter: parts in the tray; by default one product's set, cluttered at random.
         overlap: frames and detectors in a process of their own, beside the physics; what comes out is the same.
+        rendered: with images; without, `sight` tells what the cameras would have seen.
 
     Attributes:
         look: drawn by the seed from the settings' range.
-        world, score, contacts, gripper_node, worker: for tests and data sets; the controller gets `devices` alone.
+        world, score, contacts, gripper_node, worker, sight: for tests and trials; the controller gets `devices` alone.
     """
 
     def __init__(
@@ -73,6 +75,7 @@ class SimCell:
         worker: bool = True,
         clutter: Sequence[ScenePart] | None = None,
         overlap: bool = False,
+        rendered: bool = True,
     ) -> None:
         streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(9)]
         goal = _chosen_goal(product, goal, streams[0])
@@ -99,8 +102,9 @@ class SimCell:
             "overhead": SensorSetup(bench.overhead, self.look.camera, streams[3]),
             "wrist": SensorSetup(bench.wrist, self.look.camera, streams[4]),
         }
-        beside = RenderProcess(self.world.model, sensors) if overlap else None
-        self._photographer = beside or Photographer(self.world.model, sensors)
+        beside = RenderProcess(self.world.model, sensors) if overlap and rendered else None
+        self.sight = None if rendered else bare_sight(self.world, sensors, hand=worker)
+        self._photographer = self.sight or beside or Photographer(self.world.model, sensors)
         deliveries = [Delivery(self.look.camera, hardware.camera_latency_s, stream) for stream in streams[6:8]]
         overhead = SimCamera("overhead", bench.overhead, self.world, self._photographer.take, deliveries[0])
         wrist = SimCamera("wrist", bench.wrist, self.world, self._photographer.take, deliveries[1])

@@ -76,6 +76,10 @@ class SensedArm:
         """Send the share of speed."""
         self._send(lambda: self._arm.pace(share))
 
+    def acknowledge(self) -> None:
+        """Send that somebody unlocked the protective stop."""
+        self._send(self._arm.acknowledge)
+
     def samples(self) -> JointSamples:
         """What was measured since the last call."""
         true = self._arm.samples()

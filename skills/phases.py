@@ -14,6 +14,8 @@ from skills.planner import Planning
 from skills.settings import MotionSettings
 
 DROPPED_TICKS = 3  # the fingers may settle for a moment without having lost the part
+TAKEN_S = 0.2  # after this an arm has taken its trajectory
+BEGIN_AGAIN = 2  # times that a motion is planned anew where the arm lost its trajectory
 ACTIVATION_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 5.0
 
@@ -42,7 +44,7 @@ class Move:
         self.started_s = 0.0
         self._deadline_s: float | None = None
         self._asked: Command | None = None
-        self._empty_ticks = 0
+        self._empty_ticks = self._begun_again = 0
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Wait for standstill, plan and start, then watch."""
@@ -57,6 +59,8 @@ class Move:
             return self._start(observation, command)
         if not observation.arm.moving and observation.arm.stands and self._arrived(observation):
             return done(self._doing)
+        if self._given_up(observation):
+            self.trajectory, self._begun_again = None, self._begun_again + 1
         return self._running(observation)
 
     def _start(self, observation: Observation, command: Command) -> Progress:
@@ -76,6 +80,12 @@ class Move:
         empty = self._holding is not None and not observation.gripper.holding
         self._empty_ticks = self._empty_ticks + 1 if empty else 0
         return self._empty_ticks >= DROPPED_TICKS
+
+    def _given_up(self, observation: Observation) -> bool:
+        """Whether the arm has lost its trajectory on the way, as after a protective stop, and may get another."""
+        arm, taken_s = observation.arm, observation.time_s - self.started_s
+        lost = arm.path_s is None and not arm.moving and arm.stands and taken_s > TAKEN_S
+        return lost and not held(observation) and self._begun_again < BEGIN_AGAIN
 
     def _arrived(self, observation: Observation) -> bool:
         assert self.trajectory is not None
@@ -123,6 +133,8 @@ class SetGripper:
             return Progress(SkillStatus.RUNNING, self._doing)
         if self._must_hold and not observation.gripper.holding:
             return failed(f"{self._doing}: nothing between the fingers")
+        if not self._must_hold and observation.gripper.holding:
+            return failed(f"{self._doing}: the fingers still hold something")
         return done(self._doing)
 
 

@@ -1,21 +1,26 @@
-"""Runs one pick and place with one fault, and measures how the cell stopped or recovered."""
+"""Every fault in every state: a pick and place of the robot alone runs once, and splits where a state is reached.
+
+At that moment the process forks once for each fault. The child goes on with the fault to the end of its run, and says
+how it ended; the parent goes on without one to the next state. So what leads to a state is computed once.
+Forking needs a process without a graphics context: without rendering, `sim.bare_sight` answers in place of pixels.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+import json
+import os
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from cell.configuration import load_configuration, load_faults, load_product
+from cell.evaluating.bare_host import without_pixels
+from cell.evaluating.stop_watch import StopWatch
 from cell.interfaces.files import shipped
-from cell.interfaces.judgement import Action
-from cell.interfaces.observation import STANDING_RAD_S
-from cell.interfaces.perception import Frame
-from cell.observer import Level, Outcome, TickRecord
+from cell.observer import Outcome, TickRecord
 from cell.run import Files, drive
-from cell.running.injection import FAULTS, STATES, Injection
+from cell.running.injection import FAULTS, OTHER_STATES, STATES, Injection
 from cell.running.node_library import node_registry
 from cell.running.services import load_planners
 from sim.cell import SimCell
@@ -24,115 +29,139 @@ from trees.files.loader import load_tree
 
 HOLDING_STATES = ("lift", "carry", "lower")
 LIFTED_M = 0.003
+LONGEST_S = 60.0  # of a trial, in simulated time: it needs 20 s without a fault
+HANGS_S = 600  # of a trial, by the wall
+EVERY_STATE = ("idle", *STATES, "waiting_for_help")
+assert {*EVERY_STATE} == {*STATES, *OTHER_STATES}
 Row = dict[str, object]
+Pairs = Mapping[str, Sequence[str]]
 
 
-@dataclass
-class Watch:
-    """An observer that measures from the fault on.
-
-    Attributes:
-        ticks_to_stop: from the first tick that could see the fault until the supervisor held or stopped; -1 for never.
-        stop_s, stop_m: from the fault until the arm stood, as measured at 500 Hz.
-    """
-
-    injection: Injection
-    motion: MotionPlanner
-    ticks_to_stop: int = -1
-    stop_s: float = 0.0
-    stop_m: float = 0.0
-    held_before: bool = False
-    _ticks: int = 0
-    _rested: bool = False
-    _tool: list[np.ndarray] = field(default_factory=list)
-
-    def frame(self, frame: Frame) -> None:
-        """Images are not looked at."""
-
-    def tick(self, record: TickRecord) -> None:
-        began_s = self.injection.began_s
-        if began_s is None:
-            self.held_before = record.observation.gripper.holding
-            return
-        self._measure(record, began_s)
-        if record.observation.time_s <= began_s:
-            return
-        self._ticks += 1
-        acts = record.judgement is not None and record.judgement.action >= Action.HOLD
-        if self.ticks_to_stop < 0 and (acts or record.status == "STOPPING"):
-            self.ticks_to_stop = self._ticks
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages are not kept."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
-
-    def _measure(self, record: TickRecord, began_s: float) -> None:
-        if record.joints is None or self._rested:
-            return
-        joints = record.joints
-        for time_s, positions, speeds in list(
-            zip(joints.times_s, joints.positions_rad, joints.velocities_rad_s, strict=True)
-        )[::4]:
-            if time_s <= began_s:
-                continue
-            self._tool.append(np.array(self.motion.kinematics.forward(positions).position_m))
-            if len(self._tool) > 1:
-                self.stop_m += float(np.linalg.norm(self._tool[-1] - self._tool[-2]))
-            self.stop_s = float(time_s) - began_s
-            if np.abs(speeds).max() < STANDING_RAD_S and self.ticks_to_stop >= 0:
-                self._rested = True
-                return
-
-
-def pairs(faults: Sequence[str] | None, states: Sequence[str] | None) -> Iterator[tuple[str, str]]:
-    """All pairs of the given faults and states, or of all; raises InputError for a name that there is not."""
-    for fault in faults or FAULTS:
-        for state in states or STATES:
+def chosen(faults: Sequence[str] | None, states: Sequence[str] | None) -> Pairs:
+    """Faults by state: those that are named, or all; raises InputError for a name that there is not."""
+    pairs = {state: tuple(faults or FAULTS) for state in states or EVERY_STATE}
+    for state, names in pairs.items():
+        for fault in names:
             Injection(fault, state)
-            yield fault, state
+    return pairs
 
 
-def fault_row(path: Path, fault: str, state: str, seeds: Sequence[int]) -> Row:
-    """All tries of one pair; figures are the worst of them."""
-    tries = [fault_try(path, fault, state, seed) for seed in seeds]
-    worst = max(tries, key=lambda one: (not one["as_promised"], one["stop_s"]))
-    ends = sorted({str(one["end"]) for one in tries})
+def merged(rows: Sequence[Row]) -> Row:
+    """All tries of one fault in one state; figures are the worst of them."""
+    worst = max(rows, key=lambda one: (not one["as_promised"], one["ticks_to_stop"], one["stop_s"]))
     return {
         **worst,
-        "tries": len(tries),
-        "end": " or ".join(ends),
-        "as_promised": all(bool(one["as_promised"]) for one in tries),
-        "recovered": sum(bool(one["recovered"]) for one in tries),
+        "tries": len(rows),
+        "end": " or ".join(sorted({str(one["end"]) for one in rows})),
+        "as_promised": all(bool(one["as_promised"]) for one in rows),
+        "recovered": sum(bool(one["recovered"]) for one in rows),
+        "recoverable": sum(bool(one["recoverable"]) for one in rows),
     }
 
 
-def fault_try(path: Path, fault: str, state: str, seed: int) -> Row:
-    """One run of the robot alone: fetch a part and put it into a hole, with the fault on the way."""
+class Fork(Injection):
+    """Splits the run at every state.
+
+    Attributes:
+        child: this process carries a fault.
+        answer: where it writes how it ended.
+    """
+
+    def __init__(self, pairs: Pairs, tell: Callable[[Row], None]) -> None:
+        super().__init__("", next(iter(pairs)))
+        self._left = dict(pairs)
+        self._tell = tell
+        self.child, self.answer = False, -1
+
+    def tick(self, record: TickRecord) -> None:
+        """A state that is wanted and has come is the next one."""
+        if self.began_s is None and self._work.name in self._left:
+            self.state = self._work.name
+        super().tick(record)
+
+    def reached(self, time_s: float) -> None:
+        """One child for each fault, one after the other."""
+        for fault in self._left.pop(self.state):
+            reading, writing = os.pipe()
+            process = os.fork()
+            if not process:
+                os.close(reading)
+                signal.alarm(HANGS_S)
+                self.child, self.answer, self._left = True, writing, {}
+                self.begin(fault, time_s)
+                return
+            os.close(writing)
+            with os.fdopen(reading) as answer:
+                text = answer.read()
+            _, status = os.waitpid(process, 0)
+            self._tell(json.loads(text) if text else _broken(fault, self.state, status))
+
+    def reply(self, row: Row) -> None:
+        """The child is done; it ends without a word to anybody else."""
+        os.write(self.answer, json.dumps(row).encode())
+        os._exit(0)
+
+    @property
+    def unreached(self) -> Sequence[str]:
+        """States that never came."""
+        return tuple(self._left)
+
+
+def fast_rows(path: Path, pairs: Pairs, seed: int) -> Iterator[Row]:
+    """How each fault ended in each state, from one run that splits; the last row is the run without a fault."""
+    rows: list[Row] = []
+    fork = Fork(pairs, rows.append)
+    row = _trial(path, fork, seed, rendered=False)
+    if fork.child:
+        fork.reply(row)
+    yield from rows
+    yield {**row, "fault": "none", "state": "none", "unreached": list(fork.unreached)}
+
+
+def fault_try(path: Path, fault: str, state: str, seed: int, *, rendered: bool = True) -> Row:
+    """One run of the robot alone with one fault: rest, fetch a part, put it into a hole, call for help."""
+    return _trial(path, Injection(fault, state), seed, rendered=rendered)
+
+
+def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Row:
     configuration = load_configuration(path)
+    controller = configuration.controller.model_copy(update={"max_duration_s": LONGEST_S})
+    configuration = configuration.model_copy(update={"controller": controller})
     product = load_product(configuration, path)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    tree = load_tree(shipped("trees", "commission.xml"), node_registry())
+    tree = load_tree(shipped("trees", "trial.xml"), node_registry())
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
-    can = configuration.gripper_can
-    goal = sorted(product.goals)[0]
+    can = (configuration.gripper_can.interface, f"trial-{seed}")
     simulation = configuration.devices.simulation
-    cell = SimCell(product, configuration.bench, simulation, can.interface, can.channel, seed, goal, worker=False)
-    injection = Injection(fault, state)
-    watch = Watch(injection, motion)
+    goal = sorted(product.goals)[0]
+    cell = SimCell(product, configuration.bench, simulation, *can, seed, goal, worker=False, rendered=rendered)
+    settings = configuration.gripper_can.model_copy(update={"channel": can[1]})
+    files = replace(files, configuration=configuration.model_copy(update={"gripper_can": settings}))
+    watch = StopWatch(injection, motion)
+    devices = cell.devices if rendered else without_pixels(cell)
     try:
-        outcome = drive(files, cell.devices, motion, [watch], injection=injection)
-        placed = any(one.seated and one.by == "robot" for one in cell.score.placements().values())
-        hangs = _hangs(cell)
+        outcome = drive(files, devices, motion, [watch], injection=injection)
+        return _row(cell, injection, watch, outcome, seed)
     finally:
         cell.close()
+
+
+def _row(cell: SimCell, injection: Injection, watch: StopWatch, outcome: Outcome, seed: int) -> Row:
+    kind = FAULTS.get(injection.fault)
+    placed = any(one.seated and one.by == "robot" for one in cell.score.placements().values())
+    hangs = _hangs(cell)
+    kept = hangs if watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES else None
+    ends: tuple[str, ...] = ("finished",)
+    if kind is not None:
+        ends = kind.holding_ends if kind.holding_ends and watch.held_before else kind.ends
     reached = injection.began_s is not None
-    kept = hangs if watch.held_before and outcome.end != "finished" and state in HOLDING_STATES else None
-    promised = reached and outcome.end in FAULTS[fault].ends and kept is not False
+    recoverable = ends == ("finished",)
+    recovered = outcome.end == "finished" and placed
+    promised = outcome.end in ends and kept is not False and (recovered or not recoverable)
+    stood = watch.ticks_to_stop >= 0
     return {
-        "fault": fault,
-        "state": state,
+        "fault": injection.fault,
+        "state": injection.state,
         "seed": seed,
         "reached": reached,
         "end": outcome.end,
@@ -140,13 +169,24 @@ def fault_try(path: Path, fault: str, state: str, seed: int) -> Row:
         "reason": outcome.reason,
         "condition": outcome.condition,
         "ticks_to_stop": watch.ticks_to_stop,
-        "stop_s": round(watch.stop_s, 3) if watch.ticks_to_stop >= 0 else 0.0,
-        "stop_m": round(watch.stop_m, 3) if watch.ticks_to_stop >= 0 else 0.0,
+        "ticks_from_fault": watch.ticks_from_fault,
+        "stop_s": round(watch.stop_s, 3) if stood else 0.0,
+        "stop_m": round(watch.stop_m, 3) if stood else 0.0,
         "held": kept,
-        "recovered": outcome.end == "finished" and placed,
-        "contact_m_s": 0.0,
-        "as_promised": promised,
+        "recoverable": recoverable,
+        "recovered": recovered,
+        "contact_m_s": 0.0,  # nobody is at the bench
+        "as_promised": promised and (reached or kind is None),
     }
+
+
+def _broken(fault: str, state: str, status: int) -> Row:
+    """The row of a child that said nothing: it hung, or something ended it."""
+    hangs = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM
+    numbers = {"ticks_to_stop": -1, "ticks_from_fault": -1, "stop_s": 0.0, "stop_m": 0.0, "contact_m_s": 0.0}
+    words = {"reason": f"status {status} of the child", "condition": "", "end": "hangs" if hangs else "broke off"}
+    flags = {"reached": True, "held": None, "recoverable": False, "recovered": False, "as_promised": False}
+    return {"fault": fault, "state": state, "seed": -1, "exit_status": -1, **words, **numbers, **flags}
 
 
 def _hangs(cell: SimCell) -> bool:

@@ -51,6 +51,10 @@ class Arm(Protocol):
         """
         ...
 
+    def acknowledge(self) -> None:
+        """Somebody at the cell acknowledged a protective stop: unlock it, if the arm can be; harmless otherwise."""
+        ...
+
     def samples(self) -> JointSamples | None:
         """What was measured since the last call, a faulted arm included; None from an arm that keeps nothing."""
         ...

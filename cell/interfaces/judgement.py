@@ -42,7 +42,7 @@ Signal = Literal[
 SIGNALS: dict[Signal, str] = {
     "arm_lost": "the arm's state cannot be read, or the arm refuses a command",
     "arm_not_plausible": "the arm's state has a value that is not finite, beyond its limits, or not six joints",
-    "arm_stale": "the arm's state is older than two ticks",
+    "arm_stale": "two states of the arm in a row are missing",
     "arm_off_path": "the arm is more than 0.025 rad from where its trajectory has it, or does not follow it",
     "arm_protective_stop": "the arm stopped by itself because it was held back",
     "arm_safeguard_stop": "the arm's safeguard input is open",
@@ -52,8 +52,8 @@ SIGNALS: dict[Signal, str] = {
     "gripper_lost": "no heartbeat, a dead bus, or a major fault of the gripper",
     "gripper_stale": "no status of the gripper for more than 0.1 s, although its heartbeat comes",
     "gripper_refuses": "an active gripper does not take commands (gFLT 5 or 7), or its node is stopped",
-    "gripper_restarted_empty": "the gripper was active and is not any more; nothing was between its fingers",
-    "gripper_restarted_holding": "the gripper was active and is not any more, with a part between its fingers",
+    "gripper_restarted_empty": "the gripper lost its activation; nothing was between its fingers",
+    "gripper_restarted_holding": "the gripper lost its activation with a part between its fingers",
     "detector_lost": "the process of a detector died",
     "camera_lost": "a camera raises an error",
     "bench_stale": "the newest view of the bench is older than 0.5 s, or there is none yet",
@@ -89,6 +89,8 @@ class Fault(Model):
         clear: itself (once it has gone), standstill (and the arm stands), person (and somebody acknowledged it), never.
         delay_s: how long it must be seen before anything is done.
         clear_s: how long it must be gone.
+        acknowledged_s: with `clear: person`, how long before it went it may have been acknowledged: fingers that are
+            activated anew, or an arm that unlocks its brakes, take their time.
         stop_after_s: a hold or slow that lasts longer than this becomes a stop; None for never.
         share: largest share of speed of a `slow`; what a check itself finds may be less.
     """
@@ -98,6 +100,7 @@ class Fault(Model):
     clear: Literal["itself", "standstill", "person", "never"]
     delay_s: float = Field(default=0.0, ge=0, le=10, allow_inf_nan=False)
     clear_s: float = Field(default=0.0, ge=0, le=60, allow_inf_nan=False)
+    acknowledged_s: float = Field(default=5.0, ge=0, le=60, allow_inf_nan=False)
     stop_after_s: float | None = Field(default=None, gt=0, le=3600, allow_inf_nan=False)
     share: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
 

@@ -13,7 +13,7 @@ from cell.interfaces.judgement import Action, Judgement
 from cell.interfaces.observation import ArmMode, Observation
 from skills.separation import Separation, SeparationMonitor, nearest
 
-STALE_ARM_S = 0.085  # two ticks
+STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
 STALE_GRIPPER_S = 0.1
 STALE_BENCH_S = 0.5
 FUTURE_S = 0.05
@@ -22,6 +22,7 @@ POSITION_LIMIT_RAD = 2 * math.pi + 0.01
 SPEED_LIMITS_RAD_S = np.array([2.1, 2.1, 3.15, 3.15, 3.15, 3.15]) * 1.3  # datasheet, and what a measurement adds
 OFF_PATH_RAD = 0.025
 SERVO_LAGS_S = (0.0, 0.008, 0.016)  # an arm trails its trajectory by at most the last
+HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
 REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
 
 
@@ -42,23 +43,29 @@ class Memory:
     """What a check must know of earlier ticks.
 
     Attributes:
-        was_active, was_holding: the gripper in the tick before this one.
+        restarted: "empty" or "holding" from when the gripper lost its activation until it has it again; else empty.
         too_near: the hand was too near in the tick before.
         ever_active: the gripper was active at some time of the run.
         trajectory: what the arm was last sent and was not told to give up.
     """
 
     def __init__(self) -> None:
-        self.was_active = self.was_holding = self.ever_active = False
-        self.too_near = False
+        self.ever_active = self.too_near = False
+        self.restarted = ""
         self.trajectory: JointTrajectory | None = None
-        self._gripper = (False, False)
+        self._active, self._held_s = False, -math.inf
 
     def see(self, observation: Observation) -> None:
         """A tick begins."""
-        self.was_active, self.was_holding = self._gripper
-        self._gripper = (observation.gripper.activated, observation.gripper.holding)
-        self.ever_active |= observation.gripper.activated
+        gripper, now_s = observation.gripper, observation.time_s
+        if gripper.activated:
+            self.restarted = ""
+        elif self._active:
+            self.restarted = "holding" if now_s - self._held_s <= HELD_LATELY_S else "empty"
+        if gripper.activated and gripper.holding:
+            self._held_s = now_s
+        self._active = gripper.activated
+        self.ever_active |= gripper.activated
         if observation.arm.mode in ("protective_stop", "recovery"):  # it stands where it was stopped, off its path
             self.trajectory = None
 
@@ -129,16 +136,13 @@ def _stale_gripper(seen: Observation, _: Command, __: Memory) -> Sign | None:
 def _refuses(seen: Observation, _: Command, memory: Memory) -> Sign | None:
     if seen.gripper.node_state == "stopped":
         return Sign("the gripper's node is stopped")
-    refused = memory.ever_active and seen.gripper.fault in REFUSALS
+    refused = memory.ever_active and seen.gripper.activated and seen.gripper.fault in REFUSALS
     return Sign(f"the gripper takes no command, gFLT 0x{seen.gripper.fault:02X}") if refused else None
 
 
-def _restarted(holding: bool) -> Check:
-    what = "with a part between its fingers" if holding else "with empty fingers"
-
-    def check(seen: Observation, _: Command, memory: Memory) -> Sign | None:
-        restarted = memory.was_active and not seen.gripper.activated
-        return Sign(f"the gripper restarted {what}") if restarted and memory.was_holding == holding else None
+def _restarted(how: str, words: str) -> Check:
+    def check(_: Observation, __: Command, memory: Memory) -> Sign | None:
+        return Sign(f"the gripper restarted {words}") if memory.restarted == how else None
 
     return check
 
@@ -238,8 +242,8 @@ CHECKS: Mapping[str, Check] = {
     "gripper_lost": _trouble_of("gripper"),
     "gripper_stale": _stale_gripper,
     "gripper_refuses": _refuses,
-    "gripper_restarted_empty": _restarted(holding=False),
-    "gripper_restarted_holding": _restarted(holding=True),
+    "gripper_restarted_empty": _restarted("empty", "with empty fingers; once acknowledged, they open and close"),
+    "gripper_restarted_holding": _restarted("holding", "with a part between its fingers"),
     "detector_lost": _trouble_of("detector overhead", "detector wrist"),
     "camera_lost": _trouble_of("camera overhead", "camera wrist"),
     "bench_stale": _stale_bench,

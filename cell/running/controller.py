@@ -28,6 +28,7 @@ from trees.engine.node import StatusChange
 
 Answer = TypeVar("Answer")
 USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, nobody is told
+RESTARTED = "gripper_restarted_empty"
 STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked
 STOPPING = "STOPPING"  # ... and in the ticks of the safe stop
 
@@ -210,6 +211,7 @@ class Controller:
         if held:
             withhold(command)
         self._command("arm", lambda: self._devices.arm.pace(self._judgement.share))
+        self._recover(seen)
         self._command("gripper", lambda: self._fingers.keep(seen, held))
         if command.stop_arm:
             self._command("arm", self._devices.arm.stop)
@@ -225,6 +227,14 @@ class Controller:
         if (display := command.display) is not None:
             self._command("panel", lambda: self._devices.panel.show(display))
         return SentCommand(trajectory, gripper)
+
+    def _recover(self, seen: Observation) -> None:
+        """Somebody acknowledged: unlock an arm that stopped by itself, activate a gripper that restarted empty."""
+        if not seen.acknowledged:
+            return
+        self._command("arm", self._devices.arm.acknowledge)
+        if any(signal == RESTARTED for signal, _ in self._judgement.reasons) and not seen.gripper.activated:
+            self._command("gripper", self._gripper.activate)
 
     def _command(self, device: str, order: Callable[[], Answer]) -> Answer | None:
         try:

@@ -125,27 +125,28 @@ class HeldFingers:
     def __init__(self, gripper: Gripper) -> None:
         self._gripper = gripper
         self._goal: GripperCommand | None = None
-        self._withheld = False
+        self._withheld = self._forgotten = False
 
     def sent(self, goal: GripperCommand) -> None:
         """The fingers were sent to a new goal."""
-        self._goal, self._withheld = goal, False
+        self._goal, self._withheld, self._forgotten = goal, False, False
 
     def seen(self, observation: Observation) -> Observation:
         """The observation as skills are to see it."""
-        if not self._withheld:
+        if not (self._withheld or self._forgotten):
             return observation
         return replace(observation, gripper=replace(observation.gripper, object_status=ObjectStatus.MOVING))
 
     def keep(self, observation: Observation, held: bool) -> None:
-        """Stop fingers that move, or let them go on."""
+        """Stop fingers that move, or let them go on; a gripper that restarted has forgotten where they should be."""
+        self._forgotten |= self._goal is not None and not observation.gripper.activated
         if held and not self._withheld and self._goal is not None:
             if observation.gripper.object_status is ObjectStatus.MOVING and observation.gripper.activated:
                 self._gripper.hold()
                 self._withheld = True
-        elif not held and self._withheld and self._goal is not None:
+        elif not held and (self._withheld or self._forgotten) and self._goal is not None:
             self._gripper.command(self._goal)
-            self._withheld = False
+            self._withheld = self._forgotten = False
 
 
 def describe(error: BaseException) -> str:

@@ -6,6 +6,7 @@ again. Modelled after PX4's failsafe: every sign has an action and a condition f
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,7 @@ class _State:
         active_s: since when it acts; None while it does not.
         last_s: when its sign was seen last.
         sign: the newest one.
+        acknowledged_s: when somebody acknowledged it last.
     """
 
     since_s: float | None = None
@@ -34,7 +36,7 @@ class _State:
     last_s: float = 0.0
     sign: Sign = NO_SIGN
     expired: bool = False
-    acknowledged: bool = False
+    acknowledged_s: float = -math.inf
 
 
 _Row = tuple[Fault, Check, _State]
@@ -90,11 +92,13 @@ def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
 
 def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -> None:
     now_s = seen.time_s
+    if seen.acknowledged:
+        state.acknowledged_s = now_s
     if sign is not None:
         state.since_s = now_s if state.since_s is None else state.since_s
-        state.last_s, state.sign, state.acknowledged = now_s, sign, False
+        state.last_s, state.sign = now_s, sign
         if state.active_s is None and now_s - state.since_s >= fault.delay_s:
-            state.active_s = now_s
+            state.active_s, state.acknowledged_s = now_s, now_s if seen.acknowledged else -math.inf
     else:
         state.since_s = None
         if state.active_s is not None and _clears(fault, state, seen):
@@ -106,8 +110,7 @@ def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -
 def _clears(fault: Fault, state: _State, seen: Observation) -> bool:
     if fault.clear == "never" or state.expired:
         return False
-    state.acknowledged |= seen.acknowledged
-    if fault.clear == "person" and not state.acknowledged:
+    if fault.clear == "person" and state.acknowledged_s < state.last_s - fault.acknowledged_s:
         return False
     if fault.clear == "standstill" and not seen.arm.stands:
         state.last_s = seen.time_s

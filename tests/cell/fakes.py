@@ -75,6 +75,9 @@ class FakeArm:
     def pace(self, share: float) -> None:
         self.shares.append(share)
 
+    def acknowledge(self) -> None:
+        self.calls.append("acknowledge")
+
     def samples(self) -> JointSamples | None:
         return None
 

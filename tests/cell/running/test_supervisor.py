@@ -126,7 +126,7 @@ def test_each_sign_clears_as_the_table_says(signal: str) -> None:
     fault, supervisor = row(signal), begun(signal)
     waits = math.ceil(round(fault.delay_s / TICK_S, 6))
     for tick in range(2, 3 + waits):
-        supervisor.judge(SPOILS[signal](sound(tick)))
+        supervisor.judge(replace(SPOILS[signal](sound(tick)), acknowledged=tick == 2 + waits))
     gone = math.ceil(round(fault.clear_s / TICK_S, 6))
     later = [supervisor.judge(sound(tick)) for tick in range(3 + waits, 3 + waits + gone + 2)]
     acts = [signal in dict(judgement.reasons) for judgement in later]
@@ -161,9 +161,29 @@ def test_a_person_must_acknowledge_where_the_table_says_so() -> None:
     assert supervisor.judge(replace(sound(2), acknowledged=True)).action is Action.RUN
 
 
+def test_what_was_acknowledged_while_it_lasted_clears_when_it_is_gone_but_not_much_later() -> None:
+    fault = Fault(signal="arm_protective_stop", action="hold", clear="person", acknowledged_s=1.0)
+    for ends, acts in ((10, Action.RUN), (60, Action.HOLD)):
+        supervisor = Supervisor([fault], CHECKS)
+        for tick in range(ends):
+            supervisor.judge(replace(SPOILS["arm_protective_stop"](sound(tick)), acknowledged=tick == 3))
+        assert supervisor.judge(sound(ends)).action is acts
+
+
+def test_a_gripper_that_restarted_is_held_until_it_is_active_again() -> None:
+    supervisor = begun()
+    actions = [supervisor.judge(gripper(activated=False)(sound(tick))).action for tick in range(2, 30)]
+    assert set(actions) == {Action.HOLD}
+    supervisor.judge(replace(gripper(activated=False)(sound(30)), acknowledged=True))
+    later = [supervisor.judge(sound(tick)).action for tick in range(31, 60)]
+    assert later[0] is Action.HOLD
+    assert later[-1] is Action.RUN
+
+
 def test_an_arm_that_still_moves_does_not_clear_at_standstill() -> None:
     supervisor = begun()
-    supervisor.judge(SPOILS["arm_protective_stop"](sound(2)))
+    for tick in (1, 2):
+        supervisor.judge(SPOILS["arm_off_path"](sound(tick)))
     moving = arm(velocities_rad_s=(0.2,) * 6)
     assert [supervisor.judge(moving(sound(tick))).action for tick in range(3, 40)] == [Action.HOLD] * 37
 

@@ -1,0 +1,48 @@
+"""The place for detectors of a simulated cell that renders nothing: they answer from `sim.bare_sight`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeVar, cast
+
+from cell.interfaces.devices import Devices
+from cell.interfaces.perception import Frame, PartsView
+from cell.running.detectors import Detectors, bench_watcher
+from learned.bench_watcher import DetectorChain
+from sim.bare_sight import BareSight
+from sim.cell import SimCell
+
+Answer = TypeVar("Answer")
+
+
+class BareHost:
+    """Implements `DetectorHost`: hands, holes and parts come from the truth; actions are detected from these."""
+
+    def __init__(self, sight: BareSight) -> None:
+        self._sight = sight
+
+    def host(
+        self, build: Callable[..., Callable[[Frame], Answer]], *arguments: object
+    ) -> Callable[[Frame], Callable[[], Answer]]:
+        """What answers frames in place of what `build` would make."""
+        detect = cast("Callable[[Frame], Answer]", self._watch(*arguments) if build is bench_watcher else self._find)
+
+        def submit(frame: Frame) -> Callable[[], Answer]:
+            answer = detect(frame)
+            return lambda: answer
+
+        return submit
+
+    def _watch(self, bench: Any, product: Any, perception: Any) -> Callable[[Frame], object]:
+        actions = Detectors(bench, product, perception).make("actions")
+        return DetectorChain(bench, product, self._sight, self._sight, actions).watch
+
+    def _find(self, frame: Frame) -> PartsView:
+        return PartsView(frame.sequence, frame.time_s, self._sight.detect(frame))
+
+
+def without_pixels(cell: SimCell) -> Devices:
+    """The devices of a cell that was opened with `rendered=False`."""
+    assert cell.sight is not None
+    return replace(cell.devices, host=BareHost(cell.sight))

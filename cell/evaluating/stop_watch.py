@@ -1,0 +1,95 @@
+"""An observer that measures how soon and how far on a cell stops after a fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cell.interfaces.judgement import Action
+from cell.interfaces.observation import STANDING_RAD_S, JointSamples, Observation
+from cell.interfaces.perception import Frame
+from cell.observer import Level, Outcome, TickRecord
+from cell.running.checks import STALE_BENCH_S, STALE_GRIPPER_S
+from cell.running.injection import Injection
+from skills.planner import MotionPlanner
+
+EVERY = 4  # of the joints' samples
+
+
+@dataclass
+class StopWatch:
+    """Measures from the fault on.
+
+    Attributes:
+        ticks_to_stop: from the first observation that shows the fault until the supervisor held or stopped, that
+            observation included: 1 is at once; -1 for never.
+        ticks_from_fault: the same from the fault itself: answers to frames take time, and a heartbeat has a period.
+        stop_s, stop_m: from the fault until the arm stood, as measured at 500 Hz.
+        held_before: a part was between the fingers when the fault came.
+    """
+
+    injection: Injection
+    motion: MotionPlanner
+    ticks_to_stop: int = -1
+    ticks_from_fault: int = -1
+    stop_s: float = 0.0
+    stop_m: float = 0.0
+    held_before: bool = False
+    _ticks: int = 0
+    _showing: int = 0
+    _rested: bool = False
+    _tool: list[np.ndarray] = field(default_factory=list)
+
+    def frame(self, frame: Frame) -> None:
+        """Images are not looked at."""
+
+    def tick(self, record: TickRecord) -> None:
+        began_s = self.injection.began_s
+        if began_s is None:
+            self.held_before = record.observation.gripper.holding
+            return
+        if record.joints is not None:
+            self._measure(record.joints, began_s)
+        if record.observation.time_s <= began_s or self.ticks_to_stop >= 0:
+            return
+        self._ticks += 1
+        self._showing += self._showing > 0 or shows(record.observation, self.injection)
+        if record.status == "STOPPING" or (record.judgement is not None and record.judgement.action >= Action.HOLD):
+            self.ticks_to_stop, self.ticks_from_fault = max(1, self._showing), self._ticks
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        """Messages are not kept."""
+
+    def close(self, outcome: Outcome) -> None:
+        """Nothing to do."""
+
+    def _measure(self, joints: JointSamples, began_s: float) -> None:
+        samples = zip(joints.times_s, joints.positions_rad, joints.velocities_rad_s, strict=True)
+        for time_s, positions, speeds in list(samples)[::EVERY]:
+            if time_s <= began_s or self._rested:
+                continue
+            self._tool.append(np.array(self.motion.kinematics.forward(positions).position_m))
+            if len(self._tool) > 1:
+                self.stop_m += float(np.linalg.norm(self._tool[-1] - self._tool[-2]))
+            self.stop_s = float(time_s) - began_s
+            self._rested = bool(np.abs(speeds).max() < STANDING_RAD_S and self.ticks_to_stop >= 0)
+
+
+def shows(seen: Observation, injection: Injection) -> bool:
+    """Whether an observation lets anybody know of the fault, whatever the supervisor makes of it."""
+    fault, gripper = injection.fault, seen.gripper
+    if fault.startswith("arm"):
+        return injection.shown
+    if fault.startswith("camera"):
+        if any(trouble.device.startswith("camera") for trouble in seen.troubles):
+            return True
+        stale = seen.bench is None or seen.time_s - seen.bench.time_s > STALE_BENCH_S
+        first = injection.first_frame
+        spoiled = first is not None and seen.bench is not None and seen.bench.sequence >= first
+        return stale if fault in ("camera_dead", "camera_raises") else spoiled
+    if fault.startswith("sig") or fault == "observer_raises":
+        return True
+    lost = any(trouble.device == "gripper" for trouble in seen.troubles)
+    odd = gripper.fault != 0 or gripper.node_state == "stopped" or not gripper.activated
+    return lost or odd or seen.time_s - gripper.time_s > STALE_GRIPPER_S

@@ -11,6 +11,7 @@ from cell.interfaces.observation import STANDING_RAD_S, JointSamples, Observatio
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 from cell.running.checks import STALE_BENCH_S, STALE_GRIPPER_S
+from cell.running.faulty_devices import UNSEEN
 from cell.running.injection import Injection
 from skills.planner import MotionPlanner
 
@@ -39,6 +40,7 @@ class StopWatch:
     _ticks: int = 0
     _showing: int = 0
     _rested: bool = False
+    _commanded: bool = False
     _tool: list[np.ndarray] = field(default_factory=list)
 
     def frame(self, frame: Frame) -> None:
@@ -54,7 +56,9 @@ class StopWatch:
         if record.observation.time_s <= began_s or self.ticks_to_stop >= 0:
             return
         self._ticks += 1
-        self._showing += self._showing > 0 or shows(record.observation, self.injection)
+        shown = self._commanded if self.injection.fault in UNSEEN else shows(record.observation, self.injection)
+        self._showing += self._showing > 0 or shown
+        self._commanded = self.injection.shown  # by the command of this tick: the next observation shows it
         if record.status == "STOPPING" or (record.judgement is not None and record.judgement.action >= Action.HOLD):
             self.ticks_to_stop, self.ticks_from_fault = max(1, self._showing), self._ticks
 

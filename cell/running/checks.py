@@ -15,7 +15,7 @@ from skills.separation import Separation, SeparationMonitor, nearest
 
 STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
 STALE_GRIPPER_S = 0.1
-STALE_BENCH_S = 0.5
+STALE_BENCH_S = 0.35  # three frames are missing
 FUTURE_S = 0.05
 LATE_S, VERY_LATE_S = 0.08, 0.40
 POSITION_LIMIT_RAD = 2 * math.pi + 0.01

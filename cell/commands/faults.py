@@ -52,6 +52,7 @@ def encounters(
     throughput_seeds: Annotated[
         int, typer.Option(min=0, help="Assemblies beside a careful person with and without separation.")
     ] = 3,
+    pixels: Annotated[bool, typer.Option("--pixels", help="Render every image: twice the time.")] = False,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> int:
@@ -59,9 +60,13 @@ def encounters(
     from cell.evaluating.encounters import meet, throughput_ratio
 
     screen = console()
-    found = meet(Path(config), person, encounters, first_seed, lambda words: screen.print(words, highlight=False))
+
+    def tell(words: str) -> None:
+        screen.print(words, highlight=False)
+
+    found = meet(Path(config), person, encounters, first_seed, tell, rendered=pixels)
     summary = {**found, "throughput_ratio": throughput_ratio(Path(config), range(throughput_seeds))}
-    screen.print(summary)
+    screen.print({name: value for name, value in summary.items() if name != "rows"})
     if as_json:
         print_json(summary)
     bad = found["contacts_fast"] or found["contacts_avoidable"] or found["moved_while_unknown"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from cell.configuration import load_configuration, load_faults, load_product, simulated
+from cell.evaluating.bare_host import without_pixels
 from cell.interfaces.files import shipped
 from cell.interfaces.judgement import Action, FaultTable
-from cell.interfaces.perception import Frame
+from cell.interfaces.perception import Frame, HandSample
 from cell.observer import Level, Outcome, TickRecord
 from cell.run import Files, drive
 from cell.running.node_library import node_registry
@@ -19,25 +21,42 @@ from cell.running.services import load_planners
 from sim.cell import SimCell
 from sim.contacts import Contact
 from skills.planner import MotionPlanner
+from skills.separation import SeparationMonitor
 from trees.files.loader import load_tree
 
 SLOW_M_S = 0.25
 DRIVEN_M_S = 0.05  # below this the arm stood, and the person touched it
 STOPS_S = 0.35  # after this the arm stands that was told to hold
+LATE_S = 0.15  # as late as answers about the hand come: half a frame's period, the detectors' time and a tick
+BOX = (100, 100, 200, 200)
 OF_PERSON = ("hand_near", "hand_too_near", "blind_area")
 
 
+@dataclass(frozen=True)
+class _Tick:
+    """Since when the arm was held, and since when it should have been; infinite for not. And what was known."""
+
+    time_s: float
+    held_s: float
+    should_s: float
+    known: str
+
+
 @dataclass
-class Holds:
-    """An observer that keeps since when the arm was held, and whether it moved while the hand was unknown.
+class Encounters:
+    """An observer that keeps what is needed to judge contacts afterwards.
 
     Attributes:
-        since: by the tick's time, since when the supervisor held; infinite where it did not.
+        moved_while_unknown: ticks in which the arm moved although it was not known where the hand is.
     """
 
-    since: list[tuple[float, float]] = field(default_factory=list)
+    cell: SimCell
+    monitor: SeparationMonitor
     moved_while_unknown: int = 0
-    _from_s: float = np.inf
+    _ticks: list[_Tick] = field(default_factory=list)
+    _hands: deque[tuple[float, HandSample]] = field(default_factory=lambda: deque(maxlen=16))
+    _held_s: float = np.inf
+    _should_s: float = np.inf
     _unknown_s: float = np.inf
 
     def frame(self, frame: Frame) -> None:
@@ -45,12 +64,16 @@ class Holds:
 
     def tick(self, record: TickRecord) -> None:
         seen, judgement = record.observation, record.judgement
+        now_s, bench = seen.time_s, seen.bench
         held = judgement is not None and judgement.action >= Action.HOLD
-        self._from_s = min(self._from_s, seen.time_s) if held else np.inf
-        self.since.append((seen.time_s, self._from_s))
-        unknown = seen.bench is not None and bool(seen.bench.hand_unknown)
-        self._unknown_s = min(self._unknown_s, seen.time_s) if unknown else np.inf
-        self.moved_while_unknown += seen.time_s - self._unknown_s > STOPS_S and not seen.arm.stands
+        self._held_s = min(self._held_s, now_s) if held else np.inf
+        self._should_s = min(self._should_s, now_s) if self._should_hold(record) else np.inf
+        unknown = bench is not None and bool(bench.hand_unknown)
+        self._unknown_s = min(self._unknown_s, now_s) if unknown else np.inf
+        self.moved_while_unknown += now_s - self._unknown_s > STOPS_S and not seen.arm.stands
+        words = "" if judgement is None else judgement.words
+        hand = "unknown" if unknown else "seen" if bench is not None and bench.hand is not None else "not seen"
+        self._ticks.append(_Tick(now_s, self._held_s, self._should_s, f"hand {hand}; {words}"))
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         """Messages are not kept."""
@@ -58,44 +81,78 @@ class Holds:
     def close(self, outcome: Outcome) -> None:
         """Nothing to do."""
 
-    def held_long_before(self, time_s: float) -> bool:
-        """Whether the arm had been told to hold for so long that it had to stand at this time."""
-        before = [since for at, since in self.since if at <= time_s]
-        return bool(before) and time_s - before[-1] > STOPS_S
+    def judge(self, contact: Contact) -> dict[str, object]:
+        """A contact as a row: could the formula have avoided it, and what did the cell know."""
+        before = [tick for tick in self._ticks if tick.time_s <= contact.start_s]
+        last = before[-1] if before else _Tick(0.0, np.inf, np.inf, "")
+        driven = contact.first_m_s > DRIVEN_M_S
+        since_s = min(last.held_s, last.should_s)
+        return {
+            **vars(contact),
+            "fast": contact.speed_m_s > SLOW_M_S,
+            "avoidable": driven and contact.start_s - since_s > STOPS_S,
+            "known": last.known,
+        }
+
+    def _should_hold(self, record: TickRecord) -> bool:
+        """Whether the formula holds the arm, told the truth about the hand as late as the cell may know it."""
+        assert self.cell.worker is not None
+        seen, hand = record.observation, self.cell.worker.hand
+        tips, palm = hand.position_m, hand.palm_m
+        velocity = (0.0, 0.0)
+        if self._hands:
+            then_s, then = self._hands[-1]
+            gone = np.array(palm[:2]) - np.array(then.palm_m)
+            velocity = tuple(float(value) for value in gone / max(seen.time_s - then_s, 1e-3))  # type: ignore[assignment]
+        spot = ((float(tips[0]), float(tips[1])), (float(palm[0]), float(palm[1])))
+        sample = HandSample(seen.time_s, BOX, *spot, velocity_m_s=velocity, height_m=float(palm[2]))
+        self._hands.append((seen.time_s, sample))
+        late = [one for at, one in self._hands if at <= seen.time_s - LATE_S]
+        joints = np.array(seen.arm.positions_rad)
+        if not late or joints.shape != (6,) or not np.isfinite(joints).all():
+            return False
+        found = self.monitor.judge(joints, late[-1], LATE_S, seen.gripper.holding)
+        return found.distance_m < found.least_m
 
 
-def meet(path: Path, person: str, encounters: int, first_seed: int, tell: Callable[[str], None]) -> dict[str, object]:
+def meet(
+    path: Path, person: str, encounters: int, first_seed: int, tell: Callable[[str], None], *, rendered: bool = False
+) -> dict[str, object]:
     """Assemble until so many times a hand went into the arm's way."""
     met = seeds = moved = 0
-    contacts: list[Contact] = []
-    avoidable = 0
+    rows: list[dict[str, object]] = []
     ends: dict[str, int] = {}
     while met < encounters:
-        holds = Holds()
-        cell, outcome = _assembly(path, person, first_seed + seeds, holds)
+        seed = first_seed + seeds
+        cell, outcome, watch = _assembly(path, person, seed, rendered=rendered)
         assert cell.worker is not None
         assert cell.contacts is not None
         acts = sum(event.fields.get("act") == "intrude" for event in cell.worker.acts)
-        found = list(cell.contacts.all())
-        avoidable += sum(one.first_m_s > DRIVEN_M_S and holds.held_long_before(one.start_s) for one in found)
-        contacts += found
-        met, seeds, moved = met + acts, seeds + 1, moved + holds.moved_while_unknown
+        found = [{"seed": seed, **watch.judge(one)} for one in cell.contacts.all()]
+        rows += found
+        met, seeds, moved = met + acts, seeds + 1, moved + watch.moved_while_unknown
         ends[outcome.end] = ends.get(outcome.end, 0) + 1
-        fastest = max((one.speed_m_s for one in found), default=0.0)
-        words = f"{outcome.end}, {acts} encounters, {len(found)} contacts, at most {fastest:.2f} m/s"
-        tell(f"seed {first_seed + seeds - 1}: {words}")
-        if not acts and seeds > 5 * encounters:
+        tell(f"seed {seed}: {outcome.end} after {outcome.sim_time_s:.0f} s, {acts} encounters, {len(found)} contacts")
+        for row in found:
+            words = " FAST" * bool(row["fast"]) + " AVOIDABLE" * bool(row["avoidable"])
+            tell(
+                f"  {row['start_s']:.2f} s {row['robot']} and {row['human']}, first {row['first_m_s']:.2f}, "
+                f"at most {row['speed_m_s']:.2f} m/s{words}; {row['known']}"
+            )
+        if not met and seeds > 5 * encounters:
             break
     return {
         "person": person,
         "assemblies": seeds,
         "ends": ends,
         "encounters": met,
-        "contacts": len(contacts),
-        "contacts_fast": sum(one.speed_m_s > SLOW_M_S for one in contacts),
-        "contacts_avoidable": avoidable,
-        "fastest_m_s": round(max((one.speed_m_s for one in contacts), default=0.0), 3),
+        "contacts": len(rows),
+        "contacts_fast": sum(bool(row["fast"]) for row in rows),
+        "contacts_avoidable": sum(bool(row["avoidable"]) for row in rows),
+        "fastest_m_s": round(max((float(str(row["speed_m_s"])) for row in rows), default=0.0), 3),
         "moved_while_unknown": moved,
+        "pixels": rendered,
+        "rows": rows,
     }
 
 
@@ -109,12 +166,12 @@ def throughput_ratio(path: Path, seeds: Iterable[int]) -> float | None:
 
 
 def _time_s(path: Path, seed: int, table: FaultTable) -> float:
-    return _assembly(path, "careful", seed, Holds(), table)[1].sim_time_s
+    return _assembly(path, "careful", seed, table)[1].sim_time_s
 
 
 def _assembly(
-    path: Path, person: str, seed: int, holds: Holds, table: FaultTable | None = None
-) -> tuple[SimCell, Outcome]:
+    path: Path, person: str, seed: int, table: FaultTable | None = None, *, rendered: bool = False
+) -> tuple[SimCell, Outcome, Encounters]:
     configuration = simulated(load_configuration(path), None, person)
     product = load_product(configuration, path)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
@@ -123,8 +180,12 @@ def _assembly(
     files = Files(configuration, product, tree, load_planners(configuration, product), faults)
     can = configuration.gripper_can
     simulation = configuration.devices.simulation
-    cell = SimCell(product, configuration.bench, simulation, can.interface, can.channel, seed, "random")
+    cell = SimCell(
+        product, configuration.bench, simulation, can.interface, can.channel, seed, "random", rendered=rendered
+    )
+    watch = Encounters(cell, motion.separation)
     try:
-        return cell, drive(files, cell.devices, motion, [holds])
+        outcome = drive(files, cell.devices if rendered else without_pixels(cell), motion, [watch])
+        return cell, outcome, watch
     finally:
         cell.close()

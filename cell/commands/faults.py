@@ -27,16 +27,23 @@ def faults(
     screen = console()
     pairs = chosen(fault, state)
     found: dict[tuple[object, object], list[dict[str, object]]] = {}
+
+    def tell(row: dict[str, object]) -> None:
+        found.setdefault((row["fault"], row["state"]), []).append(row)
+        words = "as promised" if row["as_promised"] else "NOT AS PROMISED"
+        screen.print(
+            f"{row['fault']:<20} {row['state']:<16} {row['end']:<12} {words:<16} ticks {row['ticks_to_stop']}  "
+            f"{row['stop_s']} s  {row['stop_m']} m  {row['reason']}",
+            highlight=False,
+        )
+
     for seed in range(first_seed, first_seed + tries):
-        rows = (fault_try(Path(config), name, at, seed) for at, names in pairs.items() for name in names)
-        for row in rows if pixels else fast_rows(Path(config), pairs, seed):
-            found.setdefault((row["fault"], row["state"]), []).append(row)
-            words = "as promised" if row["as_promised"] else "NOT AS PROMISED"
-            screen.print(
-                f"{row['fault']:<20} {row['state']:<16} {row['end']:<12} {words:<16} ticks {row['ticks_to_stop']}  "
-                f"{row['stop_s']} s  {row['stop_m']} m  {row['reason']}",
-                highlight=False,
-            )
+        if not pixels:
+            fast_rows(Path(config), pairs, seed, tell)
+            continue
+        for at, names in pairs.items():
+            for name in names:
+                tell(fault_try(Path(config), name, at, seed))
     table = [merged(rows) for rows in found.values()]
     good = all(bool(row["as_promised"]) for row in table)
     screen.print(f"{sum(bool(row['as_promised']) for row in table)} of {len(table)} pairs ended as promised")

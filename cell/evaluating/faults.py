@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -107,15 +107,18 @@ class Fork(Injection):
         return tuple(self._left)
 
 
-def fast_rows(path: Path, pairs: Pairs, seed: int) -> Iterator[Row]:
-    """How each fault ended in each state, from one run that splits; the last row is the run without a fault."""
-    rows: list[Row] = []
-    fork = Fork(pairs, rows.append)
+def fast_rows(path: Path, pairs: Pairs, seed: int, tell: Callable[[Row], None]) -> None:
+    """Tell how each fault ended in each state, from one run that splits; at last, how that one ended without a fault.
+
+    A state that never came is told, too, as a row that is not as promised.
+    """
+    fork = Fork(pairs, tell)
     row = _trial(path, fork, seed, rendered=False)
     if fork.child:
         fork.reply(row)
-    yield from rows
-    yield {**row, "fault": "none", "state": "none", "unreached": list(fork.unreached)}
+    for state in fork.unreached:
+        tell({**row, "fault": "none", "state": state, "reached": False, "as_promised": False})
+    tell({**row, "fault": "none", "state": "none"})
 
 
 def fault_try(path: Path, fault: str, state: str, seed: int, *, rendered: bool = True) -> Row:

@@ -156,8 +156,8 @@ class FaultyBus:
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         if self._again is not None:
-            message, self._again = self._again, None
-            return message
+            again, self._again = self._again, None
+            return again
         if self._injection.active and self._injection.fault == "bus_off":
             raise can.CanOperationError("bus off")
         while (message := self._bus.recv(timeout=timeout)) is not None:

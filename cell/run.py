@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import importlib
 import inspect
+import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -82,6 +83,8 @@ class RunOptions:
         person: a simulated person's name or file; None for the configuration's.
         look: what the simulated cell looks like, a preset or a file; None for what the configuration says.
         nodes: files and packages with further nodes.
+        beside: further tree files, and folders with them, whose trees may be named.
+        entries: of the main tree, set before the first tick.
     """
 
     tree: Path = DEFAULT_TREE
@@ -99,6 +102,12 @@ class RunOptions:
     inject: str | None = None
     look: str | None = None
     nodes: tuple[str, ...] = ()
+    beside: tuple[Path, ...] = ()
+    entries: Mapping[str, Any] = field(default_factory=dict)
+
+    def load(self, product: Product) -> Tree:
+        """The tree as it stands in its files now."""
+        return load_tree(self.tree, node_registry(product, self.nodes), None, self.entries, self.beside)
 
 
 @dataclass(frozen=True)
@@ -138,7 +147,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
         Injection.parse(options.inject)
     with located(options.configuration, configuration):
         product = load_product(configuration, options.configuration)
-        tree = load_tree(options.tree, node_registry(product, options.nodes))
+        tree = options.load(product)
         log = _log_path(options, configuration.log)
         check_detectors(configuration.bench, product, configuration.perception)
         return _run(
@@ -275,9 +284,7 @@ def _watched(
         if monitor is not None:
             monitor.watch(tree)
 
-    return WatchedTree(
-        tree, lambda: load_tree(options.tree, node_registry(product, options.nodes)), options.tree, observers, swapped
-    )
+    return WatchedTree(tree, lambda: options.load(product), options.tree, observers, swapped)
 
 
 def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:
@@ -351,6 +358,8 @@ def _heading(options: RunOptions, files: Files) -> Heading:
         values[f"planner.{name}"] = planner.kind
         if planner.weights is not None and planner.weights.exists():
             values |= _weights(name, planner.weights)
+    if options.entries:
+        values["entries"] = json.dumps(dict(options.entries))
     return Heading({**values, **identity()}, attachments)
 
 

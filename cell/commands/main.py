@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cell.commands.entries import entries_of
 from cell.commands.goals import goals_app
 from cell.commands.hands import hands_app
 from cell.commands.init import init
@@ -94,6 +95,14 @@ NodesOption = Annotated[
     list[str] | None,
     typer.Option("--nodes", help="File or package with nodes of your own; those in nodes/ are found anyway."),
 ]
+BesideOption = Annotated[
+    list[Path] | None,
+    typer.Option("--also", help="Further tree files, or folders with them, whose trees may be named."),
+]
+EntriesOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="NAME=VALUE: an entry of the main tree; or a YAML file with several."),
+]
 DoctorJsonOption = Annotated[bool, typer.Option("--json", help="One line of JSON instead.")]
 PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
 
@@ -142,6 +151,8 @@ def run(
     live_port: Annotated[int, typer.Option(min=0, max=65535, help="Port for --live; 0: any free one.")] = LIVE_PORT,
     look: LookOption = None,
     own_nodes: NodesOption = None,
+    beside: BesideOption = None,
+    entries: EntriesOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Assemble one product."""
@@ -165,6 +176,8 @@ def run(
         person=person,
         look=look,
         nodes=tuple(own_nodes or ()),
+        beside=tuple(beside or ()),
+        entries=entries_of(entries),
     )
     result = running.run(options, screen)
     screen.print(table("run", result.rows))
@@ -188,22 +201,29 @@ def check(
         Path | None, typer.Option(help="Configuration whose part types and positions are the only legal ones.")
     ] = None,
     own_nodes: NodesOption = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Notes are mistakes, too.")] = False,
+    beside: BesideOption = None,
+    entries: EntriesOption = None,
+    stubs: Annotated[
+        bool, typer.Option("--stubs", help="Take nodes that are not known here as they are, with any ports.")
+    ] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Warnings and notes are mistakes, too.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
 ) -> int:
     """Say everything that is wrong with tree files."""
     from cell.running.node_library import node_registry
-    from trees.files.check import findings
+    from trees.files.check import Circumstances, findings
 
-    problems, notes = findings(files, node_registry(_product(config), own_nodes or ()))
+    known = Circumstances(tuple(beside or ()), entries_of(entries), stubs)
+    problems, warnings, notes = findings(files, node_registry(_product(config), own_nodes or ()), known)
     if strict:
-        problems, notes = [*problems, *notes], []
+        problems, warnings, notes = [*problems, *warnings, *notes], [], []
     if as_json:
-        told = {"problems": [_problem_data(problem) for problem in problems]}
-        print_json(told | ({"notes": [_problem_data(note) for note in notes]} if notes else {}))
+        told = {"problems": problems, "warnings": warnings, "notes": notes}
+        shown = {key: [_problem_data(one) for one in told[key]] for key in told if told[key] or key == "problems"}
+        print_json(shown)
         return BAD_INPUT if problems else 0
-    for note in notes:
-        sys.stderr.write(f"{note.place}: note: {note.what}\n")
+    for level, some in (("warning", warnings), ("note", notes)):
+        sys.stderr.writelines(f"{one.place}: {level}: {one.what}\n" for one in some)
     if problems:
         raise InputError(*problems)
     unchecked = "" if config else "; names of parts and positions are checked with --config"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,8 +50,8 @@ def test_texts_of_scripts_and_tables_become_poses() -> None:
         ('<GoalPart goal="g9" position="p1"/>', "the product has no goal 'g9'; one of g0, g1, g2"),
     ],
 )
-def test_check_knows_frames_and_goals(tmp_path, node: str, told: str) -> None:  # type: ignore[no-untyped-def]
+def test_check_knows_frames_and_goals(tmp_path: Path, node: str, told: str) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{node}</BehaviorTree></root>')
-    problems, _ = findings([file], node_registry(PRODUCT))
+    problems, _, _ = findings([file], node_registry(PRODUCT))
     assert [told in str(problem) for problem in problems] == [True], problems

@@ -37,6 +37,7 @@ class Port:
 
     direction = "inout"
     names_entry = False
+    takes_texts = False  # also where it writes: nothing is known of what it does
 
     def __init__(
         self, kind: Any, meaning: str = "", default: Any = UNSET, optional: bool = False, name: str | None = None

@@ -30,7 +30,7 @@ Evaluate = Callable[[], Any]
 _TOKEN = re.compile(
     r"""\s*(?:
       (?P<number>0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
-    | (?P<string>'[^']*')
+    | (?P<string>'[^']*'|"[^"]*")
     | (?P<name>@?[^\W\d]\w*)
     | (?P<sign>:=|\+=|-=|\*=|/=|==|!=|<=|>=|&&|\|\||\.\.|[-+*/=<>!~&|^?:;()])
     | (?P<end>\Z)
@@ -308,11 +308,10 @@ def _tokens(source: str) -> list[_Token]:
 
 def _unknown(source: str, offset: int) -> ScriptError:
     """What begins at `offset` is no word of the language."""
-    if source[offset] == "'":
+    if (quote := source[offset]) in "'\"":
         start = source[offset:].split(";")[0]
-        return ScriptError(f"the text {shorten(start, 30, placeholder='...')} has no end", offset, "close it with '")
-    if source[offset] == '"':
-        return ScriptError("'\"' has no meaning here", offset, "texts stand in single quotes: 'text'")
+        what = f"the text {shorten(start, 30, placeholder='...')} has no end"
+        return ScriptError(what, offset, f"close it with {quote}")
     word = re.match(r"\S\w*", source[offset:])
     what = f"'{word[0] if word else source[offset]}' has no meaning here"
     return ScriptError(what, offset, "see docs/trees.md for the operators")

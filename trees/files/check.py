@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cell.interfaces.errors import Problem
 from trees.files.library import read_library
-from trees.files.loader import build, find_problems, in_order
+from trees.files.loader import build, find_doubts, find_mistakes, in_order
 from trees.files.registry import Registry
+from trees.files.stubs import with_stubs
 
 
 class Findings(NamedTuple):
@@ -17,11 +19,28 @@ class Findings(NamedTuple):
 
     Attributes:
         problems: mistakes; a file that has any is not run.
+        warnings: where nodes are stubs, what is a mistake unless they do what nobody here knows.
         notes: what is ignored here, and means something to editors or other programs.
     """
 
     problems: list[Problem]
+    warnings: list[Problem]
     notes: list[Problem]
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What is known beside the files.
+
+    Attributes:
+        beside: further files, and folders with them, whose trees may be named.
+        provided: entries of the main tree that are set before the first tick.
+        stubs: nodes that nobody knows are taken as they are.
+    """
+
+    beside: tuple[Path, ...] = ()
+    provided: Mapping[str, Any] = field(default_factory=dict)
+    stubs: bool = False
 
 
 def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
@@ -29,15 +48,19 @@ def check(paths: Iterable[Path], registry: Registry) -> list[Problem]:
     return findings(paths, registry).problems
 
 
-def findings(paths: Iterable[Path], registry: Registry) -> Findings:
-    """All problems and notes of all files, in order of place."""
+def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | None = None) -> Findings:
+    """All that there is to say about all files, in order of place."""
+    known = known or Circumstances()
     problems: list[Problem] = []
+    warnings: list[Problem] = []
     notes: list[Problem] = []
     for path in paths:
-        library = read_library(path)
-        found = find_problems(library, registry)
-        if library.main and not library.incomplete:
-            found = found + build(library, registry, library.main, {})[1]
-        problems += in_order(found)
+        library = read_library(path, known.beside)
+        nodes = with_stubs(library, registry) if known.stubs else registry
+        mistakes, doubts = find_mistakes(library, nodes), find_doubts(library, nodes)
+        if library.main in library.trees and not library.incomplete:
+            doubts = doubts + build(library, nodes, library.main, known.provided)[1]
+        problems += in_order(mistakes if known.stubs else mistakes + doubts)
+        warnings += in_order(doubts if known.stubs else [])
         notes += in_order(library.notes)
-    return Findings(list(dict.fromkeys(problems)), list(dict.fromkeys(notes)))
+    return Findings(*(list(dict.fromkeys(told)) for told in (problems, warnings, notes)))

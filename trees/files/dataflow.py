@@ -38,13 +38,15 @@ def check_dataflow(builder: Builder, given: set[int], words: Words) -> list[Prob
 
 
 def _constant_problems(writers: list[Use], typed: Use) -> list[Problem]:
-    """A constant that a SubTree passes to a port of a type that it does not fit."""
+    """A constant that a SubTree, or the one who runs the tree, passes to a port of a type that it does not fit."""
     value = typed.entry.value
-    if value is UNSET or not writers:
+    if value is UNSET:
         return []
     try:
         converted(value, typed.kind)
     except LiteralError as error:
+        if not writers:
+            return [Problem(typed.place, f"{typed.user} is given {{{typed.entry.name}}}: {error}", error.legal)]
         return [
             Problem(writers[0].place, f"{writers[0].user}: {error}", f"{typed.user} at {typed.place}: {error.legal}")
         ]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from cell.interfaces.errors import InputError, Place, Problem
+from trees.engine.literals import TRUE_WORDS
+from trees.files.replacing import REPLACES, original_of, replace_nodes
 from trees.files.words import hint, is_near
 from trees.files.xml_file import Element, read_xml
 
@@ -34,6 +36,7 @@ class Library:
         main: ID of the tree to run; empty where the file does not say.
         texts: every file read, with its text.
         notes: what is left out of account here and means something elsewhere, such as to editors.
+        replacing: trees that take the place of a tree or node of their name.
         incomplete: some file could not be read to its end, or is too large: trees may be missing, none is built.
     """
 
@@ -43,16 +46,32 @@ class Library:
     texts: dict[Path, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     notes: list[Problem] = field(default_factory=list)
+    replacing: dict[str, Element] = field(default_factory=dict)
     incomplete: bool = False
 
 
-def read_library(path: Path) -> Library:
-    """Read a file and what it includes; what is wrong is in `problems`."""
+def read_library(path: Path, beside: Iterable[Path] = ()) -> Library:
+    """Read a file and what it includes; what is wrong is in `problems`.
+
+    Args:
+        beside: further files, and folders with them, whose trees it may name.
+    """
     library = Library()
     root = _read(library, path, None)
+    own = tuple(library.trees)
+    for file in _files(beside):
+        if file.resolve() not in {known.resolve() for known in library.texts}:
+            _read(library, file, None)
+    replace_nodes(library.trees, library.replacing)
     if root is not None:
-        _choose_main(library, root)
+        _choose_main(library, root, own)
     return library
+
+
+def _files(paths: Iterable[Path]) -> Iterator[Path]:
+    """Files, and the tree files below folders by their names."""
+    for path in paths:
+        yield from sorted(path.rglob("*.xml")) if path.is_dir() else [path]
 
 
 def bottom_up(library: Library) -> Iterator[Element]:
@@ -138,18 +157,38 @@ def _take_tree(library: Library, element: Element, alone: bool) -> None:
     if not identifier:
         library.problems.append(Problem(element.place, "this BehaviorTree has no ID", 'give it one: ID="Name"'))
         return
-    if identifier in library.trees:
-        first = library.trees[identifier].place
-        what = f"a BehaviorTree '{identifier}' stands already at {first}"
-        library.problems.append(Problem(element.place_of("ID"), what, "rename one of them"))
+    if not _replaced(library, element, identifier):
         return
     library.trees[identifier] = element
-    _check_attributes(library, element, ("ID", "_description", "_fullpath"))
+    _check_attributes(library, element, ("ID", "_description", "_fullpath", REPLACES))
+    _check_children(library, element, identifier)
+
+
+def _check_children(library: Library, element: Element, identifier: str) -> None:
     if len(element.children) != 1:
         what = f"BehaviorTree '{identifier}' has {len(element.children)} nodes directly below it"
         if not element.broken:
             library.problems.append(Problem(element.place, what, "must be one; put several into a Sequence"))
         element.broken = True
+
+
+def _replaced(library: Library, element: Element, identifier: str) -> bool:
+    """Whether a tree can have its name; where it replaces another one, that is kept beside it, whichever came first."""
+    other, replaces = library.trees.get(identifier), element.get(REPLACES) in TRUE_WORDS
+    if other is not None and replaces == (identifier in library.replacing):
+        what = f"a BehaviorTree '{identifier}' stands already at {other.place}"
+        legal = f'rename one of them, or let this one take its place: {REPLACES}="true"'
+        library.problems.append(Problem(element.place_of("ID"), what, legal))
+        return False
+    if other is not None and not replaces:
+        library.trees[original_of(identifier)] = element
+        _check_children(library, element, identifier)
+        return False
+    if other is not None:
+        library.trees[original_of(identifier)] = other
+    if replaces:
+        library.replacing[identifier] = element
+    return True
 
 
 def _take_models(library: Library, element: Element) -> None:
@@ -190,10 +229,11 @@ def _include(library: Library, element: Element, path: Path) -> None:
         _read(library, path.parent / name, place)
 
 
-def _choose_main(library: Library, root: Element) -> None:
+def _choose_main(library: Library, root: Element, own: tuple[str, ...]) -> None:
+    """The tree that the file names; without a word of it the only one that it and its includes hold."""
     main = root.get("main_tree_to_execute")
-    if main is None and len(library.trees) == 1:
-        library.main = next(iter(library.trees))
+    if main is None and len(own) == 1:
+        library.main = own[0]
     elif main in library.trees:
         library.main = main
     elif main is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,11 @@ FRAMES_AROUND = 400
 
 
 def load_tree(
-    path: Path, registry: Registry, main: str | None = None, provided: Mapping[str, Any] | None = None
+    path: Path,
+    registry: Registry,
+    main: str | None = None,
+    provided: Mapping[str, Any] | None = None,
+    beside: Iterable[Path] = (),
 ) -> Tree:
     """Load a tree file and what it includes; what `cell check` reports is refused here, too.
 
@@ -35,11 +39,12 @@ def load_tree(
         registry: the nodes that the file may name.
         main: BehaviorTree to run instead of the file's `main_tree_to_execute`.
         provided: entries of the main tree that are set before the first tick.
+        beside: further files, and folders with them, whose trees the file may name.
 
     Raises:
         InputError: everything that is wrong, each with its place.
     """
-    library = read_library(path)
+    library = read_library(path, beside)
     if main is not None:
         library.main = main
     problems = find_problems(library, registry)
@@ -61,12 +66,17 @@ def load_tree(
 
 def find_problems(library: Library, registry: Registry) -> list[Problem]:
     """What is wrong with any tree of a library as it stands in the files, before nodes are made of one of them."""
-    return (
-        library.problems
-        + check_structure(library, registry)
-        + check_reach(library)
-        + list(check_claims(library, registry))
-    )
+    return find_mistakes(library, registry) + find_doubts(library, registry)
+
+
+def find_mistakes(library: Library, registry: Registry) -> list[Problem]:
+    """What nobody could run."""
+    return library.problems + check_structure(library, registry)
+
+
+def find_doubts(library: Library, registry: Registry) -> list[Problem]:
+    """What could run, and would not do what is written; to be asked after `find_mistakes`."""
+    return check_reach(library) + list(check_claims(library, registry))
 
 
 def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:

@@ -96,6 +96,14 @@ class Registry:
         }
         return {**ports, **further} if further else ports
 
+    def extended(self, classes: Iterable[type[TreeNode]]) -> Registry:
+        """A registry with more nodes."""
+        more = Registry(words=self.words)
+        more.classes, more._ports, more.enums = dict(self.classes), dict(self._ports), dict(self.enums)
+        for node in classes:
+            more._add(node)
+        return more
+
     def _add(self, node: type[TreeNode]) -> None:
         tag = tag_of(node)
         if tag in self.classes:

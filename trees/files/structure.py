@@ -161,6 +161,8 @@ class _Checker:
         key = entry_name(attribute.value, port.name, port.names_entry)
         if key is not None:
             self._key(attribute, key)
+        elif port.takes_texts:
+            return
         elif port.direction != "input":
             what = f"port '{port.name}' is an {port.direction} and '{attribute.value}' is no entry"
             self._report(attribute.place, what, f'like {port.name}="{{entry}}"')

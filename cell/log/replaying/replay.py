@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,6 +31,7 @@ from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.node import StatusChange
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
+from trees.files.registry import Registry
 from trees.nodes.files import LoggedFiles
 
 PLANNERS = ("semantic", "grasp")
@@ -190,7 +192,7 @@ class Replay:
         """Let an edited tree take over as it did in the run."""
         with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
             _write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
-            following = load_tree(Path(folder) / "tree" / self.log.metadata["tree"], node_registry())
+            following = _tree(self.log, Path(folder), node_registry())
         take_over(self.tree, following, self._services, self._clock)
         self.tree, self._hooks = following, Hooks(following, _nobody)
 
@@ -217,12 +219,19 @@ def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Planners,
         else:
             configuration = load_configuration(changes.configuration)
             product = load_product(configuration, changes.configuration)
-        tree = load_tree(changes.tree or folder / "tree" / log.metadata["tree"], node_registry(product))
+        registry = node_registry(product)
+        tree = load_tree(changes.tree, registry) if changes.tree else _tree(log, folder, registry)
         recorded = folder / "faults.yaml"
         own = changes.configuration is None and recorded.exists()
         faults = load_yaml(recorded, FaultTable) if own else load_faults(configuration)
         configuration = _with_weights(log, configuration, changes)
         return configuration, product, load_planners(configuration, product), tree, faults
+
+
+def _tree(log: Log, folder: Path, registry: Registry) -> Tree:
+    """The tree of a log whose files are unpacked in a folder; with the entries and the further files of its run."""
+    files, entries = folder / "tree", json.loads(log.metadata.get("entries", "{}"))
+    return load_tree(files / log.metadata["tree"], registry, None, entries, (files,))
 
 
 def _unpack(log: Log, folder: Path) -> None:

@@ -180,7 +180,7 @@ def test_text_does_not_grow_without_end() -> None:
         ("a > 1 and b", 6, "'and' stands where an operator or ';' is expected", "did you mean '&&'?"),
         ("not a", 4, "'a' stands where an operator", "did you mean '!'?"),
         ("a := 'open; b := 1", 5, "the text 'open has no end", "close it with '"),
-        ('a := "b"', 5, "'\"' has no meaning here", "texts stand in single quotes"),
+        ('a := "open; b := 1', 5, 'the text "open has no end', 'close it with "'),
         ("a := $price", 5, "'$price' has no meaning here", ""),
     ],
 )

@@ -649,7 +649,7 @@ def test_what_editors_write_for_themselves_is_noted_and_loads(write: Write) -> N
         "<AlwaysSuccess/></Sequence>\n</BehaviorTree>\n</root>"
     )
     path = write(text)
-    problems, notes = findings([path], REGISTRY)
+    problems, _, notes = findings([path], REGISTRY)
     assert problems == []
     assert [(note.place.line, note.what.split(";")[0]) for note in notes] == [
         (1, "BTCPP_format is missing"),

@@ -1,0 +1,101 @@
+"""Trees beside the file, trees that replace others, stubs for nodes that nobody knows, entries from outside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cell.commands.main import main
+from cell.running.node_library import node_registry
+from trees.files.check import Circumstances, findings
+from trees.files.loader import load_tree
+from trees.testing import TreeBench, assert_ticks
+
+RETRY = """<root BTCPP_format="4" main_tree_to_execute="FetchOne"><include path="{shipped}"/>
+  <BehaviorTree ID="PickPart" _replaces="true">
+    <RetryUntilSuccessful num_attempts="2"><PickPart parts="{{parts}}" index="{{index}}"/></RetryUntilSuccessful>
+  </BehaviorTree>
+</root>"""
+SHIPPED = Path("trees/clear_and_grasp.xml").resolve()
+
+
+def files(folder: Path, **texts: str) -> list[Path]:
+    for name, text in texts.items():
+        (folder / f"{name}.xml").write_text(f'<root BTCPP_format="4">{text}</root>')
+    return [folder / f"{name}.xml" for name in texts]
+
+
+def test_a_retry_around_a_node_of_a_shipped_tree_is_five_lines(tmp_path: Path) -> None:
+    file = tmp_path / "retry.xml"
+    file.write_text(RETRY.format(shipped=SHIPPED))
+    assert findings([file], node_registry()).problems == []
+    bench = TreeBench(file, node_registry(), {"PickPart": "FS"}, {"FindPart": {"index": 0}})
+    assert_ticks(bench, "RS")
+    assert bench.started("PickPart") == 2
+    assert bench.started("FindPart") == 1  # without the retry the tray is looked at again
+
+
+def test_a_tree_takes_the_place_of_an_included_one_and_may_call_it(tmp_path: Path) -> None:
+    first, second = files(
+        tmp_path,
+        base='<BehaviorTree ID="Main"><SubTree ID="Work"/></BehaviorTree>'
+        '<BehaviorTree ID="Work"><Script code="x := 1"/></BehaviorTree>',
+        mine='<include path="base.xml"/><BehaviorTree ID="Work" _replaces="true">'
+        '<Sequence><SubTree ID="Work" _autoremap="true"/><Script code="x += 10"/></Sequence></BehaviorTree>',
+    )
+    tree = load_tree(second, node_registry(), "Main")
+    tree.tick()
+    assert [scope.values() for scope in tree.scopes][1] == {"x": 11}
+    assert load_tree(first, node_registry(), "Main").nodes[-1].name == "Script"
+
+
+def test_a_second_tree_of_a_name_is_a_mistake_that_tells_the_way_out(tmp_path: Path) -> None:
+    _, second = files(
+        tmp_path,
+        base='<BehaviorTree ID="Work"><AlwaysSuccess/></BehaviorTree>',
+        mine='<include path="base.xml"/><BehaviorTree ID="Work"><AlwaysFailure/></BehaviorTree>',
+    )
+    (problem,) = findings([second], node_registry()).problems
+    assert 'let this one take its place: _replaces="true"' in str(problem)
+
+
+def test_trees_of_files_and_folders_beside_may_be_named(tmp_path: Path) -> None:
+    (tmp_path / "more").mkdir()
+    (file,) = files(tmp_path, main='<BehaviorTree ID="Main"><SubTree ID="Other"/></BehaviorTree>')
+    files(tmp_path / "more", other='<BehaviorTree ID="Other"><AlwaysSuccess/></BehaviorTree>')
+    assert "there is no BehaviorTree 'Other'" in str(findings([file], node_registry()).problems[0])
+    for beside in (tmp_path / "more", tmp_path / "more" / "other.xml"):
+        assert findings([file], node_registry(), Circumstances((beside,))).problems == []
+    assert load_tree(file, node_registry(), beside=(tmp_path / "more",)).tick().name == "SUCCESS"
+
+
+def test_stubs_stand_for_what_nobody_knows_and_doubts_become_warnings(tmp_path: Path) -> None:
+    (file,) = files(
+        tmp_path,
+        main="""<BehaviorTree ID="Main"><RecoveryNode number_of_retries="2">
+          <ComputePath goal="{goal}" path="{path}" planner="Grid; fast"/><Sequence><Spin turn="{angle}"/></Sequence>
+          </RecoveryNode></BehaviorTree>""",
+    )
+    assert len(findings([file], node_registry()).problems) == 1 + 1 + 1
+    problems, warnings, _ = findings([file], node_registry(), Circumstances(stubs=True))
+    assert (problems, warnings) == ([], [])
+    (doubtful,) = files(
+        tmp_path,
+        doubt="""<BehaviorTree ID="Main"><Fallback><AlwaysSuccess/><Spin/></Fallback></BehaviorTree>""",
+    )
+    problems, warnings, _ = findings([doubtful], node_registry(), Circumstances(stubs=True))
+    assert [problem.what.split(":")[0] for problem in warnings] == ["Spin is never ticked"]
+    assert problems == []
+
+
+def test_entries_come_from_the_command_line(tmp_path: Path) -> None:
+    (file,) = files(
+        tmp_path, main='<BehaviorTree ID="Main"><FindPart part="{part}" parts="{parts}" index="{i}"/></BehaviorTree>'
+    )
+    assert main(["check", str(file)]) == 2
+    (tmp_path / "entries.yaml").write_text("part: o2\nparts: [1, 2]\n")
+    assert main(["check", str(file), "--set", str(tmp_path / "entries.yaml")]) == 2  # a list is no PartsView
+    (file,) = files(tmp_path, main='<BehaviorTree ID="Main"><ShowMessage text="{t}"/></BehaviorTree>')
+    assert main(["check", str(file)]) == 2
+    assert main(["check", str(file), "--set", "t=hello"]) == 0
+    for wrong in ("1x=3", "no_such.yaml", "=3"):
+        assert main(["check", str(file), "--set", wrong]) == 2

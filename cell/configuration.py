@@ -66,7 +66,7 @@ class Perception(Model):
     Attributes:
         kind: all detectors at once: by rules about colours and outlines (classical), or trained (learned).
         hands: who finds the hand, where that is to be another kind: classical, slim, mediapipe.
-        actions: who names what the hand does: classical, slim.
+        actions: who names what the hand does: classical, slim, paper.
         holes: who reads the holes: classical, plate.
         parts: who finds parts in the wrist camera's view: classical, centre.
         latency_s: in lock-step simulation, clock time from a frame to its answer.

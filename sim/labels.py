@@ -8,7 +8,7 @@ whose last frame lies within 0.2 s of a change of class are told apart: nobody c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +24,17 @@ GUARD_S = 0.2
 
 @dataclass(frozen=True)
 class Label:
-    """A class of actions; part and position of an assembly only."""
+    """A class of actions.
+
+    Attributes:
+        part, position: of an assembly only.
+        released: the fingers of this assembly have opened; no part of the class.
+    """
 
     kind: ActionKind
     part: str | None = None
     position: str | None = None
+    released: bool = field(default=False, compare=False)
 
 
 def labels(actions: Sequence[ActionEvent], acts: Sequence[TruthEvent], times_s: Array) -> list[Label]:
@@ -45,7 +51,8 @@ def labels(actions: Sequence[ActionEvent], acts: Sequence[TruthEvent], times_s: 
             continue
         inside = (times_s >= release.time_s - BEFORE_RELEASE_S) & (times_s <= release.time_s + AFTER_RELEASE_S)
         for index in np.flatnonzero(inside):
-            found[index] = Label("assembly", str(release.fields["part"]), str(position))
+            part, released = str(release.fields["part"]), bool(times_s[index] >= release.time_s)
+            found[index] = Label("assembly", part, str(position), released)
     return found
 
 

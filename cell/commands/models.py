@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from cell.commands import actions as action_commands
 from cell.commands import data as data_commands
 from cell.commands import faults as fault_commands
 from cell.commands import grasp as grasp_commands
@@ -23,6 +24,8 @@ data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)
 data_app.command("grasp")(grasp_commands.data)
 train_app.command("noise")(noise_commands.train)
+train_app.command("actions")(action_commands.train)
+eval_app.command("actions")(action_commands.evaluate)
 for command in (worlds.actions, worlds.hands, worlds.holes, worlds.plates, worlds.objects):
     data_app.command(command.__name__)(command)
 

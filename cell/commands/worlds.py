@@ -25,6 +25,9 @@ FirstSeedOption = Annotated[
 MixedOption = Annotated[bool, typer.Option("--mixed", help="Some parts lie or are stacked, some objects are unknown.")]
 ViewsOption = Annotated[int, typer.Option(min=1, max=50, help="Images of each tray.")]
 SteelOption = Annotated[float, typer.Option(min=0, max=1, help="Share of recordings with parts of bare steel.")]
+ThinOption = Annotated[
+    bool, typer.Option("--thin", help="For training: only some of the segments of classes that are frequent.")
+]
 PhysicsOption = Annotated[bool, typer.Option("--physics", help="Move hand and parts by physics: slower, with slips.")]
 
 
@@ -35,11 +38,12 @@ def actions(
     recordings: RecordingsOption = 10,
     first_seed: FirstSeedOption = 0,
     physics: PhysicsOption = False,
+    thin: ThinOption = False,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
     """Segments of 45 frames: the hand's track, a crop of the hand, and what it did."""
-    _from_assemblies("actions", out, look, person, recordings, first_seed, physics, config, as_json)
+    _from_assemblies("actions", out, look, person, recordings, first_seed, physics, config, as_json, thin=thin)
 
 
 def hands(
@@ -150,6 +154,7 @@ def _from_assemblies(
     config: Path,
     as_json: bool,
     steel_share: float = 0.0,
+    thin: bool = False,
 ) -> None:
     from cell.configuration import load_configuration, load_product, simulated
     from sim.data.actions import Source, write_holes, write_segments
@@ -161,7 +166,7 @@ def _from_assemblies(
     product, bench = load_product(configuration, config), configuration.bench
     simulation = configuration.devices.simulation
     writers: dict[str, Callable[[Source, DataFolder], None]] = {
-        "actions": write_segments,
+        "actions": partial(write_segments, thin=thin),
         "hands": partial(write_hands, every=physics),
         "holes": write_holes,
     }
@@ -173,7 +178,8 @@ def _from_assemblies(
         return assembly.moments[-1].time_s
 
     command = f"cell data {what} --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"
-    command += (" --physics" if physics else "") + (f" --steel-share {steel_share:g}" if steel_share else "")
+    command += " --thin" * thin + " --physics" * physics
+    command += f" --steel-share {steel_share:g}" if steel_share else ""
     _write(command, (out, recordings, first_seed, as_json), one)
 
 

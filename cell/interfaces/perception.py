@@ -118,6 +118,8 @@ class Action:
     Attributes:
         part, position: set for an assembly action only, e.g. "o1" at "p3".
         finished: the hand motion that this action consists of is over.
+        posterior: probability by the name of each class that is not out of the question, as in "o1 at p3" or "screw";
+            empty where the detector has none.
     """
 
     kind: ActionKind
@@ -125,6 +127,7 @@ class Action:
     part: str | None = None
     position: str | None = None
     finished: bool = False
+    posterior: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __str__(self) -> str:
         return f"{self.part} at {self.position}" if self.kind == "assembly" else self.kind

@@ -7,6 +7,7 @@ bench, product and the file of weights; a new kind is one more line in TRAINED.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,27 @@ from cell.configuration import Perception
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import ModelError, SettingError
-from cell.interfaces.perception import BenchView, Frame, HandTracker, HoleReader, PartDetector, PartsView
+from cell.interfaces.perception import (
+    ActionDetector,
+    BenchView,
+    Frame,
+    HandTracker,
+    HoleReader,
+    PartDetector,
+    PartsView,
+)
 from cell.interfaces.product import Product
 from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
 from learned.bench_watcher import DetectorChain
 from learned.classical.detectors import ClassicalDetectors
 
 Maker = Callable[[Bench, Product, Path], Any]
+
+
+def _actions(bench: Bench, product: Product, weights: Path, kind: str) -> ActionDetector:
+    from learned.actions.detector import load_actions
+
+    return load_actions(bench, product, weights, kind)
 
 
 def _plate(bench: Bench, product: Product, weights: Path) -> HoleReader:
@@ -49,7 +64,7 @@ def _mediapipe_hands(bench: Bench, product: Product, weights: Path) -> HandTrack
 
 TRAINED: Mapping[str, Mapping[str, Maker]] = {
     "hands": {"slim": _slim_hands, "mediapipe": _mediapipe_hands},
-    "actions": {},
+    "actions": {kind: partial(_actions, kind=kind) for kind in ("slim", "paper")},
     "holes": {"plate": _plate},
     "parts": {"centre": _centre},
 }

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.hand_window import hand_window, last_at_hole, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
@@ -24,6 +25,7 @@ ASSEMBLY_STRIDE_FRAMES = 4  # and more while a part is placed, which is short
 HOLES_STRIDE_FRAMES = 30
 HOLE_HALF_M = 0.045  # half the width of a hole's crop on the plate
 HAND_BODIES = ("hand", "hand_thumb", "hand_index", "hand_fingers")
+MOST_OF = {"assembly": 1000, "transit": 14, "screw": 8, "idle": 4}  # segments of a recording that is thinned
 COVERED_BY = ("hand", "shoulder", "upper", "forearm", "wrist", "gripper", "finger", "tool", "base", "head")
 
 
@@ -40,34 +42,69 @@ class Source:
         """Of the recording, in rows and file names."""
         return f"seed{self.assembly.seed:06d}"
 
+    @property
+    def holes_m(self) -> Array:
+        """(holes, 2) where they are on the bench."""
+        holes = np.array([[*xy, 0.0] for xy in self.product.bracket.holes_m.values()])
+        found: Array = self.bench.bracket.pose.transform(holes)[:, :2]
+        return found
 
-def write_segments(source: Source, folder: DataFolder) -> None:
-    """Rows of segments.jsonl, and the crop of the hand at the end of each."""
+
+def write_segments(source: Source, folder: DataFolder, *, thin: bool = False) -> None:
+    """Rows of segments.jsonl, and the window of the hand at the end of each and where it was last at a hole.
+
+    Args:
+        thin: only some of the segments that are no assembly, drawn by chance, so that classes are less unequal.
+    """
     assembly = source.assembly
-    hands = _hands(source)
-    photographer = assembly.photographer(source.bench)
-    for end in _ends(assembly):
-        moment, label = assembly.moments[end], assembly.labels[end]
-        window = hands[end - SEGMENT_FRAMES + 1 : end + 1]
-        crop = None
-        if (hand := window[-1]) is not None:
-            image = _crop(photographer.take(moment.exposure).image, hand["box_px"])
-            crop = folder.image(f"crops/{source.name}-{moment.exposure.sequence:06d}-hand.png", image)
+    hands = hands_of(source)
+    tips_m = np.array([(math.nan, math.nan) if hand is None else hand["fingertips_m"] for hand in hands])
+    camera = _Windows(source)
+    for end in _thinned(assembly) if thin else segment_ends(assembly):
+        moment, label, begin = assembly.moments[end], assembly.labels[end], end - SEGMENT_FRAMES + 1
+        window = hands[begin : end + 1]
+        at_hole = last_at_hole(tips_m[begin : end + 1], source.holes_m)
         folder.row(
             "segments",
             {
                 "log": source.name,
                 "frame": moment.exposure.sequence,
-                "begin_s": round(assembly.moments[end - SEGMENT_FRAMES + 1].time_s, 4),
+                "begin_s": round(assembly.moments[begin].time_s, 4),
                 "end_s": round(moment.time_s, 4),
-                "truth": {"kind": label.kind, "part": label.part, "position": label.position},
+                "truth": asdict(label),
                 "guarded": assembly.guarded[end],
-                "hand_crop": crop,
+                "hole_crop": None if at_hole is None else camera.write(begin + at_hole, folder),
+                "hand_crop": None if window[-1] is None else camera.write(end, folder),
                 "holes": {position: part for position, (part, _) in holes_of(source, moment).items()},
                 "hands": window,
             },
         )
-    photographer.close()
+    camera.close()
+
+
+class _Windows:
+    """Writes windows around the fingertips, each once."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._photographer = source.assembly.photographer(source.bench)
+        self._projection = Projection(source.assembly.world, CAMERA, source.bench.overhead, source.assembly.look)
+        self._side_px = window_px(source.bench.overhead)
+        self._written: dict[int, str] = {}
+
+    def write(self, index: int, folder: DataFolder) -> str:
+        """The file of the window at a moment."""
+        if index not in self._written:
+            moment = self._source.assembly.moments[index]
+            exposure = moment.exposure
+            column, row = self._projection.pixels(exposure.moments[-1], moment.fingertips_m[np.newaxis])[0]
+            image = self._photographer.take(exposure).image
+            name = f"crops/{self._source.name}-{exposure.sequence:06d}-hand.png"
+            self._written[index] = folder.image(name, hand_window(image, (column, row), self._side_px))
+        return self._written[index]
+
+    def close(self) -> None:
+        self._photographer.close()
 
 
 def write_holes(source: Source, folder: DataFolder) -> None:
@@ -120,7 +157,7 @@ def holes_of(source: Source, moment: Moment) -> dict[str, tuple[str | None, bool
     return found
 
 
-def _ends(assembly: Assembly) -> Iterator[int]:
+def segment_ends(assembly: Assembly) -> Iterator[int]:
     """Last moments of segments; none across frames that were lost."""
     for end in range(SEGMENT_FRAMES - 1, len(assembly.moments)):
         placing = assembly.labels[end].kind == "assembly"
@@ -131,7 +168,18 @@ def _ends(assembly: Assembly) -> Iterator[int]:
             yield end
 
 
-def _hands(source: Source) -> list[dict[str, Any] | None]:
+def _thinned(assembly: Assembly) -> list[int]:
+    """All segments that are assemblies, and a number of each other class."""
+    rng = np.random.default_rng([assembly.seed, 5])
+    ends = list(segment_ends(assembly))
+    chosen: list[int] = []
+    for kind, most in MOST_OF.items():
+        of_kind = [end for end in ends if assembly.labels[end].kind == kind]
+        chosen += list(rng.permutation(of_kind)[:most]) if of_kind else []
+    return sorted(int(end) for end in chosen)
+
+
+def hands_of(source: Source) -> list[dict[str, Any] | None]:
     """The hand as a perfect tracker would tell it, by moment; None where the fingertips are out of the image."""
     assembly, setup = source.assembly, source.bench.overhead
     model = assembly.world.model

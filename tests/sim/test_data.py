@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
+from dataclasses import asdict
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +16,12 @@ import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.interfaces.errors import InputError
+from cell.interfaces.hand_window import last_at_hole, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES
 from learned.holes.crops import hole_crops, squares_m
 from learned.holes.dataset import load_plates
 from learned.parts.dataset import load_scenes
-from sim.data.actions import Source, holes_of, write_holes, write_segments
+from sim.data.actions import MOST_OF, Source, holes_of, write_holes, write_segments
 from sim.data.folder import DataFolder
 from sim.data.hands import hand_frames, write_hands
 from sim.data.objects import write_objects
@@ -95,6 +99,7 @@ def test_the_holes_are_empty_at_first_and_hold_the_goal_at_last() -> None:
 def test_segments_end_with_their_class_and_have_all_their_frames(tmp_path: Path) -> None:
     write_segments(source(), DataFolder(tmp_path / "new", "test"))
     found = rows(tmp_path / "new" / "segments.jsonl")
+    side_px = window_px(BENCH.overhead)
     labels = {
         moment.exposure.sequence: label for moment, label in zip(assembly().moments, assembly().labels, strict=True)
     }
@@ -102,14 +107,33 @@ def test_segments_end_with_their_class_and_have_all_their_frames(tmp_path: Path)
     assert 0 < sum(row["guarded"] for row in found) < len(found) / 2
     for row in found:
         label = labels[row["frame"]]
-        assert row["truth"] == {"kind": label.kind, "part": label.part, "position": label.position}
+        assert row["truth"] == asdict(label)
         assert len(row["hands"]) == SEGMENT_FRAMES
         assert row["end_s"] - row["begin_s"] == pytest.approx((SEGMENT_FRAMES - 1) / 15, abs=0.01)
         last = row["hands"][-1]
         assert (last is None) == (row["hand_crop"] is None)
         if last is not None:
-            left, top, right, bottom = last["box_px"]
-            assert image(tmp_path / "new" / row["hand_crop"]).shape == (bottom - top, right - left, 3)
+            assert image(tmp_path / "new" / row["hand_crop"]).shape == (side_px, side_px, 3)
+        tips_m = [(np.nan, np.nan) if hand is None else hand["fingertips_m"] for hand in row["hands"]]
+        assert (last_at_hole(np.array(tips_m), source().holes_m) is None) == (row["hole_crop"] is None)
+
+
+def test_fingers_open_once_in_each_assembly() -> None:
+    taken = assembly()
+    for before, now in pairwise(taken.labels):
+        assert not (before.released and not now.released and before == now)
+    opened = [now for before, now in pairwise(taken.labels) if now.released and not before.released]
+    assert len(opened) == len(PRODUCT.positions)
+
+
+def test_thinned_segments_are_all_assemblies_and_few_of_the_rest(tmp_path: Path) -> None:
+    write_segments(source(), DataFolder(tmp_path / "all", "test"))
+    write_segments(source(), DataFolder(tmp_path / "thin", "test"), thin=True)
+    counts = [
+        Counter(row["truth"]["kind"] for row in rows(tmp_path / name / "segments.jsonl")) for name in ("all", "thin")
+    ]
+    assert counts[1]["assembly"] == counts[0]["assembly"] > 10
+    assert all(0 < counts[1][kind] <= most for kind, most in MOST_OF.items())
 
 
 def test_hands_in_frames_are_where_the_rows_say(tmp_path: Path) -> None:

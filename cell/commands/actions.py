@@ -1,0 +1,143 @@
+"""`cell train actions` and `cell eval actions`."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.commands.weights import need_torch, new_weights
+from cell.interfaces.errors import InputError
+
+DATA_S = 1.7  # processor time of a recording
+DATA_SHARE = 0.4  # of a budget
+VALIDATION_SEED, VALIDATION_SHARE = 800_000, 0.1
+
+KindsOption = Annotated[list[str] | None, typer.Option("--kind", help="slim, paper or classical; may be repeated.")]
+
+
+def train(
+    kind: Annotated[str, typer.Option(help="slim, paper, cnn_lstm, hand or track.")] = "slim",
+    data: Annotated[
+        list[Path] | None, typer.Option(help="Folder of `cell data actions` or `cell data --from`; may be repeated.")
+    ] = None,
+    validation: Annotated[Path | None, typer.Option(help="Another such folder, for the scores.")] = None,
+    look: Annotated[str, typer.Option(help="Of recordings that are made where no --data is given.")] = "varied",
+    budget: Annotated[str, typer.Option(help="Processor time for data and training, as in 30m or 90s.")] = "20m",
+    epochs: Annotated[int, typer.Option(min=1, help="Passes through the data, as far as the budget goes.")] = 24,
+    share: Annotated[float, typer.Option(min=0.05, max=1, help="Of VGG16's channels, where it is used.")] = 1.0,
+    out: Annotated[Path | None, typer.Option(help="File to write; beside --config by default.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Train a detector of actions; makes its own recordings by the simulated person unless --data is given."""
+    need_torch()
+    from cell.configuration import load_configuration, load_product
+    from learned.actions.dataset import load_segments
+    from learned.actions.settings import ActionTraining
+    from learned.actions.train import Task, train_actions
+
+    configuration = load_configuration(config)
+    task = Task(configuration.bench, load_product(configuration, config))
+    if bool(data) != bool(validation):
+        raise InputError("--data and --validation go together: scores on what was learned from say nothing")
+    path, seconds = out or new_weights("actions", kind, config), budget_s(budget)
+    with tempfile.TemporaryDirectory(prefix="cell-actions-") as folder:
+        if not data or validation is None:
+            data, validation = _recordings(Path(folder), look, config, seconds)
+            seconds *= 1 - DATA_SHARE
+        learned, kept = load_segments(data, task.classes), load_segments([validation], task.classes)
+    console().print(f"{len(learned)} segments to learn from, {len(kept)} for the scores")
+    settings = ActionTraining(epochs=epochs, share=share)
+    command = f"cell train actions --kind {kind} --seed {seed}"
+    scores = train_actions(
+        task, learned, kept, path, kind, settings=settings, budget_s=seconds, seed=seed, command=command, quiet=False
+    )
+    console().print(table(f"weights in {path}", scores))
+    console().print(
+        f"to use it, in {config}: perception.actions: {{kind: {kind}, weights: {path.name}}}", highlight=False
+    )
+    if as_json:
+        print_json(scores)
+
+
+def evaluate(
+    kind: KindsOption = None,
+    look: Annotated[str, typer.Option(help="nominal, varied, hard, or a look file.")] = "varied",
+    person: Annotated[str, typer.Option(help="Who assembles: a person's name or file.")] = "varied",
+    recordings: Annotated[int, typer.Option(min=1, help="How many assemblies.")] = 4,
+    first_seed: Annotated[int, typer.Option(min=0, help="Of seeds in a row; tests begin at 900000.")] = 900_000,
+    true_track: Annotated[bool, typer.Option("--true-track", help="A tracker without error.")] = False,
+    physics: Annotated[bool, typer.Option("--physics", help="Hand and parts moved by physics; frames blur.")] = False,
+    weights: Annotated[Path | None, typer.Option(help="Of the only --kind, instead of the configured file.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Let detectors of actions watch whole assemblies, tracker in the loop, and compare with the truth."""
+    from cell.configuration import load_configuration, load_product, simulated
+    from cell.evaluating.actions import evaluate_actions
+    from learned.actions.classes import Classes
+    from sim.data.splits import seeds
+
+    configuration = simulated(load_configuration(config), look, person)
+    product = load_product(configuration, config)
+    kinds = kind or [configuration.perception.chosen("actions").kind]
+    if weights is not None and len(kinds) != 1:
+        raise InputError("--weights are of one --kind")
+    split, wanted = seeds(first_seed, recordings)
+    tallies = evaluate_actions(
+        configuration,
+        product,
+        kinds,
+        wanted,
+        true_track=true_track,
+        physics=physics,
+        weights={} if weights is None else {kinds[0]: weights},
+    )
+    found = {name: tally.summary(Classes.of(product)) for name, tally in tallies.items()}
+    for name, scores in found.items():
+        rows = {key: _words(value) for key, value in scores.items() if key != "confusions"}
+        console().print(table(f"{name}, look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})", rows))
+    if as_json:
+        tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
+        told = {"look": look, "person": person, "first_seed": first_seed, "recordings": recordings, "tracker": tracker}
+        print_json({**told, "kinds": found})
+
+
+def budget_s(words: str) -> float:
+    """Seconds of "90s", "30m" or "2h".
+
+    Raises:
+        InputError: it is none of these.
+    """
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", words)
+    if match is None or float(match[1]) <= 0:
+        raise InputError(f"--budget {words}: legal: a number and s, m or h, as in 30m")
+    return float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2]]
+
+
+def _recordings(folder: Path, look: str, config: Path, seconds: float) -> tuple[list[Path], Path]:
+    """Make recordings to learn from and for the scores, in a process of their own: torch and OpenGL do not mix."""
+    count = max(4, int(DATA_SHARE * seconds / DATA_S))
+    kept = max(2, int(VALIDATION_SHARE * count))
+    made = [folder / "train", folder / "validation"]
+    for path, first, number in zip(made, (0, VALIDATION_SEED), (count, kept), strict=True):
+        options = {"--look": look, "--first-seed": first, "--recordings": number, "--out": path, "--config": config}
+        words = [str(word) for option in options.items() for word in option]
+        done = subprocess.run([sys.executable, "-m", "cell", "data", "actions", "--thin", *words], check=False)
+        if done.returncode:
+            raise InputError(f"cell data actions ended with status {done.returncode}")
+    return made[:1], made[1]
+
+
+def _words(value: object) -> str:
+    if isinstance(value, dict) and "share" in value:
+        return f"{value['share']:.3f} of {value['n']} ({value['low']:.3f} - {value['high']:.3f})"
+    return str(value)

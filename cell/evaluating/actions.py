@@ -1,0 +1,198 @@
+"""Action detectors against the truth: whole recordings, every frame rendered, the configured tracker in the loop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cell.configuration import Configuration, DetectorSettings, Perception
+from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
+from cell.interfaces.product import Product
+from cell.running.detectors import Detectors
+from learned.actions.classes import Classes
+from learned.actions.detector import TrainedActionDetector
+from learned.bench_watcher import DetectorChain
+from learned.scores import wilson
+from sim.data.actions import Source, hands_of, segment_ends
+from sim.data.recording import Assembly, record
+
+IN_TIME_S = (-0.3, 1.0)  # a placement may be told so long after the fingers opened
+Told = tuple[float, str, str]  # (time, part, position)
+
+
+@dataclass
+class Tally:
+    """What one kind of detector answered, over all recordings.
+
+    Attributes:
+        rows: of each segment: class as it was, class as it was named, whether it lies in the guard band.
+        placed, told, right: placements that were, that were told, and those told in time with the right part and hole.
+        latency_s: processor time of each frame's answer, tracker and hole reader included.
+    """
+
+    rows: list[tuple[int, int, bool]] = field(default_factory=list)
+    placed: int = 0
+    told: int = 0
+    right: int = 0
+    delays_s: list[float] = field(default_factory=list)
+    latency_s: list[float] = field(default_factory=list)
+
+    def summary(self, classes: Classes) -> dict[str, Any]:
+        """Shares with their intervals, as the JSON line has them."""
+        truth, named, guarded = (np.array(column) for column in zip(*self.rows, strict=True))
+        right, clear = truth == named, ~guarded
+        placing = (truth < classes.assemblies) & clear
+        shares = {"all_segments": right, "outside_guard": right[clear], "assemblies": right[placing]}
+        for index, kind in enumerate(("screw", "transit", "idle")):
+            shares[kind] = right[(truth == classes.assemblies + index) & clear]
+        found: dict[str, Any] = {name: share(int(values.sum()), len(values)) for name, values in shares.items()}
+        return found | {
+            "placements": share(self.right, self.placed),
+            "false_per_100": round(100 * (self.told - self.right) / max(1, self.placed), 2),
+            "delay_s": round(float(np.median(self.delays_s)), 3) if self.delays_s else None,
+            "latency_ms": [round(1000 * float(np.quantile(self.latency_s, at)), 1) for at in (0.5, 0.95)],
+            "confusions": _confusions(truth[clear], named[clear], classes),
+        }
+
+
+def share(right: int, count: int) -> dict[str, float | int]:
+    """A share with its 95 % interval."""
+    low, high = wilson(right, count) if count else (0.0, 1.0)
+    return {"share": round(right / max(1, count), 4), "n": count, "low": round(low, 4), "high": round(high, 4)}
+
+
+def evaluate_actions(
+    configuration: Configuration,
+    product: Product,
+    kinds: Iterable[str],
+    seeds: Iterable[int],
+    *,
+    true_track: bool = False,
+    physics: bool = False,
+    weights: Mapping[str, Any] | None = None,
+) -> dict[str, Tally]:
+    """Let detectors watch recordings.
+
+    Args:
+        kinds: of action detectors; all of them see the same frames.
+        true_track: a tracker without error instead of the configured one.
+        weights: files by kind, instead of the shipped ones.
+    """
+    classes = Classes.of(product)
+    tallies = {kind: Tally() for kind in kinds}
+    for seed in seeds:
+        assembly = record(product, configuration.bench, configuration.devices.simulation, seed, physics=physics)
+        source = Source(assembly, product, configuration.bench)
+        watchers = {
+            kind: _Watcher(configuration, source, kind, true_track, (weights or {}).get(kind)) for kind in tallies
+        }
+        photographer = assembly.photographer(configuration.bench)
+        for moment in assembly.moments:
+            frame = photographer.take(moment.exposure)
+            for watcher in watchers.values():
+                watcher.watch(frame)
+        photographer.close()
+        for kind, watcher in watchers.items():
+            _count(tallies[kind], assembly, watcher, classes)
+    return tallies
+
+
+class _Watcher:
+    """A chain of detectors, and what it named and told."""
+
+    def __init__(self, configuration: Configuration, source: Source, kind: str, true_track: bool, weights: Any) -> None:
+        chosen = DetectorSettings(kind=kind, weights=weights)
+        perception: Perception = configuration.perception.model_copy(update={"actions": chosen})
+        made = Detectors(configuration.bench, source.product, perception)
+        tracker: HandTracker = _TrueTracker(source) if true_track else made.make("hands")
+        self.listener = _Listener(made.make("actions"), Classes.of(source.product))
+        self._chain = DetectorChain(configuration.bench, source.product, tracker, made.make("holes"), self.listener)
+        self.latency_s: list[float] = []
+        self.told: list[Told] = []
+        self._before: Action | None = None
+
+    def watch(self, frame: Frame) -> None:
+        """One more frame."""
+        began_s = time.process_time()
+        action = self._chain.watch(frame).action
+        self.latency_s.append(time.process_time() - began_s)
+        before, self._before = self._before, action if action.finished else None
+        new = before is None or (before.part, before.position) != (action.part, action.position)
+        if action.finished and new and action.part and action.position:
+            self.told.append((frame.time_s, action.part, action.position))
+
+
+class _Listener:
+    """An action detector that keeps the class that each segment alone was named."""
+
+    def __init__(self, detector: ActionDetector, classes: Classes) -> None:
+        self._detector, self._classes = detector, classes
+        self.named: list[int] = []
+
+    def detect(self, segment: Segment, holes: Mapping[str, HoleView]) -> Action:
+        action = self._detector.detect(segment, holes)
+        if isinstance(self._detector, TrainedActionDetector):
+            self.named.append(int(self._detector.last_posterior.argmax()))
+        else:
+            self.named.append(self._classes.number(action.kind, action.part, action.position))
+        return action
+
+
+class _TrueTracker:
+    """A tracker without error."""
+
+    others: tuple[HandSample, ...] = ()
+
+    def __init__(self, source: Source) -> None:
+        exposures = (moment.exposure for moment in source.assembly.moments)
+        self._hands = {
+            exposure.sequence: None if hand is None else _sample(hand)
+            for exposure, hand in zip(exposures, hands_of(source), strict=True)
+        }
+
+    def track(self, frame: Frame) -> HandSample | None:
+        return self._hands[frame.sequence]
+
+
+def _sample(hand: Mapping[str, Any]) -> HandSample:
+    tips, palm = tuple(hand["fingertips_m"]), tuple(hand["palm_m"])
+    return HandSample(hand["time_s"], tuple(hand["box_px"]), tips, palm, hand["held_part"])
+
+
+def _count(tally: Tally, assembly: Assembly, watcher: _Watcher, classes: Classes) -> None:
+    for end in segment_ends(assembly):
+        label = assembly.labels[end]
+        number = classes.number(label.kind, label.part, label.position)
+        tally.rows.append((number, watcher.listener.named[end], assembly.guarded[end]))
+    left = list(watcher.told)
+    for time_s, part, position in _releases(assembly):
+        tally.placed += 1
+        early_s, late_s = time_s + IN_TIME_S[0], time_s + IN_TIME_S[1]
+        match = [one for one in left if one[1:] == (part, position) and early_s <= one[0] <= late_s]
+        if match:
+            left.remove(match[0])
+            tally.right += 1
+            tally.delays_s.append(match[0][0] - time_s)
+    tally.told += len(watcher.told)
+    tally.latency_s += watcher.latency_s
+
+
+def _releases(assembly: Assembly) -> Iterator[Told]:
+    """When fingers opened over a hole, and what was let go there."""
+    opened = False
+    for moment, label in zip(assembly.moments, assembly.labels, strict=True):
+        if label.released and not opened and label.part and label.position:
+            yield moment.time_s, label.part, label.position
+        opened = label.released
+
+
+def _confusions(truth: Any, named: Any, classes: Classes) -> dict[str, int]:
+    """How often which class was taken for which other one, the most frequent first."""
+    names = classes.names
+    wrong = [f"{names[was]} > {names[said]}" for was, said in zip(truth, named, strict=True) if was != said]
+    counts = {pair: wrong.count(pair) for pair in set(wrong)}
+    return dict(sorted(counts.items(), key=lambda one: (-one[1], one[0])))

@@ -1,0 +1,67 @@
+"""The classes of actions, which come from the product: every part at every position, screw, transit, idle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.perception import Action, ActionKind
+from cell.interfaces.product import Product
+
+KINDS: tuple[ActionKind, ...] = ("screw", "transit", "idle")
+
+
+@dataclass(frozen=True)
+class Classes:
+    """Classes by number: part i at position p of m is i * m + p, then the three kinds that name no part.
+
+    The default product has 18 that its goals contain (15 assemblies and three kinds); a person who errs does others.
+    """
+
+    parts: tuple[str, ...]
+    positions: tuple[str, ...]
+
+    @staticmethod
+    def of(product: Product) -> Classes:
+        """Those of a product."""
+        return Classes(tuple(product.parts), tuple(product.positions))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """By number, as in "o1 at p3"."""
+        return (*(f"{part} at {position}" for part in self.parts for position in self.positions), *KINDS)
+
+    @property
+    def assemblies(self) -> int:
+        """How many of them are assemblies; they come first."""
+        return len(self.parts) * len(self.positions)
+
+    def number(self, kind: str, part: str | None, position: str | None) -> int:
+        """Number of a class.
+
+        Raises:
+            ValueError: the product has no such class.
+        """
+        if kind != "assembly":
+            return self.assemblies + KINDS.index(kind)
+        if part not in self.parts or position not in self.positions:
+            raise ValueError(f"{part} at {position}")
+        return self.parts.index(part) * len(self.positions) + self.positions.index(position)
+
+    def action(self, number: int, confidence: float) -> Action:
+        """The action of a class."""
+        if number >= self.assemblies:
+            return Action(KINDS[number - self.assemblies], confidence)
+        part, position = divmod(number, len(self.positions))
+        return Action("assembly", confidence, self.parts[part], self.positions[position])
+
+    def of_goals(self, product: Product) -> NDArray[np.bool_]:
+        """(classes,) which of them some goal contains, or name no part."""
+        listed = np.zeros(len(self.names), bool)
+        listed[self.assemblies :] = True
+        for goal in product.goals:
+            for position, part in product.goal_placements(goal).items():
+                listed[self.number("assembly", part, position)] = True
+        return listed

@@ -1,0 +1,81 @@
+"""Names what the hand does by a trained network (detector(I, s) of Algorithm 1); runs in onnxruntime."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Action, HoleView, Segment
+from cell.interfaces.product import Product
+from learned.actions.classes import Classes
+from learned.actions.evaluate import Floats, softmax
+from learned.actions.events import EventSettings, Placement, PlacementEvents, SteadyKind
+from learned.actions.segments import SegmentReader
+from learned.onnx_model import OnnxModel
+
+LEAST_TOLD = 0.005  # classes less probable than this are not listed in an action's posterior
+
+
+class TrainedActionDetector:
+    """Asks a network about every segment and turns its posteriors into actions (ActionDetector).
+
+    Attributes:
+        last_posterior: (classes,) of the last segment alone; an action is made of several.
+    """
+
+    def __init__(self, bench: Bench, product: Product, network: OnnxModel) -> None:
+        self._classes = Classes.of(product)
+        network.require_vocabulary("parts", self._classes.parts)
+        network.require_vocabulary("positions", self._classes.positions)
+        self._network = network
+        self._reader = SegmentReader(bench, product)
+        settings = EventSettings.model_validate(network.card.config.get("events", {}))
+        self._report_s = settings.report_s
+        self._events = PlacementEvents(self._classes, settings)
+        self._kind = SteadyKind(self._classes, settings)
+        self._placed: list[Placement] = []
+        self.last_posterior: Floats = np.zeros(len(self._classes.names))
+
+    def detect(self, segment: Segment, holes: Mapping[str, HoleView]) -> Action:
+        """The action that the segment shows; the holes are another detector's opinion and are not looked at."""
+        del holes
+        now_s = segment.frames[-1].time_s
+        posterior, released = self.posterior(segment)
+        self.last_posterior = posterior
+        if (placed := self._events.update(now_s, posterior, released)) is not None:
+            self._placed.append(placed)
+        number, mean = self._kind.update(posterior)
+        self._placed = [one for one in self._placed if now_s - one.time_s < self._report_s]
+        if self._placed:
+            return self._finished(self._placed[0])
+        return replace(self._classes.action(number, float(mean[number])), posterior=self._told(mean))
+
+    def posterior(self, segment: Segment) -> tuple[Floats, float]:
+        """(classes,) how probable each class is, and that the fingers have opened."""
+        asked = self._reader.read(segment)
+        found = self._network.run({"track": asked.track[np.newaxis], "crops": asked.crops[np.newaxis]})
+        return softmax(found["logits"][0]), float(1.0 / (1.0 + np.exp(-found["released"][0])))
+
+    def _finished(self, placed: Placement) -> Action:
+        part, position = self._classes.parts[placed.part], self._classes.positions[placed.position]
+        told = {
+            f"{name} at {position}": share for name, share in zip(self._classes.parts, placed.posterior, strict=True)
+        }
+        return Action("assembly", placed.posterior[placed.part], part, position, finished=True, posterior=told)
+
+    def _told(self, posterior: Floats) -> dict[str, float]:
+        shares = zip(self._classes.names, posterior, strict=True)
+        return {name: round(float(share), 4) for name, share in shares if share > LEAST_TOLD}
+
+
+def load_actions(bench: Bench, product: Product, weights: Path, kind: str = "slim") -> TrainedActionDetector:
+    """The detector of a file of weights.
+
+    Raises:
+        ModelError: the file is missing, damaged, of another kind, or was trained for another product.
+    """
+    return TrainedActionDetector(bench, product, OnnxModel.load(weights, f"actions.{kind}"))

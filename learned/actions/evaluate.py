@@ -1,0 +1,70 @@
+"""How often a network names the right class, for which classes, and what it takes for what."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from learned.actions.classes import Classes
+from learned.actions.dataset import Segments, inputs_of
+from learned.actions.segments import SegmentReader
+from learned.onnx_model import Network
+
+BATCH = 64
+Floats = NDArray[np.float64]
+
+
+def answers(
+    network: Network, segments: Segments, reader: SegmentReader, *, blank: bool = False, shuffle_seed: int | None = None
+) -> tuple[Floats, Floats]:
+    """Posterior (n, classes), and the probability (n,) that the fingers have opened.
+
+    Args:
+        blank: black crops instead of the segments' own, as a control.
+        shuffle_seed: tracks with their frames in another order, as a control.
+    """
+    posteriors, released = [], []
+    rng = None if shuffle_seed is None else np.random.default_rng(shuffle_seed)
+    for begin in range(0, len(segments), BATCH):
+        track, crops = inputs_of(segments, np.arange(begin, min(begin + BATCH, len(segments))), reader)
+        if rng is not None:
+            track = rng.permuted(track, axis=2)
+        found = network.run({"track": track, "crops": np.zeros_like(crops) if blank else crops})
+        posteriors.append(softmax(found["logits"]))
+        released.append(1.0 / (1.0 + np.exp(-found["released"].astype(float))))
+    return np.concatenate(posteriors), np.concatenate(released)
+
+
+def softmax(logits: NDArray[np.float32]) -> Floats:
+    """Over the last axis."""
+    raised = np.exp(logits.astype(float) - logits.max(axis=-1, keepdims=True))
+    found: Floats = raised / raised.sum(axis=-1, keepdims=True)
+    return found
+
+
+def class_scores(segments: Segments, posterior: Floats, classes: Classes) -> dict[str, float]:
+    """Shares of segments that were named right: all, outside the guard band, and of assemblies part and position."""
+    right = posterior.argmax(axis=1) == segments.classes
+    clear = ~segments.guarded
+    placing = (segments.classes < classes.assemblies) & clear
+    pairs = posterior[:, : classes.assemblies].argmax(axis=1)
+    part, position = np.divmod(pairs, len(classes.positions))
+    true_part, true_position = np.divmod(segments.classes, len(classes.positions))
+    found = {
+        "accuracy": right,
+        "accuracy_outside_guard": right[clear],
+        "assembly_accuracy": right[placing],
+        "assembly_part": (part == true_part)[placing],
+        "assembly_position": (position == true_position)[placing],
+    }
+    for index, name in enumerate(("screw", "transit", "idle")):
+        found[f"{name}_accuracy"] = right[(segments.classes == classes.assemblies + index) & clear]
+    return {name: round(float(values.mean()), 4) for name, values in found.items() if len(values)}
+
+
+def confusion(segments: Segments, posterior: Floats, classes: Classes) -> NDArray[np.int64]:
+    """(classes, classes) counts outside the guard band: rows as it was, columns as it was named."""
+    found = np.zeros((len(classes.names),) * 2, np.int64)
+    clear = ~segments.guarded
+    np.add.at(found, (segments.classes[clear], posterior.argmax(axis=1)[clear]), 1)
+    return found

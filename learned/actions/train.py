@@ -1,0 +1,153 @@
+"""Training of action detectors, and export to ONNX. Imports torch."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.errors import InputError
+from cell.interfaces.product import Product
+from learned.actions.classes import Classes
+from learned.actions.dataset import Segments, inputs_of
+from learned.actions.evaluate import answers, class_scores
+from learned.actions.networks import ActionNet, build
+from learned.actions.segments import SegmentReader
+from learned.actions.settings import TRAINABLE, ActionTraining
+from learned.fitting import Checkpoint, fit
+from learned.onnx_model import ModelCard, OnnxModel
+from learned.torch_model import Inputs, TorchModel, write_weights
+
+SPEED_STEPS = 5  # after which the time of a step is known
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is learned: the bench and the product that the segments are of."""
+
+    bench: Bench
+    product: Product
+
+    @property
+    def classes(self) -> Classes:
+        return Classes.of(self.product)
+
+
+def train_actions(
+    task: Task,
+    learned: Segments,
+    validation: Segments,
+    out: Path,
+    kind: str = "slim",
+    *,
+    settings: ActionTraining | None = None,
+    budget_s: float | None = None,
+    seed: int = 0,
+    command: str = "",
+    quiet: bool = True,
+) -> dict[str, float]:
+    """Train, write the weights with their model card, and score the written file on the validation segments.
+
+    Args:
+        out: the ONNX file; beside it an interrupted training is kept to go on from.
+        budget_s: processor time; fewer epochs where that is too little.
+
+    Returns:
+        Scores by name, the same as on the model card.
+
+    Raises:
+        InputError: there is no such kind.
+    """
+    if kind not in TRAINABLE:
+        raise InputError(f"no action detector {kind!r} can be trained; legal: {', '.join(TRAINABLE)}")
+    settings = settings or ActionTraining()
+    classes, reader = task.classes, SegmentReader(task.bench, task.product)
+    torch.manual_seed(seed)
+    network = build(kind, len(classes.parts), len(classes.positions), settings.share)
+    learner = _Learner(network, learned, reader, settings, np.random.default_rng([seed, 1]))
+    if budget_s is not None:
+        affordable = int(budget_s / (learner.step_s() * learner.batches))
+        settings = settings.model_copy(update={"epochs": max(1, min(settings.epochs, affordable))})
+    optimiser = torch.optim.AdamW(network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay)
+    identity = f"{kind} {settings.model_dump_json()} {seed} {learned.sha256}"
+    fit(
+        network,
+        optimiser,
+        learner.losses,
+        settings.epochs,
+        learner.batches,
+        largest_gradient=1.0,
+        rng=learner.rng,
+        checkpoint=Checkpoint(out.with_name(out.name + ".training"), identity),
+        quiet=quiet,
+    )
+    card = ModelCard(
+        kind=f"actions.{kind}",
+        config={"network": kind, **settings.model_dump(mode="json")},
+        vocabulary={"parts": classes.parts, "positions": classes.positions},
+        data_sha256=learned.sha256,
+        command=command,
+        seed=seed,
+    )
+    network.eval()
+    model = TorchModel(network, ("logits", "released"), card)
+    track, crops = inputs_of(validation, np.arange(min(8, len(validation))), reader)
+    samples: list[Inputs] = [{"track": track[:2], "crops": crops[:2]}, {"track": track, "crops": crops}]
+
+    def score() -> dict[str, float]:
+        written = OnnxModel.load(out, card.kind)
+        return class_scores(validation, answers(written, validation, reader)[0], classes)
+
+    return write_weights(model, out, samples, score, any_rows=True)
+
+
+@dataclass
+class _Learner:
+    """Draws batches, varied anew in each epoch."""
+
+    network: ActionNet
+    segments: Segments
+    reader: SegmentReader
+    settings: ActionTraining
+    rng: np.random.Generator
+
+    @property
+    def batches(self) -> int:
+        return max(1, len(self.segments) // self.settings.batch)
+
+    def losses(self, epoch: int) -> Iterator[Tensor]:
+        """The loss of each batch of an epoch."""
+        del epoch
+        self.network.train()
+        order = self.rng.permutation(len(self.segments))
+        for number in range(self.batches):
+            yield self._loss(order[number * self.settings.batch : (number + 1) * self.settings.batch])
+
+    def step_s(self) -> float:
+        """Processor time of a step."""
+        torch.set_num_threads(1)
+        state = self.rng.bit_generator.state
+        began_s = time.process_time()
+        for _ in range(SPEED_STEPS):
+            torch.autograd.backward(self._loss(self.rng.permutation(len(self.segments))[: self.settings.batch]))
+        self.network.zero_grad()
+        self.rng.bit_generator.state = state
+        return (time.process_time() - began_s) / SPEED_STEPS
+
+    def _loss(self, chosen: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> Tensor:
+        track, crops = inputs_of(self.segments, chosen, self.reader, self.rng)
+        logits, released = self.network(torch.from_numpy(track), torch.from_numpy(crops))
+        wanted = torch.from_numpy(self.segments.classes[chosen])
+        loss = nn.functional.cross_entropy(logits, wanted, label_smoothing=0.02)
+        placing = wanted < logits.shape[1] - 3
+        if bool(placing.any()):
+            opened = torch.from_numpy(self.segments.released[chosen]).float()
+            each = nn.functional.binary_cross_entropy_with_logits(released, opened, reduction="none")
+            loss = loss + self.settings.released_weight * (each * placing).sum() / placing.sum()
+        return loss

@@ -1,0 +1,64 @@
+"""Folders of training data become arrays; what nobody confirmed is left out, what is wrong is told with its line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.interfaces.errors import InputError
+from learned.actions.classes import Classes
+from learned.actions.dataset import inputs_of, load_segments
+from learned.actions.segments import CROP_PX, SegmentReader
+from tests.learned.actions.drawn import BENCH, PRODUCT, write_folder
+
+CLASSES = Classes.of(PRODUCT)
+READER = SegmentReader(BENCH, PRODUCT)
+
+
+def test_inputs_are_those_of_the_files_and_vary_only_in_training(tmp_path: Path) -> None:
+    segments = load_segments([write_folder(tmp_path / "some", 12, 1)], CLASSES)
+    chosen = np.arange(len(segments))
+    plain, crops = inputs_of(segments, chosen, READER)
+    again, _ = inputs_of(segments, chosen, READER)
+    varied, changed = inputs_of(segments, chosen, READER, np.random.default_rng(0))
+    assert np.array_equal(plain, again)
+    assert crops.shape == (12, 2, CROP_PX, CROP_PX, 3)
+    assert 0.0 < np.abs(varied[:, :2] - plain[:, :2]).mean() < 0.1
+    assert (changed != crops).any()
+    placing = segments.classes < CLASSES.assemblies
+    assert not crops[~placing, 1].any()
+    red, green, blue = crops[segments.classes < 6][0][0].reshape(-1, 3).T.astype(int)
+    assert (red - blue).max() > 100 > (blue - red).max()  # RGB: o1 is red
+    assert green.max() < 200
+
+
+def test_recorded_runs_teach_what_the_holes_confirmed(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "log", 40, 2, key="detected")
+    rows = [json.loads(line) for line in (folder / "segments.jsonl").read_text().splitlines()[1:]]
+    sure = [
+        row for row in rows if row["detected"]["kind"] == "transit" or (row["confirmed"] or {"agrees": False})["agrees"]
+    ]
+    assert len(load_segments([folder], CLASSES)) == len(sure) < len(rows)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (lambda lines: ['{"format": "cell.holes"}', *lines[1:]], "no file of segments"),
+        (lambda lines: [lines[0], "{", *lines[2:]], "segments.jsonl:2"),
+        (lambda lines: [line.replace('"part": "o', '"part": "x') for line in lines], "no segment of this product"),
+        (lambda lines: [lines[0], *(line.replace("0000.png", "gone.png") for line in lines[1:])], "gone.png: no image"),
+        (lambda lines: lines[:1], "no labelled segments"),
+    ],
+)
+def test_mistakes_are_told_with_file_and_line(tmp_path: Path, spoil: object, told: str) -> None:
+    folder = write_folder(tmp_path / "some", 8, 3)
+    path = folder / "segments.jsonl"
+    path.write_text("\n".join(spoil(path.read_text().splitlines())) + "\n")  # type: ignore[operator]
+    with pytest.raises(InputError, match=told):
+        load_segments([folder], CLASSES)
+    with pytest.raises(InputError, match="cannot be read"):
+        load_segments([tmp_path], CLASSES)

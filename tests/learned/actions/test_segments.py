@@ -1,0 +1,80 @@
+"""Networks see the same of a segment in training and in a run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from cell.interfaces.hand_window import hand_window, last_at_hole, window_px
+from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segment
+from cell.interfaces.pose import Array
+from learned.actions.segments import CROP_PX, SegmentReader, middle
+
+CONFIGURATION = load_configuration()
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+READER = SegmentReader(BENCH, PRODUCT)
+CAMERA = BENCH.overhead
+
+
+def segment(tips_m: Array) -> Segment:
+    """One frame for each pair of fingertips (n, 2), NaN for no hand; frame i has the grey level i + 1."""
+    frames, hands = [], []
+    for index, (x, y) in enumerate(tips_m):
+        image = np.full((CAMERA.height_px, CAMERA.width_px, 3), index + 1, np.uint8)
+        frames.append(Frame("overhead", index, index / 15, image, CAMERA.mount.pose))
+        hands.append(None if np.isnan(x) else HandSample(index / 15, (0, 0, 9, 9), (x, y), (x + 0.1, y)))
+    return Segment(tuple(frames), tuple(hands))
+
+
+def way(*, leaves: bool = True) -> Array:
+    """From far away to the third hole, and away again; the last frame without a hand."""
+    hole = READER.holes_m[2]
+    far = hole + np.array([0.25, 0.1])
+    tips = np.concatenate([np.linspace(far, hole, 30), np.linspace(hole, far, 15)]) if leaves else np.tile(far, (45, 1))
+    tips[-1] = np.nan
+    return tips
+
+
+def test_the_second_crop_is_of_the_last_moment_at_a_hole() -> None:
+    tips = way()
+    found = READER.read(segment(tips))
+    at_hole = last_at_hole(tips, READER.holes_m)
+    assert at_hole is not None
+    assert found.at_hole == at_hole
+    assert (
+        np.linalg.norm(tips[at_hole] - READER.holes_m[2])
+        < 0.05
+        <= np.linalg.norm(tips[at_hole + 1] - READER.holes_m[2])
+    )
+    assert found.crops[1].max() == at_hole + 1
+    assert found.crops[0].max() == 0  # no hand in the last frame
+    assert READER.read(segment(way(leaves=False))).at_hole is None
+
+
+def test_track_is_told_in_the_bracket_s_frame_and_goes_on_where_no_hand_is_seen() -> None:
+    tips = way()
+    found = READER.read(segment(tips)).track
+    assert found.shape[1] == SEGMENT_FRAMES
+    assert found[4].tolist() == [1.0] * 44 + [0.0]
+    assert np.array_equal(found[:4, -1], found[:4, -2])
+    moved = READER.track(READER.holes_m, READER.holes_m, None)
+    assert np.abs(moved[:2]).max() == pytest.approx(1.0, abs=0.01)  # the outer holes are 0.2 m from the middle
+
+
+def test_short_and_empty_segments_have_inputs() -> None:
+    assert READER.read(segment(way()[:3])).track.shape[1] == SEGMENT_FRAMES
+    nothing = READER.read(segment(np.full((4, 2), np.nan)))
+    assert not nothing.crops.any()
+    assert np.isfinite(nothing.track).all()
+
+
+def test_windows_are_black_beyond_the_image_and_crops_have_one_size() -> None:
+    image = np.full((CAMERA.height_px, CAMERA.width_px, 3), 200, np.uint8)
+    side = window_px(CAMERA)
+    corner = hand_window(image, (0.0, 0.0), side)
+    assert corner.shape == (side, side, 3)
+    assert 0.2 < (corner > 0).mean() < 0.3
+    assert not hand_window(image, (-500.0, -500.0), side).any()
+    for size in (side, 130, 71):
+        assert middle(np.zeros((size, size, 3), np.uint8)).shape == (CROP_PX, CROP_PX, 3)

@@ -1,0 +1,71 @@
+"""A few steps of training: every network learns what is drawn, is exported, and answers alike in onnxruntime."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.interfaces.errors import InputError, ModelError
+from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segment
+from learned.actions.classes import Classes
+from tests.learned.actions.drawn import BENCH, HOLES_M, PRODUCT, write_folder
+
+pytestmark = pytest.mark.torch
+CLASSES = Classes.of(PRODUCT)
+
+
+def placing(at: int) -> Segment:
+    """A hand that goes to a hole, over grey images."""
+    camera = BENCH.overhead
+    image = np.full((camera.height_px, camera.width_px, 3), 70, np.uint8)
+    tips = np.linspace(HOLES_M[at] + np.array([0.25, 0.05]), HOLES_M[at], SEGMENT_FRAMES)
+    return Segment(
+        tuple(Frame("overhead", i, i / 15, image, camera.mount.pose) for i in range(SEGMENT_FRAMES)),
+        tuple(HandSample(i / 15, (0, 0, 9, 9), (x, y), (x + 0.1, y)) for i, (x, y) in enumerate(tips)),
+    )
+
+
+def test_slim_learns_and_its_file_answers_in_a_detector(tmp_path: Path) -> None:
+    from learned.actions.dataset import load_segments
+    from learned.actions.detector import load_actions
+    from learned.actions.settings import ActionTraining
+    from learned.actions.train import Task, train_actions
+
+    learned = load_segments([write_folder(tmp_path / "train", 180, 1)], CLASSES)
+    kept = load_segments([write_folder(tmp_path / "kept", 40, 2)], CLASSES)
+    out = tmp_path / "actions_slim.onnx"
+    scores = train_actions(Task(BENCH, PRODUCT), learned, kept, out, settings=ActionTraining(epochs=10, batch=20))
+    assert scores["assembly_position"] > 0.9
+    assert scores["assembly_part"] > 0.9
+    assert out.stat().st_size < 2e6
+    detector = load_actions(BENCH, PRODUCT, out)
+    for at in (0, 3):
+        detector.detect(placing(at), {})
+        pairs = detector.last_posterior[: CLASSES.assemblies].reshape(len(CLASSES.parts), -1)
+        assert pairs.sum(axis=0).argmax() == at
+    with pytest.raises(ModelError, match=r"actions\.paper"):
+        load_actions(BENCH, PRODUCT, out, "paper")
+
+
+@pytest.mark.parametrize("kind", ["paper", "cnn_lstm", "hand", "track"])
+def test_every_network_is_trained_and_exported_within_its_budget(tmp_path: Path, kind: str) -> None:
+    from learned.actions.dataset import load_segments
+    from learned.actions.settings import ActionTraining
+    from learned.actions.train import Task, train_actions
+
+    learned = load_segments([write_folder(tmp_path / "train", 16, 1)], CLASSES)
+    settings = ActionTraining(epochs=50, batch=8, share=0.1)
+    out = tmp_path / "net.onnx"
+    scores = train_actions(Task(BENCH, PRODUCT), learned, learned, out, kind, settings=settings, budget_s=0.01)
+    assert 0.0 <= scores["accuracy"] <= 1.0
+
+
+def test_unknown_kinds_are_refused(tmp_path: Path) -> None:
+    from learned.actions.dataset import load_segments
+    from learned.actions.train import Task, train_actions
+
+    learned = load_segments([write_folder(tmp_path / "train", 8, 1)], CLASSES)
+    with pytest.raises(InputError, match="legal: slim"):
+        train_actions(Task(BENCH, PRODUCT), learned, learned, tmp_path / "net.onnx", "guess")

@@ -79,21 +79,30 @@ class UpdateGraph(CellNode):
 
 
 class ReconcileGraph(CellNode):
-    """Let the graph follow the holes where they have looked otherwise for a while: parts may be taken out again."""
+    """Let the graph follow the holes where they have looked otherwise for a while: parts may be taken out again.
+
+    Where a hole shows something else than the action that filled it said, it is looked at again for as long; then the
+    graph follows it if it is read surely enough, and otherwise the person is asked. The log has both opinions.
+    """
 
     state = InOutPort(AssemblyState, "what is placed so far")
     settle_s = InputPort(float, "how long a hole must look otherwise", default=1.5)
-    persistent = ("_differs",)
+    sure = InputPort(float, "confidence from which on a hole is believed against an action", default=0.9)
+    persistent = ("_differs", "_said", "_again_s", "_asked")
 
     def prepare(self) -> None:
         self._differs: dict[str, tuple[str | None, float]] = {}
+        self._said: dict[str, Action] = {}  # finished assemblies that their holes have not shown yet
+        self._again_s: dict[str, float] = {}  # since when a hole is looked at again
+        self._asked: set[str] = set()  # holes that the person was asked about
 
     def update(self) -> Status:
         view = self.services.observation.bench
         state = self.state.get()
         placed = dict(state.placed)
+        self._hear(view.action if view else None)
         for position, hole in view.holes.items() if view else ():
-            if self._settled(position, hole, placed.get(position)):
+            if self._settled(position, hole, placed.get(position)) and self._believed(position, hole, placed):
                 placed.pop(position, None)
                 if hole.part is not None:
                     placed[position] = hole.part
@@ -103,15 +112,58 @@ class ReconcileGraph(CellNode):
             self.services.show(help_request=None)
         return Status.SUCCESS
 
+    def _hear(self, action: Action | None) -> None:
+        if action is not None and action.kind == "assembly" and action.finished and action.position:
+            self._said[action.position] = action
+
     def _settled(self, position: str, hole: HoleView, believed: str | None) -> bool:
+        said = self._said.get(position)
+        if said is not None and hole.part == said.part:
+            del self._said[position]  # from now on another look means that the part was taken away
         if hole.part == believed:
             self._differs.pop(position, None)
+            self._again_s.pop(position, None)
+            self._asked.discard(position)
             return False
         part, since_s = self._differs.get(position, (None, hole.seen_s))
         if position not in self._differs or part != hole.part:
             since_s = hole.seen_s
         self._differs[position] = (hole.part, since_s)
         return hole.seen_s - since_s >= self.settle_s.get()
+
+    def _believed(self, position: str, hole: HoleView, placed: dict[str, str]) -> bool:
+        """Whether a hole that looks otherwise is believed against the action that filled it, if one did."""
+        said = self._said.get(position)
+        if said is None or said.part != placed.get(position):
+            return True
+        if position not in self._again_s:
+            self._again_s[position] = hole.seen_s
+            self._note("looked at again", position, said, hole)
+        if hole.seen_s - self._again_s[position] < self.settle_s.get():
+            self.feedback_message = f"looks at {position} again"
+            return False
+        if hole.confidence >= self.sure.get():
+            self._note("the hole is believed", position, said, hole)
+            del self._said[position], self._again_s[position]
+            return True
+        if position not in self._asked:
+            self._asked.add(position)
+            self._note("asked", position, said, hole)
+            text = (
+                f"what is in {position}? The hand seemed to place {said.part}, the hole shows {hole.part or 'nothing'}"
+            )
+            self.services.show(help_request=text)
+            self.services.journal.note("help", text=text)
+        return False
+
+    def _note(self, outcome: str, position: str, said: Action, hole: HoleView) -> None:
+        self.services.journal.note(
+            "belief",
+            contradiction=position,
+            outcome=outcome,
+            action={"part": said.part, "confidence": said.confidence, "posterior": dict(said.posterior)},
+            hole={"part": hole.part, "confidence": hole.confidence, "seen_s": hole.seen_s},
+        )
 
 
 class AssemblyFinished(CellNode):

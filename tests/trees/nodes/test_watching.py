@@ -64,6 +64,51 @@ def test_the_graph_follows_what_holes_look_like_for_a_while() -> None:
         assert dict(node.state.get().placed) == settled
 
 
+def contradiction(confidence: float, part: str | None) -> tuple[list[str], dict[str, str], str | None]:
+    """A hole that shows something else than the action said: outcomes in the log, the graph at last, the question."""
+    at = services()
+    node = ReconcileGraph("reconcile")
+    node.setup(services=at)
+    node.state.entry.value = AssemblyState({"p2": "o1"})  # type: ignore[union-attr]
+    asked = None
+    for number in range(9):
+        time_s = 0.5 * number
+        holes = {**EMPTY_HOLES, "p2": HoleView(part, confidence, time_s)}
+        see(at, time_s, holes=holes, action=PLACED if number == 0 else IDLE)
+        node.update()
+        asked = at.display.help_request or asked
+    notes = [fields for topic, fields in at.journal.notes if topic == "belief" and "contradiction" in fields]  # type: ignore[attr-defined]
+    assert all(note["action"]["part"] == "o1" and note["hole"]["part"] == part for note in notes)
+    return [note["outcome"] for note in notes], dict(node.state.get().placed), asked
+
+
+def test_a_sure_hole_is_looked_at_again_and_then_believed_against_the_action() -> None:
+    assert contradiction(0.97, "o2") == (["looked at again", "the hole is believed"], {"p2": "o2"}, None)
+    assert contradiction(0.97, None) == (["looked at again", "the hole is believed"], {}, None)
+
+
+def test_an_unsure_hole_that_contradicts_the_action_is_asked_about() -> None:
+    outcomes, placed, asked = contradiction(0.7, "o2")
+    assert outcomes == ["looked at again", "asked"]
+    assert placed == {"p2": "o1"}  # unknown is no empty hole
+    assert "p2" in (asked or "")
+    assert "o1" in (asked or "")
+
+
+def test_a_part_that_was_seen_in_its_hole_and_is_taken_away_contradicts_nobody() -> None:
+    at = services()
+    node = ReconcileGraph("reconcile")
+    node.setup(services=at)
+    node.state.entry.value = AssemblyState({"p2": "o1"})  # type: ignore[union-attr]
+    for number in range(10):
+        part = "o1" if number < 4 else None
+        holes = {**EMPTY_HOLES, "p2": HoleView(part, 1.0, 0.5 * number)}
+        see(at, 0.5 * number, holes=holes, action=PLACED if number == 0 else IDLE)
+        node.update()
+    assert not node.state.get().placed
+    assert not [fields for _, fields in at.journal.notes if "contradiction" in fields]  # type: ignore[attr-defined]
+
+
 def test_a_hole_that_is_covered_changes_nothing() -> None:
     at = services()
     node = ReconcileGraph("reconcile")

@@ -26,6 +26,7 @@ data_app.command("grasp")(grasp_commands.data)
 train_app.command("noise")(noise_commands.train)
 train_app.command("actions")(action_commands.train)
 eval_app.command("actions")(action_commands.evaluate)
+eval_app.command("system")(action_commands.system)
 for command in (worlds.actions, worlds.hands, worlds.holes, worlds.plates, worlds.objects):
     data_app.command(command.__name__)(command)
 

@@ -168,17 +168,25 @@ def _count(tally: Tally, assembly: Assembly, watcher: _Watcher, classes: Classes
         label = assembly.labels[end]
         number = classes.number(label.kind, label.part, label.position)
         tally.rows.append((number, watcher.listener.named[end], assembly.guarded[end]))
-    left = list(watcher.told)
-    for time_s, part, position in _releases(assembly):
-        tally.placed += 1
-        early_s, late_s = time_s + IN_TIME_S[0], time_s + IN_TIME_S[1]
-        match = [one for one in left if one[1:] == (part, position) and early_s <= one[0] <= late_s]
-        if match:
-            left.remove(match[0])
-            tally.right += 1
-            tally.delays_s.append(match[0][0] - time_s)
+    placed = list(_releases(assembly))
+    delays_s = matched(placed, watcher.told)
+    tally.placed += len(placed)
+    tally.right += len(delays_s)
+    tally.delays_s += delays_s
     tally.told += len(watcher.told)
     tally.latency_s += watcher.latency_s
+
+
+def matched(placed: Iterable[Told], told: Iterable[Told]) -> list[float]:
+    """Delays of what was told in time with the right part and hole; each is matched once."""
+    left, delays_s = list(told), []
+    for time_s, part, position in placed:
+        for one in left:
+            if one[1:] == (part, position) and IN_TIME_S[0] <= one[0] - time_s <= IN_TIME_S[1]:
+                left.remove(one)
+                delays_s.append(one[0] - time_s)
+                break
+    return delays_s
 
 
 def _releases(assembly: Assembly) -> Iterator[Told]:

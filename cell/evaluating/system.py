@@ -1,0 +1,155 @@
+"""Whole assemblies with the detectors in the loop: the paper's Table 1, by the number of goals that are possible.
+
+AD: placements of the person that were told, part and hole right, within a second and once. SG: placements that the
+robot was allowed to make that belong to the person's goal. SC: assemblies that end with the right part in every hole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cell.configuration import Configuration, load_configuration, load_faults, load_product, simulated
+from cell.evaluating.actions import Told, matched, share
+from cell.interfaces.errors import DeviceFault, InputError
+from cell.interfaces.files import shipped
+from cell.interfaces.perception import Action, Frame
+from cell.interfaces.product import Product
+from cell.observer import Level, Outcome, TickRecord
+from cell.run import Files, drive
+from cell.running.node_library import node_registry
+from cell.running.services import load_planners
+from sim.cell import SimCell
+from skills.planner import MotionPlanner
+from trees.files.loader import load_tree
+
+
+@dataclass
+class Listener:
+    """An observer that keeps which placements were told, and which the robot was allowed to make."""
+
+    told: list[Told] = field(default_factory=list)
+    allowed: list[str] = field(default_factory=list)
+    contradictions: int = 0
+    _before: Action | None = None
+
+    def frame(self, frame: Frame) -> None:
+        """Images are not looked at."""
+
+    def tick(self, record: TickRecord) -> None:
+        view = record.observation.bench
+        if view is not None:
+            action, before = view.action, self._before
+            self._before = action if action.finished else None
+            new = before is None or (before.part, before.position) != (action.part, action.position)
+            if action.finished and new and action.part and action.position:
+                self.told.append((view.time_s, action.part, action.position))
+        for topic, fields in record.notes:
+            if topic == "verdict" and fields.get("decision") == "act":
+                self.allowed.append(str(fields["subject"]))
+            self.contradictions += topic == "belief" and fields.get("outcome") == "looked at again"
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        """Messages are not kept."""
+
+    def close(self, outcome: Outcome) -> None:
+        """Nothing to do."""
+
+
+def with_goals(product: Product, count: int) -> Product:
+    """The product with its first goals alone.
+
+    Raises:
+        InputError: it has not so many.
+    """
+    if not 1 <= count <= len(product.goals):
+        raise InputError(f"{count} goals: {product.name!r} has {len(product.goals)}")
+    return product.model_copy(update={"goals": dict(list(product.goals.items())[:count])})
+
+
+def evaluate_system(
+    path: Path, perception: str | None, look: str, person: str, goals: Iterable[int], seeds: Iterable[int]
+) -> Iterable[dict[str, Any]]:
+    """A row for each assembly.
+
+    Args:
+        perception: "classical" or "learned" for all detectors; None for what the configuration says.
+        goals: how many goals are possible; each of these numbers with each seed.
+    """
+    configuration = simulated(load_configuration(path), look, person)
+    if perception is not None:
+        chosen = {"kind": perception, "hands": None, "actions": None, "holes": None, "parts": None}
+        changed = configuration.perception.model_copy(update=chosen)
+        configuration = configuration.model_copy(update={"perception": changed})
+    product = load_product(configuration, path)
+    wanted = list(seeds)
+    for count in goals:
+        for seed in wanted:
+            yield {"goals": count, "seed": seed, **assemble(configuration, with_goals(product, count), seed)}
+
+
+def assemble(configuration: Configuration, product: Product, seed: int) -> dict[str, Any]:
+    """One assembly, of a goal that the seed draws."""
+    tree = load_tree(shipped("trees", "assemble.xml"), node_registry(product))
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    faults = load_faults(configuration)
+    files = Files(configuration, product, tree, load_planners(configuration, product), faults)
+    can, simulation, listener = configuration.gripper_can, configuration.devices.simulation, Listener()
+    cell = SimCell(product, configuration.bench, simulation, can.interface, can.channel, seed, "random")
+    try:
+        outcome = drive(files, cell.devices, motion, [listener])
+        end, reason, sim_time_s = outcome.end, outcome.reason, outcome.sim_time_s
+    except DeviceFault as error:
+        end, reason, sim_time_s = "fault", str(error), 0.0
+    finally:
+        cell.close()
+    goal = {f"{part} at {position}" for position, part in product.goal_placements(cell.score.goal).items()}
+    placed = _placed(cell)
+    right = len(matched(placed, listener.told))
+    return {
+        "goal": cell.score.goal,
+        "end": end,
+        "reason": reason,
+        "correct": bool(cell.score.report()["correct"]) and end == "finished",
+        "placed": len(placed),
+        "told": len(listener.told),
+        "told_right": right,
+        "allowed": len(listener.allowed),
+        "allowed_right": sum(one in goal for one in listener.allowed),
+        "contradictions": listener.contradictions,
+        "robot_placements": cell.score.report().get("robot_placements"),
+        "sim_time_s": round(sim_time_s, 2),
+    }
+
+
+def _placed(cell: SimCell) -> list[Told]:
+    """What the person's fingers let go over holes."""
+    acts = cell.worker.acts if cell.worker is not None else []
+    return [
+        (event.time_s, str(event.fields["part"]), str(event.fields["position"]))
+        for event in acts
+        if event.fields.get("act") == "release" and event.fields.get("position") is not None
+    ]
+
+
+def table_1(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """AD, SG and SC by the number of goals, each with its interval."""
+    found: dict[str, Any] = {}
+    rows = list(rows)
+    for count in sorted({row["goals"] for row in rows}):
+        of_count = [row for row in rows if row["goals"] == count]
+        total = {name: sum(row[name] for row in of_count) for name in _COUNTS}
+        found[str(count)] = {
+            "assemblies": len(of_count),
+            "AD": share(total["told_right"], total["placed"]),
+            "false_per_100": round(100 * (total["told"] - total["told_right"]) / max(1, total["placed"]), 2),
+            "SG": share(total["allowed_right"], total["allowed"]),
+            "SC": share(sum(row["correct"] for row in of_count), len(of_count)),
+            "contradictions": total["contradictions"],
+        }
+    return found
+
+
+_COUNTS = ("told_right", "placed", "told", "allowed_right", "allowed", "contradictions")

@@ -1,0 +1,70 @@
+"""How action detectors and whole assemblies are counted; and one short watch of a real recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product, simulated
+from cell.evaluating.actions import Tally, evaluate_actions, matched, share
+from cell.evaluating.system import Listener, table_1, with_goals
+from cell.interfaces.errors import InputError
+from cell.interfaces.perception import Action
+from learned.actions.classes import Classes
+from tests.cell.fakes import frame, idle_view
+from tests.cell.recording.test_recorder import record
+
+CONFIGURATION = load_configuration()
+PRODUCT = load_product(CONFIGURATION)
+CLASSES = Classes.of(PRODUCT)
+
+
+def test_a_placement_is_right_in_time_with_part_and_hole_and_once() -> None:
+    placed = [(1.0, "o1", "p1"), (5.0, "o2", "p2"), (9.0, "o1", "p3")]
+    assert matched(placed, [(1.4, "o1", "p1"), (1.8, "o1", "p1")]) == pytest.approx([0.4])
+    assert matched(placed, [(6.2, "o2", "p2"), (9.2, "o1", "p4"), (9.2, "o2", "p3")]) == []
+    assert matched(placed, []) == []
+
+
+def test_segments_in_the_guard_band_count_apart() -> None:
+    tally = Tally(rows=[(0, 0, False), (0, 1, True), (19, 19, False), (18, 19, False)], placed=4, told=3, right=2)
+    tally.latency_s = [0.01, 0.02]
+    found = tally.summary(CLASSES)
+    assert found["all_segments"]["share"] == 0.5
+    assert found["outside_guard"] == share(2, 3)
+    assert found["placements"]["share"] == 0.5
+    assert found["false_per_100"] == 25.0
+    assert found["confusions"] == {"screw > transit": 1}
+
+
+def test_an_observer_keeps_each_told_placement_once() -> None:
+    listener = Listener()
+    for number in range(6):
+        view = idle_view(frame(number))
+        finished = Action("assembly", 0.9, "o1", "p2", finished=True)
+        shown = replace(view, action=finished) if number in (2, 3, 4) else view
+        made = record(number)
+        listener.tick(replace(made, observation=replace(made.observation, bench=shown)))
+    assert [one[1:] for one in listener.told] == [("o1", "p2")]
+
+
+def test_table_1_has_a_row_for_each_number_of_goals() -> None:
+    row = {"told_right": 5, "placed": 6, "told": 6, "allowed_right": 2, "allowed": 2, "correct": True}
+    found = table_1([{**row, "goals": 1, "contradictions": 0}, {**row, "goals": 3, "contradictions": 1}])
+    assert list(found) == ["1", "3"]
+    assert found["3"]["AD"]["share"] == pytest.approx(0.8333)
+    assert list(with_goals(PRODUCT, 2).goals) == ["g0", "g1"]
+    with pytest.raises(InputError, match="4 goals"):
+        with_goals(PRODUCT, 4)
+
+
+@pytest.mark.slow
+def test_the_shipped_detector_names_what_the_person_does() -> None:
+    looks = simulated(CONFIGURATION, "nominal", "varied")
+    tally = evaluate_actions(looks, PRODUCT, ["slim"], [900_100], true_track=True)["slim"]
+    found = tally.summary(CLASSES)
+    assert found["outside_guard"]["share"] > 0.9
+    assert found["placements"]["share"] > 0.8
+    assert np.median(tally.latency_s) < 0.1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +31,7 @@ from trees.guard import GuardSettings
 DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
 DEFAULT_FAULTS = shipped("config", "faults.yaml")
 WEIGHTS = shipped("learned", "weights")
+SHIFT_LOG_MB = 4000.0  # parts of a shift's log that are kept where the configuration does not say how much
 DEFAULT_TREE = shipped("trees", "assemble.xml")
 LEARNED_KINDS = {"hands": "slim", "actions": "slim", "holes": "plate", "parts": "centre"}  # the trained defaults
 
@@ -165,6 +167,7 @@ class LogSettings(Model):
         joint_samples: write the joints at the rate of the arm's own control.
         rotate_mb: begin a new part of the log when it has so many bytes; one file by default.
         rotate_s: begin a new part of the log after so long; one file by default.
+        rotate_brackets: begin a new part of the log with every bracket of a shift.
         keep_parts: keep only so many parts, the newest; all by default.
         keep_mb: keep only so many bytes of finished parts, the newest; all by default.
     """
@@ -176,13 +179,16 @@ class LogSettings(Model):
     joint_samples: bool = True
     rotate_mb: float | None = Field(default=None, ge=0.001, le=1e6)
     rotate_s: float | None = Field(default=None, ge=0.1, le=86_400)
+    rotate_brackets: bool = False
     keep_parts: int | None = Field(default=None, ge=1)
     keep_mb: float | None = Field(default=None, gt=0, le=1e9)
 
     @model_validator(mode="after")
     def _only_parts_are_removed(self) -> LogSettings:
-        if (self.keep_parts or self.keep_mb) and not (self.rotate_mb or self.rotate_s):
-            raise ValueError("keep_parts and keep_mb need rotate_mb or rotate_s: a log in one file is kept whole")
+        if (self.keep_parts or self.keep_mb) and not (self.rotate_mb or self.rotate_s or self.rotate_brackets):
+            raise ValueError(
+                "keep_parts and keep_mb need rotate_mb, rotate_s or rotate_brackets: a log in one file is kept whole"
+            )
         return self
 
 
@@ -261,6 +267,28 @@ def simulated(configuration: Configuration, look: str | None = None, person: str
     simulation = configuration.devices.simulation.model_copy(update=changes)
     devices = configuration.devices.model_copy(update={"simulation": simulation})
     return configuration.model_copy(update={"devices": devices})
+
+
+def for_shift(configuration: Configuration, brackets: int) -> Configuration:
+    """The same cell for many brackets in a row: more time, a part of the log for each, and a person who goes on.
+
+    Args:
+        brackets: how many; 0 for until the run is stopped.
+    """
+    simulation = configuration.devices.simulation.model_copy(update={"shift": True})
+    longest_s = configuration.controller.max_duration_s * brackets if brackets else math.inf
+    log = configuration.log
+    if log.rotate_mb is None and log.rotate_s is None:
+        log = log.model_copy(update={"rotate_brackets": True})
+    if log.keep_mb is None and log.keep_parts is None:
+        log = log.model_copy(update={"keep_mb": SHIFT_LOG_MB})
+    return configuration.model_copy(
+        update={
+            "devices": configuration.devices.model_copy(update={"simulation": simulation}),
+            "controller": configuration.controller.model_copy(update={"max_duration_s": longest_s}),
+            "log": log,
+        }
+    )
 
 
 def _beside(planner: PlannerSettings, folder: Path) -> dict[str, Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices
-from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from sim.arm import SimArm
@@ -22,18 +21,18 @@ from sim.contacts import ContactMonitor
 from sim.gripper_node import GripperNode
 from sim.hand import add_hand
 from sim.hardware import HARDWARE
+from sim.jobs import Jobs
 from sim.person import Storage
 from sim.photographer import Photographer, SensorSetup
 from sim.render_process import RenderProcess
 from sim.score import Score
 from sim.sensed_arm import SensedArm
 from sim.settings import SimSettings
+from sim.stock import Stock
 from sim.storage import lay_out
 from sim.tray_truth import resting_event, resting_parts
-from sim.worker import Worker
+from sim.worker import Around, Worker
 from sim.world import build_world
-
-RANDOM_GOAL = "random"
 
 
 class EmptyPanel:
@@ -77,8 +76,10 @@ class SimCell:
         overlap: bool = False,
         rendered: bool = True,
     ) -> None:
-        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(9)]
-        goal = _chosen_goal(product, goal, streams[0])
+        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(10)]
+        self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, streams[0])
+        self._job = self._jobs.next()
+        self._finished: list[dict[str, object]] = []
         if clutter is None:
             clutter = sample_clutter(product, bench.tray, full_set(product), streams[1], settings.clutter)
         self.look = settings.look.draw(seed)
@@ -87,7 +88,12 @@ class SimCell:
         scene = (*layout.parts, *clutter) if worker else tuple(clutter)
         hand = partial(add_hand, bench=bench, person=self.look.person, habits=person) if worker else None
         self.world = build_world(product, bench, scene, settings.physics, hand, self.look, layout.bins)
-        self.worker = Worker(self.world, product, bench, person, goal, streams[2], streams[5]) if worker else None
+        self.stock = Stock(self.world, product, bench, settings.clutter, streams[9])
+        around = Around(self.stock, self._change, settings.shift, streams[9])
+        wanted = self._job.placements
+        self.worker = (
+            Worker(self.world, product, bench, person, wanted, streams[2], streams[5], around) if worker else None
+        )
         self.world.settle()
         self._resting = [resting_event(one) for one in resting_parts(self.world)]
         hardware = settings.hardware
@@ -96,7 +102,7 @@ class SimCell:
         if hardware != HARDWARE["ideal"]:
             arm = SensedArm(self.arm, hardware, settings.physics.control_period_s, streams[8])
         self.gripper_node = GripperNode(self.world, can_interface, can_channel)
-        self.score = Score(self.world, goal)
+        self.score = Score(self.world, self._job)
         self.contacts = ContactMonitor(self.world, lambda: self.arm.driven_rad_s) if worker else None
         sensors = {
             "overhead": SensorSetup(bench.overhead, self.look.camera, streams[3]),
@@ -108,17 +114,36 @@ class SimCell:
         deliveries = [Delivery(self.look.camera, hardware.camera_latency_s, stream) for stream in streams[6:8]]
         overhead = SimCamera("overhead", bench.overhead, self.world, self._photographer.take, deliveries[0])
         wrist = SimCamera("wrist", bench.wrist, self.world, self._photographer.take, deliveries[1])
-        actors: list[Actor] = [arm, self.gripper_node]
+        actors: list[Actor] = [arm, self.gripper_node, self.stock]
         if self.worker is not None:
             actors.append(self.worker)
         samplers: list[Observer] = [self.arm, *([self.contacts] if self.contacts is not None else [])]
         clock = SimClock(self.world, actors, [self.score, overhead, wrist], samplers)
         panel = self.worker or EmptyPanel()
-        self.devices = Devices(clock, overhead, wrist, arm, panel, self.report, self.close, self.truth, beside)
+        self.devices = Devices(
+            clock,
+            overhead,
+            wrist,
+            arm,
+            panel,
+            self.report,
+            self.close,
+            self.truth,
+            host=beside,
+            pressed=self.worker.pressed if self.worker is not None else tuple,
+            finished=lambda: self._finished,
+        )
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""
         return self.score.report() | (self.contacts.report() if self.contacts is not None else {})
+
+    def _change(self) -> Mapping[str, str]:
+        """The person takes the bracket out: judge it, and tell what is to be built next."""
+        self._finished.append(self.report())
+        self._job = self._jobs.next()
+        self.score.begin(self._job)
+        return self._job.placements
 
     def truth(self) -> list[TruthEvent]:
         """What happened at the bench since the last call, in order."""
@@ -139,12 +164,3 @@ def open_cell(
     """What the configuration names as the factory of devices: a simulated cell with a person; see SimCell."""
     overlap = settings.overlap
     return SimCell(product, bench, settings, can_interface, can_channel, seed, goal, overlap=overlap).devices
-
-
-def _chosen_goal(product: Product, goal: str, rng: np.random.Generator) -> str:
-    names = sorted(product.goals)
-    if goal == RANDOM_GOAL:
-        return names[int(rng.integers(len(names)))]
-    if goal not in product.goals:
-        raise InputError(f"unknown goal {goal!r}; legal: {', '.join([*names, RANDOM_GOAL])}")
-    return goal

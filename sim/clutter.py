@@ -116,6 +116,48 @@ def sample_clutter(
     return tuple(_scene_part(tray, spot) for spot in spots)
 
 
+def add_to_clutter(
+    product: Product,
+    tray: Tray,
+    there: Sequence[tuple[str, Pose]],
+    types: Sequence[str],
+    rng: np.random.Generator,
+    settings: ClutterSettings,
+) -> tuple[ScenePart, ...]:
+    """Stand further parts between those that are in the tray; closer together than wished where it is full.
+
+    Args:
+        there: type and world_from_part of every part in the tray.
+        types: of the parts that come.
+    """
+    spots = [_spot_of(product, part, pose) for part, pose in there]
+    found = []
+    for name in types:
+        item = _posed(product, name, rng, 0.0)
+        spot = None
+        for closer in (settings, settings.model_copy(update={"neighbour_share": 0.0, "nearest_gap_m": 0.002})):
+            try:
+                spot = _free_spot(tray, item, spots, rng, closer)
+                break
+            except SettingError:
+                continue
+        if spot is None:  # a full tray: onto what is there
+            spot = _spot_on_top(tray, item, spots, rng)
+        spots.append(spot)
+        found.append(_scene_part(tray, spot))
+    return tuple(found)
+
+
+def _spot_of(product: Product, part: str, pose: Pose) -> _Spot:
+    """Where a part stands or lies, as a room that it takes."""
+    kind = product.parts[part]
+    length, width, height = kind.size_m
+    upright = float(pose.rotation[2, 2]) > math.cos(math.radians(20))
+    room = (length, width, height + kind.peg_length_m) if upright else (max(kind.size_m),) * 3
+    item = _Item(part, Pose((0.0, 0.0, 0.0)), room)
+    return _Spot(item, np.array(pose.position_m[:2]), pose.yaw_rad if upright else 0.0)
+
+
 def _happens(share: float, rng: np.random.Generator) -> bool:
     """Draws nothing where it never happens, so that scenes without it stay what they are."""
     return share > 0 and rng.random() < share

@@ -94,7 +94,8 @@ class KinematicBench:
         streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)]
         self._rng = streams[2]
         self._reset(lay_out(self._product, self._bench, self._person.storage, streams[0], handing=True))
-        worker = Worker(self.world, self._product, self._bench, self._person, goal, streams[1], streams[0])
+        wanted = self._product.goal_placements(goal)
+        worker = Worker(self.world, self._product, self._bench, self._person, wanted, streams[1], streams[0])
         self._giver = Giver(self.world, parts_in_tray(self.world), worker.has, streams[3])
         every = max(1, round(1 / (rate_hz * PERIOD_S)))
         times, tips, palms = [], [], []

@@ -156,6 +156,32 @@ class BesideRobot(Model):
     pull_m: Span = (0.1, 0.25)
 
 
+class ShiftHabits(Model):
+    """What the person does between brackets, and when the cell asks.
+
+    Attributes:
+        answers_s: how long it takes on average until the person notices a question; exponential.
+        places_asked: share of calls for help at which the person places the part; at the others it is set into the tray
+            so that the robot can take it.
+        pause_s: from the end of one bracket to taking it out, least and most.
+        exchange_s: how long finished bracket out and empty one in take, least and most.
+        fills_at_once: share of the times in which bins and tray, each by itself, are filled with the exchange; else
+            when something lacks.
+        fill_s: how long that takes, least and most.
+        gives_up_s: after so long the bracket is changed although nothing asks for it.
+        new_goals: share of the brackets of a shift that have an arrangement which the product does not list.
+    """
+
+    answers_s: float = Field(default=10.0, ge=0, le=600)
+    places_asked: Share = 0.5
+    pause_s: Span = (0.5, 4.0)
+    exchange_s: Span = (2.0, 5.0)
+    fills_at_once: Share = 0.8
+    fill_s: Span = (1.5, 4.0)
+    gives_up_s: float = Field(default=30.0, ge=1, le=600)
+    new_goals: Share = 0.1
+
+
 class Person(Model):
     """A person; of two values every one between them is as likely, and it is drawn anew each time.
 
@@ -171,6 +197,7 @@ class Person(Model):
         lapses: what goes wrong or takes time on the way of a part to its hole.
         screw: how the person screws.
         robot: how the person behaves beside a robot.
+        shift: what the person does between brackets, and when the cell asks.
     """
 
     order: Order = "random"
@@ -183,6 +210,7 @@ class Person(Model):
     lapses: Lapses = Lapses()
     screw: ScrewHabits = ScrewHabits()
     robot: BesideRobot = BesideRobot()
+    shift: ShiftHabits = ShiftHabits()
 
 
 _ORDINARY = Person(

@@ -56,6 +56,14 @@ class Placing:
         """Whether the robot holds out what belongs there, and the hole is empty."""
         return self._sight.handed(self._wanted[position]) is not None and self._sight.in_hole(position) is None
 
+    def complete(self) -> bool:
+        """Whether every position has its part, as it should sit."""
+        seen = {position: self._sight.in_hole(position) for position in self._wanted}
+        return all(
+            one is not None and one.part == self._wanted[position] and self._sight.seated(one, position)
+            for position, one in seen.items()
+        )
+
     def fill(self, position: str) -> Generator[None, None, bool]:
         """Fill one position, or set a crooked part straight; returns whether the part sits as it should."""
         there = self._sight.in_hole(position)

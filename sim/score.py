@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
+from sim.jobs import Job
 from sim.world import World, WorldPart
 
 NEAR_HOLE_M = 0.03  # a part whose origin is this close to a hole's axis is in or on that hole
@@ -39,11 +40,11 @@ class Score:
     """Watches who touches which part, and reports how the bracket looks.
 
     Args:
-        goal: name of the configuration that is to be assembled.
+        job: the configuration that is to be assembled.
     """
 
-    def __init__(self, world: World, goal: str) -> None:
-        self._world, self.goal = world, goal
+    def __init__(self, world: World, job: Job) -> None:
+        self._world, self._job = world, job
         bracket = world.bench.bracket.pose
         self._holes = {
             name: bracket.transform(np.array([*xy, 0.0])) for name, xy in world.product.bracket.holes_m.items()
@@ -55,6 +56,16 @@ class Score:
         self._part = {part.body: part for part in world.bodies}
         self._movable = np.array([index in self._part for index in range(len(names))])
         self._touched: dict[str, Hand] = {}
+
+    @property
+    def goal(self) -> str:
+        """Name of what is to be assembled."""
+        return self._job.goal
+
+    def begin(self, job: Job) -> None:
+        """Another bracket: nobody has touched its parts yet."""
+        self._job = job
+        self._touched.clear()
 
     def observe(self, _time_s: float, /) -> None:
         """Note who touches parts that are not seated; brushing a seated one does not count."""
@@ -83,12 +94,12 @@ class Score:
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""
-        wanted = self._world.product.goal_placements(self.goal)
+        wanted = self._job.placements
         found = self.placements()
         good = {position for position, one in found.items() if one.seated and one.part == wanted[position]}
         return {
             "correct": len(good) == len(wanted),
-            "goal": self.goal,
+            "goal": self._job.goal,
             "placements": {position: one.part for position, one in found.items()},
             "wrong_placements": len(found) - len(good),
             "robot_placements": sum(one.by == "robot" for one in found.values()),

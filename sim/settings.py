@@ -89,6 +89,7 @@ class SimSettings(Model):
         hardware: how well robot and cameras measure and obey: ideal, ur10_usb, or the values themselves.
         clutter: how parts stand in the tray.
         person: who stands at the bench.
+        shift: the person goes on with the next bracket when one is finished.
     """
 
     overlap: bool = True
@@ -99,3 +100,4 @@ class SimSettings(Model):
     hardware: NamedHardware = Field(default=HARDWARE["ideal"], json_schema_extra={"default": "ideal"})
     clutter: ClutterSettings = ClutterSettings()
     person: Person = PERSONS["careful"]
+    shift: bool = False

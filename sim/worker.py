@@ -7,27 +7,47 @@ the bench as it is; parts are carried by friction alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import Display
+from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from sim.diary import ActionEvent, Diary
+from sim.errands import Errands, Replies, goal_answer, help_answer
 from sim.hand import Hand, hand_rest_m
 from sim.handwork import ARCH_M, RELAXED_GAP_M, Handwork, ScrewMotion, Script
 from sim.intrusion import Intrusion, Sequel
 from sim.person import Order, Person, drawn, happens
 from sim.placing import Placing
+from sim.stock import Stock
 from sim.worker_sight import Sight, WorkerWorld
 
 AT_REST_M = 0.02
+SEEN_S = 6.0  # how long the person waits for the cell to see the empty bracket
 TOOL_RADIUS_M = 0.003  # a tool that sits on a screw does not leave it
 OVER = object()
 PUNCTUATION = str.maketrans(",.;:()", "      ")
+
+
+@dataclass(frozen=True)
+class Around:
+    """What happens around the bracket.
+
+    Attributes:
+        change: called when the person has the finished bracket in hand; the part type by position of the next one.
+        goes_on: brackets follow one another: one that nobody asks to be changed is changed after a while.
+        rng: for errands and answers.
+    """
+
+    stock: Stock
+    change: Callable[[], Mapping[str, str]]
+    goes_on: bool
+    rng: np.random.Generator
 
 
 class Worker:
@@ -38,8 +58,10 @@ class Worker:
         done: nothing is left that the person can do now, and the hand rests.
 
     Args:
+        wanted: type of the part by position.
         rng: for motions and order.
         chance: for what not every person does; apart, so that it does not change the rest.
+        around: what happens around the bracket; None for a person who does nothing but assemble one.
     """
 
     def __init__(
@@ -48,9 +70,10 @@ class Worker:
         product: Product,
         bench: Bench,
         person: Person,
-        goal: str,
+        wanted: Mapping[str, str],
         rng: np.random.Generator,
         chance: np.random.Generator | None = None,
+        around: Around | None = None,
     ) -> None:
         self._person, self._rng = person, rng
         self._chance = chance or np.random.default_rng(0)
@@ -60,12 +83,24 @@ class Worker:
         self._work = Handwork(self.hand, self._sight, product, person, rng, self._chance)
         self._diary.note("person", pace=self._work.pace)
         self._rest_m = np.array(hand_rest_m(bench))
-        self._wanted = product.goal_placements(goal)
-        self._order = self._positions_in_order(person.order)
-        self._placing = Placing(self._work, self._sight, person, self._wanted, self._chance, self._diary, self._polite)
         self._unscrewed = 0
+        self._begin(wanted)
         self._request: str | None = None
         self._answered: str | None = None
+        self._around, self._replies, self._errands = around, None, None
+        if around is not None:
+            self._replies = Replies(person.shift, around.rng)
+            self._errands = Errands(
+                self._work,
+                self._sight,
+                bench,
+                around.stock,
+                person.shift,
+                around.rng,
+                self._diary,
+                self._change_job,
+                self._polite,
+            )
         self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._diary.note)
         self._intruding: Script | None = None
         self._script = self._assemble()
@@ -73,9 +108,16 @@ class Worker:
 
     def show(self, display: Display) -> None:
         """The person reads the panel; a help request that is new gets them going at once."""
-        self._request = display.help_request
-        if self._request is None:
-            self._answered = None
+        if self._replies is not None:
+            self._replies.show(display.questions, self._diary.time_s)
+        if self._replies is None or not display.questions:  # a question is noticed after a while, see Replies
+            self._request = display.help_request
+        if display.help_request is None:
+            self._request = self._answered = None
+
+    def pressed(self) -> list[OperatorOrder]:
+        """What the person said to the cell since the last call."""
+        return self._replies.pressed() if self._replies is not None else []
 
     def alarm(self, text: str) -> None:
         """The person goes on: what troubles the cell does not trouble their work."""
@@ -147,11 +189,13 @@ class Worker:
         self._diary.begin("idle")
         while True:
             yield from self._pause()
+            yield from self._answer()
             yield from self._let_robot_work()
             position = self._next_position()
             if position is None:
                 yield from self._go_to_rest()
                 self.done = True
+                yield from self._go_on()
                 yield
                 continue
             self.done = False
@@ -160,6 +204,51 @@ class Worker:
                 yield from self._screw(position)
                 yield from self._go_to_rest()
                 yield from self._wait_for_robot_to_begin()
+
+    def _begin(self, wanted: Mapping[str, str]) -> None:
+        """From now on, this is to be built."""
+        self._wanted = wanted
+        self._order = self._positions_in_order(self._person.order)
+        self._placing = Placing(self._work, self._sight, self._person, wanted, self._chance, self._diary, self._polite)
+        self._idle_s = 0.0
+
+    def _change_job(self) -> None:
+        assert self._around is not None
+        self._begin(self._around.change())
+
+    def _answer(self) -> Script:
+        """Answer what was noticed: words at once, help with a part by hand."""
+        if self._replies is None or self._errands is None:
+            return
+        for question in list(self._replies.noticed(self._diary.time_s)):
+            if question.kind == "goal":
+                self._replies.answer(question, goal_answer(question, self._wanted))
+            elif question.kind == "help":
+                by_hand = self._can_place(question.part) and happens(self._person.shift.places_asked, self._chance)
+                if by_hand:
+                    self._request = question.part
+                elif question.part:
+                    yield from self._errands.help(question.part)
+                    yield from self._go_to_rest()
+                self._replies.answer(question, help_answer(by_hand))
+
+    def _can_place(self, part: str) -> bool:
+        return any(self._wanted[name] == part and self._placing.possible(name) for name in self._order)
+
+    def _go_on(self) -> Script:
+        """Nothing is left to be placed: fill the bins where a part lacks, or change the bracket when it is time."""
+        if self._errands is None or self._replies is None or self._around is None:
+            return
+        complete = self._placing.complete()
+        if not complete and "bins" in self._errands.due:
+            yield from self._errands.fill("bins")
+            return
+        self._idle_s = self._idle_s + self._work.dt_s if self._sight.arm_parked else 0.0
+        asked = self._replies.asks_for_bracket(self._diary.time_s)
+        if asked or (self._around.goes_on and self._idle_s > self._person.shift.gives_up_s):
+            yield from self._errands.change_bracket()
+            yield from self._go_to_rest()
+            yield from self._wait_while(lambda: self._replies is not None and self._replies.stands("bracket"), SEEN_S)
 
     def _next_position(self) -> str | None:
         """The next in the person's order that can be filled; one that a help request names comes first."""

@@ -25,12 +25,13 @@ class GuardSettings(Model):
         act_probability: least posterior of the next (part, position) at which the robot acts.
         ask_probability: posterior of "none of these goals" from which the robot asks.
         doubt_probability: posterior of "none of these goals" from which the robot asks which goal it is instead of
-            acting, until it is told; 1 never asks.
+            acting, until it is told; 1 never asks. It counts where somebody is there to answer: in a shift and
+            beside the operator's page.
     """
 
     act_probability: float = Field(default=0.9, ge=0.01, le=1)
     ask_probability: float = Field(default=0.5, ge=0.01, le=1)
-    doubt_probability: float = Field(default=1.0, ge=0.001, le=1)
+    doubt_probability: float = Field(default=0.01, ge=0.001, le=1)
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,13 @@ class Guard:
         part: str,
         position: str,
         reachable: bool,
+        may_ask: bool = True,
     ) -> Verdict:
-        """Whether the robot may put `part` into `position` now."""
+        """Whether the robot may put `part` into `position` now.
+
+        Args:
+            may_ask: somebody is there who answers: a doubt about the goal is asked instead of acted on.
+        """
         if position in state.placed:
             return Verdict("wait", f"{position} already holds {state.placed[position]}")
         if self._remaining(state)[part] <= 0:
@@ -74,7 +80,7 @@ class Guard:
         if hole.part is not None:
             return Verdict("wait", f"{position} is seen to hold {hole.part}")
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
-        if unknown >= self._settings.ask_probability:
+        if unknown >= self._settings.ask_probability and state.told_goal is None:
             return Verdict("ask", f"this looks like no known goal (probability {unknown:.2f})")
         probability = plan.next_belief.get((part, position), 0.0)
         if probability < self._settings.act_probability:
@@ -83,9 +89,20 @@ class Guard:
             )
         if not reachable:
             return Verdict("ask", f"the arm cannot reach {position} with {part}")
-        if self._settings.doubt_probability <= unknown and state.told_goal is None:
+        if may_ask and state.told_goal is None and self._doubts(unknown):
             return Verdict("ask", f"is this {plan.goal}? A goal that I do not know has probability {unknown:.3f}")
         return Verdict("act", f"{part} at {position} has probability {probability:.2f}")
+
+    def asks_for_goal(self, plan: AssemblyPlan, state: AssemblyState) -> bool:
+        """Whether a person should say which goal is built: it looks like none, or the first act would be a guess."""
+        unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
+        if state.told_goal is not None:
+            return False
+        sure = max(plan.next_belief.values(), default=0.0) >= self._settings.act_probability
+        return unknown >= self._settings.ask_probability or (sure and self._doubts(unknown))
+
+    def _doubts(self, unknown: float) -> bool:
+        return self._settings.doubt_probability < 1 and unknown >= self._settings.doubt_probability
 
     def _remaining(self, state: AssemblyState) -> Counter[str]:
         needed = Counter({name: part.quantity for name, part in self._product.parts.items()})

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from cell.interfaces.product import Product
 
 TREE = own_or_shipped("trees", "assemble.xml")
+SHIFT_TREE = own_or_shipped("trees", "shift.xml")
 BAD_INPUT, SAFE_STOP = 2, 3
 MONITOR_PORT = 1667
 LIVE_PORT = 8765
@@ -128,7 +129,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 @app.command()
 def run(
-    tree: Annotated[Path, typer.Option(help="Tree file to run.")] = TREE,
+    tree: Annotated[
+        Path | None,
+        typer.Option(help="Tree file to run; trees/assemble.xml, or for a shift trees/shift.xml."),
+    ] = None,
     config: ConfigOption = CONFIGURATION,
     goal: Annotated[str, typer.Option(help="What the simulated person assembles: a goal's name or random.")] = "random",
     seed: SeedOption = 0,
@@ -153,15 +157,20 @@ def run(
     own_nodes: NodesOption = None,
     beside: BesideOption = None,
     entries: EntriesOption = None,
+    brackets: Annotated[
+        int | None,
+        typer.Option(min=0, help="A shift: so many brackets one after the other; 0: until it is stopped."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Assemble one product."""
+    """Assemble one product, or a shift of them."""
     from cell import run as running
+    from cell.run_options import RunOptions
 
     screen = console()
     port = monitor_port if monitor or monitor_hooks else None
-    options = running.RunOptions(
-        tree=tree,
+    options = RunOptions(
+        tree=tree or (TREE if brackets is None else SHIFT_TREE),
         configuration=config,
         goal=goal,
         seed=seed,
@@ -178,6 +187,7 @@ def run(
         nodes=tuple(own_nodes or ()),
         beside=tuple(beside or ()),
         entries=entries_of(entries),
+        brackets=brackets,
     )
     result = running.run(options, screen)
     screen.print(table("run", result.rows))

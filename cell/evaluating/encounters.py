@@ -15,7 +15,8 @@ from cell.interfaces.files import shipped
 from cell.interfaces.judgement import Action, FaultTable
 from cell.interfaces.perception import Frame, HandSample
 from cell.observer import Level, Outcome, TickRecord
-from cell.run import Files, drive
+from cell.run import drive
+from cell.run_options import Files
 from cell.running.node_library import node_registry
 from cell.running.services import load_planners
 from sim.cell import SimCell

@@ -19,7 +19,8 @@ from cell.evaluating.bare_host import without_pixels
 from cell.evaluating.stop_watch import StopWatch
 from cell.interfaces.files import shipped
 from cell.observer import Outcome, TickRecord
-from cell.run import Files, drive
+from cell.run import drive
+from cell.run_options import Files
 from cell.running.injection import FAULTS, OTHER_STATES, STATES, Injection
 from cell.running.node_library import node_registry
 from cell.running.services import load_planners

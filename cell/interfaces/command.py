@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cell.interfaces.operator import Question
 from cell.interfaces.pose import Array
 
 
@@ -60,6 +61,7 @@ class Display:
         message: what the robot does or waits for, in words.
         help_request: what the robot asks the person to do, or None.
         beeps: how often the bell was to sound so far.
+        questions: that stand, the oldest first.
     """
 
     guidance: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -67,6 +69,7 @@ class Display:
     message: str = ""
     help_request: str | None = None
     beeps: int = 0
+    questions: tuple[Question, ...] = ()
 
 
 @dataclass

@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
+from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame
 from cell.interfaces.truth import TruthEvent
 
@@ -126,6 +127,8 @@ class Devices:
         host: where detectors run in lock-step beside a simulation; None: in the controller's process.
         report: how the finished assembly is judged, by keys of `cell run --json`; empty where nobody can judge.
         close: lets go of everything.
+        pressed: what was said or pressed at the bench itself since the last call.
+        finished: how brackets that were taken away were judged, in order, by the keys of `report`.
         truth: what really happened since the last call, for the log alone; empty where nobody knows.
     """
 
@@ -137,4 +140,6 @@ class Devices:
     report: Callable[[], dict[str, object]]
     close: Callable[[], None]
     truth: Callable[[], Sequence[TruthEvent]] = tuple
+    pressed: Callable[[], Sequence[OperatorOrder]] = tuple
+    finished: Callable[[], Sequence[dict[str, object]]] = tuple
     host: DetectorHost | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, Protocol
 
-Topic = Literal["belief", "plan", "verdict", "help", "skill", "file", "message", "snapshot"]
+Topic = Literal["belief", "plan", "verdict", "help", "skill", "bracket", "file", "message", "snapshot"]
 
 
 class Journal(Protocol):

@@ -9,11 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import BenchView, PartsView
 
 Image = NDArray[np.uint8]
 
 
+NOBODY = OperatorState()
 STANDING_RAD_S = 0.05  # an arm whose joints are all slower stands
 
 ArmMode = Literal[
@@ -124,6 +126,7 @@ class Observation:
         troubles: what devices raised since the tick before.
         late_s: how much later than its deadline the tick began.
         acknowledged: somebody acknowledged what holds the cell since the tick before.
+        operator: what somebody at panel, page or terminal wants.
         share: of the speed that the supervisor allows in this tick; 0 while it holds.
         work_s: time that skills had to work so far: it stands while the supervisor holds. None in old logs.
     """
@@ -137,6 +140,7 @@ class Observation:
     troubles: tuple[Trouble, ...] = ()
     late_s: float = 0.0
     acknowledged: bool = False
+    operator: OperatorState = NOBODY
     share: float = 1.0
     work_s: float | None = None
 

@@ -112,6 +112,10 @@ class Product(Model):
         """Position names in order: p1, p2, ..."""
         return tuple(self.bracket.holes_m)
 
+    def title(self, part: str) -> str:
+        """Like "gate valve (o1)"; what is no part type stays as it is."""
+        return f"{self.parts[part].title} ({part})" if part in self.parts else part
+
     def goal_placements(self, goal: str) -> dict[str, str]:
         """Part type by position in one goal."""
         return dict(zip(self.positions, self.goals[goal], strict=True))

@@ -13,7 +13,7 @@ from foxglove.channels import CompressedImageChannel, LogChannel
 
 from cell.configuration import LogSettings
 from cell.interfaces.errors import InputError, Place, Problem
-from cell.interfaces.observation import Observation
+from cell.interfaces.observation import NOBODY, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.interfaces.truth import TruthEvent
 from cell.observer import Level, Outcome, TickRecord
@@ -27,7 +27,7 @@ from cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, plain, 
 from cell.recording.snapshot import Snapshot
 from skills.can_gripper import CanFrame
 
-USUALLY_NOTHING = ("troubles", "late_s", "acknowledged")  # fields of an observation that most ticks leave out
+USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator")  # fields that most ticks leave out
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
 
 
@@ -132,7 +132,7 @@ class McapRecorder:
     def tick(self, record: TickRecord) -> None:
         observation = record.observation
         tick, stamp_ns = observation.tick, _nanoseconds(observation.time_s)
-        if self._files.due(observation.time_s):
+        if self._files.due(observation.time_s, _next_bracket(record)):
             self._turn(observation.time_s, tick)
         self._tick = tick + 1
         self._watch_disk(observation.time_s)
@@ -249,7 +249,7 @@ class McapRecorder:
             "parts": seen.parts and seen.parts.sequence,
             "share": seen.share,
             "work_s": seen.work_s,
-            **{name: plain(value) for name in USUALLY_NOTHING if (value := getattr(seen, name))},
+            **{name: plain(value) for name in USUALLY_NOTHING if (value := getattr(seen, name)) and value != NOBODY},
         }
         self._write("/observation", stamp_ns, values)
 
@@ -297,6 +297,14 @@ def _open(path: Path, settings: LogSettings, context: foxglove.Context, heading:
             Place(path), f"the log cannot be written: {error.strerror or error}", "choose a path by --log"
         )
         raise InputError(problem) from None
+
+
+def _next_bracket(record: TickRecord) -> bool:
+    """Whether a bracket begins that is not the first one."""
+    return any(
+        topic == "bracket" and fields.get("edge") == "begin" and fields.get("number") != 1
+        for topic, fields in record.notes
+    )
 
 
 def _nanoseconds(time_s: float) -> int:

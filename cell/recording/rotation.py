@@ -30,7 +30,7 @@ class LogFiles:
         Raises:
             OSError: it cannot be opened.
         """
-        self.rotates = settings.rotate_mb is not None or settings.rotate_s is not None
+        self.rotates = settings.rotate_mb is not None or settings.rotate_s is not None or settings.rotate_brackets
         self.number = 1
         first = part_path(path, 1) if self.rotates else path
         self._whole, self._settings, self._context, self._heading = path, settings, context, heading
@@ -64,11 +64,17 @@ class LogFiles:
         """Written, but not on the disk yet."""
         return sum(file.sink.waiting_bytes for file in (self._file, *self._retired))
 
-    def due(self, time_s: float) -> bool:
-        """Whether the next tick begins a new part; never while the disk refuses or is far behind."""
+    def due(self, time_s: float, bracket: bool = False) -> bool:
+        """Whether the next tick begins a new part; never while the disk refuses or is far behind.
+
+        Args:
+            bracket: a bracket of a shift after the first begins with that tick.
+        """
         if not self.rotates or time_s < self._retry_s or self.waiting_bytes > FAR_BEHIND_BYTES or self._refused:
             return False
         most_mb, most_s = self._settings.rotate_mb, self._settings.rotate_s
+        if bracket and self._settings.rotate_brackets:
+            return True
         large = most_mb is not None and self._file.sink.size_bytes >= most_mb * 1e6
         return large or (most_s is not None and time_s - self._began_s >= most_s - SLACK_S)
 

@@ -42,6 +42,7 @@ _FIELDS: dict[str, dict[str, dict[str, Any]]] = {
     "/note/file": {"tick": INTEGER, "path": TEXT, "done": TEXT},
     "/note/message": {"tick": INTEGER, "text": TEXT, "weight": TEXT},
     "/note/snapshot": {"tick": INTEGER, "camera": TEXT, "sequence": INTEGER, "label": TEXT},
+    "/note/bracket": {"tick": INTEGER, "number": INTEGER, "edge": TEXT},
     "/note/skill": {"tick": INTEGER, "node": TEXT, "status": TEXT, "reason": TEXT},
     "/edit": {"tick": INTEGER, "files": OBJECT},
     "/hook": {"tick": INTEGER, "order": TEXT, "body": OBJECT},

@@ -21,6 +21,7 @@ from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.observer import End, Observer, Outcome, SentCommand, TickRecord
 from cell.running.audience import Audience
 from cell.running.inference import Executor
+from cell.running.operator import OperatorChannel
 from cell.running.reading import DeviceReader, HeldFingers, describe
 from cell.running.signals import Interrupted, StopSignals
 from cell.running.supervisor import Supervisor
@@ -83,6 +84,7 @@ class Controller:
         settings: ControllerSettings,
         supervisor: Supervisor,
         observers: Sequence[Observer] = (),
+        operator: OperatorChannel | None = None,
     ) -> None:
         self.journal = ListJournal()
         self._devices = devices
@@ -99,7 +101,7 @@ class Controller:
         self._signals = StopSignals()
         self._judgement = Judgement()
         self._said: tuple[str, ...] = ()
-        self._acknowledged = False
+        self._operator = operator or OperatorChannel()
         self._seen: Observation | None = None
         self._scheduled_s = self._deadline_s = 0.0
         self._ticks = 0
@@ -113,15 +115,12 @@ class Controller:
         """
         seen = self._reader.observe(self._ticks)
         late_s = max(0.0, seen.time_s - self._scheduled_s)
-        acknowledged, self._acknowledged = self._acknowledged, False
+        operator = self._operator.take(seen.time_s, self._devices.pressed())
+        acknowledged = self._operator.acknowledged
         worked_s = 0.0 if self._seen is None else self._seen.worked_s
         gone_s = 0.0 if self._seen is None else seen.time_s - self._seen.time_s
         worked_s += self._judgement.share * gone_s
-        return replace(seen, late_s=late_s, acknowledged=acknowledged, work_s=worked_s)
-
-    def acknowledge(self) -> None:
-        """Somebody at the cell acknowledges what holds it; the next tick knows."""
-        self._acknowledged = True
+        return replace(seen, late_s=late_s, acknowledged=acknowledged, operator=operator, work_s=worked_s)
 
     def run(self, tree: TickedTree, services: TickServices) -> Outcome:
         """Run to the end and stop safely; raises nothing that a device, a node or an observer may raise."""
@@ -163,6 +162,8 @@ class Controller:
                 return _Ending("finished", "the tree succeeded")
             if status is Status.FAILURE:
                 return _Ending("failed", "the tree failed")
+            if self._operator.stopped:
+                return _Ending("interrupted", "stopped by the operator")
             if self._signals.name:
                 return _Ending("interrupted", f"stopped by {self._signals.name}")
             if self._clock.now_s() - began_s >= self._settings.max_duration_s:
@@ -225,6 +226,7 @@ class Controller:
         if command.look:
             self._command("camera wrist", self._devices.wrist.trigger)
         if (display := command.display) is not None:
+            self._operator.shown(display)
             self._command("panel", lambda: self._devices.panel.show(display))
         return SentCommand(trajectory, gripper)
 

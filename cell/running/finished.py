@@ -22,6 +22,7 @@ class FinishedBrackets:
         self._path = path
         self._product = product
         self._view: BenchView | None = None
+        self._shift = False  # brackets are noted one by one
         self.learned: str | None = None
 
     def frame(self, frame: Frame) -> None:
@@ -29,12 +30,21 @@ class FinishedBrackets:
 
     def tick(self, record: TickRecord) -> None:
         self._view = record.observation.bench or self._view
+        for topic, fields in record.notes:
+            if topic == "bracket":
+                self._shift = True
+                if fields.get("finished"):
+                    self._learn()
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         """Nothing to learn."""
 
     def close(self, outcome: Outcome) -> None:
-        if outcome.end != "finished" or self._view is None:
+        if outcome.end == "finished" and not self._shift:
+            self._learn()
+
+    def _learn(self) -> None:
+        if self._view is None:
             return
         seen = {position: hole.part for position, hole in self._view.holes.items()}
         parts = tuple(part for part in map(seen.get, self._product.positions) if part is not None)

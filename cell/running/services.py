@@ -18,7 +18,7 @@ from learned.grasp.planner import load_grasp_planner
 from learned.semantic.confusions import Confusions
 from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import Layout
-from learned.semantic.planner import load_semantic_planner
+from learned.semantic.planner import BayesPlanner, FactoredPlanner, load_semantic_planner
 from skills.planner import MotionPlanner
 from trees.guard import Guard
 from trees.nodes.services import Services
@@ -43,6 +43,7 @@ class Planners:
 
     Attributes:
         known: the product with the goals that were learned.
+        goals, confusions: what the semantic planners were made with.
     """
 
     semantic: SemanticPlanner
@@ -50,6 +51,8 @@ class Planners:
     grasp: GraspPlanner
     rule_grasp: GraspPlanner
     known: Product
+    goals: OpenGoals
+    confusions: Confusions | None = None
 
 
 def load_planners(configuration: Configuration, product: Product) -> Planners:
@@ -62,14 +65,14 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
     assert semantic.weights is not None
     assert grasp.weights is not None
 
-    def load_semantic() -> tuple[SemanticPlanner, SemanticPlanner, Product]:
+    def load_semantic() -> tuple[SemanticPlanner, SemanticPlanner, OpenGoals, Confusions | None]:
         goals = OpenGoals.of(product, semantic.new_goals)
         if semantic.goals is not None:
             goals = OpenGoals.load(semantic.goals, product, semantic.new_goals)
         layout = Layout.of(product)
         confusions = None if semantic.confusions is None else Confusions.load(semantic.confusions, layout)
         chosen = load_semantic_planner(semantic.kind, semantic.weights, product, goals, confusions)
-        return chosen, load_semantic_planner("bayes", None, product, goals, confusions), goals.product
+        return chosen, load_semantic_planner("bayes", None, product, goals, confusions), goals, confusions
 
     loaders: dict[str, Callable[[], Any]] = {
         "semantic": load_semantic,
@@ -84,8 +87,9 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
             problems.append((("planners", name), str(error)))
     if problems:
         raise SettingError(*problems)
-    chosen, rule, known = loaded["semantic"]
-    return Planners(chosen, rule, loaded["grasp"], load_grasp_planner("rule", grasp.weights, product), known)
+    chosen, rule, goals, confusions = loaded["semantic"]
+    rule_grasp = load_grasp_planner("rule", grasp.weights, product)
+    return Planners(chosen, rule, loaded["grasp"], rule_grasp, goals.product, goals, confusions)
 
 
 def make_services(
@@ -110,6 +114,7 @@ def make_services(
         journal=journal,
         observation=observation,
         teach=_teacher(configuration, planners.known),
+        learn=learner(configuration, planners),
     )
 
 
@@ -126,3 +131,27 @@ def _teacher(configuration: Configuration, product: Product) -> Callable[[str, t
         return next(name for name, goal in goals.finished.items() if goal.parts == parts)
 
     return teach
+
+
+def learner(configuration: Configuration, planners: Planners) -> Callable[[Services, tuple[str, ...]], str | None]:
+    """What nodes call when a bracket was finished: planners and guard know its goal from then on, in this run."""
+    goals = planners.goals
+
+    def learn(services: Services, parts: tuple[str, ...]) -> str | None:
+        """Name of the goal that the bracket ended in; None where no bracket of this product ends so."""
+        nonlocal goals
+        try:
+            goals = goals.with_bracket(parts)
+        except InputError:
+            return None
+        known = goals.product
+        services.semantic, services.rule_semantic = (
+            planner.with_goals(goals, planners.confusions)
+            if isinstance(planner, FactoredPlanner | BayesPlanner)
+            else planner
+            for planner in (services.semantic, services.rule_semantic)
+        )
+        services.product, services.guard = known, Guard(known, configuration.guard)
+        return next((name for name, goal in known.goals.items() if goal == parts), None)
+
+    return learn

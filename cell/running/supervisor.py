@@ -17,6 +17,7 @@ from cell.running.checks import CHECKS, Check, Memory, Sign, person_checks
 from skills.planner import MotionPlanner
 
 NO_SIGN = Sign("")
+PAUSED = "operator_pause"
 
 
 @dataclass
@@ -71,6 +72,8 @@ class Supervisor:
         for fault, check, state in asked:
             _update(fault, state, check(observation, command, self._memory), observation)
         found: list[tuple[Action, str, str]] = []
+        if observation.operator.pause == "now":  # no fault, and so in no table
+            found.append((Action.HOLD, PAUSED, "paused by the operator"))
         share = 1.0
         for fault, _, state in self._rows:
             if state.active_s is None:

@@ -34,11 +34,6 @@ def run_summary(summary: Mapping[str, Any], product: Product, tick_hz: float) ->
     return rows
 
 
-def part_title(product: Product, part: str) -> str:
-    """Like "gate valve (o1)"."""
-    return f"{product.parts[part].title} ({part})" if part in product.parts else part
-
-
 def _result(summary: Mapping[str, Any]) -> str:
     if not summary["finished"]:
         return f"{summary['end']}: {summary['reason']}"
@@ -49,7 +44,7 @@ def _result(summary: Mapping[str, Any]) -> str:
 
 def _assembly(summary: Mapping[str, Any], product: Product) -> Rows:
     placed = summary["placements"]
-    by_hole = ", ".join(f"{hole} {part_title(product, placed[hole])}" for hole in sorted(placed))
+    by_hole = ", ".join(f"{hole} {product.title(placed[hole])}" for hole in sorted(placed))
     inferred = summary.get("inferred_goal")
     right = "the same" if inferred == summary["goal"] else inferred or "nothing"
     rows = {

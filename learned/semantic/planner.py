@@ -91,10 +91,15 @@ class BayesPlanner:
     def __init__(self, product: Product, goals: OpenGoals | None = None, confusions: Confusions | None = None) -> None:
         goals = goals or OpenGoals.of(product)
         self.layout = Layout.of(goals.product)
+        self._product = product
         *known, none = goals.prior()
         self._posterior = BayesPosterior(
             self.layout, unknown=none, prior=np.array(known) / sum(known), confusions=confusions
         )
+
+    def with_goals(self, goals: OpenGoals, confusions: Confusions | None = None) -> BayesPlanner:
+        """The same with other goals learned beside the product's own."""
+        return BayesPlanner(self._product, goals, confusions)
 
     def plan(self, state: AssemblyState) -> AssemblyPlan:
         layout, edges = self.layout, self.layout.encode(state)

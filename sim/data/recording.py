@@ -142,7 +142,7 @@ def _with_physics(
     layout = lay_out(product, bench, settings.person.storage, streams[0], handing=True)
     hand = partial(add_hand, bench=bench, person=look.person, habits=settings.person)
     world = build_world(product, bench, layout.parts, settings.physics, hand, look, layout.bins)
-    worker = Worker(world, product, bench, settings.person, goal, streams[1], streams[0])
+    worker = Worker(world, product, bench, settings.person, product.goal_placements(goal), streams[1], streams[0])
     world.settle()
     giver = Giver(world, parts_in_tray(world), worker.has, streams[3])
     film = _Film(world, bench)

@@ -25,7 +25,8 @@ from websockets.exceptions import ConnectionClosed
 
 from cell.log.reading.reader import read_log
 from cell.recording.recorder import McapRecorder
-from cell.run import RunOptions, run
+from cell.run import run
+from cell.run_options import RunOptions
 from cell.viewing.live_server import LiveServer
 from tests.cell.viewing.viewer import live_viewer
 

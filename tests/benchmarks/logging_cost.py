@@ -26,7 +26,8 @@ from cell.interfaces.perception import Frame
 from cell.observer import Level, TickRecord
 from cell.recording import joint_samples
 from cell.recording.recorder import McapRecorder
-from cell.run import RunOptions, run
+from cell.run import run
+from cell.run_options import RunOptions
 from cell.running.controller import Controller
 from sim.arm import SimArm
 from skills.can_gripper import CanFrame

@@ -10,7 +10,8 @@ from rich.console import Console
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE
 from cell.log.reading.reader import Log, read_log
-from cell.run import RunOptions, run
+from cell.run import run
+from cell.run_options import RunOptions
 from tests import ROOT
 
 COMMISSION = ROOT / "trees" / "commission.xml"

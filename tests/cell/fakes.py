@@ -19,6 +19,7 @@ from cell.observer import Level, Observer, Outcome, TickRecord
 from cell.running.checks import CHECKS
 from cell.running.controller import Controller
 from cell.running.inference import LockStep
+from cell.running.operator import OperatorChannel
 from cell.running.supervisor import Supervisor
 from trees.engine.node import StatusChange
 
@@ -198,7 +199,7 @@ class Rig:
         self.clock = ManualClock()
         self.overhead, self.wrist = FakeCamera(self.clock), FakeCamera(self.clock)
         self.arm, self.gripper, self.panel = FakeArm(self.clock), FakeGripper(self.clock), FakePanel()
-        self.observer = FakeObserver()
+        self.observer, self.operator = FakeObserver(), OperatorChannel()
         devices = Devices(self.clock, self.overhead, self.wrist, self.arm, self.panel, lambda: {}, lambda: None)
         self.controller = Controller(
             devices,
@@ -208,6 +209,7 @@ class Rig:
             settings or ControllerSettings(),
             Supervisor([fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS], CHECKS),
             [self.observer, *observers],
+            self.operator,
         )
         self.services = FakeServices(self.controller.observe())
 

@@ -11,7 +11,8 @@ from cell.configuration import Configuration, load_configuration, load_faults, l
 from cell.interfaces.perception import Frame
 from cell.interfaces.product import Product
 from cell.observer import Level, Outcome, TickRecord
-from cell.run import Files, drive
+from cell.run import drive
+from cell.run_options import Files
 from cell.running.node_library import node_registry
 from cell.running.services import load_planners
 from sim.cell import SimCell

@@ -9,8 +9,16 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
+from sim.jobs import Job
 from sim.score import Score
 from sim.world import World, WorldPart, build_world
+from tests.sim.worker_bench import product
+
+PRODUCT = product()
+
+
+def job(goal: str) -> Job:
+    return Job(goal, PRODUCT.goal_placements(goal))
 
 
 @pytest.fixture
@@ -37,14 +45,14 @@ def fill(world: World, goal: str) -> dict[str, WorldPart]:
 @pytest.mark.parametrize("goal", ["g0", "g1", "g2"])
 def test_a_bracket_filled_as_the_goal_says_is_correct(world: World, goal: str) -> None:
     fill(world, goal)
-    report = Score(world, goal).report()
+    report = Score(world, job(goal)).report()
     assert report["correct"]
     assert report["wrong_placements"] == 0
     assert report["placements"] == world.product.goal_placements(goal)
 
 
 def test_an_empty_bracket_is_not_correct_but_nothing_is_wrong(world: World) -> None:
-    report = Score(world, "g0").report()
+    report = Score(world, job("g0")).report()
     assert not report["correct"]
     assert (report["placements"], report["wrong_placements"]) == ({}, 0)
 
@@ -52,7 +60,7 @@ def test_an_empty_bracket_is_not_correct_but_nothing_is_wrong(world: World) -> N
 def test_another_goals_bracket_counts_each_wrong_hole(world: World) -> None:
     fill(world, "g1")
     wanted, found = (world.product.goal_placements(goal) for goal in ("g0", "g1"))
-    report = Score(world, "g0").report()
+    report = Score(world, job("g0")).report()
     assert not report["correct"]
     assert report["wrong_placements"] == sum(wanted[position] != found[position] for position in wanted)
 
@@ -61,6 +69,6 @@ def test_another_goals_bracket_counts_each_wrong_hole(world: World) -> None:
 def test_a_part_that_does_not_sit_is_wrong(world: World, raised_m: float, tilt_rad: float) -> None:
     used = fill(world, "g0")
     put(world, used["p4"], "p4", raised_m, tilt_rad)
-    report = Score(world, "g0").report()
+    report = Score(world, job("g0")).report()
     assert not report["correct"]
     assert report["wrong_placements"] == 1

@@ -56,7 +56,8 @@ class Shift:
         self.world = world or world_with_hand()
         rng = np.random.default_rng(seed)
         chance = np.random.default_rng(seed + 1000)
-        self.worker = Worker(self.world, product(), bench(), settings or Person(), goal, rng, chance)
+        wanted = product().goal_placements(goal)
+        self.worker = Worker(self.world, product(), bench(), settings or Person(), wanted, rng, chance)
         self.goal = goal
         self.time_s = 0.0
 

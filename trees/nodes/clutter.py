@@ -48,6 +48,7 @@ class FindPart(CellNode):
         candidates = [i for i, seen in enumerate(parts.detections) if seen.part == part]
         if not candidates:
             self.feedback_message = f"no {part} in the tray"
+            self.services.failed(f"there is no {self.services.product.title(part)} in the tray")
             return Status.FAILURE
         plans = {i: self.services.solve(parts, i) for i in candidates}
         self.index.set(min(candidates, key=lambda i: (plans[i].needs_help, -plans[i].graspable)))
@@ -80,9 +81,15 @@ class DecodeSolution(CellNode):
         plan = self.services.solve(self.parts.get(), self.index.get())
         self.feedback_message = plan.text
         if plan.needs_help or not plan.blockers:
+            self.services.failed(self._why(self.parts.get(), self.index.get()))
             return Status.FAILURE
         self.blocker.set(plan.blockers[0])
         return Status.SUCCESS
+
+    def _why(self, parts: PartsView, index: int) -> str:
+        title = self.services.product.title(part_and_others(parts, index)[0].part)
+        why = self.services.why_not_graspable(parts, index) or "what stands around it cannot be moved away"
+        return f"the {title} cannot be taken: {why.partition(': ')[2] or why}"
 
 
 def part_and_others(parts: PartsView, index: int) -> tuple[PartDetection, tuple[PartDetection, ...]]:

@@ -96,21 +96,6 @@ class WaitForHandClearOfPart(HandWatch):
         return f"{part.part} in the tray", np.array(part.world_from_part.position_m[:2])
 
 
-class AskForHelp(CellNode):
-    """Ask the person to do what the robot cannot (Alg. 2: "help")."""
-
-    text = InputPort(str, "what to ask")
-    part = InputPort(str, "type of the part concerned", default="")
-
-    def update(self) -> Status:
-        part = self.part.get()
-        text = f"{part}: {self.text.get()}" if part else self.text.get()
-        self.services.show(help_request=text)
-        self.services.journal.note("help", text=text)
-        self.feedback_message = text
-        return Status.SUCCESS
-
-
 def _distance_m(point: tuple[float, float], start: Array, end: Array) -> float:
     """From a point to the straight way between two points, all (2,) on the bench."""
     way = end - start

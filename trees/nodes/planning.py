@@ -103,7 +103,8 @@ class ChoosePosition(CellNode):
                 return Status.SUCCESS
             if verdict.decision == "ask":
                 self.services.show(help_request=verdict.reason)
-                self.services.journal.note("help", text=verdict.reason)
+                if not self.services.observation.operator.present:  # else AskWhichGoal asks, and waits for the answer
+                    self.services.journal.note("help", text=verdict.reason)
                 return Status.FAILURE
         self.services.show(message=f"waiting: {self.feedback_message}")
         return Status.FAILURE
@@ -156,7 +157,8 @@ def judge(services: Services, plan: AssemblyPlan, state: AssemblyState, part: st
     """The guard's verdict on one placement with what is seen in this tick."""
     view = services.observation.bench
     reachable = services.reachable(part, position)
-    return services.guard.judge(plan, state, view.holes if view else {}, part, position, reachable)
+    present = services.observation.operator.present
+    return services.guard.judge(plan, state, view.holes if view else {}, part, position, reachable, present)
 
 
 def note_verdict(services: Services, part: str, position: str, verdict: Verdict) -> None:

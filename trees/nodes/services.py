@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from cell.interfaces.command import Command, Display
 from cell.interfaces.errors import ModelError
 from cell.interfaces.journal import Journal
 from cell.interfaces.observation import Observation
+from cell.interfaces.operator import Question, QuestionKind
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
@@ -41,6 +43,8 @@ class Services:
         teach: notes a goal, its name and the part at every position, where goals are kept, and says under which name;
             None where they are kept nowhere.
         put_down: what the robot stood elsewhere in this run; no camera looks there.
+        reasons: why the robot could not get a part, and how often, since it asked last; the last one is the newest.
+        learn: tells the planners how a bracket was finished, so that they know its goal from then on.
     """
 
     product: Product
@@ -61,6 +65,9 @@ class Services:
     put_down: tuple[PartDetection, ...] = ()
     files: Files = field(default_factory=WorkingFolder)
     teach: Callable[[str, tuple[str, ...]], str] | None = None
+    reasons: Counter[str] = field(default_factory=Counter)
+    learn: Callable[[Services, tuple[str, ...]], str | None] = lambda *_: None
+    _asked: int = 0
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
     _solved: dict[int, GraspPlan] = field(default_factory=dict)
     _solved_view: PartsView | None = None
@@ -76,6 +83,26 @@ class Services:
         if changed != self.display:
             self.display = changed
             self.command.display = changed
+
+    def ask(self, kind: QuestionKind, reason: str, **details: Any) -> Question:
+        """Ask a person; the question stands until it is withdrawn.
+
+        Args:
+            details: further fields of the question.
+        """
+        self._asked += 1
+        question = Question(self._asked, kind, reason, **details)
+        self.show(questions=(*self.display.questions, question))
+        return question
+
+    def withdraw(self, question: Question) -> None:
+        """Ask no longer."""
+        self.show(questions=tuple(one for one in self.display.questions if one.number != question.number))
+
+    def failed(self, reason: str) -> None:
+        """Note why a part could not be had; who asks for help tells it."""
+        count = self.reasons.pop(reason, 0)
+        self.reasons[reason] = count + 1
 
     def infer(self, state: AssemblyState) -> AssemblyPlan:
         """The chosen planner's answer if the guard lets it pass, else the rule-based planner's."""
@@ -110,19 +137,19 @@ class Services:
             if refusal is None:
                 return plan
             self.journal.note("verdict", subject="grasp plan", decision="refused", reason=refusal)
-        if self._why_not_graspable(parts, required) is None:
+        if self.why_not_graspable(parts, required) is None:
             return GraspPlan(1.0, (), False, "grasp")
         return GraspPlan(0.0, (), True, "help")
 
     def _refusal(self, plan: GraspPlan, parts: PartsView, required: int) -> str | None:
         """Where a plan and the arm disagree about the part as it stands, if they do."""
         if plan.graspable >= GRASPABLE:
-            return self._why_not_graspable(parts, required)
-        if plan.needs_help and self._why_not_graspable(parts, required) is None:
+            return self.why_not_graspable(parts, required)
+        if plan.needs_help and self.why_not_graspable(parts, required) is None:
             return "it asks for help, and the arm can take the part as it stands"
         return None
 
-    def _why_not_graspable(self, parts: PartsView, required: int) -> str | None:
+    def why_not_graspable(self, parts: PartsView, required: int) -> str | None:
         from skills.handling import why_not_graspable
 
         seen = parts.detections

@@ -40,6 +40,8 @@ class SkillNode(CellNode):
             self.services.journal.note(
                 "skill", node=type(self).__name__, status=progress.status.value, reason=progress.reason
             )
+        if progress.status is SkillStatus.FAILURE:
+            self.services.failed(progress.reason)
         return _STATUS[progress.status]
 
     def terminate(self, new_status: Status) -> None:

@@ -13,7 +13,8 @@ from py_trees.common import Status
 from pydantic import TypeAdapter, ValidationError
 
 from cell.interfaces.errors import LogError
-from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
+from cell.interfaces.observation import NOBODY, ArmState, GripperState, ObjectStatus, Observation, Trouble
+from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import BenchView, PartsView
 from cell.log.reading.mcap_file import Message
 from trees.engine.node import StatusChange
@@ -181,6 +182,7 @@ class TickBuilder:
             troubles=tuple(Trouble(**one) for one in fields.get("troubles", ())),
             late_s=fields.get("late_s", 0.0),
             acknowledged=fields.get("acknowledged", False),
+            operator=_adapter(OperatorState).validate_python(fields.get("operator", NOBODY)),
             share=fields.get("share", 1.0),
             work_s=fields.get("work_s"),
         )

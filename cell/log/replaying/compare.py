@@ -16,6 +16,7 @@ from trees.engine.node import StatusChange
 
 _NUMBER = re.compile(r"::\d+")
 NOTHING = "nothing"
+NEWER: Mapping[str, Any] = {"beeps": 0, "questions": []}  # of a display, which older logs lack
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,8 @@ class Comparison:
 def logged(tick: LoggedTick) -> Decisions:
     """What a tick of a log decided."""
     command = tick.command and {key: value for key, value in tick.command.items() if not key.startswith("sent_")}
-    return Decisions(tick.status, tick.changes, tick.notes, command, tick.display, tick.judgement)
+    display = None if tick.display is None else {**NEWER, **tick.display}
+    return Decisions(tick.status, tick.changes, tick.notes, command, display, tick.judgement)
 
 
 def decided(

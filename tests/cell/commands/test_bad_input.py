@@ -72,7 +72,7 @@ CELL: list[tuple[str, Any]] = [
     ("perception.classical.hand_area_m2", INF),
     ("devices.factory", "json:loads"),
     ("devices.factory", "os:getcwd"),
-    ("devices.factory", "sim.cell:RANDOM_GOAL"),
+    ("devices.factory", "sim.jobs:RANDOM_GOAL"),
     ("devices.simulation.physics.step_s", 1),
     ("devices.simulation.physics.settle_s", INF),
     ("devices.simulation.clutter.nearest_gap_m", 0.5),

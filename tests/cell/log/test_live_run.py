@@ -17,7 +17,8 @@ from cell.commands.main import main
 from cell.configuration import DEFAULT_TREE
 from cell.log.reading.reader import Log, read_log
 from cell.log.telling.query import diff
-from cell.run import RunOptions, run
+from cell.run import run
+from cell.run_options import RunOptions
 from tests.cell.conftest import changed_configuration
 from tests.cell.viewing.viewer import live_viewer
 

@@ -17,7 +17,8 @@ from cell.observer import Level, TickRecord
 from cell.recording import sink as log_sink
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.sink import LogSink
-from cell.run import RunOptions, run
+from cell.run import run
+from cell.run_options import RunOptions
 from cell.viewing.progress import LiveProgress
 from sim.worker import Worker
 from tests.cell.conftest import changed_configuration

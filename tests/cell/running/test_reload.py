@@ -20,7 +20,8 @@ from cell.interfaces.skill import Progress, Skill, SkillStatus
 from cell.log.reading.reader import read_log
 from cell.log.replaying.replay import Replay
 from cell.observer import TickRecord
-from cell.run import RunOptions, run
+from cell.run import run
+from cell.run_options import RunOptions
 from cell.running.node_library import node_registry
 from cell.running.reload import WatchedTree, take_over
 from cell.running.statistics import RunStatistics

@@ -75,7 +75,7 @@ def services(**changes: Any) -> Services:
         observation=Observation(0, 0.0, STANDING, EMPTY_GRIPPER),
     )
     made.reachable = lambda part, position: True  # type: ignore[method-assign]  # noqa: ARG005
-    made._why_not_graspable = lambda parts, required: None  # type: ignore[method-assign]  # noqa: ARG005
+    made.why_not_graspable = lambda parts, required: None  # type: ignore[method-assign]  # noqa: ARG005
     made.tool_on_bench_m = lambda: (0.5, -0.4)  # type: ignore[method-assign]
     for name, value in changes.items():
         setattr(made, name, value)

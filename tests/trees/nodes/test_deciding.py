@@ -141,7 +141,7 @@ def test_the_easiest_part_of_the_required_type_is_found() -> None:
 def test_a_blocked_part_is_decoded_to_its_blocker_and_help_fails() -> None:
     plans = {0: BLOCKED, 1: HELP, 2: FREE}
     at = services(grasp=ScriptedGrasps(plans), rule_grasp=ScriptedGrasps(plans))
-    at._why_not_graspable = lambda parts, required: None if required == 2 else "no room"  # type: ignore[method-assign]  # noqa: ARG005
+    at.why_not_graspable = lambda parts, required: None if required == 2 else "no room"  # type: ignore[method-assign]  # noqa: ARG005
     view = seen_parts("o1", "o2", "o3")
     graspable, solution = [], []
     for index in range(3):
@@ -163,7 +163,7 @@ def test_a_number_that_no_part_has_is_a_node_error() -> None:
 def test_a_grasp_that_the_arm_cannot_do_is_refused_and_the_rule_answers() -> None:
     for rule, expected in ((BLOCKED, "move c"), (FREE, "help")):
         at = services(grasp=ScriptedGrasps({0: FREE}), rule_grasp=ScriptedGrasps({0: rule}))
-        at._why_not_graspable = lambda parts, required: "no room for the fingers"  # type: ignore[method-assign]  # noqa: ARG005
+        at.why_not_graspable = lambda parts, required: "no room for the fingers"  # type: ignore[method-assign]  # noqa: ARG005
         assert at.solve(seen_parts("o1", "o2", "o3"), 0).text == expected
         assert isinstance(at.journal, ListJournal)
         assert ("verdict", "no room for the fingers") in [(t, f.get("reason")) for t, f in at.journal.notes]

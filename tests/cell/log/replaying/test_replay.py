@@ -20,7 +20,8 @@ from cell.log.reading.reader import Log, LoggedTick, read_log
 from cell.log.reading.ticks import Gap
 from cell.log.replaying.replay import Changes, Replay, Step
 from cell.log.telling.query import Query, diff, info, query, ticks
-from cell.run import RunOptions, run
+from cell.run import run
+from cell.run_options import RunOptions
 from cell.viewing.monitor import HEADER, PROTOCOL, Monitor
 from tests.cell.conftest import COMMISSION, changed_configuration
 from tests.cell.log.reading.test_reader import without

@@ -1,0 +1,103 @@
+"""The operator's channel: questions that the cell asks, what an operator says, and the state that follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+OrderKind = Literal["acknowledge", "answer", "finish", "goal", "pause", "place", "resume", "stop"]
+Pause = Literal["none", "now", "after part"]
+QuestionKind = Literal["help", "goal", "bracket"]
+
+ORDERS: dict[OrderKind, str] = {
+    "acknowledge": "acknowledge what holds the cell",
+    "answer": "answer the question with this number",
+    "finish": "end the shift after this bracket",
+    "goal": "say which goal is being built",
+    "pause": "now: stand still at once; after part: take no further part",
+    "place": "I place the part that the robot asks for or is about to fetch",
+    "resume": "go on after a pause",
+    "stop": "end the run in a safe stop",
+}
+HELP_GIVEN, PLACED_BY_HAND = "done", "placed"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One way to answer a question.
+
+    Attributes:
+        value: what is said.
+        words: the same for people.
+        placements: of a goal, the part type by position.
+    """
+
+    value: str
+    words: str
+    placements: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the cell asks a person.
+
+    Attributes:
+        number: tells the questions of a run apart, from 1.
+        kind: "help" with a part, which "goal" is built, or to change the "bracket".
+        reason: why it asks.
+        tried: what the robot tried before; empty where it tried nothing.
+        todo: what the person should do.
+        part: type of the part concerned, or empty.
+        answers: the legal ones; none where the cameras see what was done.
+    """
+
+    number: int
+    kind: QuestionKind
+    reason: str
+    tried: str = ""
+    todo: str = ""
+    part: str = ""
+    answers: tuple[Answer, ...] = ()
+
+
+@dataclass(frozen=True)
+class OperatorOrder:
+    """Something an operator says or presses.
+
+    Attributes:
+        value: a pause's "now" or "after part", a goal's name, a part's type, or the answer.
+        question: number of the question that is answered, None for an order that answers none.
+        time_s: when the cell took it.
+    """
+
+    kind: OrderKind
+    value: str = ""
+    question: int | None = None
+    time_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class OperatorState:
+    """What the cell knows of the operator in a tick.
+
+    Attributes:
+        present: somebody is there who answers questions.
+        pause: whether the cell stands still, or takes no further part.
+        brackets: how many are to be made in this shift; None for until it is stopped.
+        said: the newest orders, oldest first: nodes that are not ticked in every tick find them here.
+    """
+
+    present: bool = False
+    pause: Pause = "none"
+    brackets: int | None = None
+    said: tuple[OperatorOrder, ...] = ()
+
+    def newest(self, kind: OrderKind, after_s: float) -> OperatorOrder | None:
+        """The newest order of a kind that came after a time."""
+        found = [order for order in self.said if order.kind == kind and order.time_s > after_s]
+        return found[-1] if found else None
+
+    def answer(self, question: int) -> str | None:
+        """What was answered to a question, None as long as nothing was."""
+        return next((order.value for order in self.said if order.kind == "answer" and order.question == question), None)

@@ -1,0 +1,73 @@
+"""What a run is asked for, and everything that is read before a device is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration
+from cell.interfaces.judgement import FaultTable
+from cell.interfaces.product import Product
+from cell.running.node_library import node_registry
+from cell.running.services import Planners
+from trees.engine.tree import Tree
+from trees.files.loader import load_tree
+
+Pace = Literal["fast", "real"]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What `cell run` was asked for.
+
+    Attributes:
+        log: file to write; None for a new one in the configured folder.
+        monitor_port: where Groot2 and other monitors may ask; None for no monitor.
+        monitor_hooks: let them put breakpoints and overrides on nodes.
+        watch: take over edits of the tree file while it runs.
+        live_port: where Foxglove and other viewers may connect; None for no server.
+        overwrite: replace a log that is there.
+        inject: FAULT@STATE, a fault that is put in when the work comes to a state; None for none.
+        person: a simulated person's name or file; None for the configuration's.
+        look: what the simulated cell looks like, a preset or a file; None for what the configuration says.
+        nodes: files and packages with further nodes.
+        beside: further tree files, and folders with them, whose trees may be named.
+        entries: of the main tree, set before the first tick.
+        brackets: how many are made one after the other; None for one bracket, 0 for until the run is stopped.
+    """
+
+    tree: Path = DEFAULT_TREE
+    configuration: Path = DEFAULT_CONFIGURATION
+    goal: str = "random"
+    seed: int = 0
+    pace: Pace = "fast"
+    log: Path | None = None
+    monitor_port: int | None = None
+    monitor_hooks: bool = False
+    watch: bool = False
+    live_port: int | None = None
+    overwrite: bool = False
+    person: str | None = None
+    inject: str | None = None
+    look: str | None = None
+    nodes: tuple[str, ...] = ()
+    beside: tuple[Path, ...] = ()
+    entries: Mapping[str, Any] = field(default_factory=dict)
+    brackets: int | None = None
+
+    def load(self, product: Product) -> Tree:
+        """The tree as it stands in its files now."""
+        return load_tree(self.tree, node_registry(product, self.nodes), None, self.entries, self.beside)
+
+
+@dataclass(frozen=True)
+class Files:
+    """Everything that was read before any device was opened."""
+
+    configuration: Configuration
+    product: Product
+    tree: Tree
+    planners: Planners
+    faults: FaultTable

@@ -1,0 +1,105 @@
+"""The operator channel: questions go out to whoever shows them, orders come in from panel, page and terminal."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import get_args
+
+from cell.interfaces.command import Display
+from cell.interfaces.errors import InputError
+from cell.interfaces.operator import OperatorOrder, OperatorState, OrderKind, Question
+from cell.interfaces.planning import UNKNOWN_GOAL
+
+KEPT = 8  # orders that nodes may still want to read
+WAITING = 64  # orders that may wait for a tick
+
+
+class OperatorChannel:
+    """Takes orders from any thread; a tick takes them over, in the order in which they came.
+
+    Args:
+        goals: names that may be said.
+        present: somebody is there who answers questions.
+        brackets: how many are to be made; None for until it is stopped.
+
+    Attributes:
+        questions: that stand now.
+        acknowledged: since the state was asked for last.
+        stopped: the operator ended the run.
+    """
+
+    def __init__(self, goals: Iterable[str] = (), present: bool = False, brackets: int | None = None) -> None:
+        self._goals = {*goals, UNKNOWN_GOAL}
+        self._state = OperatorState(present, brackets=brackets)
+        self._waiting: deque[OperatorOrder] = deque()
+        self.questions: tuple[Question, ...] = ()
+        self.acknowledged = self.stopped = False
+
+    def put(self, order: OperatorOrder) -> None:
+        """Take an order; the next tick knows of it.
+
+        Raises:
+            InputError: there is nothing like that to be said now.
+        """
+        if problem := self.refusal(order):
+            raise InputError(problem)
+        self._waiting.append(order)
+
+    def refusal(self, order: OperatorOrder) -> str:
+        """Why an order cannot be taken now; empty where it can."""
+        if order.kind not in get_args(OrderKind):
+            return f"no order {order.kind!r}; legal: {', '.join(get_args(OrderKind))}"
+        if len(self._waiting) >= WAITING:
+            return "too many orders at once"
+        if order.kind == "pause" and order.value not in ("now", "after part"):
+            return f"a pause is 'now' or 'after part', not {order.value!r}"
+        if order.kind == "goal" and order.value not in self._goals:
+            return f"no goal {order.value!r}; legal: {', '.join(sorted(self._goals))}"
+        return self._no_answer(order) if order.kind == "answer" else ""
+
+    def _no_answer(self, order: OperatorOrder) -> str:
+        question = next((one for one in self.questions if one.number == order.question), None)
+        if question is None:
+            standing = ", ".join(str(one.number) for one in self.questions) or "none"
+            return f"no question {order.question} is asked now; questions: {standing}"
+        legal = [answer.value for answer in question.answers]
+        if order.value not in legal:
+            return f"{order.value!r} answers no question {order.question}; legal: {', '.join(legal) or 'nothing'}"
+        return ""
+
+    def shown(self, display: Display) -> None:
+        """What the cell shows from now on, questions among it."""
+        self.questions = display.questions
+        self._goals |= set(display.goal_belief)
+
+    def take(self, time_s: float, pressed: Sequence[OperatorOrder] = ()) -> OperatorState:
+        """The state with everything that was said since the last call.
+
+        Args:
+            pressed: at the bench itself; what makes no sense now is passed over.
+        """
+        self.acknowledged = False
+        orders = [order for order in pressed if not self.refusal(order)]
+        while self._waiting:
+            orders.append(self._waiting.popleft())
+        for order in orders:
+            self._obey(replace(order, time_s=time_s))
+        return self._state
+
+    def _obey(self, order: OperatorOrder) -> None:
+        state = self._state
+        if order.kind == "acknowledge":
+            self.acknowledged = True
+        elif order.kind == "stop":
+            self.stopped = True
+        elif order.kind == "pause":
+            state = replace(state, pause="now" if order.value == "now" else "after part")
+        elif order.kind == "resume":
+            state = replace(state, pause="none")
+        elif order.kind == "finish":
+            state = replace(state, brackets=0)
+        else:
+            state = replace(state, said=(*state.said, order)[-KEPT:])
+        self._state = state

@@ -1,0 +1,112 @@
+"""The operator channel: what may be said, and what the cell knows of it afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from py_trees.common import Status
+
+from cell.interfaces.command import Display
+from cell.interfaces.errors import InputError
+from cell.interfaces.judgement import Action
+from cell.interfaces.operator import Answer, OperatorOrder, Question
+from cell.running.operator import KEPT, WAITING, OperatorChannel
+from cell.running.supervisor import Supervisor
+from tests.cell.fakes import Rig
+
+ASKED = Question(3, "goal", "which one?", answers=(Answer("g0", "g0"), Answer("none of these", "a new one")))
+
+
+def channel() -> OperatorChannel:
+    made = OperatorChannel(("g0", "g1"), present=True, brackets=4)
+    made.shown(Display(questions=(ASKED,)))
+    return made
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (OperatorOrder("dance"), "no order 'dance'; legal: acknowledge, answer"),  # type: ignore[arg-type]
+        (OperatorOrder("pause", "later"), "'now' or 'after part'"),
+        (OperatorOrder("goal", "g9"), "no goal 'g9'; legal: g0, g1, none of these"),
+        (OperatorOrder("answer", "g0", 7), "no question 7 is asked now; questions: 3"),
+        (OperatorOrder("answer", "g1", 3), "legal: g0, none of these"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_words(order: OperatorOrder, words: str) -> None:
+    with pytest.raises(InputError, match=words.replace("(", r"\(")):
+        channel().put(order)
+
+
+def test_an_answer_is_known_from_the_next_tick_on() -> None:
+    made = channel()
+    made.put(OperatorOrder("answer", "g0", 3))
+    assert made.take(1.0).answer(3) == "g0"
+    assert made.take(2.0).answer(3) == "g0"
+    assert made.take(2.0).answer(4) is None
+
+
+def test_statements_are_found_by_kind_and_time() -> None:
+    made = channel()
+    made.put(OperatorOrder("goal", "g1"))
+    state = made.take(5.0)
+    said = state.newest("goal", after_s=4.0)
+    assert said is not None
+    assert (said.value, said.time_s) == ("g1", 5.0)
+    assert state.newest("goal", after_s=5.0) is None
+
+
+def test_pause_resume_and_the_end_of_a_shift() -> None:
+    made = channel()
+    assert made.take(0.0).brackets == 4
+    made.put(OperatorOrder("pause", "now"))
+    assert made.take(1.0).pause == "now"
+    made.put(OperatorOrder("pause", "after part"))
+    assert made.take(2.0).pause == "after part"
+    made.put(OperatorOrder("resume"))
+    made.put(OperatorOrder("finish"))
+    assert (made.take(3.0).pause, made.take(3.0).brackets) == ("none", 0)
+
+
+def test_what_is_pressed_at_the_bench_counts_unless_it_makes_no_sense() -> None:
+    made = channel()
+    state = made.take(1.0, [OperatorOrder("answer", "g0", 9), OperatorOrder("answer", "g0", 3)])
+    assert [order.question for order in state.said] == [3]
+
+
+def test_memory_is_bounded() -> None:
+    made = channel()
+    for _ in range(WAITING):
+        made.put(OperatorOrder("place", "o1"))
+    with pytest.raises(InputError, match="too many"):
+        made.put(OperatorOrder("place", "o1"))
+    assert len(made.take(1.0).said) == KEPT
+
+
+def test_an_acknowledgement_and_a_stop_reach_the_controller() -> None:
+    rig = Rig()
+
+    def act(tick: int) -> Status:
+        if tick == 2:
+            rig.operator.put(OperatorOrder("acknowledge"))
+        if tick == 5:
+            rig.operator.put(OperatorOrder("stop"))
+        return Status.RUNNING
+
+    outcome, _ = rig.run(act)
+    assert (outcome.end, outcome.reason) == ("interrupted", "stopped by the operator")
+    acknowledged = [record.observation.acknowledged for record in rig.observer.records]
+    assert acknowledged.index(True) == 3
+    assert sum(acknowledged) == 1
+
+
+def test_a_pause_holds_the_arm_and_clears_by_itself() -> None:
+    seen = Rig().controller.observe()
+    supervisor = Supervisor((), {})
+    paused = replace(seen, operator=replace(seen.operator, pause="now"))
+    judgement = supervisor.judge(paused)
+    assert (judgement.action, judgement.share) == (Action.HOLD, 0.0)
+    assert judgement.words == "paused by the operator"
+    assert supervisor.judge(seen).action is Action.RUN
+    assert supervisor.judge(replace(seen, operator=replace(seen.operator, pause="after part"))).action is Action.RUN

@@ -1,0 +1,116 @@
+"""The person between brackets: takes the finished one out, fills bins and tray, answers what the cell asks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cell.interfaces.command import Display
+from cell.interfaces.operator import Answer, OperatorOrder, Question
+from cell.interfaces.planning import UNKNOWN_GOAL
+from cell.interfaces.pose import Pose
+from sim.cell import SimCell
+from sim.jobs import NOT_LISTED, Jobs
+from sim.person import Person, ShiftHabits
+from sim.settings import SimSettings
+from sim.worker import Worker
+from tests.sim.worker_bench import bench, product
+
+QUICK = ShiftHabits(answers_s=0.5, places_asked=0.0, fills_at_once=1.0)
+SETTINGS = SimSettings(overlap=False, shift=True, person=Person(shift=QUICK))
+G1 = product().goal_placements("g1")
+HELP = Question(1, "help", "no o3", part="o3", answers=(Answer("done", ""), Answer("placed", "")))
+EMPTY_PLEASE = Question(2, "bracket", "the bracket is finished")
+WHICH = Question(3, "goal", "which?", answers=(Answer("g0", "", product().goal_placements("g0")), Answer("g1", "", G1)))
+
+
+@pytest.fixture
+def cell() -> Iterator[SimCell]:
+    made = SimCell(product(), bench(), SETTINGS, "virtual", "shift test", 5, "g1")
+    yield made
+    made.close()
+
+
+def person(cell: SimCell) -> Worker:
+    assert cell.worker is not None
+    return cell.worker
+
+
+def settle(cell: SimCell, until_s: float) -> None:
+    """Let the worker act without rendering frames."""
+    while cell.world.time_s < until_s:
+        person(cell).update(cell.world.time_s, 0.008)
+        cell.stock.update(0.0, 0.0)
+        cell.world.step_period()
+
+
+def put_goal(cell: SimCell) -> None:
+    """The goal's parts in the bracket: by turns the person's and the robot's."""
+    left = {part: [body for body in cell.world.bodies if body.part == part] for part in product().parts}
+    for number, (position, part) in enumerate(G1.items()):
+        x, y = product().bracket.holes_m[position]
+        cell.world.place(left[part].pop(-(number % 2)), bench().bracket.pose @ Pose((x, y, 0.0)))
+
+
+def in_tray(cell: SimCell) -> Counter[str]:
+    middle, half = np.array(bench().tray.centre_m[:2]), np.array(bench().tray.size_m) / 2
+    return Counter(
+        body.part for body in cell.world.bodies if np.all(np.abs(cell.world.data.xpos[body.body][:2] - middle) < half)
+    )
+
+
+def test_a_finished_bracket_goes_out_is_judged_and_everything_is_filled_again(cell: SimCell) -> None:
+    put_goal(cell)
+    person(cell).show(Display(questions=(EMPTY_PLEASE,)))
+    began_s = cell.world.time_s
+    while not cell.devices.finished() and cell.world.time_s < began_s + 25:
+        settle(cell, cell.world.time_s + 0.1)
+    assert [report["correct"] for report in cell.devices.finished()] == [True]
+    assert cell.score.placements() == {}
+    wanted = Counter({name: part.quantity for name, part in product().parts.items()})
+    while in_tray(cell) != wanted and cell.world.time_s < began_s + 60:
+        settle(cell, cell.world.time_s + 0.1)
+    assert in_tray(cell) == wanted
+
+
+def test_help_sets_the_part_into_the_tray_and_says_so(cell: SimCell) -> None:
+    body = next(body for body in cell.world.bodies if body.part == "o3" and body.owner == "robot")
+    cell.world.place(body, Pose((0.2, 0.6, 0.03)))
+    assert in_tray(cell)["o3"] == 0
+    person(cell).show(Display(help_request="o3", questions=(HELP,)))
+    pressed: list[OperatorOrder] = []
+    began_s = cell.world.time_s
+    while not pressed and cell.world.time_s < began_s + 30:
+        settle(cell, cell.world.time_s + 0.1)
+        pressed = person(cell).pressed()
+    assert [(order.kind, order.value, order.question) for order in pressed] == [("answer", "done", 1)]
+    assert in_tray(cell)["o3"] == 1
+
+
+def test_the_person_tells_truly_which_goal_it_is(cell: SimCell) -> None:
+    person(cell).show(Display(questions=(WHICH,)))
+    pressed: list[OperatorOrder] = []
+    while not pressed and cell.world.time_s < 20:
+        settle(cell, cell.world.time_s + 0.1)
+        pressed = person(cell).pressed()
+    assert pressed[0].value == "g1"
+
+
+def test_jobs_of_a_shift_hold_one_arrangement_that_nobody_listed() -> None:
+    jobs = Jobs(product(), "random", 0.3, np.random.default_rng(1))
+    drawn = [jobs.next() for _ in range(100)]
+    unlisted = {tuple(job.placements.values()) for job in drawn if job.goal == NOT_LISTED}
+    assert len(unlisted) == 1
+    assert not unlisted & set(product().goals.values())
+    assert 15 < sum(job.goal == NOT_LISTED for job in drawn) < 45
+    assert {job.goal for job in drawn} == {NOT_LISTED, *product().goals}
+    assert Counter(next(iter(unlisted))) == Counter(product().goals["g0"])
+
+
+def test_one_goal_is_one_goal() -> None:
+    jobs = Jobs(product(), "g2", 0.3, np.random.default_rng(1))
+    assert {jobs.next().goal for _ in range(20)} == {"g2"}
+    assert UNKNOWN_GOAL not in product().goals

@@ -1,0 +1,159 @@
+"""Questions: asked once, answered by words, by the bench or by nobody, and withdrawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from py_trees.common import Status
+
+from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, OperatorOrder, OperatorState
+from cell.interfaces.perception import HoleView
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from tests.trees.nodes.rig import BENCH, EMPTY_HOLES, SURE, hand_at, see, services
+from trees.nodes.asking import AskForHelp, AskWhichGoal, HearOperator, WaitWhilePaused
+from trees.nodes.services import Services
+from trees.testing import alone
+
+TEXT = "put one into the tray"
+DOUBTFUL = AssemblyPlan(
+    goal_belief={"g0": 0.97, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.03},
+    next_belief={("o1", "p1"): 0.97},
+    next_part="o1",
+    guidance={"o1": ("p1",), "o2": (), "o3": ()},
+)
+
+
+def says(to: Services, *orders: OperatorOrder, **state: Any) -> None:
+    """What the operator has said so far."""
+    known = OperatorState(present=True, said=orders, **state)
+    to.observation = replace(to.observation, operator=known)
+
+
+def asking(to: Services) -> Any:
+    return alone(AskForHelp("help"), to, text=TEXT, part="o3", wait_s=60.0)
+
+
+def test_without_waiting_it_asks_and_goes_on() -> None:
+    to = services()
+    node: Any = alone(AskForHelp("help"), to, text=TEXT, part="o3")
+    assert node.execute() is Status.SUCCESS
+    assert to.display.help_request == f"safety valve (o3): {TEXT}"
+    assert to.display.questions == ()
+
+
+def test_a_question_says_why_what_was_tried_and_what_to_do() -> None:
+    to = services()
+    for _ in range(3):
+        to.failed("there is no safety valve (o3) in the tray")
+    node = asking(to)
+    assert node.execute() is Status.RUNNING
+    (question,) = to.display.questions
+    assert question.reason == "there is no safety valve (o3) in the tray"
+    assert question.tried == "there is no safety valve (o3) in the tray (3 times)"
+    assert (question.todo, question.part) == (TEXT, "o3")
+    assert not to.reasons
+
+
+def test_help_that_was_given_succeeds_and_the_question_goes() -> None:
+    to = services()
+    node = asking(to)
+    node.execute()
+    says(to, OperatorOrder("answer", HELP_GIVEN, to.display.questions[0].number))
+    assert node.execute() is Status.SUCCESS
+    assert to.display.questions == ()
+    assert to.display.help_request is None
+
+
+def test_a_part_that_the_person_places_ends_it_without_another_try() -> None:
+    to = services()
+    see(to, 0.1)
+    node = asking(to)
+    node.execute()
+    see(to, 5.0, holes={**EMPTY_HOLES, "p3": HoleView("o3", 1.0, 5.0)})
+    assert node.execute() is Status.FAILURE
+    to = services()
+    node = asking(to)
+    node.execute()
+    says(to, OperatorOrder("answer", PLACED_BY_HAND, 1))
+    assert node.execute() is Status.FAILURE
+
+
+def test_a_hand_that_was_in_the_tray_is_an_answer() -> None:
+    to = services()
+    x, y, _ = BENCH.tray.centre_m
+    see(to, 0.1, hand=hand_at(1.1, 0.4))
+    node = asking(to)
+    assert node.execute() is Status.RUNNING
+    see(to, 1.0, hand=hand_at(x, y))
+    assert node.execute() is Status.RUNNING
+    see(to, 2.0, hand=hand_at(1.1, 0.4))
+    assert node.execute() is Status.SUCCESS
+
+
+def test_nobody_answers() -> None:
+    to = services()
+    see(to, 0.0)
+    node = asking(to)
+    node.execute()
+    see(to, 59.0)
+    assert node.execute() is Status.RUNNING
+    see(to, 60.1)
+    assert node.execute() is Status.FAILURE
+    assert to.display.questions == ()
+
+
+def test_a_halt_withdraws_the_question() -> None:
+    to = services()
+    node = asking(to)
+    node.execute()
+    node.halt()
+    assert to.display.questions == ()
+
+
+def which_goal(to: Services, plan: AssemblyPlan) -> Any:
+    return alone(AskWhichGoal("goal"), to, plan=plan, state=AssemblyState({"p6": "o2"}))
+
+
+def test_a_doubtful_first_act_is_asked_and_the_answer_changes_the_state() -> None:
+    to = services()
+    says(to)
+    node = which_goal(to, DOUBTFUL)
+    assert node.execute() is Status.RUNNING
+    (question,) = to.display.questions
+    assert [answer.value for answer in question.answers] == ["g0", "g1", "g2", UNKNOWN_GOAL]
+    assert dict(question.answers[0].placements)["p6"] == "o3"
+    says(to, OperatorOrder("answer", "g0", question.number))
+    assert node.execute() is Status.SUCCESS
+    assert node.state.get() == AssemblyState({"p6": "o2"}, told_goal="g0")
+
+
+def test_where_nothing_is_doubtful_or_nobody_is_there_it_fails_at_once() -> None:
+    to = services()
+    says(to)
+    assert which_goal(to, SURE).execute() is Status.FAILURE
+    to = services()
+    assert which_goal(to, DOUBTFUL).execute() is Status.FAILURE
+    assert to.display.questions == ()
+
+
+def test_an_operator_corrects_the_goal_once() -> None:
+    to = services()
+    node: Any = alone(HearOperator("hear"), to, state=AssemblyState({}))
+    assert node.execute() is Status.SUCCESS
+    assert node.state.get().told_goal is None
+    says(to, OperatorOrder("goal", "g1", time_s=3.0))
+    node.execute()
+    assert node.state.get().told_goal == "g1"
+    node.state.set(AssemblyState({}))
+    node.execute()
+    assert node.state.get().told_goal is None
+
+
+def test_nothing_new_begins_while_paused() -> None:
+    to = services()
+    node: Any = alone(WaitWhilePaused("pause"), to)
+    says(to, pause="after part")
+    assert node.execute() is Status.RUNNING
+    says(to)
+    assert node.execute() is Status.SUCCESS

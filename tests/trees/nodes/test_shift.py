@@ -1,0 +1,95 @@
+"""From one bracket to the next: empty, begun, taken away, ended, learned, enough."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from py_trees.common import Status
+
+from cell.interfaces.operator import OperatorState
+from cell.interfaces.perception import HoleView
+from cell.interfaces.planning import AssemblyState
+from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, see, services
+from trees.nodes.services import Services
+from trees.nodes.shift import BeginBracket, BracketTaken, EndBracket, ShiftIsOver, WaitForEmptyBracket
+from trees.testing import alone
+
+G0 = PRODUCT.goal_placements("g0")
+FULL = {position: HoleView(part, 1.0, 0.0) for position, part in G0.items()}
+
+
+def notes(to: Services) -> list[dict[str, object]]:
+    return [fields for topic, fields in to.journal.take() if topic == "bracket"]  # type: ignore[attr-defined]
+
+
+def test_it_asks_for_an_empty_bracket_and_waits_until_it_is_seen() -> None:
+    to = services()
+    node: Any = alone(WaitForEmptyBracket("wait"), to)
+    see(to, 0.0, holes=FULL)
+    assert node.execute() is Status.RUNNING
+    assert [question.kind for question in to.display.questions] == ["bracket"]
+    see(to, 1.0)
+    assert node.execute() is Status.RUNNING
+    see(to, 2.1)
+    assert node.execute() is Status.SUCCESS
+    assert to.display.questions == ()
+
+
+def test_a_hole_that_was_never_seen_is_not_taken_for_empty() -> None:
+    to = services()
+    node: Any = alone(WaitForEmptyBracket("wait"), to)
+    for time_s in (0.0, 5.0):
+        see(to, time_s, holes={"p1": HoleView(None, 1.0, 0.0)})
+        assert node.execute() is Status.RUNNING
+
+
+def test_brackets_are_counted_and_begin_without_edges() -> None:
+    to = services()
+    node: Any = alone(BeginBracket("begin"), to, number=4)
+    assert node.execute() is Status.SUCCESS
+    assert (node.number.get(), node.state.entry.value) == (5, AssemblyState({}))
+    assert notes(to) == [{"number": 5, "edge": "begin"}]
+
+
+def test_a_bracket_that_is_cleared_by_hand_is_noticed_and_one_that_never_had_parts_is_not() -> None:
+    to = services()
+    taken: Any = alone(BracketTaken("taken"), to, number=1, state=AssemblyState(G0))
+    see(to, 0.0, holes=FULL)
+    assert taken.execute() is Status.FAILURE
+    see(to, 1.0)
+    assert taken.execute() is Status.FAILURE
+    see(to, 2.1)
+    assert taken.execute() is Status.SUCCESS
+    taken.number.entry.value, taken.state.entry.value = 2, AssemblyState({"p1": "o1"})
+    see(to, 4.0)
+    assert taken.execute() is Status.FAILURE
+    see(to, 9.0)
+    assert taken.execute() is Status.FAILURE
+
+
+def test_the_end_is_noted_and_what_was_seen_is_learned() -> None:
+    learned: list[tuple[str, ...]] = []
+
+    def learn(_: Services, parts: tuple[str, ...]) -> str:
+        learned.append(parts)
+        return "g0"
+
+    to = services(learn=learn)
+    node: Any = alone(EndBracket("end"), to, number=3, state=AssemblyState(G0))
+    see(to, 0.0, holes=FULL)
+    assert node.execute() is Status.SUCCESS
+    assert learned == [PRODUCT.goals["g0"]]
+    assert notes(to)[0]["finished"] is True
+    see(to, 1.0, holes=EMPTY_HOLES)
+    node.execute()
+    assert notes(to)[0]["finished"] is False
+    assert len(learned) == 1
+
+
+def test_enough_is_what_the_operator_wants() -> None:
+    to = services()
+    node: Any = alone(ShiftIsOver("over"), to, number=3)
+    for wanted, status in ((None, Status.FAILURE), (4, Status.FAILURE), (3, Status.SUCCESS), (0, Status.SUCCESS)):
+        to.observation = replace(to.observation, operator=OperatorState(brackets=wanted))
+        assert node.execute() is status

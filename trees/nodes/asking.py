@@ -1,0 +1,187 @@
+"""Asking people: for help with a part, or which goal is built; and hearing what an operator says unasked."""
+
+from __future__ import annotations
+
+import math
+
+from py_trees.common import Status
+
+from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, Answer, Question
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from trees.engine.ports import InOutPort, InputPort
+from trees.nodes.services import CellNode
+
+TRAY_MARGIN_M = 0.05
+LIKELIEST_N = 4  # goals that a question offers
+
+
+class AskForHelp(CellNode):
+    """Ask the person to do what the robot cannot (Alg. 2: "help"), and wait for it as long as the tree says.
+
+    Succeeds when help was given, and the robot should try again: somebody says so, or a hand was in the tray and left.
+    Fails when the person places the part, says so, or nobody answers in time.
+    """
+
+    text = InputPort(str, "what to ask")
+    part = InputPort(str, "type of the part concerned", default="")
+    wait_s = InputPort(float, "longest wait for help; 0 asks and goes on", default=0.0)
+
+    _question: Question | None = None
+    _asked_s = 0.0
+    _standing = 0
+    _hand_there = False
+
+    def initialise(self) -> None:
+        services, part = self.services, self.part.get()
+        title = services.product.title(part)
+        reason = next(reversed(services.reasons), "")
+        tried = "; ".join(f"{why} ({count} times)" for why, count in services.reasons.items() if count > 1)
+        services.reasons.clear()
+        text = ": ".join(words for words in (title if part else "", reason, self.text.get()) if words)
+        services.show(help_request=text)
+        services.journal.note("help", text=text, part=part, reason=reason, tried=tried)
+        self.feedback_message = text
+        self._asked_s, self._standing, self._hand_there = services.observation.time_s, self._placed(), False
+        if self.wait_s.get() > 0:
+            todo = self.text.get()
+            answers = (Answer(HELP_GIVEN, "done, look again"), Answer(PLACED_BY_HAND, "I place it myself"))
+            asked = reason or (f"I need help with the {title}" if part else todo)
+            self._question = services.ask("help", asked, tried=tried, todo=todo, part=part, answers=answers)
+
+    def update(self) -> Status:
+        services, question = self.services, self._question
+        if question is None:
+            return Status.SUCCESS
+        answer = services.observation.operator.answer(question.number)
+        if answer == HELP_GIVEN or self._hand_was_in_tray():
+            self.feedback_message = "help was given" if answer else "somebody was at the tray"
+            return Status.SUCCESS
+        placing = services.observation.operator.newest("place", self._asked_s)
+        if answer == PLACED_BY_HAND or placing is not None or self._placed() > self._standing:
+            self.feedback_message = "the person places it"
+            return Status.FAILURE
+        if services.observation.time_s - self._asked_s > self.wait_s.get():
+            self.feedback_message = f"nobody answered within {self.wait_s.get():g} s"
+            return Status.FAILURE
+        return Status.RUNNING
+
+    def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
+        if self._question is not None:
+            self.services.withdraw(self._question)
+            self.services.show(help_request=None)
+            self._question = None
+
+    def _placed(self) -> int:
+        """In how many holes such a part is seen."""
+        view, part = self.services.observation.bench, self.part.get()
+        return sum(hole.part == part for hole in view.holes.values()) if view and part else 0
+
+    def _hand_was_in_tray(self) -> bool:
+        view, tray = self.services.observation.bench, self.services.bench.tray
+        if view is None or view.hand_unknown:
+            return False
+        if view.hand is None:
+            return False
+        offsets = (abs(a - b) for a, b in zip(view.hand.fingertips_m, tray.centre_m, strict=False))
+        there = all(off < size / 2 + TRAY_MARGIN_M for off, size in zip(offsets, tray.size_m, strict=True))
+        was, self._hand_there = self._hand_there, self._hand_there or there
+        return was and not there
+
+
+class AskWhichGoal(CellNode):
+    """Ask which product is built where none that is known fits, or where the first act would be a guess.
+
+    Succeeds when it is told, or when the doubt has gone by itself; fails at once where there is nothing to ask or
+    nobody to answer, and when no answer comes in time.
+    """
+
+    plan = InputPort(AssemblyPlan, "belief over goals")
+    state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
+    wait_s = InputPort(float, "longest wait for an answer", default=60.0)
+
+    _question: Question | None = None
+    _asked_s = 0.0
+
+    def initialise(self) -> None:
+        self._asked_s = self.services.observation.time_s
+
+    def update(self) -> Status:
+        services, plan, state = self.services, self.plan.get(), self.state.get()
+        doubtful = services.guard.asks_for_goal(plan, state)
+        if self._question is None:
+            if not doubtful or not services.observation.operator.present:
+                self.feedback_message = "nothing to ask" if not doubtful else "nobody to ask"
+                return Status.FAILURE
+            self._ask(plan)
+            return Status.RUNNING
+        answer = services.observation.operator.answer(self._question.number)
+        if answer is not None:
+            self.feedback_message = f"it is {answer}"
+            tell_goal(self, state, answer)
+            return Status.SUCCESS
+        if not doubtful:
+            self.feedback_message = "the goal is clear by now"
+            return Status.SUCCESS
+        if services.observation.time_s - self._asked_s > self.wait_s.get():
+            self.feedback_message = f"nobody answered within {self.wait_s.get():g} s"
+            return Status.FAILURE
+        return Status.RUNNING
+
+    def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
+        if self._question is not None:
+            self.services.withdraw(self._question)
+            self.services.show(help_request=None)
+            self._question = None
+
+    def _ask(self, plan: AssemblyPlan) -> None:
+        services = self.services
+        product = services.product
+        ranked = sorted(product.goals, key=lambda goal: -plan.goal_belief.get(goal, 0.0))[:LIKELIEST_N]
+        answers = [
+            Answer(goal, f"{goal} ({plan.goal_belief.get(goal, 0.0):.0%})", product.goal_placements(goal))
+            for goal in ranked
+        ]
+        answers.append(Answer(UNKNOWN_GOAL, "a new one"))
+        unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
+        reason = f"I am not sure that this is {plan.goal}: a product that I do not know has probability {unknown:.2f}"
+        if plan.goal == UNKNOWN_GOAL:
+            reason = "this looks like no product that I know"
+        self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))
+        services.show(help_request=f"{reason}; which one is it?")
+        services.journal.note("help", text=reason, goals=ranked)
+        self.feedback_message = reason
+
+
+class HearOperator(CellNode):
+    """Take over which goal the operator says is being built; each statement counts once."""
+
+    state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
+    persistent = ("_heard_s",)
+    instant = True
+
+    _heard_s = -math.inf
+
+    def update(self) -> Status:
+        said = self.services.observation.operator.newest("goal", self._heard_s)
+        if said is not None:
+            self._heard_s = said.time_s
+            tell_goal(self, self.state.get(), said.value)
+            self.feedback_message = f"the operator says {said.value}"
+        return Status.SUCCESS
+
+
+class WaitWhilePaused(CellNode):
+    """Begin nothing new while the operator wants a pause."""
+
+    def update(self) -> Status:
+        if self.services.observation.operator.pause == "none":
+            return Status.SUCCESS
+        self.feedback_message = "paused by the operator"
+        self.services.show(message=self.feedback_message)
+        return Status.RUNNING
+
+
+def tell_goal(node: AskWhichGoal | HearOperator, state: AssemblyState, goal: str) -> None:
+    """Write into the state of the assembly what a person said of its goal."""
+    node.state.set(AssemblyState(state.placed, goal))
+    node.services.journal.note("belief", told=goal)

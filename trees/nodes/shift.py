@@ -1,0 +1,139 @@
+"""One bracket after the other: begin, notice what was taken away, end, and learn from what was finished."""
+
+from __future__ import annotations
+
+from py_trees.common import Status
+
+from cell.interfaces.operator import Question
+from cell.interfaces.planning import AssemblyState
+from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.nodes.services import CellNode
+
+SETTLED_S = 1.0  # holes must look empty for so long
+LEAST_PLACED_N = 3  # a bracket with fewer parts whose holes look empty again was cleared by hand
+
+
+class WaitForEmptyBracket(CellNode):
+    """Ask for an empty bracket, and wait until every hole is seen empty."""
+
+    persistent = ("_empty_s",)
+
+    _question: Question | None = None
+    _empty_s: float | None = None
+
+    def initialise(self) -> None:
+        self._empty_s = None
+
+    def update(self) -> Status:
+        services = self.services
+        view = services.observation.bench
+        filled = filled_holes(self)
+        if view is None or filled is None or filled:
+            self._empty_s = None
+            self.feedback_message = f"still there: {' '.join(filled)}" if filled else "not all holes were seen yet"
+            if filled and self._question is None:
+                todo = "take the bracket out and put an empty one in"
+                self._question = services.ask("bracket", "the bracket is finished", todo=todo)
+                services.show(message="waiting for an empty bracket")
+            return Status.RUNNING
+        self._empty_s = view.time_s if self._empty_s is None else self._empty_s
+        return Status.SUCCESS if view.time_s - self._empty_s >= SETTLED_S else Status.RUNNING
+
+    def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
+        if self._question is not None:
+            self.services.withdraw(self._question)
+            self._question = None
+
+
+class BeginBracket(CellNode):
+    """Count the brackets, and begin with an assembly graph without edges."""
+
+    number = InOutPort(int, "which bracket of the shift this is, from 1")
+    state = OutputPort(AssemblyState, "what is placed so far")
+
+    def update(self) -> Status:
+        number = self.number.get() + 1
+        self.number.set(number)
+        self.state.set(AssemblyState({}))
+        self.services.journal.note("bracket", number=number, edge="begin")
+        self.services.show(message=f"bracket {number}", help_request=None)
+        self.feedback_message = f"bracket {number}"
+        return Status.SUCCESS
+
+
+class BracketTaken(CellNode):
+    """Several parts were in the bracket, and now all holes look empty: somebody took it away."""
+
+    state = InputPort(AssemblyState, "what is placed so far")
+    number = InputPort(int, "which bracket of the shift this is")
+    settle_s = InputPort(float, "how long the holes must look empty", default=1.0)
+    persistent = ("_bracket", "_most", "_empty_s")
+    node_type = "Condition"
+    instant = True
+
+    _bracket = 0
+    _most = 0
+    _empty_s: float | None = None
+
+    def update(self) -> Status:
+        if self.number.get() != self._bracket:
+            self._bracket, self._most, self._empty_s = self.number.get(), 0, None
+        self._most = max(self._most, len(self.state.get().placed))
+        view = self.services.observation.bench
+        if self._most < LEAST_PLACED_N or view is None or filled_holes(self) != []:
+            self._empty_s = None
+            self.feedback_message = ""
+            return Status.FAILURE
+        self._empty_s = view.time_s if self._empty_s is None else self._empty_s
+        if view.time_s - self._empty_s < self.settle_s.get():
+            return Status.FAILURE
+        self.feedback_message = "the bracket was taken away before it was finished"
+        return Status.SUCCESS
+
+
+class EndBracket(CellNode):
+    """Note how a bracket ended, and learn its goal where every hole was seen filled."""
+
+    number = InputPort(int, "which bracket of the shift this is")
+    state = InputPort(AssemblyState, "what is placed so far")
+
+    def update(self) -> Status:
+        services = self.services
+        view, placed = services.observation.bench, self.state.get().placed
+        seen = [view.holes[name].part if view and name in view.holes else None for name in services.product.positions]
+        parts = tuple(part for part in seen if part is not None)
+        finished = len(parts) == len(seen)
+        learned = services.learn(services, parts) if finished else None
+        self.feedback_message = f"bracket {self.number.get()} {'finished' if finished else 'taken away'}"
+        services.journal.note(
+            "bracket",
+            number=self.number.get(),
+            edge="end",
+            finished=finished,
+            placed=dict(placed),
+            goal=learned,
+        )
+        return Status.SUCCESS
+
+
+class ShiftIsOver(CellNode):
+    """As many brackets are done as were asked for."""
+
+    number = InputPort(int, "which bracket of the shift was the last")
+    node_type = "Condition"
+    instant = True
+
+    def update(self) -> Status:
+        wanted = self.services.observation.operator.brackets
+        done = self.number.get()
+        self.feedback_message = f"{done} of {'any number' if wanted is None else max(wanted, done)} done"
+        return Status.SUCCESS if wanted is not None and done >= wanted else Status.FAILURE
+
+
+def filled_holes(node: CellNode) -> list[str] | None:
+    """Names of the holes that are seen filled; None as long as some were never seen."""
+    view = node.services.observation.bench
+    positions = node.services.product.positions
+    if view is None or any(name not in view.holes for name in positions):
+        return None
+    return [name for name in positions if view.holes[name].part is not None]

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.commands.terminal import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    SeedOption,
+    console,
+    print_json,
+    report_scores,
+    table,
+)
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
@@ -70,7 +79,8 @@ def train(
         epochs=epochs,
         command=f"cell train hands --budget {budget} --epochs {epochs} --seed {seed}",
     )
-    console().print(table(f"hand tracker in {weights}", {name: f"{value:.4g}" for name, value in scores.items()}))
+    report_scores(f"hand tracker in {weights}", scores, as_json=False)
+    console().print(f"in {config}, perception: hands: {{kind: slim, weights: {weights}}}", highlight=False)
     if as_json:
         print_json(scores)
 
@@ -104,6 +114,9 @@ def evaluate(
         str, typer.Option(help="Which persons: all, or the same ones bare-right, left, second or gloves.")
     ] = "all",
     person: Annotated[str, typer.Option(help="Who assembles: a person's name or file.")] = "varied",
+    physics: Annotated[
+        bool, typer.Option(help="Move hand and parts by physics, or, eight times as fast, by rule.")
+    ] = True,
     weights: Annotated[Path | None, typer.Option(help="Weights of `slim`; the shipped ones by default.")] = None,
     photos: Annotated[
         Path | None, typer.Option(help="Folder of photographs: score MediaPipe's networks on them.")
@@ -131,11 +144,11 @@ def evaluate(
     makers: dict[str, Callable[[], HandTracker]] = {
         kind.strip(): _maker(configuration, product, kind.strip(), weights) for kind in kinds.split(",")
     }
-    found = evaluate_hands(configuration, product, makers, wanted, stretches=stretches, only=only)
+    found = evaluate_hands(configuration, product, makers, wanted, stretches=stretches, physics=physics, only=only)
     for name, one in found.items():
         console().print(table(f"{name}, {look}, {only}", _rows(one)))
     if as_json:
-        print_json({"look": look, "only": only, "first_seed": first_seed, "recordings": recordings, "trackers": found})
+        print_json({"look": look, "only": only, "first_seed": first_seed, "physics": physics, "trackers": found})
 
 
 def _maker(

@@ -191,10 +191,10 @@ def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generat
     batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(one)) for name, one in arrays.items()}
     batch["region"], mixed = varied(batch["region"], rng)
     batch["paint"] = mixed < MIXED
-    return _mirrored(batch, torch.from_numpy(rng.random(len(rows)) < 0.5))
+    return mirrored(batch, torch.from_numpy(rng.random(len(rows)) < 0.5))
 
 
-def _mirrored(batch: dict[str, Tensor], chosen: Tensor) -> dict[str, Tensor]:
+def mirrored(batch: dict[str, Tensor], chosen: Tensor) -> dict[str, Tensor]:
     """The chosen rows seen in a mirror: a left hand becomes a right one."""
     hand = chosen & (batch["facts"][:, 0] > 0)
     batch["region"] = torch.where(chosen[:, None, None, None], batch["region"].flip(-1), batch["region"])

@@ -29,7 +29,8 @@ from learned.hands.tracking import HandTracks
 
 PALM = (WRIST, INDEX_BASE, MIDDLE_BASE, RING_BASE, LITTLE_BASE)
 SIZE: Size = "lite"  # on the bench
-HIGHEST_M = 0.45
+USUAL_M, BELIEVED = 0.10, 0.25  # height over the table, and how much of its difference from that a hand's size proves:
+# hands differ in size by a tenth, as much as 14 cm of height, and work within some 8 cm of the usual height
 BOX_MARGIN = 0.12  # of the hand's extent
 ACTS, RESTS = 0.9, 0.1  # the hand that reaches farther into the view acts
 
@@ -84,9 +85,10 @@ class MediaPipeReader:
         )
 
     def _height_m(self, hand: Hand) -> float:
-        """Over the table, from the size of the palm: its five bones in metres against those in the image."""
+        """Over the table, from the size of the palm: some of its lengths in metres against those in the image."""
         bones = [(WRIST, INDEX_BASE), (WRIST, MIDDLE_BASE), (WRIST, LITTLE_BASE), (INDEX_BASE, LITTLE_BASE)]
         metres = sum(float(np.linalg.norm(hand.world_m[a, :2] - hand.world_m[b, :2])) for a, b in bones)
         pixels = sum(float(np.linalg.norm(hand.points_px[a] - hand.points_px[b])) for a, b in bones)
         depth_m = self._setup.focal_px * metres / max(pixels, 1e-6)
-        return float(np.clip(self._setup.mount.position_m[2] - depth_m, 0.0, HIGHEST_M))
+        by_size = self._setup.mount.position_m[2] - depth_m
+        return max(0.0, USUAL_M + BELIEVED * (by_size - USUAL_M))

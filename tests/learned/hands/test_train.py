@@ -1,0 +1,179 @@
+"""The small tracker learns from a folder of frames, and what it learned can be loaded and asked."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from cell.configuration import load_configuration, load_product  # noqa: E402
+from cell.interfaces.errors import InputError  # noqa: E402
+from learned.hands.augment import varied  # noqa: E402
+from learned.hands.dataset import HandData, load_hands  # noqa: E402
+from learned.hands.networks import HEAT_PX, Reader, soft_argmax  # noqa: E402
+from learned.hands.regions import POINTS, REGION_PX, Regions, centre_of  # noqa: E402
+from learned.hands.score import score_readings  # noqa: E402
+from learned.hands.slim import SlimReader, finder_file  # noqa: E402
+from learned.hands.train import (  # noqa: E402
+    finder_targets,
+    heat_target,
+    mirrored,
+    reader_batch,
+    reader_loss,
+    train_hands,
+)
+
+pytestmark = pytest.mark.torch
+
+CONFIGURATION = load_configuration()
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+SETUP, TYPES = BENCH.overhead, tuple(PRODUCT.parts)
+SHAPE = {"palm": (0, 20), "pinch": (0, -20), "thumb": (-8, -18), "index": (8, -22), "wrist": (2, 40), "held": (0, -30)}
+
+
+def hand(x: float, y: float, held: str | None = None, visible: float = 1.0) -> dict[str, Any]:
+    points = {name: (x + dx, y + dy) for name, (dx, dy) in SHAPE.items() if held or name != "held"}
+    return {
+        "acting": True,
+        "side": "right",
+        "box_px": [x - 20, y - 35, x + 20, y + 45],
+        "held_part": held,
+        "visible": visible,
+        "points_px": points,
+        "points_m": dict.fromkeys(points, (0.7, 0.1, 0.12)),
+    }
+
+
+def folder_of(path: Path, frames: int = 40) -> Path:
+    """Frames with one bright thing each, which is called a hand; the last one has none."""
+    rng = np.random.default_rng(2)
+    path.mkdir()
+    rows: list[dict[str, Any]] = [{"format": "cell.hands", "version": 1, "source": "test"}]
+    for number in range(frames):
+        image = rng.integers(60, 90, (SETUP.height_px, SETUP.width_px, 3)).astype(np.uint8)
+        hands = []
+        if number < frames - 1:
+            x, y = rng.uniform((80, 80), (400, 280))
+            cv2.ellipse(image, (round(x), round(y)), (14, 32), 0, 0, 360, (120, 160, 220), -1)
+            hands.append(hand(float(x), float(y), TYPES[0] if number % 2 else None))
+        cv2.imwrite(str(path / f"{number}.jpg"), image)
+        rows.append({"file": f"{number}.jpg", "log": "one", "frame": number, "time_s": 0.0, "hands": hands})
+    (path / "hands.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return folder_of(tmp_path_factory.mktemp("hands") / "data")
+
+
+@pytest.fixture(scope="module")
+def data(folder: Path) -> HandData:
+    return load_hands(folder, SETUP, TYPES, 0)
+
+
+def test_regions_lie_about_their_hands(data: HandData) -> None:
+    regions = Regions.of(SETUP)
+    assert len(data.small) == 40
+    assert len(data.centres) == 39
+    hands = data.facts[:, 0] == 1
+    assert hands.sum() == 39
+    assert np.allclose(data.points[hands][:, :2].mean(axis=1), 0.5, atol=1e-6)  # the middle of palm and pinch
+    assert np.isnan(data.points[~hands]).all()
+    for patch in data.patches[hands]:
+        middle = patch[len(patch) // 2 - 2 : len(patch) // 2 + 2, len(patch) // 2 - 2 : len(patch) // 2 + 2]
+        assert middle.mean() > 140
+    point = np.array([123.0, 77.0])
+    centre = centre_of(point, point + 10)
+    assert np.allclose(regions.outside(regions.inside(point, centre), centre), point)
+
+
+def test_the_finder_is_to_find_each_hand_in_its_cell(data: HandData) -> None:
+    score, offset, weight = finder_targets(data)
+    assert (score == 1).sum() == len(data.centres)
+    assert weight.min() == 1
+    rows, columns = score.shape[2:]
+    for frame, x, y in data.centres:
+        row, column = int(y * rows), int(x * columns)
+        assert score[int(frame), 0, row, column] == 1
+        assert offset[int(frame), :, row, column] == pytest.approx([x * columns - column, y * rows - row], abs=1e-6)
+
+
+def test_the_mean_of_a_sharp_heatmap_is_its_place() -> None:
+    places = torch.tensor([[[0.3, 0.7], [0.55, 0.45]]])
+    heat = (heat_target(places) + 1e-9).log().view(1, 2, HEAT_PX, HEAT_PX)
+    assert torch.allclose(soft_argmax(heat), places, atol=0.002)
+    assert torch.allclose(heat_target(places).sum(dim=2), torch.ones(1, 2))
+
+
+def test_a_mirror_makes_a_left_hand_and_a_second_one_undoes_it(data: HandData) -> None:
+    batch = reader_batch(data, np.arange(12), np.random.default_rng(0))
+    before = {name: value.clone() for name, value in batch.items()}
+    every = torch.ones(12, dtype=torch.bool)
+    once = mirrored(dict(batch), every)
+    present = before["facts"][:, 0] > 0
+    assert torch.equal(once["facts"][present, 1], 1 - before["facts"][present, 1])
+    assert torch.allclose(once["points"][present, 0, 0], 1 - before["points"][present, 0, 0])
+    assert torch.allclose(once["points"][present, 0, 1], before["points"][present, 0, 1])
+    twice = mirrored(once, every)
+    for name, value in before.items():
+        assert torch.allclose(torch.nan_to_num(twice[name].float()), torch.nan_to_num(value.float()), atol=1e-6), name
+
+
+def test_varied_images_keep_their_shape_and_the_same_seed_gives_the_same() -> None:
+    images = torch.rand(6, 3, 32, 40)
+    one, two = (varied(images.clone(), np.random.default_rng(4))[0] for _ in range(2))
+    assert one.shape == images.shape
+    assert torch.equal(one, two)
+    assert not torch.equal(one, images)
+
+
+def test_the_reader_learns_a_batch(data: HandData) -> None:
+    torch.manual_seed(0)
+    network, rng = Reader(len(TYPES)), np.random.default_rng(1)
+    batch = reader_batch(data, np.arange(16), rng)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=3e-3)
+    losses = []
+    for _ in range(25):
+        loss = reader_loss(network, batch)
+        optimiser.zero_grad()
+        torch.autograd.backward(loss)
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.5 * losses[0]
+
+
+def test_training_writes_two_files_that_find_hands(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "hands_slim.onnx"
+    scores = train_hands(
+        folder,
+        SETUP,
+        PRODUCT,
+        out,
+        seed=0,
+        score=lambda: score_readings(SlimReader(SETUP, TYPES, out), BENCH, folder),
+        epochs=6,
+        quiet=True,
+    )
+    assert out.exists()
+    assert finder_file(out).exists()
+    assert 0 <= scores["found"] <= 1
+    reader = SlimReader(SETUP, TYPES, out)
+    image = np.full((SETUP.height_px, SETUP.width_px, 3), 80, np.uint8)
+    for reading in reader.read(image, [np.array([240.0, 180.0])]):
+        assert set(reading.points_px) >= set(POINTS[:5])
+    other = SlimReader(SETUP, ("x", "y", "z"), out)
+    assert all(reading.held_part is None for reading in other.read(image, [np.array([240.0, 180.0])]))
+    assert REGION_PX == 96
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cell data hands"):
+        load_hands(tmp_path, SETUP, TYPES, 0)
+    (tmp_path / "hands.jsonl").write_text('{"format": "cell.hands"}\n{"file": 3}\n')
+    with pytest.raises(InputError, match=r"hands\.jsonl:2"):
+        load_hands(tmp_path, SETUP, TYPES, 0)

@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from cell.interfaces.bench import Bench
+from cell.interfaces.bench import Bench, Calibration
 from cell.interfaces.errors import InputError, Problem, SettingError
 from cell.interfaces.files import shipped
 from cell.interfaces.judgement import FaultTable
@@ -197,6 +197,7 @@ class Configuration(Model):
 
     Attributes:
         product: the product file, relative to this file.
+        calibration: file of `cell calibrate`, relative to this file: it takes over what the bench says of the cameras.
         bench: where arm, bracket, tray and cameras stand. World frame: origin at the arm's base on the table top, x
             towards the person, z up.
         faults: what the supervisor does about each sign of trouble, relative to this file; none for the shipped table.
@@ -204,6 +205,7 @@ class Configuration(Model):
 
     product: Path
     faults: Path | None = None
+    calibration: Path | None = None
     bench: Bench
     controller: ControllerSettings = ControllerSettings()
     perception: Perception = Perception()
@@ -237,9 +239,13 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
     database = read.gripper_can.database
     gripper = read.gripper_can.model_copy(update={"database": database and folder / database})
+    calibration = read.calibration and folder / read.calibration
+    bench = read.bench if calibration is None else read.bench.calibrated(load_yaml(calibration, Calibration))
     return read.model_copy(
         update={
             "product": folder / read.product,
+            "calibration": calibration,
+            "bench": bench,
             "faults": faults,
             "perception": read.perception.model_copy(update=detectors),
             "planners": read.planners.model_copy(update=planners),

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from cell.configuration import (
+    Configuration,
     for_shift,
     load_configuration,
     load_faults,
@@ -235,20 +236,29 @@ def _watched(
 
 def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:
     """The devices; each tick begins once the one before is on the disk."""
-    configuration = files.configuration
+    devices = configured_devices(files.configuration, files.product, options.seed, options.goal)
+    clock = PacedClock(devices.clock) if options.pace == "real" else devices.clock
+    return Devices(**{**vars(devices), "clock": WakingClock(clock, awake)})
+
+
+def configured_devices(configuration: Configuration, product: Product, seed: int, goal: str = "random") -> Devices:
+    """As the configured factory opens them; it is told of the cameras what the bench file says.
+
+    Raises:
+        DeviceFault: a device could not be opened.
+        SettingError: there is no such factory.
+    """
     can_settings = configuration.gripper_can
     arguments = (
-        files.product,
-        configuration.bench,
+        product,
+        configuration.bench.drawn,
         configuration.devices.simulation,
         can_settings.interface,
         can_settings.channel,
-        options.seed,
-        options.goal,
+        seed,
+        goal,
     )
-    devices = _factory(configuration.devices.factory, arguments)(*arguments)
-    clock = PacedClock(devices.clock) if options.pace == "real" else devices.clock
-    return Devices(**{**vars(devices), "clock": WakingClock(clock, awake)})
+    return _factory(configuration.devices.factory, arguments)(*arguments)
 
 
 def _factory(dotted: str, arguments: tuple[Any, ...]) -> Callable[..., Devices]:

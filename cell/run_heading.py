@@ -33,7 +33,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
     look = files.configuration.devices.simulation.look.draw(options.seed)
     attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
     semantic, folder = files.configuration.planners.semantic, options.configuration.resolve().parent
-    for path in (semantic.goals, semantic.confusions):
+    for path in (semantic.goals, semantic.confusions, files.configuration.calibration):
         if path is not None and path.exists() and path.resolve().is_relative_to(folder):
             attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())
     for name, text in tree_texts(files.tree).items():

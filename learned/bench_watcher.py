@@ -17,6 +17,7 @@ from cell.interfaces.perception import (
     Segment,
 )
 from cell.interfaces.product import Product
+from learned.calibration.check import CalibrationCheck
 from learned.classical.image_health import ImageHealth, TrackHealth
 
 NOWHERE = (0, 0, 0, 0)
@@ -31,6 +32,7 @@ class DetectorChain:
         self._tracker, self._reader, self._detector = tracker, reader, detector
         self._health = ImageHealth(bench, product)
         self._track = TrackHealth(bench)
+        self._calibration = CalibrationCheck(bench, product)
         self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
         self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
 
@@ -44,7 +46,8 @@ class DetectorChain:
         self._frames.append(frame)
         self._hands.append(hand)
         action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands)), holes)
-        others = self._tracker.others
+        others, left_by = self._tracker.others, self._track.left_by
+        calibration = self._calibration.judge(frame, hand is None and not health)
         return BenchView(
-            frame.sequence, frame.time_s, hand, holes, action, health, unknown, others, self._track.left_by
+            frame.sequence, frame.time_s, hand, holes, action, health, unknown, others, left_by, calibration
         )

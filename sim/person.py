@@ -246,6 +246,7 @@ _VARIED = _ORDINARY.model_copy(
 )
 PERSONS = {
     "careful": Person(),
+    "absent": Person(pause_s=(1e6, 1e6)),  # nobody does anything
     "ordinary": _ORDINARY,
     "varied": _VARIED,  # for data made without physics: there, a pinch holds anywhere
     "careless": _ORDINARY.model_copy(update={"robot": BesideRobot(waits=0.3, intrusions_per_min=12.0)}),

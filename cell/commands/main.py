@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cell.commands.calibrate import calibrate
 from cell.commands.entries import entries_of
 from cell.commands.goals import goals_app
 from cell.commands.hands import hands_app
@@ -56,6 +57,7 @@ app.add_typer(log_app, name="log")
 app.add_typer(goals_app, name="goals")
 app.add_typer(new_app, name="new")
 app.add_typer(hands_app, name="hands")
+app.command()(calibrate)
 app.command()(init)
 app.command()(looks)
 app.command()(replay)

@@ -5,7 +5,7 @@ World frame: origin at the arm's base on the table top, x towards the person, z 
 
 from __future__ import annotations
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.model import Disagreement, Model
@@ -31,6 +31,34 @@ class Mount(Model):
         return Pose(self.position_m, self.quaternion_wxyz)
 
 
+class CameraCalibration(Model):
+    """How a camera was found to hang and to see.
+
+    Attributes:
+        mount: where it is; see `CameraSetup`.
+        focal_px: focal length, the same along both axes.
+        distortion_k1, distortion_k2: radial distortion of the lens (Brown-Conrady).
+        rms_px: by how much what was seen is off after the fit.
+    """
+
+    mount: Mount
+    focal_px: float = Field(ge=10, le=100_000)
+    distortion_k1: float = Field(default=0.0, ge=-0.5, le=0.5)
+    distortion_k2: float = Field(default=0.0, ge=-0.5, le=0.5)
+    rms_px: float = Field(default=0.0, ge=0, le=100)
+
+
+class Calibration(Model):
+    """The file of `cell calibrate`: it takes over what the bench says of the cameras.
+
+    Attributes:
+        overhead, wrist: the cameras that were calibrated.
+    """
+
+    overhead: CameraCalibration | None = None
+    wrist: CameraCalibration | None = None
+
+
 class CameraSetup(Model):
     """Calibration of a camera.
 
@@ -52,6 +80,28 @@ class CameraSetup(Model):
     rate_hz: float = Field(ge=0.1, le=1000)
     triggered: bool = False
     mount: Mount
+    _drawn: CameraSetup | None = PrivateAttr(default=None)
+
+    @property
+    def drawn(self) -> CameraSetup:
+        """As the configuration file has it, whatever a calibration says: what the camera's driver is told."""
+        return self._drawn or self
+
+    def calibrated(self, found: CameraCalibration | None) -> CameraSetup:
+        """With the mount and lens of a calibration."""
+        if found is None:
+            return self
+        setup = self.model_copy(
+            update={name: getattr(found, name) for name in type(found).model_fields if name != "rms_px"}
+        )
+        setup._drawn = self.drawn
+        return setup
+
+    def told(self, pose: Pose) -> Pose:
+        """The camera's place by calibration, where its driver tells `pose` by the mount that it knows."""
+        if self._drawn is None:
+            return pose
+        return pose @ self._drawn.mount.pose.inverse() @ self.mount.pose
 
     @property
     def model(self) -> CameraModel:
@@ -94,6 +144,16 @@ class Bench(Model):
     wrist: CameraSetup
     arm_park_rad: Joints
     arm_look_rad: Joints
+
+    @property
+    def drawn(self) -> Bench:
+        """With the cameras as the configuration file has them, whatever a calibration says."""
+        return self.model_copy(update={"overhead": self.overhead.drawn, "wrist": self.wrist.drawn})
+
+    def calibrated(self, found: Calibration) -> Bench:
+        """With the cameras of a calibration."""
+        cameras = {"overhead": self.overhead.calibrated(found.overhead), "wrist": self.wrist.calibrated(found.wrist)}
+        return self.model_copy(update=cameras)
 
     @model_validator(mode="after")
     def _the_overhead_camera_runs_by_itself(self) -> Bench:

@@ -162,6 +162,7 @@ class BenchView:
         other_hands: hands in view that do not work.
         left_by: edges of the image by which the last hand left the view, or may have; empty while one is seen, and
             before the first.
+        calibration: what is wrong with the camera's calibration, in words; empty where nothing is known to be.
     """
 
     sequence: int
@@ -173,6 +174,7 @@ class BenchView:
     hand_unknown: str = ""
     other_hands: tuple[HandSample, ...] = ()
     left_by: tuple[Edge, ...] = ()
+    calibration: str = ""
 
 
 @dataclass(frozen=True)

@@ -165,6 +165,10 @@ def _health(seen: Observation, _: Command, __: Memory) -> Sign | None:
     return Sign(f"the overhead image is {seen.bench.health}")
 
 
+def _camera_moved(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    return Sign(seen.bench.calibration) if seen.bench is not None and seen.bench.calibration else None
+
+
 def _hand_unknown(seen: Observation, _: Command, __: Memory) -> Sign | None:
     if seen.bench is None or not seen.bench.hand_unknown:
         return None
@@ -249,6 +253,7 @@ CHECKS: Mapping[str, Check] = {
     "bench_stale": _stale_bench,
     "bench_in_the_future": _future_bench,
     "camera_unhealthy": _health,
+    "camera_moved": _camera_moved,
     "hand_unknown": _hand_unknown,
     "tick_late": _late(LATE_S),
     "tick_very_late": _late(VERY_LATE_S),

@@ -81,7 +81,8 @@ def part_finder(bench: Bench, product: Product, perception: Perception) -> Calla
     detector: PartDetector = Detectors(bench, product, perception).make("parts")
 
     def find(frame: Frame) -> PartsView:
-        found = detector.detect(frame)
+        place = bench.wrist.told(frame.world_from_camera)
+        found = detector.detect(Frame(frame.camera, frame.sequence, frame.time_s, frame.image, place))
         known = tuple(one for one in found if one.upright and one.part in product.parts)
         return PartsView(frame.sequence, frame.time_s, known, tuple(one for one in found if one not in known))
 

@@ -48,7 +48,7 @@ class ImageHealth:
 
     def __init__(self, bench: Bench, product: Product) -> None:
         self._edges = _edges_m(bench, product)
-        self._model = bench.overhead.model
+        self._view = View(bench.overhead.model, bench.overhead.mount.pose)
         self._baseline: list[_Figures] = []
         self._before: NDArray[np.uint8] | None = None
         self._same = self._moved = self._astray = 0
@@ -59,7 +59,7 @@ class ImageHealth:
         """What is wrong with it, in words; empty for a sound image."""
         small = frame.image[::GRID, ::GRID]
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
-        return self._frozen(small) or _absolute(small) or self._compared(small, grey) or self._shifted(frame, grey)
+        return self._frozen(small) or _absolute(small) or self._compared(small, grey) or self._shifted(grey)
 
     def _frozen(self, small: NDArray[np.uint8]) -> str:
         same = self._before is not None and np.array_equal(small, self._before)
@@ -79,10 +79,9 @@ class ImageHealth:
             return "discoloured"
         return "blurred" if figures.sharpness < LEAST_SHARPNESS * usual.sharpness else ""
 
-    def _shifted(self, frame: Frame, grey: NDArray[np.uint8]) -> str:
+    def _shifted(self, grey: NDArray[np.uint8]) -> str:
         """Whether the plate stands elsewhere in the image than the calibration says."""
-        view = View(self._model, frame.world_from_camera)
-        offsets = [_offset_px(view, edge, grey) for edge in self._edges]
+        offsets = [_offset_px(self._view, edge, grey) for edge in self._edges]
         shifts = [px for px in (_shift_px(*offsets[:2]), _shift_px(*offsets[2:])) if px is not None]
         near, whole_px = max(shifts, default=0.0), self._since_start_px(grey)
         self._moved = self._moved + 1 if near > MOVED_PX else 0

@@ -10,12 +10,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
 from cell.interfaces.errors import InputError, LogError
 from cell.interfaces.journal import ListJournal
-from cell.interfaces.judgement import Action, FaultTable, Judgement
+from cell.interfaces.judgement import SIGNALS, Action, FaultTable, Judgement
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml
 from cell.log.reading.reader import Log, LoggedTick
@@ -223,7 +225,7 @@ def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Planners,
         tree = load_tree(changes.tree, registry) if changes.tree else _tree(log, folder, registry)
         recorded = folder / "faults.yaml"
         own = changes.configuration is None and recorded.exists()
-        faults = load_yaml(recorded, FaultTable) if own else load_faults(configuration)
+        faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
         configuration = _with_weights(log, configuration, changes)
         return configuration, product, load_planners(configuration, product), tree, faults
 
@@ -232,6 +234,14 @@ def _tree(log: Log, folder: Path, registry: Registry) -> Tree:
     """The tree of a log whose files are unpacked in a folder; with the entries and the further files of its run."""
     files, entries = folder / "tree", json.loads(log.metadata.get("entries", "{}"))
     return load_tree(files / log.metadata["tree"], registry, None, entries, (files,))
+
+
+def recorded_table(text: str) -> FaultTable:
+    """The table of a log; signs that nobody knew when it was written do nothing in it."""
+    rows = yaml.safe_load(text)["faults"]
+    unknown = set(SIGNALS) - {row["signal"] for row in rows}
+    added = [{"signal": signal, "action": "run", "clear": "itself"} for signal in sorted(unknown)]
+    return FaultTable.model_validate({"faults": [*rows, *added]})
 
 
 def _unpack(log: Log, folder: Path) -> None:

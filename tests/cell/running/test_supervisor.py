@@ -80,6 +80,7 @@ SPOILS: dict[str, Spoil] = {
     "bench_stale": lambda seen: replace(seen, bench=None),
     "bench_in_the_future": lambda seen: view(time_s=seen.time_s + 1000.0)(seen),
     "camera_unhealthy": view(health="dark"),
+    "camera_moved": view(calibration="the holes are seen 14 mm off"),
     "hand_unknown": view(hand_unknown="it vanished"),
     "hand_too_near": lambda seen: view(hand=hand_at(*FOREARM_M))(seen),
     "tick_late": lambda seen: replace(seen, late_s=0.1),
@@ -237,7 +238,7 @@ def judged(supervisor: Supervisor, tick: int, signals: set[str]) -> Judgement:
     return supervisor.judge(seen)
 
 
-OF_VIEW = ("hand_too_near", "bench_in_the_future", "camera_unhealthy", "hand_unknown")
+OF_VIEW = ("hand_too_near", "bench_in_the_future", "camera_unhealthy", "camera_moved", "hand_unknown")
 
 
 def test_the_same_observations_give_the_same_judgements() -> None:

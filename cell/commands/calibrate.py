@@ -1,0 +1,74 @@
+"""`cell calibrate`: where the cameras really hang, into a file that the configuration names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from cell.interfaces.bench import Calibration
+
+NAME = "calibration.yaml"
+PERSON = "absent"  # in a simulation; at a real bench, whoever types this sees to it
+
+
+def calibrate(
+    out: Annotated[Path | None, typer.Option("--out", "-o", help=f"File; {NAME} beside --config by default.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    look: Annotated[str | None, typer.Option(help="What the simulation looks like, and how its cameras hang.")] = None,
+    overhead_only: Annotated[bool, typer.Option("--overhead-only", help="Nothing moves.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it is there.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Find out where the cameras hang. The arm moves over the empty bracket: keep away from it."""
+    from cell.calibrating import calibrate as calibration_of
+    from cell.commands.weights import folder_for
+    from cell.configuration import load_configuration, load_product, simulated
+
+    path = out or folder_for(config) / NAME
+    if path.exists() and not overwrite:
+        raise InputError(f"{path}: exists already; choose another --out, or add --overwrite")
+    configuration = simulated(load_configuration(config), look, PERSON)
+    product = load_product(configuration, config)
+    say = console().print
+    say("keep away: the arm moves over the bracket" if not overhead_only else "overhead camera")
+    found, cameras = calibration_of(
+        configuration, product, seed, overhead_only, lambda text: say(text, highlight=False)
+    )
+    rows = {
+        name: one.trouble
+        or f"{1e3 * one.off_m:.1f} mm off before, fit {one.fit.rms_px:.2f} px, {one.fit.edges} points of edges, "
+        f"{one.fit.holes} holes, {one.fit.images} images"
+        for name, one in cameras.items()
+    }
+    say(table("cameras", rows))
+    if as_json:
+        print_json(
+            {"file": str(path), "good": found is not None, **{name: one.told() for name, one in cameras.items()}}
+        )
+    if found is None:
+        say("nothing was written")
+        return 1
+    _write(found, path)
+    say(f"{path}: name it in {config.name}:  calibration: {path.name}", highlight=False)
+    return 0
+
+
+def _write(found: Calibration, path: Path) -> None:
+    import yaml
+
+    told = found.model_dump(mode="json", exclude_none=True)
+    text = "# Where the cameras hang and how they see; made by: cell calibrate\n" + yaml.safe_dump(
+        told, sort_keys=False
+    )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -1,0 +1,67 @@
+"""Looks at the start and once a minute whether the overhead camera still hangs where its calibration says."""
+
+from __future__ import annotations
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Pose
+from cell.interfaces.product import Product
+from learned.calibration.landmarks import PlateModel
+from learned.calibration.solve import Fit, Shot, fit_camera, holes_off_m
+
+EVERY_S, AGAIN_S = 60.0, 0.5  # between checks, and between looks of one check
+LOOKS = 3  # that must agree, and that a check takes
+MOST_LOOKS = 20  # hand and arm are often in the way; then the check waits for the next minute
+MOST_OFF_M = 0.010  # at the holes
+MOST_RMS_PX = 1.2  # a worse fit is none
+LEAST_SEEN = 0.6  # of the plate's edges
+WORLD = Pose((0.0, 0.0, 0.0))
+
+
+def trouble(fit: Fit, images: int, bench: Bench, product: Product) -> str:
+    """Why a fit cannot be believed, in words; empty for a good one."""
+    points = len(PlateModel.of(bench, product).edges_m)
+    if fit.images < images:
+        return f"the bracket's plate is seen in {fit.images} of {images} images"
+    if fit.rms_px > MOST_RMS_PX:
+        return f"a bad fit: the plate is seen {fit.rms_px:.1f} pixels off what any place of the camera explains"
+    if fit.edges < LEAST_SEEN * points and fit.holes == 0:
+        return "too little of the plate is seen"
+    return ""
+
+
+class CalibrationCheck:
+    """Judges the frames of the overhead camera in their order."""
+
+    def __init__(self, bench: Bench, product: Product) -> None:
+        self._bench, self._product = bench, product
+        self._points = len(PlateModel.of(bench, product).edges_m)
+        self._due_s = 0.0
+        self._off_m: list[float] = []
+        self._looks = 0
+        self._words = ""
+
+    def judge(self, frame: Frame, clear: bool) -> str:
+        """What is wrong with the calibration, in words; empty where nothing is known to be.
+
+        Args:
+            clear: nobody's hand is in view.
+        """
+        if frame.time_s >= self._due_s and clear and not self._words:
+            self._look(frame)
+        return self._words
+
+    def _look(self, frame: Frame) -> None:
+        setup = self._bench.overhead
+        fit = fit_camera([Shot(frame.image, WORLD)], setup, self._bench, self._product)
+        self._looks += 1
+        if not trouble(fit, 1, self._bench, self._product) and fit.edges >= LEAST_SEEN * self._points:
+            self._off_m.append(holes_off_m(setup, fit.setup, self._bench, self._product))
+        over = len(self._off_m) >= LOOKS
+        if over and min(self._off_m) > MOST_OFF_M:
+            off_mm = 1e3 * sorted(self._off_m)[LOOKS // 2]
+            self._words = f"the overhead camera sees the holes {off_mm:.0f} mm off; run `cell calibrate`"
+        if over or self._looks >= MOST_LOOKS:
+            self._due_s, self._off_m, self._looks = frame.time_s + EVERY_S, [], 0
+        else:
+            self._due_s = frame.time_s + AGAIN_S

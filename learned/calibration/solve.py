@@ -1,0 +1,149 @@
+"""Finds a camera's mount and lens from sightings of the plate: Levenberg-Marquardt with a prior (Marquardt, 1963)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.bench import Bench, CameraSetup, Mount
+from cell.interfaces.camera_model import CameraModel
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from learned.calibration.landmarks import PlateModel, Sighting, sight
+
+REACHES_M = (0.03, 0.012, 0.005)  # of the search on the plate, round after round
+PRIOR = np.array([0.015] * 3 + [0.02] * 3 + [0.006, 0.04])  # m, rad, share of the focal length, k1
+EDGE_PX, HOLE_PX = 1.0, 0.3  # standard deviations of sightings; points of one edge are wrong together
+HUBER = 2.5  # in those
+ROUNDS = 12
+LEAST_EDGES = 12  # points of edges that an image needs
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One image, and where the thing was that the camera is mounted on: the world itself, or the tool."""
+
+    image: NDArray[np.uint8]
+    world_from_base: Pose
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What the images say about a camera.
+
+    Attributes:
+        setup: the camera as found.
+        rms_px: root mean square of what the sightings are off after the fit; infinite where nothing was seen.
+        edges, holes: points of edges and holes that were seen, over all images.
+        images: in how many images the plate was seen.
+    """
+
+    setup: CameraSetup
+    rms_px: float
+    edges: int
+    holes: int
+    images: int
+
+
+def fit_camera(shots: Sequence[Shot], setup: CameraSetup, bench: Bench, product: Product) -> Fit:
+    """The camera under which the plate is where the images show it, as near to the believed one as they allow."""
+    plate = PlateModel.of(bench, product)
+    values = np.zeros(len(PRIOR))
+    seen: list[tuple[Shot, Sighting]] = []
+    for reach_m in REACHES_M:
+        camera, mount = _camera(setup, values)
+        found = [(shot, sight(shot.image, camera, shot.world_from_base @ mount, plate, reach_m)) for shot in shots]
+        seen = [(shot, each) for shot, each in found if each.edges >= LEAST_EDGES]
+        if not seen:
+            break
+        values = _solved(lambda at: _residuals(setup, at, seen), values)  # noqa: B023
+    camera, mount = _camera(setup, values)
+    found_setup = setup.model_copy(
+        update={
+            "mount": Mount(position_m=mount.position_m, quaternion_wxyz=mount.quaternion_wxyz),
+            "focal_px": camera.focal_px,
+            "distortion_k1": camera.distortion_k1,
+        }
+    )
+    off = [_off_px(camera, shot.world_from_base @ mount, each) for shot, each in seen]
+    rms = float(np.sqrt(np.mean(np.concatenate(off) ** 2))) if off else math.inf
+    edges, holes = (sum(getattr(each, name) for _, each in seen) for name in ("edges", "holes"))
+    return Fit(found_setup, rms, edges, holes, len(seen))
+
+
+def holes_off_m(believed: CameraSetup, found: CameraSetup, bench: Bench, product: Product) -> float:
+    """How far the holes seem to be from where they are, at most, to who believes in one camera and sees by another."""
+    holes = np.array([[*xy, 0.0] for xy in product.bracket.holes_m.values()])
+    points = bench.bracket.pose.transform(holes)
+    pixels = found.model.project(found.mount.pose, points)
+    seen = believed.model.onto_plane(believed.mount.pose, pixels, bench.bracket.position_m[2])
+    return float(np.linalg.norm(seen - points, axis=1).max())
+
+
+def _camera(setup: CameraSetup, values: Array) -> tuple[CameraModel, Pose]:
+    """Lens and mount after a shift, a turn (as a rotation vector), and changes of the lens."""
+    turn = np.eye(4)
+    turn[:3, :3], turn[:3, 3] = cv2.Rodrigues(values[3:6])[0], values[:3]
+    camera = CameraModel(
+        setup.width_px,
+        setup.height_px,
+        setup.focal_px * (1 + float(values[6])),
+        setup.distortion_k1 + float(values[7]),
+        setup.distortion_k2,
+    )
+    return camera, setup.mount.pose @ Pose.from_matrix(turn)
+
+
+def _residuals(setup: CameraSetup, values: Array, seen: Sequence[tuple[Shot, Sighting]]) -> Array:
+    """In standard deviations: what sightings are off along their directions, then what the values are off the prior."""
+    camera, mount = _camera(setup, values)
+    off = [_off_px(camera, shot.world_from_base @ mount, each) / _spread_px(each) for shot, each in seen]
+    return np.concatenate([*off, values / PRIOR])
+
+
+def _off_px(camera: CameraModel, eye: Pose, each: Sighting) -> Array:
+    """How far landmarks should be seen from where they are seen, along what is known of it."""
+    off: Array = ((camera.project(eye, each.points_m) - each.pixels) * each.directions).sum(axis=1)
+    return off
+
+
+def _spread_px(each: Sighting) -> Array:
+    return np.concatenate([np.full(each.edges, EDGE_PX), np.full(2 * each.holes, HOLE_PX)])
+
+
+def _solved(residuals: Callable[[Array], Array], start: Array) -> Array:
+    """Values with the least squares of Huber-weighted residuals."""
+    values, damping = start, 1e-3
+    now = residuals(values)
+    for _ in range(ROUNDS):
+        weights = _weights(now, len(values))
+        slopes = np.column_stack([_slope(residuals, values, now, index) for index in range(len(values))])
+        normal = slopes.T @ (weights[:, np.newaxis] * slopes)
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), -slopes.T @ (weights * now))
+        tried = residuals(values + step)
+        if float((weights * tried**2).sum()) < float((weights * now**2).sum()):
+            values, now, damping = values + step, tried, damping / 5
+            if float(np.abs(step / PRIOR).max()) < 1e-4:
+                break
+        else:
+            damping *= 10
+    return values
+
+
+def _weights(residuals: Array, priors: int) -> Array:
+    weights: Array = np.minimum(1.0, HUBER / np.maximum(np.abs(residuals), 1e-9))
+    weights[-priors:] = 1.0
+    return weights
+
+
+def _slope(residuals: Callable[[Array], Array], values: Array, now: Array, index: int) -> Array:
+    step = PRIOR[index] * 1e-3
+    moved = values.copy()
+    moved[index] += step
+    slope: Array = (residuals(moved) - now) / step
+    return slope

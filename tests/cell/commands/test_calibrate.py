@@ -1,0 +1,47 @@
+"""`cell calibrate` writes a file that a configuration can name, and nothing over a user's."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cell.commands.main import main
+from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
+from cell.interfaces.errors import InputError
+
+BENCH = load_configuration().bench
+
+
+def test_the_file_is_taken_over_by_the_configuration_that_names_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    look = tmp_path / "pushed.yaml"
+    look.write_text("mounts: {overhead: {shift_m: 0.01}}\n")
+    out = tmp_path / "calibration.yaml"
+    command = ["calibrate", "--overhead-only", "--look", str(look), "--out", str(out), "--json"]
+    assert main(command) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert told["good"]
+    assert 8 < told["overhead"]["off_mm"] < 12
+    assert main(command) == 2
+    assert "exists already" in capsys.readouterr().err
+    text = DEFAULT_CONFIGURATION.read_text("utf-8").replace("product: products.yaml", f"product: {PRODUCTS}")
+    own = tmp_path / "cell.yaml"
+    own.write_text(text + "\ncalibration: calibration.yaml\n")
+    bench = load_configuration(own).bench
+    assert bench.overhead.mount != BENCH.overhead.mount
+    assert bench.drawn.overhead.mount == BENCH.overhead.mount
+    assert bench.wrist == BENCH.wrist
+
+
+def test_a_calibration_that_is_not_there_is_told(tmp_path: Path) -> None:
+    text = DEFAULT_CONFIGURATION.read_text("utf-8").replace("product: products.yaml", f"product: {PRODUCTS}")
+    own = tmp_path / "cell.yaml"
+    own.write_text(text + "\ncalibration: nowhere.yaml\n")
+    with pytest.raises(InputError, match=r"nowhere\.yaml"):
+        load_configuration(own)
+
+
+PRODUCTS = DEFAULT_CONFIGURATION.with_name("products.yaml")

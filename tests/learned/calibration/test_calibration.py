@@ -1,0 +1,97 @@
+"""Cameras that hang elsewhere than believed are found by images of the plate; who sees the holes off says so."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from cell.interfaces.bench import Calibration, CameraCalibration, CameraSetup, Mount
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Pose
+from learned.calibration.check import EVERY_S, WORLD, CalibrationCheck, trouble
+from learned.calibration.solve import Shot, fit_camera, holes_off_m
+from sim.data.sight import true_camera
+from sim.look import Look, MountError, Mounts
+from sim.photographer import Exposure, Photographer, SensorSetup
+from sim.studio import visible_poses
+from sim.world import build_world
+
+CONFIGURATION = load_configuration()
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+FARTHER = MountError(shift_m=0.01, shift_azimuth_rad=1.0, turn_rad=math.radians(1), turn_azimuth_rad=-0.6)
+
+
+@cache
+def seen(error: MountError) -> tuple[Frame, CameraSetup]:
+    """A frame by a camera that hangs so far from where it is believed, and that camera."""
+    look = Look(mounts=Mounts(overhead=error, wrist=error))
+    world = build_world(PRODUCT, BENCH, None, None, None, look)
+    sensor = SensorSetup(BENCH.overhead, look.camera, np.random.default_rng(1))
+    photographer = Photographer(world.model, {"overhead": sensor})
+    pose = world.camera_pose("overhead")
+    frame = photographer.take(Exposure("overhead", 0, 0.0, pose, (visible_poses(world.data),)))
+    photographer.close()
+    true = true_camera(world, "overhead", BENCH.overhead)
+    mount = Mount(position_m=true["position_m"], quaternion_wxyz=true["quaternion_wxyz"])
+    return frame, BENCH.overhead.model_copy(update={"mount": mount})
+
+
+def test_a_camera_a_centimetre_and_a_degree_off_is_found_to_a_millimetre_and_a_half_at_the_holes() -> None:
+    frame, true = seen(FARTHER)
+    fit = fit_camera([Shot(frame.image, WORLD)], BENCH.overhead, BENCH, PRODUCT)
+    assert holes_off_m(BENCH.overhead, true, BENCH, PRODUCT) > 0.008
+    assert holes_off_m(fit.setup, true, BENCH, PRODUCT) < 0.0015
+    assert trouble(fit, 1, BENCH, PRODUCT) == ""
+
+
+def test_an_image_without_a_plate_calibrates_nothing() -> None:
+    blank = np.full((BENCH.overhead.height_px, BENCH.overhead.width_px, 3), 90, np.uint8)
+    fit = fit_camera([Shot(blank, WORLD)], BENCH.overhead, BENCH, PRODUCT)
+    assert fit.images == 0
+    assert math.isinf(fit.rms_px)
+    assert "seen in 0 of 1" in trouble(fit, 1, BENCH, PRODUCT)
+
+
+@pytest.mark.parametrize(("error", "words"), [(MountError(), ""), (MountError(shift_m=0.02), "mm off")])
+def test_a_shift_beyond_the_limit_is_told_after_looks_that_agree(error: MountError, words: str) -> None:
+    frame, _ = seen(error)
+    check = CalibrationCheck(BENCH, PRODUCT)
+    told = [check.judge(at(frame, 0.3 * number), clear=True) for number in range(10)]
+    assert told[0] == ""
+    assert words in told[-1]
+    assert bool(told[-1]) == bool(words)
+
+
+def test_a_camera_that_is_pushed_during_the_run_is_noticed_within_a_minute_and_not_behind_a_hand() -> None:
+    sound, _ = seen(MountError())
+    pushed, _ = seen(MountError(shift_m=0.02))
+    check = CalibrationCheck(BENCH, PRODUCT)
+    for number in range(6):
+        assert check.judge(at(sound, float(number)), clear=True) == ""
+    for number in range(20):
+        assert check.judge(at(pushed, EVERY_S + 2 + number), clear=False) == ""
+    told = [check.judge(at(pushed, EVERY_S + 30 + number), clear=True) for number in range(5)]
+    assert "run `cell calibrate`" in told[-1]
+
+
+def at(frame: Frame, time_s: float) -> Frame:
+    return Frame(frame.camera, frame.sequence, time_s, frame.image, frame.world_from_camera)
+
+
+def test_the_driver_keeps_its_mount_and_what_it_tells_is_corrected() -> None:
+    found = Mount(position_m=(0.01, -0.08, -0.12), quaternion_wxyz=(1.0, 0.0, 0.0, 0.0))
+    calibration = Calibration(wrist=CameraCalibration(mount=found, focal_px=421.0, distortion_k1=-0.02))
+    bench = pickle.loads(pickle.dumps(BENCH.calibrated(calibration)))
+    assert bench.drawn == BENCH
+    assert bench.overhead == BENCH.overhead
+    assert bench.wrist.model.distortion_k1 == -0.02
+    tool = Pose.from_yaw((0.5, 0.1, 0.3), 0.4)
+    told = tool @ BENCH.wrist.mount.pose
+    corrected, wanted = bench.wrist.told(told), tool @ found.pose
+    assert np.allclose(corrected.matrix, wanted.matrix)
+    assert BENCH.wrist.told(told) is told

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.configuration import Configuration
-from cell.interfaces.bench import CameraCalibration, CameraSetup
+from cell.interfaces.bench import Bench, CameraCalibration, CameraSetup
 from cell.interfaces.clock import Clock
 from cell.interfaces.devices import Arm, Camera, Devices
 from cell.interfaces.errors import DeviceFault
@@ -116,7 +116,7 @@ def calibrate_wrist(
     bench = configuration.bench.drawn
     mount, shots = bench.wrist.mount.pose, []
     park = np.array(devices.arm.state().positions_rad)
-    for joints in _views(configuration, product, motion):
+    for joints in wrist_views(bench, product, motion):
         _move(devices, motion, joints)
         frame = _next(devices.wrist, devices.clock)
         shots.append(Shot(frame.image, frame.world_from_camera @ mount.inverse()))
@@ -139,10 +139,9 @@ def _far(setup: CameraSetup, fit: Fit) -> str:
     return f"the camera seems to hang {where}; measure its mount again"
 
 
-def _views(configuration: Configuration, product: Product, motion: MotionPlanner) -> Iterator[Array]:
+def wrist_views(bench: Bench, product: Product, motion: MotionPlanner) -> Iterator[Array]:
     """Joints from which the wrist camera sees the plate, as different as they can be."""
-    bench, load = configuration.bench.drawn, Load(STROKE_M)
-    near = np.array(bench.arm_look_rad)
+    load, near = Load(STROKE_M), np.array(bench.arm_look_rad)
     looks = motion.kinematics.forward(near) @ bench.wrist.mount.pose
     found = 0
     holes = np.array(list(product.bracket.holes_m.values()))

@@ -11,8 +11,8 @@ from cell.commands import grasp as grasp_commands
 from cell.commands import hands as hand_commands
 from cell.commands import noise as noise_commands
 from cell.commands import semantic as semantic_commands
+from cell.commands import things, worlds
 from cell.commands import train as train_commands
-from cell.commands import worlds
 
 train_app = typer.Typer(help="Train planners and write their ONNX files; without a name, all that the product needs.")
 train_app.callback(invoke_without_command=True)(train_commands.train_all)
@@ -23,6 +23,11 @@ data_app = typer.Typer()
 data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)
 data_app.command("grasp")(grasp_commands.data)
+train_app.command("holes")(things.train_holes)
+train_app.command("parts")(things.train_parts)
+eval_app.command("holes")(things.evaluate_holes)
+eval_app.command("parts")(things.evaluate_parts)
+eval_app.command("cameras")(things.evaluate_cameras)
 train_app.command("noise")(noise_commands.train)
 train_app.command("actions")(action_commands.train)
 eval_app.command("actions")(action_commands.evaluate)

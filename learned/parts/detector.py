@@ -22,7 +22,7 @@ from learned.parts.maps import INPUT_PX, Peak, network_input, peaks
 UNKNOWN = "unknown"
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE = 0.3
-LEAST_STANDING = 0.5  # probability from the pose net that a part stands, and is of its type
+LEAST_STANDING = 0.5  # probability, by both networks, that a part stands and is of its type
 MARGIN_M = 0.06  # things this far outside the tray still count
 NEAREST_M = 0.05  # from the camera to the tray
 AXIS_PX = 8.0
@@ -137,7 +137,7 @@ class CentrePartDetector:
             along, across, turn = (float(value) for value in off[one.peak.kind])
             cosine, sine = math.cos(one.yaw_rad), math.sin(one.yaw_rad)
             way = np.array([along * cosine - across * sine, along * sine + across * cosine, 0.0]) / 100
-            kind = float(share[one.peak.kind])
+            kind = float(share[one.peak.kind]) * one.peak.upright
             moved.append(_Standing(one.peak, one.place_m + way, one.yaw_rad + turn, kind))
         return moved
 

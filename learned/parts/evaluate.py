@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from cell.interfaces.perception import Frame, PartDetection, PartDetector
-from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.parts.dataset import UNKNOWN, Label, Scene
 from learned.parts.maps import overlap
@@ -19,8 +18,6 @@ IOU = tuple(0.5 + 0.05 * step for step in range(10))
 NEAREST_M = 0.02  # a standing part is compared with the nearest found one of its type up to here
 LEAST_SHOWN = 0.15  # of its box; less of a thing may be missed or found
 CAMERA = "wrist"
-
-Placed = Callable[[Scene], PartDetector]
 
 
 @dataclass
@@ -73,22 +70,14 @@ class Findings:
         return told
 
 
-def evaluate_parts(scenes: Sequence[Scene], detector: Placed, product: Product, world: Mapping[str, Pose]) -> Findings:
-    """What a detector says about scenes.
-
-    Args:
-        detector: the one that looks at a scene, set up with the camera that is believed in there.
-        world: by name of the tray, world_from_camera that is believed; of others the scene's own.
-    """
-    findings = Findings()
+def evaluate_parts(scenes: Sequence[Scene], detector: PartDetector, product: Product, findings: Findings) -> None:
+    """Add to the findings what a detector says about scenes, each seen from where the camera is believed to be."""
     for number, scene in enumerate(scenes):
-        eye = detector(scene)
-        frame = Frame(CAMERA, number, 0.0, scene.image, world.get(scene.log, scene.believed))
+        frame = Frame(CAMERA, number, 0.0, scene.image, scene.believed)
         began_s = time.process_time()
-        answers = eye.detect(frame)
+        answers = detector.detect(frame)
         findings.seconds.append(time.process_time() - began_s)
         judge(scene, answers, product, findings)
-    return findings
 
 
 def judge(scene: Scene, answers: Sequence[PartDetection], product: Product, findings: Findings) -> None:

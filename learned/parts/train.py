@@ -16,6 +16,7 @@ from learned.onnx_model import ModelCard
 from learned.parts.augment import recoloured, sample
 from learned.parts.crops import CROP_PX, PLANES, crop_of
 from learned.parts.dataset import UNKNOWN, Label, Scene, data_hash
+from learned.parts.detector import CENTRE_KIND, POSE_KIND, pose_file
 from learned.parts.maps import HEIGHT, INPUT_PX, UPRIGHT
 from learned.parts.networks import CentreAnswer, CentreNet, PoseNet
 from learned.parts.settings import CentreTraining, PoseTraining
@@ -23,6 +24,7 @@ from learned.torch_model import TorchModel, write_weights
 
 CENTRE_OUTPUTS, POSE_OUTPUTS = ("heat", "further", "features"), ("corrections", "kinds")
 CENTIMETRE = 100.0
+LEAST_AXIS_PX = 1.0  # an axis that is seen shorter points at the camera
 WRONG_WAY_SHARE = 0.3  # of parts whose ends differ, seen the wrong way round
 
 
@@ -143,9 +145,11 @@ def pose_sample(
     middle_m = floor_m + kind.peg_length_m + kind.size_m[2] / 2
     x, y = label.pose.position_m[:2]
     yaw = label.pose.yaw_rad
-    if not stands:
-        x, y, _ = scene.camera.onto_plane(scene.world_from_camera, label.centre_px[np.newaxis], middle_m)[0]
-        yaw = rng.uniform(-np.pi, np.pi)
+    if not stands:  # as the detector would look at it: by its middle, and along its axis where it has one
+        ends = label.centre_px + np.array([[0.0], [1.0], [-1.0]]) * label.axis_px
+        (x, y, _), ahead, behind = scene.camera.onto_plane(scene.world_from_camera, ends, middle_m)
+        along = float(np.linalg.norm(label.axis_px)) > LEAST_AXIS_PX
+        yaw = np.arctan2(*(ahead - behind)[1::-1]) if along else rng.uniform(-np.pi, np.pi)
     off, off_rad = rng.normal(0, settings.off_m, 2), rng.normal(0, settings.off_rad)
     turned = yaw + off_rad
     if kind.alike_after_half_turn:
@@ -172,7 +176,7 @@ def _pose_loss(network: PoseNet, samples: Sequence[PoseSample]) -> Tensor:
     scale = torch.tensor([1.0, 1.0, 3.0])
     weight = stands.float()[:, None] * scale
     position = (off * weight).sum() / stands.sum().clamp(min=1)
-    total: Tensor = 2 * position + 0.3 * nn.functional.cross_entropy(logits, truth)
+    total: Tensor = 2 * position + 0.5 * nn.functional.cross_entropy(logits, truth)
     return total
 
 
@@ -193,3 +197,43 @@ def write_pose(network: PoseNet, out: Path, card: ModelCard) -> None:
     shapes = [(count, PLANES, height, width) for count in (2, 1, 5)]
     samples = [{"crops": rng.uniform(-0.5, 0.5, shape).astype(np.float32)} for shape in shapes]
     write_weights(model, out, samples, lambda: dict(card.scores), any_rows=True)
+
+
+def train_parts(
+    scenes: Sequence[Scene],
+    product: Product,
+    floor_m: float,
+    out: Path,
+    seed: int,
+    *,
+    epochs: int | None = None,
+    command: str = "",
+    quiet: bool = True,
+) -> dict[str, float]:
+    """Train both networks, and write the centre net to `out` and the pose net beside it.
+
+    Returns:
+        What was learned from; `cell eval parts` scores detectors, as that takes images.
+    """
+    centre, pose = CentreTraining(), PoseTraining()
+    if epochs is not None:
+        centre, pose = CentreTraining(epochs=epochs), PoseTraining(epochs=epochs)
+    facts = {"images": float(len(scenes)), "things": float(sum(len(scene.labels) for scene in scenes))}
+
+    def card(kind: str, settings: CentreTraining | PoseTraining) -> ModelCard:
+        return ModelCard(
+            kind=kind,
+            config=settings.model_dump(mode="json"),
+            vocabulary={"parts": tuple(product.parts)},
+            data_sha256=data_hash(scenes),
+            scores=facts,
+            command=command or "train_parts",
+            seed=seed,
+        )
+
+    begun = [path.with_name(path.name + ".checkpoint") for path in (out, pose_file(out))]
+    network = train_centre(scenes, product, floor_m, seed, centre, checkpoint=begun[0], quiet=quiet)
+    write_centre(network, out, card(CENTRE_KIND, centre))
+    refiner = train_pose(scenes, product, floor_m, seed, pose, checkpoint=begun[1], quiet=quiet)
+    write_pose(refiner, pose_file(out), card(POSE_KIND, pose))
+    return facts

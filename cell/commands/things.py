@@ -1,0 +1,215 @@
+"""`cell train holes|parts` and `cell eval holes|parts|cameras`."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cell.commands.terminal import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    SeedOption,
+    console,
+    report_scores,
+)
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from cell.evaluating.things import Task
+
+STILLS, VIEWS = 14, 3  # images of a look of the plate, and of a tray
+LOOK_S, TRAY_S = 2.2, 0.6  # of processor time, to make these
+HOLES_SHARE, PARTS_SHARE = 0.6, 0.4  # of the budget, for the data
+STILL_S, IMAGE_S, THING_S = 0.004, 0.025, 0.0021  # to learn from one once
+NOMINAL_SHARE = 0.15  # of the data: the other looks are `varied`
+STEEL_SHARE = 0.25
+FIRST_NOMINAL_SEED = 500_000
+
+
+class Cameras(StrEnum):
+    """Which cameras detectors believe in."""
+
+    calibrated = "calibrated"
+    believed = "believed"
+    true = "true"
+
+
+BudgetOption = Annotated[str, typer.Option(help="Processor time for data and training, as in 90s, 30m or 2h.")]
+DataOption = Annotated[
+    list[Path] | None, typer.Option("--data", help="Folder to learn from; may be repeated. Made anew by default.")
+]
+OutOption = Annotated[Path | None, typer.Option("--out", "-o", help="File of weights; beside --config by default.")]
+EpochsOption = Annotated[int | None, typer.Option(min=1, help="How often each image is seen; by the budget else.")]
+LookOption = Annotated[str, typer.Option(help="What it looks like: nominal, varied, hard, or a file.")]
+TestSeedOption = Annotated[int, typer.Option(min=0, help="Of seeds in a row; tests begin at 900000.")]
+WeightsOption = Annotated[Path | None, typer.Option(help="Weights; the shipped ones by default.")]
+CamerasOption = Annotated[
+    Cameras, typer.Option(help="Mounts and lenses that are believed: calibrated in each look, of the bench file, true.")
+]
+SteelOption = Annotated[bool, typer.Option("--steel", help="All parts are of bare steel.")]
+
+
+def train_holes(
+    out: OutOption = None,
+    data: DataOption = None,
+    budget: BudgetOption = "30m",
+    epochs: EpochsOption = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Train the hole reader on stills of the plate, and calibrate what it says."""
+    from cell.commands.budget import seconds
+    from cell.commands.weights import need_torch, new_weights
+    from cell.configuration import load_configuration, load_product
+
+    need_torch()
+    budget_s, weights = seconds(budget), out or new_weights("holes", "plate", config)
+    looks = max(4, int(HOLES_SHARE * budget_s / LOOK_S))
+    options = ["--stills", str(STILLS)]
+    folders = data or _made("plates", looks, options, ["--person", "varied"], weights, config)
+    from learned.holes.dataset import load_plates
+    from learned.holes.settings import HoleTraining
+    from learned.holes.train import train_holes as train
+
+    plates = load_plates(folders)
+    by_budget = int((1 - HOLES_SHARE) * budget_s / (STILL_S * len(plates)))
+    settings = HoleTraining(epochs=epochs or min(30, max(2, by_budget)))
+    configuration = load_configuration(config)
+    product = load_product(configuration, config)
+    command = f"cell train holes --budget {budget} --epochs {settings.epochs} --seed {seed}"
+    scores = train(plates, configuration.bench, product, weights, seed, settings, command=command, quiet=False)
+    report_scores(f"hole reader in {weights}", scores, as_json)
+
+
+def train_parts(
+    out: OutOption = None,
+    data: DataOption = None,
+    budget: BudgetOption = "30m",
+    epochs: EpochsOption = None,
+    config: ConfigOption = CONFIGURATION,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Train the part detector's two networks on images of trays; goes on where a training stopped."""
+    from cell.commands.budget import seconds
+    from cell.commands.weights import need_torch, new_weights
+    from cell.configuration import load_configuration, load_product
+
+    need_torch()
+    budget_s, weights = seconds(budget), out or new_weights("parts", "centre", config)
+    trays = max(4, int(PARTS_SHARE * budget_s / TRAY_S))
+    folders = data or _made("objects", trays, ["--views", str(VIEWS), "--mixed"], [], weights, config)
+    from learned.parts.dataset import load_scenes
+    from learned.parts.train import train_parts as train
+
+    configuration = load_configuration(config)
+    product = load_product(configuration, config)
+    scenes = load_scenes(folders, product)
+    things = sum(len(scene.labels) for scene in scenes)
+    an_epoch_s = IMAGE_S * len(scenes) + THING_S * things
+    times = epochs or min(20, max(1, int((1 - PARTS_SHARE) * budget_s / an_epoch_s)))
+    command = f"cell train parts --budget {budget} --epochs {times} --seed {seed}"
+    floor_m = configuration.bench.tray.centre_m[2]
+    scores = train(scenes, product, floor_m, weights, seed, epochs=times, command=command, quiet=False)
+    report_scores(f"part detector in {weights}", scores, as_json)
+
+
+def evaluate_holes(
+    look: LookOption = "varied",
+    first_seed: TestSeedOption = 900_000,
+    recordings: Annotated[int, typer.Option(min=1, help="How many looks.")] = 20,
+    stills: Annotated[int, typer.Option(min=1, help="Images of each look.")] = 10,
+    kind: Annotated[str, typer.Option(help="plate or classical.")] = "plate",
+    weights: WeightsOption = None,
+    cameras: CamerasOption = Cameras.calibrated,
+    steel: SteelOption = False,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Score a hole reader on stills: any parts in the holes, hand or arm over them or not."""
+    from cell.evaluating.things import score_holes
+    from sim.data.splits import seeds
+
+    _, wanted = seeds(first_seed, recordings)
+    scores = score_holes(_task(look, kind, weights, cameras, steel, config, "varied"), wanted, stills)
+    report_scores(f"holes, {kind}, {look}, cameras {cameras.value}", scores, as_json)
+
+
+def evaluate_parts(
+    look: LookOption = "varied",
+    first_seed: TestSeedOption = 900_000,
+    recordings: Annotated[int, typer.Option(min=1, help="How many trays.")] = 50,
+    kind: Annotated[str, typer.Option(help="centre or classical.")] = "centre",
+    mixed: Annotated[bool, typer.Option(help="Some parts lie or are stacked, some objects are unknown.")] = True,
+    weights: WeightsOption = None,
+    cameras: CamerasOption = Cameras.calibrated,
+    steel: SteelOption = False,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Score a part detector on images of trays."""
+    from cell.evaluating.things import score_parts
+    from sim.data.splits import seeds
+
+    _, wanted = seeds(first_seed, recordings)
+    scores = score_parts(_task(look, kind, weights, cameras, steel, config), wanted, mixed)
+    report_scores(f"parts, {kind}, {look}, cameras {cameras.value}", scores, as_json)
+
+
+def evaluate_cameras(
+    look: LookOption = "varied",
+    first_seed: TestSeedOption = 900_000,
+    recordings: Annotated[int, typer.Option(min=1, help="How many looks, each with mounts of its own.")] = 20,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Score calibration: how far the cameras see holes, and points in the tray, off before and after it."""
+    from cell.evaluating.things import score_calibration
+    from sim.data.splits import seeds
+
+    _, wanted = seeds(first_seed, recordings)
+    scores = score_calibration(_task(look, "", None, Cameras.calibrated, False, config), wanted)
+    report_scores(f"cameras, {look}", scores, as_json)
+
+
+def _task(
+    look: str, kind: str, weights: Path | None, cameras: Cameras, steel: bool, config: Path, person: str | None = None
+) -> Task:
+    from cell.configuration import load_configuration, load_product, simulated
+    from cell.evaluating.things import Task
+
+    configuration = simulated(load_configuration(config), look, person)
+    product = load_product(configuration, config)
+    return Task(configuration, product, kind, weights, cameras.value, float(steel))
+
+
+def _made(what: str, count: int, options: list[str], more: list[str], weights: Path, config: Path) -> list[Path]:
+    """Folders of data, made in processes of their own: torch and software OpenGL do not live in one.
+
+    Raises:
+        InputError: the data could not be made; what the command said is in the message.
+    """
+    nominal = max(1, round(NOMINAL_SHARE * count))
+    folders = []
+    for look, recordings, first_seed in (("varied", count - nominal, 0), ("nominal", nominal, FIRST_NOMINAL_SEED)):
+        folder = weights.with_suffix(f".{what}-{look}")
+        folders.append(folder)
+        if (folder / "manifest.json").exists():
+            console().print(f"data: {folder}, made before")
+            continue
+        words = ["data", what, "--look", look, "--recordings", str(recordings), "--first-seed", str(first_seed)]
+        words += [*options, *more, "--config", str(config), "--out", str(folder)]
+        words += ["--steel-share", str(STEEL_SHARE)]
+        console().print(f"cell {shlex.join(words)}", highlight=False)
+        done = subprocess.run([sys.executable, "-m", "cell", *words], stderr=subprocess.PIPE, text=True, check=False)
+        if done.returncode:
+            raise InputError(f"training data could not be made: {done.stderr.strip().splitlines()[-1]}")
+    return folders

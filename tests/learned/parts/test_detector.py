@@ -1,0 +1,74 @@
+"""The shipped part detector on rendered trays: what stands is found where it is, what lies is not taken for it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.configuration import WEIGHTS, load_configuration, load_product, simulated
+from cell.interfaces.errors import DeviceFault, ModelError
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Pose
+from learned.parts.dataset import Scene, load_scenes
+from learned.parts.detector import CentrePartDetector
+from learned.parts.evaluate import Findings, evaluate_parts
+from sim.data.folder import DataFolder
+from sim.data.objects import write_objects
+from sim.data.variety import mixed_clutter
+
+CONFIGURATION = simulated(load_configuration(), "nominal")
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+SHIPPED = WEIGHTS / "parts_centre.onnx"
+FIRST_SEED = 810_000
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> list[Scene]:
+    path = tmp_path_factory.mktemp("trays") / "new"
+    folder = DataFolder(path, "test")
+    settings = CONFIGURATION.devices.simulation
+    for seed in range(FIRST_SEED, FIRST_SEED + 6):
+        mixed = settings.model_copy(update={"clutter": mixed_clutter(settings.clutter, seed)})
+        write_objects(PRODUCT, BENCH, mixed, seed, folder)
+    return load_scenes([path], PRODUCT)
+
+
+def test_standing_parts_are_found_to_two_millimetres(scenes: list[Scene]) -> None:
+    findings = Findings()
+    evaluate_parts(scenes, CentrePartDetector.load(BENCH, PRODUCT, SHIPPED), PRODUCT, findings)
+    scores = findings.scores(PRODUCT)
+    assert scores["map_50"] > 0.9
+    assert scores["missed"] <= 0.05
+    assert scores["position_mm_p50"] < 1.0
+    assert scores["position_mm_p95"] < 2.5
+    assert scores["yaw_deg_p50"] < 1.0
+
+
+def test_answers_have_what_a_planner_needs(scenes: list[Scene]) -> None:
+    detector = CentrePartDetector.load(BENCH, PRODUCT, SHIPPED)
+    found = [one for scene in scenes for one in detector.detect(Frame("wrist", 0, 0.0, scene.image, scene.believed))]
+    assert {len(one.embedding) for one in found} == {len(found[0].embedding)}
+    for one in found:
+        assert math.isfinite(one.confidence)
+        assert 0 < one.confidence <= 1
+        assert one.part in PRODUCT.parts or not one.upright
+        left, top, right, bottom = one.box_px
+        assert left < right
+        assert top < bottom
+
+
+def test_a_camera_that_does_not_look_down_sees_nothing_and_a_wrong_size_is_a_fault() -> None:
+    detector = CentrePartDetector.load(BENCH, PRODUCT, SHIPPED)
+    setup = BENCH.wrist
+    image = np.full((setup.height_px, setup.width_px, 3), 90, np.uint8)
+    assert detector.detect(Frame("wrist", 0, 0.0, image, Pose((0.5, -0.4, 0.5)))) == ()
+    with pytest.raises(DeviceFault, match="must be 480 x 360"):
+        detector.detect(Frame("wrist", 0, 0.0, image[::2], Pose((0.5, -0.4, 0.5))))
+
+
+def test_weights_that_are_missing_are_told(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"nothing\.onnx"):
+        CentrePartDetector.load(BENCH, PRODUCT, tmp_path / "nothing.onnx")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.configuration import Configuration
-from cell.interfaces.bench import Bench, CameraCalibration, CameraSetup
+from cell.interfaces.bench import Bench, Calibration, CameraCalibration, CameraSetup
 from cell.interfaces.clock import Clock
 from cell.interfaces.devices import Arm, Camera, Devices
 from cell.interfaces.errors import DeviceFault

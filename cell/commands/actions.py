@@ -78,6 +78,9 @@ def evaluate(
     true_track: Annotated[bool, typer.Option("--true-track", help="A tracker without error.")] = False,
     physics: Annotated[bool, typer.Option("--physics", help="Hand and parts moved by physics; frames blur.")] = False,
     weights: Annotated[Path | None, typer.Option(help="Of the only --kind, instead of the configured file.")] = None,
+    confusions: Annotated[
+        Path | None, typer.Option(help="Write what the first kind takes for what, for planners.semantic.confusions.")
+    ] = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
@@ -102,7 +105,15 @@ def evaluate(
         physics=physics,
         weights={} if weights is None else {kinds[0]: weights},
     )
-    found = {name: tally.summary(Classes.of(product)) for name, tally in tallies.items()}
+    classes = Classes.of(product)
+    found = {name: tally.summary(classes) for name, tally in tallies.items()}
+    if confusions is not None:
+        from learned.semantic.confusions import Confusions
+        from learned.semantic.graph import Layout
+
+        reports, layout = tallies[kinds[0]].reports(classes), Layout.of(product)
+        source = f"cell eval actions --look {look} --person {person} --first-seed {first_seed}"
+        Confusions.learned(layout, reports).save(confusions, layout, len(reports), source)
     for name, scores in found.items():
         rows = {key: _words(value) for key, value in scores.items() if key != "confusions"}
         console().print(table(f"{name}, look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})", rows))

@@ -58,6 +58,16 @@ class Tally:
             "confusions": _confusions(truth[clear], named[clear], classes),
         }
 
+    def reports(self, classes: Classes) -> list[tuple[tuple[str, str], tuple[str, str]]]:
+        """Assemblies outside the guard band that were named as assemblies: (part, position) as it was, and as named."""
+
+        def pair(number: int) -> tuple[str, str]:
+            part, position = divmod(number, len(classes.positions))
+            return classes.parts[part], classes.positions[position]
+
+        last = classes.assemblies
+        return [(pair(was), pair(said)) for was, said, near in self.rows if not near and was < last and said < last]
+
 
 def share(right: int, count: int) -> dict[str, float | int]:
     """A share with its 95 % interval."""

@@ -61,19 +61,27 @@ class DetectAction(CellNode):
 
 
 class UpdateGraph(CellNode):
-    """Set the edge (object, position) of a finished assembly action (Alg. 1 lines 5-6)."""
+    """Set the edge (object, position) of a finished assembly action (Alg. 1 lines 5-6).
+
+    An action whose part is in doubt sets none: the graph waits for what the hole shows.
+    """
 
     action = InputPort(SeenAction, "what the person does")
+    least = InputPort(float, "confidence from which on an action sets an edge", default=0.6)
     state = InOutPort(AssemblyState, "what is placed so far")
 
     def update(self) -> Status:
         action = self.action.get().action
         state = self.state.get()
         if action.kind == "assembly" and action.finished and action.part and action.position:
+            if action.confidence < self.least.get():
+                self.feedback_message = f"in doubt: {action}, {action.confidence:.2f}"
+                return Status.SUCCESS
             if action.position not in state.placed:
                 self.state.set(state.with_placement(action.part, action.position))
                 self.services.show(help_request=None)
-                self.services.journal.note("belief", edge=[action.part, action.position], source="action")
+                told = {"posterior": dict(action.posterior)} if action.posterior else {}
+                self.services.journal.note("belief", edge=[action.part, action.position], source="action", **told)
             self.feedback_message = f"{action.part} is at {action.position}"
         return Status.SUCCESS
 

@@ -37,6 +37,7 @@ def test_segments_in_the_guard_band_count_apart() -> None:
     assert found["placements"]["share"] == 0.5
     assert found["false_per_100"] == 25.0
     assert found["confusions"] == {"screw > transit": 1}
+    assert tally.reports(CLASSES) == [(("o1", "p1"), ("o1", "p1"))]
 
 
 def test_an_observer_keeps_each_told_placement_once() -> None:

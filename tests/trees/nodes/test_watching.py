@@ -40,6 +40,7 @@ def test_only_a_finished_assembly_action_sets_an_edge() -> None:
         (IDLE, {}),
         (Action("assembly", 0.9, "o1", "p2", finished=False), {}),
         (PLACED, {"p2": "o1"}),
+        (Action("assembly", 0.45, "o1", "p2", finished=True), {}),
         (Action("assembly", 0.9, "o2", "p2", finished=True), {"p2": "o1"}),
     ):
         node = UpdateGraph("update")

@@ -29,6 +29,26 @@ ASSIGNMENTS_OF_DATA = (
     *("s := 'c'", "x := x / 2 > 1 ? 3 : 0", "v := y + 1"),
 )
 ASSIGNMENTS_OF_CONSTANTS = ("x := k == 3 ? x : 2", "y := k > 2 ? 1 : 0")
+# Texts that look like numbers beside numbers, bools that are counted with, and conditions that change what they ask.
+CONDITIONS_OF_KINDS = (
+    *(
+        "t == 5",
+        "'3' &lt; x",
+        "x == '2'",
+        "t &lt; 7 &amp;&amp; '10' &gt; 9",
+        "b == 1",
+        "b",
+        "x + b &gt; 2",
+        "t != '05'",
+    ),
+    *("x += 1; x &gt; 2", "t := '7'; t == 7", "y := x; y == x", "b := !b; b", "x = 0; y &gt; x"),
+    *("&quot;a&quot; == 'a'", "t == '5' ? x : y", "(x | 1) &gt; 2", "-t &lt; 0", "0x5 == t"),
+)
+ASSIGNMENTS_OF_KINDS = (
+    *("t := 5", "t := '5'; t = 6", "t := '8'", "x = '3'", "y := '4'; y = 2", "b := true; b += 1", "b = x &gt; y"),
+    *("x := '2' * 3 &gt; 5 ? 1 : 0", "t := 'a' .. 'b'; t := '5'", "u := x; u := u * 2; x := u &gt; 8 ? 0 : u"),
+)
+AUTOREMAPS = ("true", "1", "True", "TRUE", "false", "0", "False")
 CONTROLS = (
     *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "SequenceWithMemory", "AsyncSequence"),
     *("AsyncFallback", "Parallel", "ParallelAll", "IfThenElse", "WhileDoElse", "Switch"),
@@ -57,12 +77,15 @@ class Features:
         scripts: scripts and conditions.
         data: entries that are set, unset and waited for, the main tree's by `@`, constants passed to SubTrees.
         times: Timeout, Delay and Sleep.
+        kinds: values of several types in one script, conditions that change entries, conditions of every kind in
+            IfThenElse and WhileDoElse, `_autoremap` in all its spellings, `_onHalted`.
     """
 
     skips: bool = False
     scripts: bool = False
     data: bool = False
     times: bool = False
+    kinds: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,13 +122,15 @@ class Generator:
     def case(self, ticks: int = 20) -> Case:
         tree = self._body(0)
         subtrees = "".join(f'<BehaviorTree ID="T{i}">{body}</BehaviorTree>' for i, body in enumerate(self._subtrees))
-        start = "<Script code=\"x := 0; y := 0; s := 'a'\"/>"
+        start = f"<Script code=\"x := 0; y := 0; s := 'a'{'; t := 5; b := true' if self._features.kinds else ''}\"/>"
         main = f'<BehaviorTree ID="Main"><Sequence><RunOnce>{start}</RunOnce>{tree}</Sequence></BehaviorTree>'
         root = ElementTree.fromstring(f'<root BTCPP_format="4" main_tree_to_execute="Main">{main}{subtrees}</root>')
         _name(root, self._seed)
         xml = _text(root)
         _without_try_catch(root)
         halts = frozenset(i for i in range(1, ticks) if self._random.random() < 0.1)
+        if "_onHalted" in xml:
+            halts = frozenset()  # a halt from outside runs it there on nodes that never ran; a parent's halt does not
         return Case(xml, _text(root), self._answers, halts, ticks)
 
     def _body(self, depth: int) -> str:
@@ -166,7 +191,7 @@ class Generator:
         tag = self._random.choice(choices)
         if tag in ("IfThenElse", "WhileDoElse"):
             branches = [self._node(depth + 1) for _ in range(self._random.randint(1, 2))]
-            return self._element(tag, "", [self._check(), *branches])
+            return self._element(tag, "", [self._asked(tag, depth, len(branches)), *branches])
         if tag == "Switch":
             return self._switch(depth)
         least = 2 if tag == "TryCatch" else 1
@@ -177,6 +202,29 @@ class Generator:
         if tag == "ParallelAll":
             ports = f' max_failures="{self._count(children)}"'
         return self._element(tag, ports, children)
+
+    def _asked(self, tag: str, depth: int, branches: int) -> str:
+        """The first child of IfThenElse or WhileDoElse.
+
+        WhileDoElse ticks it again and again, and the library would not tick an action again; an IfThenElse with two
+        children does not reset it there. Nothing in it is skipped, as the library then raises an exception.
+        """
+        if not self._features.kinds:
+            return self._check()
+        before, self._skips = self._skips, False
+        asked = [self._check, lambda: f'<ScriptCondition code="{self._condition()}"/>', lambda: self._of_checks(depth)]
+        if tag == "IfThenElse" and branches == 2:
+            asked += [self._leaf, lambda: self._loop(depth)]
+        element = self._random.choice(asked)()
+        self._skips = before
+        return element
+
+    def _of_checks(self, depth: int) -> str:
+        """A control or decorator over conditions alone."""
+        tag = self._random.choice(("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "Inverter"))
+        count = 1 if tag == "Inverter" else self._random.randint(1, 3)
+        below = [self._check() if depth > 5 or self._random.random() < 0.7 else self._of_checks(depth + 1)]
+        return f"<{tag}>{''.join([*below, *(self._check() for _ in range(count - 1))])}</{tag}>"
 
     def _switch(self, depth: int) -> str:
         """Switch2 to Switch6 on a number that scripts change, or on a text."""
@@ -231,6 +279,11 @@ class Generator:
         joins = ['x="{x}" y="{y}" s="{s}"', '_autoremap="true"', 'x="{=}" y="{=}" s="{=}"', 'x="{y}" y="{x}" s="{s}"']
         if self._features.data:
             joins += ['x="{@x}" y="{y}" s="{s}" z="{z}"', 'x="{x}" y="{y}" s="{s}" k="3"', '_autoremap="true" k="1"']
+        if self._features.kinds:
+            joins = [
+                f'_autoremap="{self._random.choice(AUTOREMAPS)}" x="{{x}}" y="{{y}}" s="{{s}}" t="{{t}}" b="{{b}}"'
+            ]
+            joins += ['x="{x}" y="{y}" s="{s}" t="{t}" b="{b}"', '_autoremap="TRUE"', '_autoremap="1"']
         join = self._random.choice(joins)
         before = self._constants, self._owns_v
         self._owns_v = "_autoremap" not in join
@@ -273,7 +326,8 @@ class Generator:
     def _element(self, tag: str, ports: str, children: list[str]) -> str:
         """The library leaves a skipped control RUNNING, so that it does not ask the first three conditions again."""
         attributes = ("_while", *ATTRIBUTES_AFTER) if self._skips else (*ATTRIBUTES_BEFORE, *ATTRIBUTES_AFTER)
-        return f"<{tag}{ports}{self._conditions(attributes)}>{''.join(children)}</{tag}>"
+        halted = ' _onHalted="y := 3"' if self._features.kinds and self._random.random() < 0.05 else ""
+        return f"<{tag}{ports}{self._conditions(attributes)}{halted}>{''.join(children)}</{tag}>"
 
     def _leaf_conditions(self) -> str:
         skips = ("_skipIf", "_while") if self._skips else ()
@@ -286,10 +340,14 @@ class Generator:
         return f' {name}="{self._assignment() if name in ATTRIBUTES_AFTER else self._condition()}"'
 
     def _condition(self) -> str:
+        if self._features.kinds and self._random.random() < 0.5:
+            return self._random.choice(CONDITIONS_OF_KINDS)
         more = CONDITIONS_OF_DATA if self._features.data else ()
         return _escaped(self._random.choice((*CONDITIONS, *more, *(CONDITIONS_OF_CONSTANTS * self._constants))))
 
     def _assignment(self) -> str:
+        if self._features.kinds and self._random.random() < 0.5:
+            return self._random.choice(ASSIGNMENTS_OF_KINDS)
         more = ASSIGNMENTS_OF_DATA if self._features.data else ()
         return _escaped(self._random.choice((*ASSIGNMENTS, *more, *(ASSIGNMENTS_OF_CONSTANTS * self._constants))))
 

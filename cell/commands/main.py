@@ -96,7 +96,9 @@ LookOption = Annotated[
 ]
 NodesOption = Annotated[
     list[str] | None,
-    typer.Option("--nodes", help="File or package with nodes of your own; those in nodes/ are found anyway."),
+    typer.Option(
+        "--nodes", help="File, folder or package with nodes of your own; CELL_NODES names some for every command."
+    ),
 ]
 BesideOption = Annotated[
     list[Path] | None,

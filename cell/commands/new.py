@@ -67,7 +67,7 @@ from trees.testing import alone
 
 
 def test_too_few_fail() -> None:
-    node = alone(node_registry().classes["{name}"]("count"), least=1)
+    node = alone(node_registry(more=["nodes"]).classes["{name}"]("count"), least=1)
     assert node.execute() is Status.FAILURE
     assert node.feedback_message == "nothing is counted yet"
 '''
@@ -82,7 +82,7 @@ def tree(name: NameArgument) -> None:
 @new_app.command()
 def leaf(name: NameArgument) -> None:
     """Write nodes/NAME.py and tests/test_NAME.py."""
-    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, "pytest {second}; cell nodes lists it")
+    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, "pytest {second}; cell nodes --nodes nodes lists it")
 
 
 def _write(name: str, path: str, text: str, test: str, then: str) -> None:

@@ -1,12 +1,14 @@
 """The nodes that tree files of this cell may name: the project's, those of installed packages, and the user's own.
 
-The user's own are the modules of `nodes/` in the working folder, and what `--nodes` names.
+The user's own are what `--nodes` or the environment variable CELL_NODES names: a file, a folder or a package. Nothing
+else of the working folder is imported, as importing runs code.
 """
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import pkgutil
 from collections.abc import Iterable, Iterator
 from importlib.metadata import entry_points
@@ -22,7 +24,8 @@ from trees.files.registry import Registry
 from trees.framed_pose import FRAMES, FramedPose
 
 ENTRY_POINTS = "cell.nodes"  # a package names a module of its own there
-OWN_FOLDER = Path("nodes")
+ALWAYS = "CELL_NODES"  # names what is wanted in every command; several with : between them
+USUAL_FOLDER = Path("nodes")  # where `cell new` writes
 
 
 def node_registry(product: Product | None = None, more: Iterable[str] = ()) -> Registry:
@@ -35,12 +38,13 @@ def node_registry(product: Product | None = None, more: Iterable[str] = ()) -> R
     Raises:
         InputError: a file or package cannot be loaded, or two nodes have one name.
     """
-    modules = [*_package(trees.nodes), *_installed(), *_own_folder()]
-    for name in more:
+    modules = [*_package(trees.nodes), *_installed()]
+    named = [*filter(None, os.environ.get(ALWAYS, "").split(os.pathsep)), *more]
+    for name in dict.fromkeys(named):
         modules += _named(name)
     classes = list(dict.fromkeys(node for module in modules for node in _nodes(module)))
     try:
-        return Registry(classes, words=_words(product))
+        return Registry(classes, words=_words(product), remark="" if named else _remark())
     except ValueError as error:
         raise InputError(f"{error}; they stand in {', '.join(_places(classes))}") from None
 
@@ -76,14 +80,16 @@ def _installed() -> Iterator[ModuleType]:
         yield from _imported(point.value)
 
 
-def _own_folder() -> Iterator[ModuleType]:
-    for file in sorted(OWN_FOLDER.glob("*.py")):
-        if file.name != "__init__.py":
-            yield _file(file)
+def _remark() -> str:
+    """What to say of a node that nobody knows, where the user's own were not asked for."""
+    here = any(USUAL_FOLDER.glob("*.py"))
+    return f"{USUAL_FOLDER}/ is not loaded: add --nodes {USUAL_FOLDER}" if here else ""
 
 
 def _named(name: str) -> Iterator[ModuleType]:
-    if name.endswith(".py") or Path(name).is_file():
+    if Path(name).is_dir():
+        yield from (_file(file) for file in sorted(Path(name).glob("*.py")) if file.name != "__init__.py")
+    elif name.endswith(".py") or Path(name).is_file():
         yield _file(Path(name))
     else:
         yield from _imported(name)

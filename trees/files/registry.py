@@ -63,6 +63,7 @@ class Registry:
         classes: node classes of the project; their tags are their class names.
         enums: enums whose members scripts may name; those of ports are known anyway.
         words: the names that ports of each kind take; a kind that is missing takes any.
+        remark: what to say where a node is not known, beside what is near.
     """
 
     def __init__(
@@ -70,7 +71,9 @@ class Registry:
         classes: Iterable[type[TreeNode]] = (),
         enums: Iterable[type[Enum]] = (),
         words: Words | None = None,
+        remark: str = "",
     ) -> None:
+        self.remark = remark
         self.words: Words = words or {}
         self.classes: dict[str, type[TreeNode]] = {}
         self._ports: dict[str, dict[str, Port]] = {}
@@ -98,7 +101,7 @@ class Registry:
 
     def extended(self, classes: Iterable[type[TreeNode]]) -> Registry:
         """A registry with more nodes."""
-        more = Registry(words=self.words)
+        more = Registry(words=self.words, remark=self.remark)
         more.classes, more._ports, more.enums = dict(self.classes), dict(self._ports), dict(self.enums)
         for node in classes:
             more._add(node)

@@ -121,7 +121,7 @@ class _Checker:
         if node is None:
             place = element.place_of("ID") if element.tag in EXPLICIT else element.place
             legal = hint(tag, [*self._registry.classes, "SubTree"], "`cell nodes` lists all nodes")
-            self._report(place, f"there is no node '{tag}'", legal)
+            self._report(place, f"there is no node '{tag}'", "; ".join(filter(None, (legal, self._registry.remark))))
             return
         self._children(element, node)
         if tag == "ReactiveSequence":

@@ -48,7 +48,7 @@ def test_leaves_decorators_and_controls_of_a_file_are_found(tmp_path: Path) -> N
     assert "PickPart" in node_registry().classes
 
 
-def test_check_takes_them_from_the_option_and_from_the_working_folder(
+def test_check_takes_them_from_the_option_and_the_environment_and_runs_nothing_unasked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -59,6 +59,15 @@ def test_check_takes_them_from_the_option_and_from_the_working_folder(
     assert main(["check", "tree.xml", "--nodes", "mine.py"]) == 0
     Path("nodes").mkdir()
     Path("mine.py").rename("nodes/mine.py")
+    with Path("nodes/mine.py").open("a") as file:
+        file.write("\nfrom pathlib import Path\nPath('was_run').touch()\n")
+    capsys.readouterr()
+    assert main(["check", "tree.xml"]) == 2
+    assert "nodes/ is not loaded: add --nodes nodes" in capsys.readouterr().err
+    assert not Path("was_run").exists()
+    assert main(["check", "tree.xml", "--nodes", "nodes"]) == 0
+    assert Path("was_run").exists()
+    monkeypatch.setenv("CELL_NODES", "nodes")
     assert main(["check", "tree.xml"]) == 0
 
 

@@ -183,6 +183,9 @@ class Generator:
         self._answers[name] = "".join(self._random.choices(letters, k=self._random.randint(1, 9)))
         return name
 
+    def _script_condition(self) -> str:
+        return f'<ScriptCondition code="{self._condition()}"/>'
+
     def _script(self) -> str:
         return f'<Script code="{self._assignment()}"{self._leaf_conditions()}/>'
 
@@ -212,7 +215,7 @@ class Generator:
         if not self._features.kinds:
             return self._check()
         before, self._skips = self._skips, False
-        asked = [self._check, lambda: f'<ScriptCondition code="{self._condition()}"/>', lambda: self._of_checks(depth)]
+        asked: list[Callable[[], str]] = [self._check, self._script_condition, lambda: self._of_checks(depth)]
         if tag == "IfThenElse" and branches == 2:
             asked += [self._leaf, lambda: self._loop(depth)]
         element = self._random.choice(asked)()

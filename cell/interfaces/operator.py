@@ -8,7 +8,7 @@ from typing import Literal
 
 OrderKind = Literal["acknowledge", "answer", "finish", "goal", "pause", "place", "resume", "stop"]
 Pause = Literal["none", "now", "after part"]
-QuestionKind = Literal["help", "goal", "bracket"]
+QuestionKind = Literal["help", "goal", "bracket", "choice"]
 
 ORDERS: dict[OrderKind, str] = {
     "acknowledge": "acknowledge what holds the cell",
@@ -44,7 +44,7 @@ class Question:
 
     Attributes:
         number: tells the questions of a run apart, from 1.
-        kind: "help" with a part, which "goal" is built, or to change the "bracket".
+        kind: "help" with a part, which "goal" is built, to change the "bracket", or a "choice" of a tree's own.
         reason: why it asks.
         tried: what the robot tried before; empty where it tried nothing.
         todo: what the person should do.

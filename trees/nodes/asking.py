@@ -8,7 +8,8 @@ from py_trees.common import Status
 
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, Answer, Question
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
-from trees.engine.ports import InOutPort, InputPort
+from trees.engine.errors import NodeError
+from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.nodes.services import CellNode
 
 TRAY_MARGIN_M = 0.05
@@ -86,6 +87,47 @@ class AskForHelp(CellNode):
         there = all(off < size / 2 + TRAY_MARGIN_M for off, size in zip(offsets, tray.size_m, strict=True))
         was, self._hand_there = self._hand_there, self._hand_there or there
         return was and not there
+
+
+class AskOperator(CellNode):
+    """Ask somebody a question of the tree's own, and wait for one of its answers; fails when none comes in time."""
+
+    text = InputPort(str, "what to ask")
+    answers = InputPort(list[str], "what may be answered: yes;no", default=["done"])
+    wait_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=60.0)
+    answer = OutputPort(str, "what was answered")
+
+    _question: Question | None = None
+    _asked_s = 0.0
+
+    def initialise(self) -> None:
+        answers = tuple(Answer(words, words) for words in self.answers.get())
+        if not answers:
+            raise NodeError("a question needs an answer at least")
+        self._asked_s = self.services.observation.time_s
+        self._question = self.services.ask("choice", self.text.get(), todo=self.text.get(), answers=answers)
+        self.services.show(help_request=self.text.get())
+        self.services.journal.note("help", text=self.text.get(), answers=[one.value for one in answers])
+        self.feedback_message = f"asks: {self.text.get()}"
+
+    def update(self) -> Status:
+        assert self._question is not None, "initialise comes first"
+        seen, wait_s = self.services.observation, self.wait_s.get()
+        said = seen.operator.answer(self._question.number)
+        if said is not None:
+            self.answer.set(said)
+            self.feedback_message = f"answered: {said}"
+            return Status.SUCCESS
+        if wait_s > 0 and seen.time_s - self._asked_s > wait_s:
+            self.feedback_message = f"nobody answered within {wait_s:g} s"
+            return Status.FAILURE
+        return Status.RUNNING
+
+    def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
+        if self._question is not None:
+            self.services.withdraw(self._question)
+            self.services.show(help_request=None)
+            self._question = None
 
 
 class AskWhichGoal(CellNode):

@@ -12,7 +12,9 @@ from cell.interfaces.perception import PartsView
 from cell.interfaces.pose import Array
 from trees.engine.ports import InputPort
 from trees.engine.vocabulary import Hole
+from trees.framed_pose import FramedPose
 from trees.nodes.clutter import part_and_others
+from trees.nodes.poses import world_pose
 from trees.nodes.services import CellNode
 from trees.nodes.watching import SeenAction
 
@@ -94,6 +96,16 @@ class WaitForHandClearOfPart(HandWatch):
     def target(self) -> tuple[str, Array]:
         part, _ = part_and_others(self.parts.get(), self.index.get())
         return f"{part.part} in the tray", np.array(part.world_from_part.position_m[:2])
+
+
+class WaitForHandClearOfSpot(HandWatch):
+    """Wait while the hand is near the way to a spot, or while nothing is known of the hand."""
+
+    spot = InputPort(FramedPose, "where the arm goes")
+
+    def target(self) -> tuple[str, Array]:
+        spot = self.spot.get()
+        return str(spot), np.array(world_pose(self.services, spot).position_m[:2])
 
 
 def _distance_m(point: tuple[float, float], start: Array, end: Array) -> float:

@@ -11,6 +11,7 @@ import pytest
 from py_trees.common import Status
 
 from cell.interfaces.journal import ListJournal
+from cell.interfaces.operator import OperatorOrder, OperatorState
 from cell.interfaces.perception import HoleView, PartsView
 from cell.interfaces.planning import AssemblyState, GraspPlan
 from cell.running.node_library import node_registry
@@ -278,3 +279,27 @@ def test_nothing_is_let_go_over_the_bracket(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("trees.nodes.fingers.tool_pose", lambda to: to.bench.bracket.pose)
     status, _ = run("<OpenGripper/>", to)
     assert status is Status.FAILURE
+
+
+def test_an_operator_is_asked_and_answered_or_not_in_time() -> None:
+    to = services()
+    body = '<AskOperator text="ready?" answers="yes;no" wait_s="5" answer="{a}"/>'
+    file = Path("tree.xml")
+    file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>')
+    tree = load_tree(file, node_registry(PRODUCT))
+    tree.setup(to, to.clock)
+    assert tree.tick() is Status.RUNNING
+    (question,) = to.display.questions
+    assert ([one.value for one in question.answers], to.display.help_request) == (["yes", "no"], "ready?")
+    said = OperatorOrder("answer", "no", question.number)
+    to.observation = replace(to.observation, operator=OperatorState(said=(said,)))
+    assert tree.tick() is Status.SUCCESS
+    assert tree.blackboard.values()["a"] == "no"
+    assert (to.display.questions, to.display.help_request) == ((), None)
+    assert tree.tick() is Status.RUNNING  # a new question, which the old answer does not answer
+    see(to, 6.0)
+    assert tree.tick() is Status.FAILURE
+    assert tree.root.feedback_message == "nobody answered within 5 s"
+    assert tree.tick() is Status.RUNNING
+    tree.halt()
+    assert to.display.questions == ()

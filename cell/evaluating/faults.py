@@ -14,6 +14,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+
 from cell.configuration import load_configuration, load_faults, load_product
 from cell.evaluating.bare_host import without_pixels
 from cell.evaluating.stop_watch import StopWatch
@@ -113,6 +115,7 @@ def fast_rows(path: Path, pairs: Pairs, seed: int, tell: Callable[[Row], None]) 
 
     A state that never came is told, too, as a row that is not as promised.
     """
+    cv2.setNumThreads(0)  # a pool of threads does not live on in a forked child, which would wait for it
     fork = Fork(pairs, tell)
     row = _trial(path, fork, seed, rendered=False)
     if fork.child:

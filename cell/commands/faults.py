@@ -17,6 +17,10 @@ def faults(
     pixels: Annotated[
         bool, typer.Option("--pixels", help="Render every image, and run every pair from its beginning: slower.")
     ] = False,
+    assemblies: Annotated[
+        int, typer.Option(min=0, help="Instead: so many whole assemblies beside a person, with random faults.")
+    ] = 0,
+    each: Annotated[int, typer.Option("--faults", min=1, max=9, help="Faults in each of these assemblies.")] = 3,
     config: ConfigOption = CONFIGURATION,
     first_seed: Annotated[int, typer.Option(help="Seed of the first run.")] = 1,
     as_json: JsonOption = False,
@@ -25,6 +29,8 @@ def faults(
     from cell.evaluating.faults import chosen, fast_rows, fault_try, merged
 
     screen = console()
+    if assemblies:
+        return _assemblies(Path(config), range(first_seed, first_seed + assemblies), each, pixels, as_json)
     pairs = chosen(fault, state)
     found: dict[tuple[object, object], list[dict[str, object]]] = {}
 
@@ -50,6 +56,22 @@ def faults(
     if as_json:
         print_json({"rows": table, "as_promised": good})
     return 0 if good else 1
+
+
+def _assemblies(path: Path, seeds: range, faults: int, pixels: bool, as_json: bool) -> int:
+    from cell.evaluating.troubled import troubled_assembly
+
+    screen, rows = console(), []
+    for seed in seeds:
+        row = troubled_assembly(path, seed, faults, rendered=pixels)
+        rows.append(row)
+        words = "WRONG, AND NOT KNOWN" if row["unknown"] else "as promised" if row["as_promised"] else "NOT AS PROMISED"
+        screen.print(f"seed {seed}: {row['end']}, {words}; {row['faults']}; {row['reason']}", highlight=False)
+    good, unknown = sum(bool(row["as_promised"]) for row in rows), sum(bool(row["unknown"]) for row in rows)
+    screen.print(f"{good} of {len(rows)} assemblies ended as promised, {unknown} wrong without being known")
+    if as_json:
+        print_json({"rows": rows, "as_promised": good, "unknown": unknown})
+    return 0 if good == len(rows) else 1
 
 
 def encounters(

@@ -9,21 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.configuration import load_configuration, load_faults, load_product, simulated
-from cell.evaluating.bare_host import without_pixels
-from cell.interfaces.files import shipped
+from cell.configuration import load_configuration, load_faults
+from cell.evaluating.assembly import assembly
 from cell.interfaces.judgement import Action, FaultTable
 from cell.interfaces.perception import Frame, HandSample
 from cell.observer import Level, Outcome, TickRecord
-from cell.run import drive
-from cell.run_options import Files
-from cell.running.node_library import node_registry
-from cell.running.services import load_planners
 from sim.cell import SimCell
 from sim.contacts import Contact
-from skills.planner import MotionPlanner
 from skills.separation import SeparationMonitor
-from trees.files.loader import load_tree
 
 SLOW_M_S = 0.25
 DRIVEN_M_S = 0.05  # below this the arm stood, and the person touched it
@@ -125,7 +118,9 @@ def meet(
     ends: dict[str, int] = {}
     while met < encounters:
         seed = first_seed + seeds
-        cell, outcome, watch = _assembly(path, person, seed, rendered=rendered)
+        with assembly(path, person, seed, rendered=rendered) as opened:
+            cell, watch = opened.cell, Encounters(opened.cell, opened.motion.separation)
+            outcome = opened.run([watch], None)
         assert cell.worker is not None
         assert cell.contacts is not None
         acts = sum(event.fields.get("act") == "intrude" for event in cell.worker.acts)
@@ -167,26 +162,5 @@ def throughput_ratio(path: Path, seeds: Iterable[int]) -> float | None:
 
 
 def _time_s(path: Path, seed: int, table: FaultTable) -> float:
-    return _assembly(path, "careful", seed, table)[1].sim_time_s
-
-
-def _assembly(
-    path: Path, person: str, seed: int, table: FaultTable | None = None, *, rendered: bool = False
-) -> tuple[SimCell, Outcome, Encounters]:
-    configuration = simulated(load_configuration(path), None, person)
-    product = load_product(configuration, path)
-    motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    tree = load_tree(shipped("trees", "assemble.xml"), node_registry())
-    faults = table or load_faults(configuration)
-    files = Files(configuration, product, tree, load_planners(configuration, product), faults)
-    can = configuration.gripper_can
-    simulation = configuration.devices.simulation
-    cell = SimCell(
-        product, configuration.bench, simulation, can.interface, can.channel, seed, "random", rendered=rendered
-    )
-    watch = Encounters(cell, motion.separation)
-    try:
-        outcome = drive(files, cell.devices if rendered else without_pixels(cell), motion, [watch])
-        return cell, outcome, watch
-    finally:
-        cell.close()
+    with assembly(path, "careful", seed, table) as opened:
+        return opened.run([], None).sim_time_s

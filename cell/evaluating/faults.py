@@ -165,7 +165,7 @@ def _row(cell: SimCell, injection: Injection, watch: StopWatch, outcome: Outcome
     recoverable = ends == ("finished",)
     recovered = outcome.end == "finished" and placed
     promised = outcome.end in ends and kept is not False and (recovered or not recoverable)
-    stood = watch.ticks_to_stop >= 0
+    stood = watch.ticks_to_stop >= 0 and not (watch.at_end and outcome.end == "finished")
     return {
         "fault": injection.fault,
         "state": injection.state,
@@ -175,8 +175,8 @@ def _row(cell: SimCell, injection: Injection, watch: StopWatch, outcome: Outcome
         "exit_status": outcome.exit_status,
         "reason": outcome.reason,
         "condition": outcome.condition,
-        "ticks_to_stop": watch.ticks_to_stop,
-        "ticks_from_fault": watch.ticks_from_fault,
+        "ticks_to_stop": watch.ticks_to_stop if stood else -1,
+        "ticks_from_fault": watch.ticks_from_fault if stood else -1,
         "stop_s": round(watch.stop_s, 3) if stood else 0.0,
         "stop_m": round(watch.stop_m, 3) if stood else 0.0,
         "held": kept,

@@ -28,6 +28,7 @@ class StopWatch:
         ticks_from_fault: the same from the fault itself: answers to frames take time, and a heartbeat has a period.
         stop_s, stop_m: from the fault until the arm stood, as measured at 500 Hz.
         held_before: a part was between the fingers when the fault came.
+        at_end: nothing stopped the arm before the run was over.
     """
 
     injection: Injection
@@ -37,6 +38,7 @@ class StopWatch:
     stop_s: float = 0.0
     stop_m: float = 0.0
     held_before: bool = False
+    at_end: bool = False
     _ticks: int = 0
     _showing: int = 0
     _rested: bool = False
@@ -61,6 +63,7 @@ class StopWatch:
         self._commanded = self.injection.shown  # by the command of this tick: the next observation shows it
         if record.status == "STOPPING" or (record.judgement is not None and record.judgement.action >= Action.HOLD):
             self.ticks_to_stop, self.ticks_from_fault = max(1, self._showing), self._ticks
+            self.at_end = record.status == "STOPPING"
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         """Messages are not kept."""

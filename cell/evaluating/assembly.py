@@ -1,0 +1,65 @@
+"""One simulated assembly beside a person, opened for a trial: with images, or without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from cell.configuration import load_configuration, load_faults, load_product, simulated
+from cell.evaluating.bare_host import without_pixels
+from cell.interfaces.files import shipped
+from cell.interfaces.judgement import FaultTable
+from cell.observer import Observer, Outcome
+from cell.run import drive
+from cell.run_options import Files
+from cell.running.injection import Injection, Injections
+from cell.running.node_library import node_registry
+from cell.running.services import load_planners
+from sim.cell import SimCell
+from skills.planner import MotionPlanner
+from trees.files.loader import load_tree
+
+Injected = Injection | Injections | None
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A cell with its person; `run` works on one bracket."""
+
+    cell: SimCell
+    motion: MotionPlanner
+    run: Callable[[Sequence[Observer], Injected], Outcome]
+
+
+@contextmanager
+def assembly(
+    path: Path, person: str, seed: int, table: FaultTable | None = None, *, rendered: bool = False
+) -> Iterator[Assembly]:
+    """A simulated cell beside a person who builds one of the product's goals.
+
+    Args:
+        path: of the configuration.
+        person: a kind of person, or a file.
+        table: what the supervisor does about faults; the configured one by default.
+    """
+    configuration = simulated(load_configuration(path), None, person)
+    product = load_product(configuration, path)
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    tree = load_tree(shipped("trees", "assemble.xml"), node_registry())
+    faults = table or load_faults(configuration)
+    files = Files(configuration, product, tree, load_planners(configuration, product), faults)
+    can = configuration.gripper_can
+    settings = configuration.devices.simulation
+    cell = SimCell(
+        product, configuration.bench, settings, can.interface, can.channel, seed, "random", rendered=rendered
+    )
+
+    def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
+        return drive(files, cell.devices if rendered else without_pixels(cell), motion, observers, injection=injected)
+
+    try:
+        yield Assembly(cell, motion, run)
+    finally:
+        cell.close()

@@ -30,6 +30,7 @@ LEAST_SEEN = 2  # points of the hand that must be seen
 NEAR_HOLE_M, HELD_M = 0.03, 0.05
 ABOVE_M = 0.004
 IMAGES = 8  # with other noise each, as a live camera has
+KEPT = 64  # frames that may still be asked about
 NOISE = 2.0  # grey levels
 
 
@@ -62,6 +63,7 @@ class BareSight:
             self._parts = {exposure.sequence: self._parts_seen(exposure)}
         else:
             self._seen[exposure.camera, exposure.sequence] = self._hand_seen(exposure), self._holes_seen(exposure)
+            self._seen.pop((exposure.camera, exposure.sequence - KEPT), None)
         image = self._images[exposure.sequence % IMAGES]
         return Frame(exposure.camera, exposure.sequence, exposure.time_s, image, exposure.world_from_camera)
 
@@ -73,10 +75,8 @@ class BareSight:
         return self._seen[frame.camera, frame.sequence][0]
 
     def read(self, frame: Frame, _: HandSample | None) -> Mapping[str, HoleView]:
-        """The holes in a frame; the last question about it."""
-        holes = self._seen[frame.camera, frame.sequence][1]
-        self._seen = {key: value for key, value in self._seen.items() if key[1] > frame.sequence}
-        return holes
+        """The holes in a frame."""
+        return self._seen[frame.camera, frame.sequence][1]
 
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
         """The parts in a frame of the wrist camera."""

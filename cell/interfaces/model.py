@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, field_validator
 
 Location = tuple[str | int, ...]
 
@@ -19,6 +19,14 @@ class Model(BaseModel):
 
     # Checks are made ready at first use: a process that only gets models, ready made, never needs them.
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_null_character(cls, value: Any) -> Any:
+        """Operating systems end names at it: what comes behind would be lost."""
+        if isinstance(value, str) and "\0" in value:
+            raise ValueError("holds a null character")
+        return value
 
     @classmethod
     def summary(cls) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import random
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from hypothesis import strategies as st
 
 from cell.commands.main import main
 from cell.commands.terminal import CONFIGURATION
+from cell.interfaces.errors import InputError
+from skills.settings import MotionSettings
 
 PRODUCT = CONFIGURATION.with_name("products.yaml")
 NAN, INF = math.nan, math.inf
@@ -164,6 +167,29 @@ def leaves(data: object, path: str = "") -> Iterator[str]:
         yield path
 
 
+WRONG: tuple[Any, ...] = (NAN, -INF, {"a": 1}, "\x00", [[]])  # no value of the configuration may be one of these
+ALL_LEAVES = [
+    *leaves({key: value for key, value in yaml.safe_load(CONFIGURATION.read_text()).items() if key != "product"}),
+    *leaves(MotionSettings().model_dump(mode="json"), "motion"),
+]
+
+
+def test_three_hundred_wrong_values_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every value of the configuration in turn, with a number or shape that it cannot have."""
+    rng = random.Random(0)
+    inputs = [(path, value) for path in ALL_LEAVES for value in WRONG]
+    assert len(inputs) > 400
+    let_in = []
+    for path, value in rng.sample(inputs, 300):
+        config = write_cell(tmp_path, cell=(path, value))
+        try:
+            assert f"{config}:" in refused(config, capsys), (path, value)
+        except AssertionError:
+            let_in.append((path, value))
+            (tmp_path / "log.mcap").unlink(missing_ok=True)
+    assert not let_in
+
+
 NUMBERS = [NAN, INF, -INF, 1e300, -1e300, 10**400]
 ODD = st.one_of(
     st.sampled_from(NUMBERS), st.text(max_size=5), st.booleans(), st.none(), st.lists(st.integers(), max_size=3)
@@ -174,7 +200,6 @@ ODD = st.one_of(
 @given(path=st.sampled_from(sorted(leaves(yaml.safe_load(CONFIGURATION.read_text())["bench"], "bench"))), value=ODD)
 def test_no_value_of_the_bench_ends_in_a_traceback(path: str, value: Any, tmp_path: Path) -> None:
     from cell.configuration import load_configuration
-    from cell.interfaces.errors import InputError
 
     config = write_cell(tmp_path, cell=(path, value))
     with contextlib.suppress(InputError):

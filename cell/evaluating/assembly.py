@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cell.configuration import load_configuration, load_faults, load_product, simulated
 from cell.evaluating.bare_host import without_pixels
 from cell.interfaces.files import shipped
 from cell.interfaces.judgement import FaultTable
+from cell.interfaces.operator import OperatorOrder
 from cell.observer import Observer, Outcome
 from cell.run import drive
 from cell.run_options import Files
@@ -21,6 +22,7 @@ from sim.cell import SimCell
 from skills.planner import MotionPlanner
 from trees.files.loader import load_tree
 
+NOTICES_S = 3.0
 Injected = Injection | Injections | None
 
 
@@ -31,6 +33,26 @@ class Assembly:
     cell: SimCell
     motion: MotionPlanner
     run: Callable[[Sequence[Observer], Injected], Outcome]
+
+
+class Attendant:
+    """Somebody at the bench who acknowledges a protective stop after a while."""
+
+    def __init__(self, cell: SimCell) -> None:
+        self._cell = cell
+        self._stopped_s: float | None = None
+
+    def pressed(self) -> Sequence[OperatorOrder]:
+        """What was pressed since the last call."""
+        state, now_s = self._cell.arm.state(), self._cell.devices.clock.now_s()
+        if state.mode != "protective_stop":
+            self._stopped_s = None
+            return ()
+        self._stopped_s = now_s if self._stopped_s is None else self._stopped_s
+        if now_s - self._stopped_s < NOTICES_S:
+            return ()
+        self._stopped_s = now_s
+        return (OperatorOrder("acknowledge"),)
 
 
 @contextmanager
@@ -56,8 +78,14 @@ def assembly(
         product, configuration.bench, settings, can.interface, can.channel, seed, "random", rendered=rendered
     )
 
+    attendant = Attendant(cell)
+
+    def pressed() -> Sequence[OperatorOrder]:
+        return (*cell.devices.pressed(), *attendant.pressed())
+
     def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
-        return drive(files, cell.devices if rendered else without_pixels(cell), motion, observers, injection=injected)
+        devices = cell.devices if rendered else without_pixels(cell)
+        return drive(files, replace(devices, pressed=pressed), motion, observers, injection=injected)
 
     try:
         yield Assembly(cell, motion, run)

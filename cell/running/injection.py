@@ -15,11 +15,13 @@ import can
 
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import InputError
+from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 from cell.running.faulty_devices import FaultyArm, FaultyBus, FaultyCamera
 
 PASSES_S = 1.5
+ACKNOWLEDGED = ("arm_protective_stop", "gripper_reboots")
 SHORT_S = {"status_gap": 0.4, "status_cut": 0.4}
 BEGINS_TICKS = 5  # a state has lasted this long when the fault comes, so that the arm is under way
 
@@ -158,6 +160,7 @@ class Injection:
         self.shown = self.cleared = False
         self.first_frame: int | None = None
         self._work = WorkState()
+        self._presses_s = -1.0
         self._clock: Callable[[], float] = lambda: 0.0
 
     @classmethod
@@ -185,7 +188,21 @@ class Injection:
     def devices(self, devices: Devices) -> Devices:
         """The same devices with proxies."""
         self._clock = devices.clock.now_s
-        return replace(devices, arm=FaultyArm(devices.arm, self), overhead=FaultyCamera(devices.overhead, self))
+        arm, overhead = FaultyArm(devices.arm, self), FaultyCamera(devices.overhead, self)
+
+        def pressed() -> Sequence[OperatorOrder]:
+            return (*devices.pressed(), *self._acknowledgement())
+
+        return replace(devices, arm=arm, overhead=overhead, pressed=pressed)
+
+    def _acknowledgement(self) -> Sequence[OperatorOrder]:
+        """Somebody at the bench acknowledges what waits for that, after a while and again."""
+        if self.fault not in ACKNOWLEDGED or not self.active or self._clock() < self._presses_s:
+            return ()
+        assert self.began_s is not None
+        first = self._presses_s < self.began_s
+        self._presses_s = (self.began_s if first else self._clock()) + PASSES_S
+        return () if first else (OperatorOrder("acknowledge"),)
 
     def bus(self, bus: can.BusABC, database: Any) -> can.BusABC:
         """The same bus with a proxy."""

@@ -24,6 +24,7 @@ PASSES_S = 1.5
 ACKNOWLEDGED = ("arm_protective_stop", "gripper_reboots")
 SHORT_S = {"status_gap": 0.4, "status_cut": 0.4}
 BEGINS_TICKS = 5  # a state has lasted this long when the fault comes, so that the arm is under way
+SHORT_TICKS = {"grasp": 2, "release": 2}  # states that are over sooner
 
 # By how a skill's note begins.
 STATES = {
@@ -215,7 +216,7 @@ class Injection:
     def tick(self, record: TickRecord) -> None:
         """See in which state the work is; at the wanted one the fault comes."""
         self._work.see(record)
-        if self.began_s is None and self._work.name == self.state and self._work.ticks >= BEGINS_TICKS:
+        if self.began_s is None and self._work.name == self.state and self._work.ticks >= SHORT_TICKS.get(self.state, BEGINS_TICKS):
             self.reached(record.observation.time_s)
         if self.fault == "observer_raises" and self.active:
             raise OSError(28, "No space left on device")

@@ -216,7 +216,8 @@ class Injection:
     def tick(self, record: TickRecord) -> None:
         """See in which state the work is; at the wanted one the fault comes."""
         self._work.see(record)
-        if self.began_s is None and self._work.name == self.state and self._work.ticks >= SHORT_TICKS.get(self.state, BEGINS_TICKS):
+        lasted = self._work.ticks >= SHORT_TICKS.get(self.state, BEGINS_TICKS)
+        if self.began_s is None and self._work.name == self.state and lasted:
             self.reached(record.observation.time_s)
         if self.fault == "observer_raises" and self.active:
             raise OSError(28, "No space left on device")

@@ -42,13 +42,13 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=700)
     parser.add_argument("--looks", nargs="+", default=LOOKS)
     parser.add_argument("--persons", nargs="+", default=PERSONS)
-    parser.add_argument("--max-duration-s", type=float, default=150.0, help="end runs after so much simulated time")
+    parser.add_argument("--max-duration-s", type=float, default=90.0, help="end runs after so much simulated time")
     parser.add_argument("--out", type=Path, required=True, help="one line of JSON for each run; more are appended")
     options = parser.parse_args()
     goals = sorted(load_product(load_configuration()).goals)
     console = Console(stderr=True)
     with tempfile.TemporaryDirectory() as folder:
-        config = configuration(ROOT, Path(folder) / "cell.yaml", None, options.max_duration_s)
+        config = configuration(ROOT, Path(folder) / "cell.yaml", False, options.max_duration_s)
         for seed in range(options.first_seed, options.first_seed + options.runs):
             for look, person in product(options.looks, options.persons):
                 run = assemble(goals[seed % len(goals)], seed, person, ("--look", look, "--config", str(config)))

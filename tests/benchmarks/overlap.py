@@ -69,7 +69,9 @@ def configuration(checkout: Path, path: Path, overlap: bool | None, max_duration
     text = text.replace("product: products.yaml", f"product: {checkout / 'config' / 'products.yaml'}")
     text = text.replace("max_duration_s: 300.0", f"max_duration_s: {max_duration_s}")
     if overlap is not None:
-        text = text.replace("devices:\n", f"devices:\n  simulation:\n    overlap: {str(overlap).lower()}\n")
+        said = f"  simulation:\n    overlap: {str(overlap).lower()}\n"
+        has_key = "  simulation:\n" in text
+        text = text.replace("  simulation:\n", said) if has_key else text.replace("devices:\n", f"devices:\n{said}")
     path.write_text(text)
     return path
 

@@ -96,7 +96,7 @@ def test_a_part_lying_where_the_fingers_go_ends_in_a_call_for_help_after_three_t
 
 def test_a_hand_near_the_part_stops_the_arm_which_goes_on_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hand is there for a second while the fingers go down; the cell here has no person, so it is told."""
-    near_s, tell = (4.6, 5.6), WaitForHandClearOfPart.update
+    near_s, tell = (4.0, 5.0), WaitForHandClearOfPart.update
 
     def update(node: WaitForHandClearOfPart) -> Status:
         near = near_s[0] <= node.services.observation.time_s < near_s[1]

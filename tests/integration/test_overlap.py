@@ -31,7 +31,7 @@ def recorded(folder: Path, overlap: bool) -> tuple[dict[str, object], dict[str, 
     for old, new in (
         ("product: products.yaml", f"product: {DEFAULT_CONFIGURATION.parent / 'products.yaml'}"),
         ("max_duration_s: 300.0", f"max_duration_s: {DURATION_S}"),
-        ("devices:\n", f"devices:\n  simulation:\n    overlap: {str(overlap).lower()}\n"),
+        ("  simulation:\n", f"  simulation:\n    overlap: {str(overlap).lower()}\n"),
     ):
         assert old in text
         text = text.replace(old, new)

@@ -48,6 +48,7 @@ from cell.running.supervisor import make_supervisor
 from cell.viewing.contact_sheet import ContactSheet
 from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
+from cell.viewing.typed_orders import TypedOrders
 from skills.can_gripper import CanGripper, Tap
 from skills.gripper_database import SHIPPED, load_gripper_database
 from skills.planner import MotionPlanner
@@ -56,6 +57,7 @@ from trees.engine.tree import Tree
 if TYPE_CHECKING:
     from cell.viewing.live_server import LiveServer
     from cell.viewing.monitor import Monitor
+    from cell.viewing.page.page import OperatorPage
 
 LAYOUT = shipped("config", "foxglove_layout.json")
 
@@ -146,9 +148,18 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
             observers = (*observers, live)
         if (goals := configuration.planners.semantic.goals) is not None:
             observers = (*observers, FinishedBrackets(goals, files.product))
-        ticked = _watched(options, product, files.tree, observers, recorder, monitor) if options.watch else files.tree
+        operator = OperatorChannel(product.goals, options.attended, options.brackets or None)
+        page = _open_page(options, files, operator)
+        if page is not None:
+            stack.callback(page.abandon)
+            observers = (*observers, page)
+            console.print(f"the operator's page: {page.address}", highlight=False, soft_wrap=True)
+        if options.orders is not None:
+            TypedOrders(options.orders, operator.put, lambda: operator.questions, lambda text: console.print(text))
+        ticked = (
+            _watched(options, product, files.tree, observers, recorder, monitor, page) if options.watch else files.tree
+        )
         injection = None if options.inject is None else Injection.parse(options.inject)
-        operator = OperatorChannel(product.goals, options.brackets is not None, options.brackets or None)
         outcome = drive(
             files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator
         )
@@ -216,6 +227,15 @@ def _open_live_server(options: RunOptions, recorder: McapRecorder) -> LiveServer
     return LiveServer(recorder.context, recorder.scene, options.live_port)
 
 
+def _open_page(options: RunOptions, files: Files, operator: OperatorChannel) -> OperatorPage | None:
+    if options.page_port is None:
+        return None
+    from cell.viewing.page.page import OperatorPage
+
+    told = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
+    return OperatorPage(files.product, files.configuration.bench, told, files.tree, operator.put, options.page_port)
+
+
 def _watched(
     options: RunOptions,
     product: Product,
@@ -223,6 +243,7 @@ def _watched(
     observers: Sequence[Observer],
     recorder: McapRecorder,
     monitor: Monitor | None,
+    page: OperatorPage | None,
 ) -> WatchedTree:
     """A tree whose edits take over; the log keeps the text of each, a monitor shows it."""
 
@@ -230,6 +251,8 @@ def _watched(
         recorder.edited(tree_texts(tree), time_s)
         if monitor is not None:
             monitor.watch(tree)
+        if page is not None:
+            page.watch(tree)
 
     return WatchedTree(tree, lambda: options.load(product), options.tree, observers, swapped)
 

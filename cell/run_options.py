@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -35,6 +35,8 @@ class RunOptions:
         nodes: files and packages with further nodes.
         beside: further tree files, and folders with them, whose trees may be named.
         entries: of the main tree, set before the first tick.
+        page_port: where the operator's page is served; None for no page.
+        orders: lines that an operator types; None for no one.
         brackets: how many are made one after the other; None for one bracket, 0 for until the run is stopped.
     """
 
@@ -55,7 +57,14 @@ class RunOptions:
     nodes: tuple[str, ...] = ()
     beside: tuple[Path, ...] = ()
     entries: Mapping[str, Any] = field(default_factory=dict)
+    page_port: int | None = None
+    orders: Iterable[str] | None = None
     brackets: int | None = None
+
+    @property
+    def attended(self) -> bool:
+        """Whether somebody is there who answers questions."""
+        return self.brackets is not None or self.page_port is not None or self.orders is not None
 
     def load(self, product: Product) -> Tree:
         """The tree as it stands in its files now."""

@@ -36,6 +36,7 @@ SHIFT_TREE = own_or_shipped("trees", "shift.xml")
 BAD_INPUT, SAFE_STOP = 2, 3
 MONITOR_PORT = 1667
 LIVE_PORT = 8765
+PAGE_PORT = 8780
 
 
 def _tell_version(asked: bool) -> None:
@@ -161,6 +162,11 @@ def run(
     own_nodes: NodesOption = None,
     beside: BesideOption = None,
     entries: EntriesOption = None,
+    page: Annotated[bool, typer.Option("--page", help="Serve the operator's page, on this machine only.")] = False,
+    page_port: Annotated[int, typer.Option(min=0, max=65535, help="Port for --page; 0: any free one.")] = PAGE_PORT,
+    orders: Annotated[
+        bool, typer.Option("--orders", help="Take an operator's orders, typed line by line (docs/shift.md).")
+    ] = False,
     brackets: Annotated[
         int | None,
         typer.Option(min=0, help="A shift: so many brackets one after the other; 0: until it is stopped."),
@@ -192,6 +198,8 @@ def run(
         beside=tuple(beside or ()),
         entries=entries_of(entries),
         brackets=brackets,
+        page_port=page_port if page else None,
+        orders=sys.stdin if orders else None,
     )
     result = running.run(options, screen)
     screen.print(table("run", result.rows))

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cell.interfaces.command import Display
+from cell.interfaces.operator import Question
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 
@@ -81,6 +82,8 @@ class LiveProgress:
         table.add_row("robot", self._display.message)
         if self._display.help_request:
             table.add_row("[bold yellow]help", self._display.help_request)
+        for question in self._display.questions:
+            table.add_row("[bold yellow]asks", question_text(question))
         if self._alarm:
             table.add_row("[bold red]alarm", Text(self._alarm, style="bold red"))
         return Panel(table, title="cell", title_align="left")
@@ -95,6 +98,7 @@ class LiveProgress:
             "guidance": guidance_text(self._display.guidance),
             "robot": self._display.message,
             "help": self._display.help_request or "",
+            "asks": "; ".join(map(question_text, self._display.questions)),
         }
         for name, text in told.items():
             if text and text != self._said.get(name):
@@ -106,6 +110,12 @@ def belief_text(belief: Mapping[str, float]) -> str:
     """Goals by probability, for people."""
     ranked = sorted(belief.items(), key=lambda item: -item[1])
     return ", ".join(f"{goal} {probability:.2f}" for goal, probability in ranked)
+
+
+def question_text(question: Question) -> str:
+    """A question with its number and the answers that may be typed, for people."""
+    answers = " | ".join(answer.value for answer in question.answers)
+    return f"{question.number}: {question.reason}; {question.todo}" + (f" [{answers}]" if answers else "")
 
 
 def guidance_text(guidance: Mapping[str, tuple[str, ...]]) -> str:

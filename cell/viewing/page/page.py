@@ -1,0 +1,87 @@
+"""The observer behind the operator's page: follows the run and publishes its state while somebody looks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.operator import OperatorOrder
+from cell.interfaces.perception import Frame
+from cell.interfaces.product import Product
+from cell.observer import Level, Outcome, TickRecord
+from cell.viewing.page.server import PageServer
+from cell.viewing.page.state import PageState
+from trees.engine.tree import Tree
+
+DEFAULT_PORT = 8780
+EVERY_S = 0.1  # of wall time, between two states
+
+
+class OperatorPage:
+    """An observer that serves a page (`cell run --page`).
+
+    Args:
+        heading: what is told of the run, by name.
+        obey: takes an operator's order.
+        port: 0 for any that is free.
+
+    Raises:
+        InputError: the port is taken.
+    """
+
+    def __init__(
+        self,
+        product: Product,
+        bench: Bench,
+        heading: Mapping[str, str],
+        tree: Tree,
+        obey: Callable[[OperatorOrder], None],
+        port: int = DEFAULT_PORT,
+    ) -> None:
+        self._state = PageState(product, bench, heading, tree)
+        self._server = PageServer(port, obey)
+        self._server.still(self._state.still())
+        self._published_s = float("-inf")
+        self._last: TickRecord | None = None
+
+    @property
+    def address(self) -> str:
+        """Where an operator opens it."""
+        return self._server.address
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return self._server.port
+
+    def watch(self, tree: Tree) -> None:
+        """An edited tree has taken over."""
+        self._state.watch(tree)
+        self._server.still(self._state.still())
+
+    def frame(self, frame: Frame) -> None:
+        if frame.camera == "overhead":
+            self._server.show(frame.sequence, frame.image)
+
+    def tick(self, record: TickRecord) -> None:
+        self._state.take(record)
+        self._last = record
+        now_s = time.monotonic()
+        if now_s - self._published_s >= EVERY_S and (self._server.watched or self._published_s < 0):
+            self._published_s = now_s
+            self._server.still(self._state.still())
+            self._server.publish(self._state.now(record))
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        self._state.say(time_s, level, text)
+
+    def close(self, outcome: Outcome) -> None:
+        self._state.end(outcome)
+        if self._last is not None:
+            self._server.publish(self._state.now(self._last))
+        self._server.close()
+
+    def abandon(self) -> None:
+        """Stop serving; harmless when repeated."""
+        self._server.close()

@@ -1,0 +1,277 @@
+"""Serves the operator's page on loopback: pictures and state go out, orders come in; nobody else gets in.
+
+Starlette on uvicorn in a thread of its own. The loop hands over whole states and goes on: each client is sent the
+newest one when it has taken the one before, and a client that takes none for a while is dropped.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import secrets
+import socket
+import threading
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, cast
+
+import cv2
+import orjson
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from cell.interfaces.errors import InputError
+from cell.interfaces.observation import Image
+from cell.interfaces.operator import OperatorOrder, OrderKind
+
+STATIC = Path(__file__).parent / "static"
+LOOPBACK = "127.0.0.1"
+BODY_BYTES = 4096
+SLOW_S = 5.0  # a client that takes nothing for so long is dropped
+CLIENTS_N = 16
+JPEG_QUALITY = 75
+STOP_S = 3.0
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+class PageServer:
+    """One server for one run.
+
+    Args:
+        port: 0 for any that is free.
+        obey: takes an order; raises InputError for one that makes no sense now.
+
+    Attributes:
+        port: where it listens.
+        token: every order must carry it; only the address that the terminal prints has it.
+
+    Raises:
+        InputError: the port is taken.
+    """
+
+    def __init__(self, port: int, obey: Callable[[OperatorOrder], None]) -> None:
+        self._obey = obey
+        self.token = secrets.token_urlsafe(24)
+        self._still = self._state = b"{}"
+        self._number = 0
+        self._image: tuple[int, Image] | None = None
+        self._jpeg: tuple[int, bytes] = (-1, b"")
+        self._news: set[asyncio.Event] = set()
+        self._closing = False
+        self._socket = _listening(port)
+        self.port: int = self._socket.getsockname()[1]
+        self._hosts = {f"{name}:{self.port}" for name in (LOOPBACK, "localhost")}
+        routes = [
+            Route("/", self._page),
+            Route("/events", self._events),
+            Route("/camera.jpg", self._camera),
+            Route("/order", self._order, methods=["POST"]),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ]
+        app = _Gate(Starlette(routes=routes), self._hosts)
+        config = uvicorn.Config(
+            app, log_level="critical", lifespan="off", access_log=False, timeout_graceful_shutdown=1
+        )
+        self._server = uvicorn.Server(config)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread = threading.Thread(target=self._serve, name="operator's page", daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """Where an operator opens it; the token stands behind #, which browsers send to nobody."""
+        return f"http://{LOOPBACK}:{self.port}/#{self.token}"
+
+    @property
+    def watched(self) -> bool:
+        """Whether anybody looks."""
+        return bool(self._news)
+
+    def publish(self, state: dict[str, Any]) -> None:
+        """A new state for every client; returns at once."""
+        self._state, self._number = orjson.dumps(state, option=orjson.OPT_NON_STR_KEYS), self._number + 1
+        loop = self._loop
+        if loop is not None and not self._closing:
+            try:
+                loop.call_soon_threadsafe(self._tell)
+            except RuntimeError:
+                return  # the server has just ended
+
+    def still(self, values: dict[str, Any]) -> None:
+        """What a newcomer is told first."""
+        self._still = orjson.dumps(values, option=orjson.OPT_NON_STR_KEYS)
+
+    def show(self, sequence: int, image: Image) -> None:
+        """The newest camera image; encoded when somebody asks for it."""
+        self._image = sequence, image
+
+    def close(self) -> None:
+        """Tell clients that it is over, and end; harmless when repeated."""
+        if self._closing:
+            return
+        self._closing = True
+        if self._loop is not None and self._loop.is_running():
+            self._loop.call_soon_threadsafe(self._tell)
+        self._server.should_exit = True
+        self._thread.join(STOP_S)
+        self._socket.close()
+
+    def _serve(self) -> None:
+        with asyncio.Runner() as runner:
+            self._loop = runner.get_loop()
+            runner.run(self._server.serve(sockets=[self._socket]))
+
+    def _tell(self) -> None:
+        for news in self._news:
+            news.set()
+
+    async def _page(self, _: Request) -> Response:
+        return Response((STATIC / "page.html").read_bytes(), media_type="text/html")
+
+    async def _camera(self, _: Request) -> Response:
+        image = self._image
+        if image is None:
+            return Response(status_code=204)
+        if self._jpeg[0] != image[0]:
+            self._jpeg = image[0], await asyncio.to_thread(_encoded, image[1])
+        return Response(self._jpeg[1], media_type="image/jpeg", headers={"Cache-Control": "no-store"})
+
+    async def _events(self, _: Request) -> Response:
+        if len(self._news) >= CLIENTS_N:
+            return PlainTextResponse("too many pages look already", 503)
+        return _Events(self)
+
+    async def _order(self, request: Request) -> Response:
+        token = request.headers.get("x-cell-token", "")
+        if not hmac.compare_digest(token.encode(), self.token.encode()):
+            return PlainTextResponse("this page may look, and say nothing: open the address that cell run printed", 401)
+        if request.headers.get("content-type", "").partition(";")[0] != "application/json":
+            return PlainTextResponse("an order is JSON", 415)
+        body = b""
+        async for piece in request.stream():
+            body += piece
+            if len(body) > BODY_BYTES:
+                return PlainTextResponse("an order is short", 413)
+        try:
+            order = _order_of(json.loads(body))
+        except (ValueError, TypeError, RecursionError) as error:
+            return PlainTextResponse(f"this is no order: {error}", 400)
+        try:
+            self._obey(order)
+        except InputError as error:
+            return PlainTextResponse(str(error), 409)
+        return Response(status_code=204)
+
+
+class _Events(Response):
+    """Server-sent events for one client: what stands still, then the newest state each time that it took the last."""
+
+    def __init__(self, server: PageServer) -> None:
+        super().__init__()
+        self._server = server
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002
+        server, news = self._server, asyncio.Event()
+        news.set()
+        headers = [(b"content-type", b"text/event-stream"), (b"cache-control", b"no-store")]
+        gone = asyncio.ensure_future(_gone(receive))
+        server._news.add(news)
+        try:
+            await send({"type": "http.response.start", "status": 200, "headers": headers})
+            await self._tell(send, b"still", server._still)
+            told = -1
+            while not gone.done() and not (server._closing and told == server._number):
+                if told != server._number:
+                    told = server._number
+                    await self._tell(send, b"state", server._state)
+                news.clear()
+                if told == server._number and not server._closing:
+                    await asyncio.wait({gone, asyncio.ensure_future(news.wait())}, return_when="FIRST_COMPLETED")
+            await send({"type": "http.response.body", "body": b"", "more_body": False})
+        except TimeoutError:
+            return  # too slow: the connection ends, and the page connects anew
+        finally:
+            gone.cancel()
+            server._news.discard(news)
+
+    async def _tell(self, send: Send, name: bytes, data: bytes) -> None:
+        body = b"event: " + name + b"\ndata: " + data + b"\n\n"
+        await asyncio.wait_for(_sent(send, body), SLOW_S)
+
+
+class _Gate:
+    """Lets in who asks for this very machine: other names and other pages' requests are refused."""
+
+    def __init__(self, app: ASGIApp, hosts: set[str]) -> None:
+        self._app, self._hosts = app, hosts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            return
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        origin = headers.get("origin")
+        if headers.get("host") not in self._hosts:
+            await PlainTextResponse("unknown host", 403)(scope, receive, send)
+        elif origin is not None and origin not in {f"http://{host}" for host in self._hosts}:
+            await PlainTextResponse("foreign origin", 403)(scope, receive, send)
+        else:
+            await self._app(scope, receive, _with_headers(send))
+
+
+def _with_headers(send: Send) -> Callable[[Any], Awaitable[None]]:
+    async def sending(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            extra = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+            message = {**message, "headers": [*message.get("headers", ()), *extra]}
+        await send(message)
+
+    return sending
+
+
+async def _gone(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _sent(send: Send, body: bytes) -> None:
+    await send({"type": "http.response.body", "body": body, "more_body": True})
+
+
+def _encoded(image: Image) -> bytes:
+    return cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+
+
+def _order_of(read: object) -> OperatorOrder:
+    """An order from JSON; ValueError says what is wrong with it."""
+    if not isinstance(read, dict) or not set(read) <= {"kind", "value", "question"}:
+        raise ValueError("it has kind, value and question, and nothing else")
+    kind, value, question = read.get("kind"), read.get("value", ""), read.get("question")
+    if not isinstance(kind, str) or not isinstance(value, str):
+        raise ValueError("kind and value are text")
+    if question is not None and (not isinstance(question, int) or isinstance(question, bool)):
+        raise ValueError("a question is a number")
+    return OperatorOrder(cast(OrderKind, kind), value, question)  # the channel refuses other kinds
+
+
+def _listening(port: int) -> socket.socket:
+    listening = socket.socket()
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((LOOPBACK, port))
+        listening.listen(32)
+    except OSError as error:
+        listening.close()
+        problem = f"port {port} cannot be used for the page: {error.strerror}; choose another by --page-port"
+        raise InputError(problem) from None
+    return listening

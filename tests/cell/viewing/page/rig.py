@@ -1,0 +1,119 @@
+"""A page of a run that a test moves on by hand."""
+
+from __future__ import annotations
+
+import http.client
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cell.interfaces.command import Command, Display
+from cell.interfaces.journal import Topic
+from cell.interfaces.judgement import Judgement
+from cell.interfaces.observation import Observation
+from cell.interfaces.operator import Answer, OperatorOrder, Question
+from cell.interfaces.perception import Action, BenchView, Frame, HandSample
+from cell.interfaces.planning import UNKNOWN_GOAL
+from cell.interfaces.pose import Pose
+from cell.observer import SentCommand, TickRecord
+from cell.running.node_library import node_registry
+from cell.running.operator import OperatorChannel
+from cell.viewing.page.page import OperatorPage
+from tests import ROOT
+from tests.trees.nodes.rig import BENCH, EMPTY_GRIPPER, EMPTY_HOLES, PRODUCT, STANDING
+from trees.files.loader import load_tree
+
+BELIEF = {"g0": 0.1, "g1": 0.85, "g2": 0.03, UNKNOWN_GOAL: 0.02}
+GUIDANCE = {"o1": ("p2", "p4"), "o2": ("p1", "p3"), "o3": ("p5",)}
+HELP = Question(
+    1,
+    "help",
+    "there is no safety valve (o3) in the tray",
+    "there is no safety valve (o3) in the tray (3 times)",
+    "put one into the tray with room around it, or place it yourself",
+    "o3",
+    (Answer("done", "done, look again"), Answer("placed", "I place it myself")),
+)
+WHICH = Question(
+    2,
+    "goal",
+    "I am not sure that this is g1",
+    "",
+    "say which one you build",
+    "",
+    (
+        Answer("g1", "g1 (85%)", PRODUCT.goal_placements("g1")),
+        Answer("g0", "g0 (10%)", PRODUCT.goal_placements("g0")),
+        Answer(UNKNOWN_GOAL, "a new one"),
+    ),
+)
+
+
+class PageRig:
+    """A channel, a page, and a run of as many ticks as a test makes.
+
+    Attributes:
+        said: every order that the cell took, in order.
+    """
+
+    def __init__(self) -> None:
+        self.channel = OperatorChannel(PRODUCT.goals, present=True, brackets=5)
+        self.said: list[OperatorOrder] = []
+        self.tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
+        told = {"product": PRODUCT.name, "tree": "shift.xml", "seed": "1"}
+        self.page = OperatorPage(PRODUCT, BENCH, told, self.tree, self._obey, port=0)
+        self._ticks = 0
+        self.display = Display(GUIDANCE, BELIEF, "moving to look")
+        self.judgement = Judgement()
+        hand = HandSample(0.0, (200, 120, 290, 230), (0.7, 0.1), (0.8, 0.1), "o1")
+        self.view = BenchView(0, 0.0, hand, EMPTY_HOLES, Action("screw", 0.9))
+
+    def _obey(self, order: OperatorOrder) -> None:
+        self.channel.put(order)
+        self.said.append(order)
+
+    def show(self, **changes: Any) -> None:
+        """Change what the cell shows from the next tick on."""
+        self.display = replace(self.display, **changes)
+        self.channel.shown(self.display)
+
+    def tick(self, *notes: tuple[Topic, dict[str, object]]) -> None:
+        """One more tick, with a frame."""
+        number, time_s = self._ticks, 0.04 * self._ticks
+        self._ticks += 1
+        rng = np.random.default_rng(number)
+        image = np.full((BENCH.overhead.height_px, BENCH.overhead.width_px, 3), 70, np.uint8)
+        image[::8] = rng.integers(60, 200, 3)
+        self.page.frame(Frame("overhead", number, time_s, image, Pose((0.0, 0.0, 1.0))))
+        seen = Observation(number, time_s, STANDING, EMPTY_GRIPPER, replace(self.view, sequence=number, time_s=time_s))
+        seen = replace(seen, operator=self.channel.take(time_s))
+        command = Command(display=self.display)
+        self.page.tick(
+            TickRecord(seen, "RUNNING", (), notes, command, SentCommand(), 0.001, False, None, self.judgement)
+        )
+
+    def request(
+        self, method: str, path: str, body: bytes | None = None, headers: Mapping[str, str] | None = None
+    ) -> tuple[int, str]:
+        """Status and text of one request, with just these headers beside Host."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.page.port, timeout=10)
+        try:
+            connection.request(method, path, body, dict(headers or {}))
+            answer = connection.getresponse()
+            return answer.status, answer.read().decode("utf-8", "replace")
+        finally:
+            connection.close()
+
+    def order(self, value: object, **headers: str) -> tuple[int, str]:
+        """Post an order as the page does; headers may be changed."""
+        sent = {"Content-Type": "application/json", "X-Cell-Token": self.token}
+        sent |= {name.replace("_", "-"): text for name, text in headers.items()}
+        body = value if isinstance(value, bytes) else json.dumps(value).encode()
+        return self.request("POST", "/order", body, sent)
+
+    @property
+    def token(self) -> str:
+        return self.page.address.partition("#")[2]

@@ -1,0 +1,155 @@
+"""Who may say something to the cell by its page, and who may not; what a slow client costs."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from cell.interfaces.errors import InputError
+from cell.interfaces.operator import OperatorOrder
+from cell.viewing.page import server
+from cell.viewing.page.page import OperatorPage
+from tests.cell.viewing.page.rig import HELP, PageRig
+
+PAUSE = {"kind": "pause", "value": "now"}
+
+
+@pytest.fixture
+def rig() -> Iterator[PageRig]:
+    made = PageRig()
+    yield made
+    made.page.abandon()
+
+
+def test_an_order_with_the_token_reaches_the_cell(rig: PageRig) -> None:
+    assert rig.order(PAUSE) == (204, "")
+    assert rig.said == [OperatorOrder("pause", "now")]
+    assert rig.channel.take(1.0).pause == "now"
+
+
+@pytest.mark.parametrize(
+    ("body", "headers", "status"),
+    [
+        (PAUSE, {"X_Cell_Token": ""}, 401),
+        (PAUSE, {"X_Cell_Token": "x" * 32}, 401),
+        (PAUSE, {"X_Cell_Token": "ü"}, 401),
+        (PAUSE, {"Host": "evil.example"}, 403),
+        (PAUSE, {"Host": "127.0.0.1"}, 403),
+        (PAUSE, {"Origin": "http://evil.example"}, 403),
+        (PAUSE, {"Origin": "null"}, 403),
+        (PAUSE, {"Content_Type": "text/plain"}, 415),
+        (b"{" + b" " * 5000 + b"}", {}, 413),
+        (b"not JSON", {}, 400),
+        (b"[" * 4000, {}, 400),
+        (b"\xff\xfe", {}, 400),
+        ([], {}, 400),
+        ({"kind": 3}, {}, 400),
+        ({"kind": "pause", "value": ["now"]}, {}, 400),
+        ({"kind": "answer", "value": "done", "question": True}, {}, 400),
+        ({"kind": "pause", "value": "now", "more": 1}, {}, 400),
+        ({"kind": "dance"}, {}, 409),
+        ({"kind": "answer", "value": "done", "question": 9}, {}, 409),
+    ],
+)
+def test_everything_else_is_refused_and_changes_nothing(
+    rig: PageRig, body: object, headers: dict[str, str], status: int
+) -> None:
+    assert rig.order(body, **headers)[0] == status
+    assert rig.said == []
+
+
+@pytest.mark.parametrize("method", ["GET", "PUT", "DELETE", "OPTIONS"])
+def test_orders_are_posted(rig: PageRig, method: str) -> None:
+    assert rig.request(method, "/order", None, {"X-Cell-Token": rig.token})[0] == 405
+
+
+@pytest.mark.parametrize(
+    "path", ["/static/../server.py", "/static/%2e%2e/server.py", "/etc/passwd", "/static/nothing.js"]
+)
+def test_no_other_file_is_served(rig: PageRig, path: str) -> None:
+    assert rig.request("GET", path)[0] == 404
+
+
+def test_looking_needs_this_machine_by_name(rig: PageRig) -> None:
+    assert rig.request("GET", "/")[0] == 200
+    assert rig.request("GET", "/", headers={"Host": "cell.example"})[0] == 403
+    assert rig.request("GET", "/events", headers={"Origin": "http://cell.example"})[0] == 403
+
+
+def test_the_page_may_load_nothing_from_elsewhere_nor_be_framed(rig: PageRig) -> None:
+    text = rig.request("GET", "/")[1]
+    assert "http" not in text.replace("<!doctype html>", "")
+    assert rig.token not in text
+
+
+def stream(rig: PageRig, receive_bytes: int | None = None) -> socket.socket:
+    """A client that has asked for the events."""
+    made = socket.socket()
+    if receive_bytes is not None:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)
+    made.settimeout(10)
+    made.connect(("127.0.0.1", rig.page.port))
+    made.sendall(f"GET /events HTTP/1.1\r\nHost: 127.0.0.1:{rig.page.port}\r\n\r\n".encode())
+    return made
+
+
+def read_until(client: socket.socket, mark: bytes) -> bytes:
+    read = b""
+    while mark not in read:
+        piece = client.recv(65536)
+        assert piece, read[-200:]
+        read += piece
+    return read
+
+
+def test_a_client_is_told_what_stands_still_and_every_newest_state(rig: PageRig) -> None:
+    rig.show(questions=(HELP,))
+    rig.tick()
+    with stream(rig) as client:
+        read = read_until(client, b'"tick":0')
+        assert b"event: still" in read
+        assert HELP.reason.encode() in read + read_until(client, b"\n\n") if b"\n\n" not in read[-4:] else True
+        time.sleep(0.12)
+        rig.tick()
+        read_until(client, b'"tick":1')
+
+
+def test_slow_clients_are_dropped_and_ticks_go_on(rig: PageRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "SLOW_S", 0.3)
+    monkeypatch.setattr("cell.viewing.page.page.EVERY_S", 0.0)
+    rig.show(message="x" * 200_000)  # so that buffers fill
+    rig.tick()
+    clients = [stream(rig, 2048) for _ in range(5)]
+    until_s = time.monotonic() + 5
+    while not rig.page._server.watched and time.monotonic() < until_s:
+        time.sleep(0.01)
+    worst_s = 0.0
+    while rig.page._server.watched and time.monotonic() < until_s + 10:
+        began_s = time.thread_time()
+        rig.tick()
+        worst_s = max(worst_s, time.thread_time() - began_s)
+        time.sleep(0.02)
+    assert not rig.page._server.watched
+    assert worst_s < 0.04
+    for client in clients:
+        client.close()
+
+
+def test_a_port_that_is_taken_is_told(rig: PageRig) -> None:
+    taken = rig.page.port
+    from tests.trees.nodes.rig import BENCH, PRODUCT
+
+    with pytest.raises(InputError, match="--page-port"):
+        OperatorPage(PRODUCT, BENCH, {}, rig.tree, rig.channel.put, taken)
+
+
+def test_states_are_small(rig: PageRig) -> None:
+    for number in range(300):
+        rig.page.message(float(number), "info", "something was said that is not very long")
+        rig.tick(("belief", {"edge": ["o1", "p1"], "source": "action"}))
+    assert len(rig.page._server._state) < 20_000
+    assert json.loads(rig.page._server._state)["bracket"][0]["placed"] is True

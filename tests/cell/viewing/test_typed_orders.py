@@ -1,0 +1,51 @@
+"""What an operator types is the same as what the page says."""
+
+from __future__ import annotations
+
+import pytest
+
+from cell.interfaces.errors import InputError
+from cell.interfaces.operator import OperatorOrder, Question
+from cell.interfaces.planning import UNKNOWN_GOAL
+from cell.viewing.typed_orders import TypedOrders, order_of
+from tests.cell.viewing.page.rig import HELP, WHICH
+
+
+@pytest.mark.parametrize(
+    ("line", "order"),
+    [
+        ("pause\n", OperatorOrder("pause", "now")),
+        ("pause after part", OperatorOrder("pause", "after part")),
+        ("resume", OperatorOrder("resume")),
+        ("goal g1", OperatorOrder("goal", "g1")),
+        ("goal new", OperatorOrder("goal", UNKNOWN_GOAL)),
+        ("place o3", OperatorOrder("place", "o3")),
+        ("ack", OperatorOrder("acknowledge")),
+        ("finish", OperatorOrder("finish")),
+        ("Stop", OperatorOrder("stop")),
+        ("1 done", OperatorOrder("answer", "done", 1)),
+        ("done", OperatorOrder("answer", "done", 1)),
+        ("new", OperatorOrder("answer", UNKNOWN_GOAL, 2)),
+        ("2 g0", OperatorOrder("answer", "g0", 2)),
+        ("7 g0", OperatorOrder("answer", "g0", 7)),
+    ],
+)
+def test_lines_are_orders(line: str, order: OperatorOrder) -> None:
+    assert order_of(line, (HELP, WHICH)) == order
+
+
+@pytest.mark.parametrize("line", ["dance", "done", "stop now", "resume 3"])
+def test_others_are_told_what_there_is(line: str) -> None:
+    questions: tuple[Question, ...] = ()
+    with pytest.raises(InputError, match="there are acknowledge, answer"):
+        order_of(line, questions)
+
+
+def test_a_wrong_line_is_answered_and_the_next_one_obeyed() -> None:
+    taken: list[OperatorOrder] = []
+    said: list[str] = []
+    typed = TypedOrders((), taken.append, lambda: (), said.append)
+    for line in ("dance", "resume"):
+        typed.take(line)
+    assert taken == [OperatorOrder("resume")]
+    assert "no order 'dance'" in said[0]

@@ -34,9 +34,10 @@ class TickRecord:
         notes: what nodes reported, in order.
         command: what the nodes asked for.
         wall_s: how long observe, tick and act took on this machine.
-        overrun: that was longer than the period.
+        overrun: that was longer than the period, together with `observers_s`.
         joints: what the arm measured since the tick before, at its own rate.
         judgement: what the supervisor allowed; None in tests that have none.
+        observers_s: how long the observers took over the tick before.
     """
 
     observation: Observation
@@ -49,6 +50,7 @@ class TickRecord:
     overrun: bool
     joints: JointSamples | None = None
     judgement: Judgement | None = None
+    observers_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,11 @@ import importlib
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console
 
 from cell.configuration import (
@@ -24,8 +25,9 @@ from cell.configuration import (
 from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices
-from cell.interfaces.errors import SettingError
+from cell.interfaces.errors import LogError, SettingError
 from cell.interfaces.files import shipped
+from cell.interfaces.observation import Observation
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from cell.observer import Level, Observer, Outcome
@@ -38,6 +40,7 @@ from cell.running.brackets import BracketTally
 from cell.running.controller import Controller
 from cell.running.detectors import check_detectors, lock_step, worker_processes
 from cell.running.finished import FinishedBrackets
+from cell.running.fluency import Fluency
 from cell.running.injection import Injection, Injections
 from cell.running.node_library import node_registry
 from cell.running.operator import OperatorChannel
@@ -45,7 +48,7 @@ from cell.running.reload import WatchedTree
 from cell.running.services import TickClock, load_planners, make_services
 from cell.running.statistics import RunStatistics
 from cell.running.supervisor import make_supervisor
-from cell.viewing.contact_sheet import ContactSheet
+from cell.viewing.moments import Moments
 from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from cell.viewing.typed_orders import TypedOrders
@@ -86,6 +89,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
     configuration = simulated(load_configuration(options.configuration), options.look, options.person)
     if options.brackets is not None:
         configuration = for_shift(configuration, options.brackets)
+    configuration = options.adjusted(configuration)
     if options.inject is not None:
         Injection.parse(options.inject)
     with located(options.configuration, configuration):
@@ -125,19 +129,20 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
 
         def result() -> Mapping[str, object]:
             shift = tally.report([*devices.finished(), devices.report()])
-            return {**devices.report(), **statistics.report(), **shift, "last_failure": str(statistics.cause)}
+            counted = {**statistics.report(), **fluency.report(), **shift}
+            return {**devices.report(), **counted, "last_failure": str(statistics.cause)}
 
-        recorder = McapRecorder(
-            log, configuration.log, heading(options, files), model, alarm, blackboard, truth, result
-        )
+        told, in_step = heading(options, files), options.pace == "fast"
+        recorder = McapRecorder(log, configuration.log, told, model, alarm, blackboard, truth, result, in_step)
         stack.callback(recorder.abandon)
         live = _open_live_server(options, recorder)
         if live is not None:
             stack.callback(live.abandon)
             console.print(f"live: ws://127.0.0.1:{live.port} (layout: {LAYOUT})", highlight=False)
-        statistics, tally, sheet = RunStatistics(), BracketTally(), ContactSheet(log.with_suffix(".png"))
+        statistics, tally, moments = RunStatistics(), BracketTally(), Moments()
+        fluency = Fluency(lambda seen: _tool_on_bench_m(motion, seen))
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
-        observers: tuple[Observer, ...] = (recorder, progress, sheet, statistics, tally)
+        observers: tuple[Observer, ...] = (recorder, progress, moments, statistics, tally, fluency)
         monitor = _open_monitor(
             options, files.tree, lambda kind, body: recorder.hooked(kind, body, devices.clock.now_s())
         )
@@ -163,7 +168,8 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
         outcome = drive(
             files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator
         )
-        summary = summary_of(options, files, outcome, statistics, tally, devices, recorder, sheet.path)
+        sheet, outcome = _sheet(options, log, recorder, moments, outcome)
+        summary = summary_of(options, files, outcome, statistics, fluency, tally, devices, recorder, sheet)
         return RunResult(outcome, summary, run_summary(summary, product, configuration.controller.tick_hz))
 
 
@@ -209,6 +215,27 @@ def drive(
         )
         tree.setup(services, TickClock(services))
         return controller.run(tree, services)
+
+
+def _tool_on_bench_m(motion: MotionPlanner, seen: Observation) -> tuple[float, float]:
+    """Where the tool is above the bench, (x, y)."""
+    x, y, _ = motion.kinematics.forward(np.array(seen.arm.positions_rad)).position_m
+    return x, y
+
+
+def _sheet(
+    options: RunOptions, log: Path, recorder: McapRecorder, moments: Moments, outcome: Outcome
+) -> tuple[str, Outcome]:
+    """The contact sheet beside the log, empty where there is none; what went wrong is told beside the outcome."""
+    from cell.log.telling.contact_sheet import write_sheet  # only now: a run begins without it
+
+    sheet = log.with_suffix(".png")
+    try:
+        made = options.images and write_sheet(recorder.path, moments, outcome.reason, sheet)
+    except (LogError, OSError) as error:
+        problem = f"no contact sheet: {error}"
+        return "", replace(outcome, observer_problems=(*outcome.observer_problems, problem))
+    return str(sheet) if made else "", outcome
 
 
 def _open_monitor(options: RunOptions, tree: Tree, hooked: Callable[[str, Any], None]) -> Monitor | None:

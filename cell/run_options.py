@@ -16,6 +16,7 @@ from trees.engine.tree import Tree
 from trees.files.loader import load_tree
 
 Pace = Literal["fast", "real"]
+WITHOUT_PIXELS = "cell.evaluating.bare_host:open_bare_cell"
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,10 @@ class RunOptions:
         entries: of the main tree, set before the first tick.
         page_port: where the operator's page is served; None for no page.
         orders: lines that an operator types; None for no one.
+        max_duration_s: the run ends by itself after so long; None for the configuration's.
+        images: keep images and joint samples in the log, and make a contact sheet.
+        pixels: render what the cameras see; without, a simulated cell's hands, holes and parts come from the truth.
+        one_process: simulate, render and detect in this process, as where many runs go on side by side.
         brackets: how many are made one after the other; None for one bracket, 0 for until the run is stopped.
     """
 
@@ -60,6 +65,24 @@ class RunOptions:
     page_port: int | None = None
     orders: Iterable[str] | None = None
     brackets: int | None = None
+    max_duration_s: float | None = None
+    images: bool = True
+    pixels: bool = True
+    one_process: bool = False
+
+    def adjusted(self, configuration: Configuration) -> Configuration:
+        """The configuration as this run is to have it: how long at most, what its log keeps, how it is simulated."""
+        controller, log, devices = configuration.controller, configuration.log, configuration.devices
+        if self.max_duration_s is not None:
+            controller = controller.model_copy(update={"max_duration_s": self.max_duration_s})
+        if not self.images:
+            log = log.model_copy(update={"camera_frames": False, "joint_samples": False})
+        if self.one_process:
+            simulation = devices.simulation.model_copy(update={"overlap": False})
+            devices = devices.model_copy(update={"simulation": simulation})
+        if not self.pixels:
+            devices = devices.model_copy(update={"factory": WITHOUT_PIXELS})
+        return configuration.model_copy(update={"controller": controller, "log": log, "devices": devices})
 
     @property
     def attended(self) -> bool:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import resource
-from pathlib import Path
 
 from cell.interfaces.devices import Devices
 from cell.observer import Outcome
 from cell.recording.recorder import McapRecorder
 from cell.run_options import Files, RunOptions
 from cell.running.brackets import BracketTally
+from cell.running.fluency import Fluency
 from cell.running.statistics import RunStatistics
 
 
@@ -18,10 +18,11 @@ def summary_of(
     files: Files,
     outcome: Outcome,
     statistics: RunStatistics,
+    fluency: Fluency,
     tally: BracketTally,
     devices: Devices,
     recorder: McapRecorder,
-    sheet: Path,
+    sheet: str,
 ) -> dict[str, object]:
     """Everything that is told of a run; of a shift bracket by bracket."""
     speed = outcome.sim_time_s / outcome.wall_time_s if outcome.wall_time_s > 0 else 0.0
@@ -34,6 +35,7 @@ def summary_of(
         "observer_problems": list(outcome.observer_problems),
         **devices.report(),
         **statistics.report(),
+        **fluency.report(),
         **tally.report([*devices.finished(), devices.report()]),
         "ticks": outcome.ticks,
         "overruns": outcome.overruns,
@@ -47,5 +49,5 @@ def summary_of(
         "log_parts": recorder.parts,
         "log_complete": recorder.complete,
         "log_shortfall": recorder.shortfall,
-        "contact_sheet": str(sheet),
+        "contact_sheet": sheet,
     }

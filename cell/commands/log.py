@@ -161,6 +161,76 @@ def export_log(
         say(f"{target}: {count} {what}")
 
 
+@log_app.command("list")
+def list_runs(
+    folder: Annotated[Path, typer.Argument(help="Folder with logs.")] = Path("runs"),
+    where: Annotated[str | None, typer.Option(help='SQL condition, as "correct = false and seed < 10".')] = None,
+    sql: Annotated[str | None, typer.Option(help="A whole question in SQL about the table `runs`.")] = None,
+    failures: Annotated[bool, typer.Option("--failures", help="Why trees failed: by leaf, with an example.")] = False,
+    statistics: Annotated[
+        str | None, typer.Option(help="Shares and means with their 95 % intervals, by a column, as tree or goal.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List the runs of a folder, search them by SQL, or count why they failed; needs cell[fleet]."""
+    import sys
+
+    from cell.fleet import index
+    from cell.fleet.summary import summary_lines
+
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is no folder")
+    for problem in index.refresh(folder):
+        sys.stderr.write(f"cell: left out: {problem}\n")
+    asked = sql or (index.FAILURES if failures else index.listing(where))
+    if statistics is not None:
+        asked = f"select * from runs {f'where {where}' if where else ''}"
+    names, rows = index.ask(folder, asked)
+    if statistics is not None:
+        say(*summary_lines([dict(zip(names, row, strict=True)) for row in rows], statistics))
+    elif as_json:
+        for row in rows:
+            tell_json({name: _plain(value) for name, value in zip(names, row, strict=True)})
+    else:
+        _tell_table(names, rows)
+
+
+def _plain(value: object) -> object:
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+
+
+def _tell_table(names: list[str], rows: list[tuple[object, ...]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*names)
+    for row in rows:
+        table.add_row(*("" if value is None else str(value) for value in row))
+    screen = Console()
+    screen.print(table if screen.is_terminal else "\n".join("\t".join(map(str, row)) for row in [names, *rows]))
+
+
+@log_app.command()
+def sheet(
+    log: LogArgument,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file; beside the log by default.")] = None,
+) -> None:
+    """Make the contact sheet of a run from its log."""
+    from cell.log.telling.contact_sheet import write_sheet
+    from cell.viewing.moments import Moments
+
+    recorded, target, moments = read(log), out or beside(log, ".png"), Moments()
+    for tick in recorded.ticks:
+        moments.see(tick.observation, tick.notes)
+    try:
+        made = write_sheet(recorded.path, moments, recorded.outcome.get("reason", recorded.unfinished), target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
+    if not made:
+        raise InputError(f"{recorded.path}: holds no image of the overhead camera")
+    say(str(target))
+
+
 @log_app.command("to-test")
 def to_test(
     log: LogArgument,

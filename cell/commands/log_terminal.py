@@ -50,17 +50,25 @@ def tell_comparison(
     as_json: bool,
     names: tuple[str, str] = ("was", "now"),
     ticks_of_run: int | None = None,
+    altered: bool = False,
 ) -> int:
     """Say how two runs compare; returns the exit status.
 
     Args:
         ticks_of_run: how many should have been compared; None where only a piece was asked for.
+        altered: what the run saw was changed in its log.
     """
     from cell.log.telling.text import difference_lines
 
     whole = ticks_of_run is None or comparison.ticks >= ticks_of_run
+    if altered:
+        sys.stderr.write(
+            "cell: what the run saw was changed after the recording: the inputs do not match their digest\n"
+        )
     if as_json:
-        tell_json({**comparison.as_json(), "compared_of": ticks_of_run, "unfinished": unfinished})
+        tell_json(
+            {**comparison.as_json(), "compared_of": ticks_of_run, "unfinished": unfinished, "inputs_altered": altered}
+        )
     elif comparison.identical and whole:
         say(f"identical: {comparison.ticks} ticks")
     elif comparison.identical:
@@ -74,7 +82,7 @@ def tell_comparison(
         if comparison.ticks_by_node:
             say("by node (ticks):")
             say(*(f"  {count:6d} {node}" for node, count in comparison.ticks_by_node.most_common(SHOWN_NODES)))
-    return 0 if comparison.identical and whole else DIFFERS
+    return 0 if comparison.identical and whole and not altered else DIFFERS
 
 
 def tell_entries(entries: Iterable[Mapping[str, Any]], as_json: bool, text: Callable[[Mapping[str, Any]], str]) -> None:

@@ -13,6 +13,7 @@ import typer
 
 from cell.commands.calibrate import calibrate
 from cell.commands.entries import entries_of
+from cell.commands.fleet import compare, sweep
 from cell.commands.goals import goals_app
 from cell.commands.hands import hands_app
 from cell.commands.init import init
@@ -65,6 +66,8 @@ app.command()(replay)
 app.command()(report)
 app.command()(schema)
 app.command()(see)
+app.command()(sweep)
+app.command()(compare)
 
 
 @app.callback()
@@ -202,10 +205,25 @@ def run(
         orders=sys.stdin if orders else None,
     )
     result = running.run(options, screen)
+    _list_run(Path(str(result.summary["log"])))
     screen.print(table("run", result.rows))
     if as_json:
         print_json(result.summary)
     return result.outcome.exit_status
+
+
+def _list_run(log: Path) -> None:
+    """The run has its row in the table beside its log, where the packages for that are installed."""
+    from importlib.util import find_spec
+
+    if find_spec("pyarrow") is None:
+        return
+    from cell.fleet.index import add_run
+
+    try:
+        add_run(log)
+    except CellError as error:
+        sys.stderr.write(f"cell: no row in the table of runs: {error}\n")
 
 
 @app.command()

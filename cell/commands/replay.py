@@ -42,9 +42,8 @@ def replay(
     comparison = again.run(from_s, until_s, _shower(recorded, frames) if step else lambda _: None)
     sys.stderr.writelines(f"cell: {recorded.path}: {remark}\n" for remark in again.remarks)
     piece = step or from_s > 0 or until_s < float("inf")
-    return tell_comparison(
-        comparison, recorded.unfinished, as_json, ticks_of_run=None if piece else recorded.ticks_of_run
-    )
+    of = None if piece else recorded.ticks_of_run
+    return tell_comparison(comparison, recorded.unfinished, as_json, ticks_of_run=of, altered=recorded.altered)
 
 
 def _weights(options: Iterable[str]) -> dict[str, Path]:

@@ -6,12 +6,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
+from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
 from cell.interfaces.perception import Frame, PartsView
+from cell.interfaces.product import Product
 from cell.running.detectors import Detectors, bench_watcher
 from learned.bench_watcher import DetectorChain
 from sim.bare_sight import BareSight
 from sim.cell import SimCell
+from sim.settings import SimSettings
 
 Answer = TypeVar("Answer")
 
@@ -40,6 +43,14 @@ class BareHost:
 
     def _find(self, frame: Frame) -> PartsView:
         return PartsView(frame.sequence, frame.time_s, self._sight.detect(frame))
+
+
+def open_bare_cell(
+    product: Product, bench: Bench, settings: SimSettings, can_interface: str, can_channel: str, seed: int, goal: str
+) -> Devices:
+    """A factory of devices like `sim.cell:open_cell`, of a cell that renders nothing."""
+    cell = SimCell(product, bench, settings, can_interface, can_channel, seed, goal, rendered=False)
+    return without_pixels(cell)
 
 
 def without_pixels(cell: SimCell) -> Devices:

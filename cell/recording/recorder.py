@@ -17,13 +17,14 @@ from cell.interfaces.observation import NOBODY, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.interfaces.truth import TruthEvent
 from cell.observer import Level, Outcome, TickRecord
-from cell.recording import joint_samples
+from cell.recording import digest, joint_samples
 from cell.recording.file import Heading as Heading  # who opens a recorder needs it
 from cell.recording.images import ImageEncoder
+from cell.recording.json_schema import without_nulls
 from cell.recording.rotation import LogFiles
 from cell.recording.scene import CAMERAS, CellModel, SceneLog
 from cell.recording.scene_frames import timestamp
-from cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, plain, schema, tick_json
+from cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, judged, plain, schema, tick_json
 from cell.recording.snapshot import Snapshot
 from skills.can_gripper import CanFrame
 
@@ -58,10 +59,13 @@ class McapRecorder:
         blackboard: Callable[[], Mapping[str, object]] = dict,
         truth: Callable[[], Sequence[TruthEvent]] = tuple,
         result: Callable[[], Mapping[str, object]] = dict,
+        in_step: bool = True,
     ) -> None:
         """Open the file.
 
         Args:
+            in_step: time stands while a tick runs, as in simulation, so it may wait for images: the same run writes
+                the same file. Beside a real cell no tick waits.
             cell: what viewers need to show robot and bench; None for a log without frames, bodies and overlays.
             alarm: told (clock time, level, text) when the disk refuses and when it takes bytes again.
             blackboard: what the tree's blackboard holds, for the beginning of each part of a rotated log.
@@ -89,9 +93,10 @@ class McapRecorder:
         )
         self.scene = None if cell is None else SceneLog(self.context, cell)
         self._images = {camera: CompressedImageChannel(f"/camera/{camera}", context=self.context) for camera in CAMERAS}
-        self._encoder = ImageEncoder(settings.jpeg_quality)
+        self._encoder = ImageEncoder(settings.jpeg_quality, in_step)
         self._bench: BenchView | None = None
         self._parts: PartsView | None = None
+        self._digest = digest.InputDigest()
         self._snapshot = Snapshot(blackboard)
         self._truth = truth
         self._can: list[CanFrame] = []
@@ -144,12 +149,12 @@ class McapRecorder:
         self._write_collected(self._encoder.take())
         self._observe(observation, stamp_ns)
         if record.judgement is not None:
-            self._write("/judgement", stamp_ns, {"tick": tick, **plain(record.judgement)})
+            self._write("/judgement", stamp_ns, {"tick": tick, **judged(record.judgement)})
         self._json["/tick"].log(tick_json(tick, record.status, record.changes), log_time=stamp_ns)
         for topic, fields in record.notes:
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
         self._command(stamp_ns, record)
-        self._write("/timing", stamp_ns, {"tick": tick, "wall_s": record.wall_s, "overrun": record.overrun})
+        self._write("/timing", stamp_ns, self._took(record))
         if record.joints is not None and len(record.joints.times_s) and self._settings.joint_samples:
             self._joints.log(joint_samples.encode(record.joints), log_time=stamp_ns)
         if self.scene is not None:
@@ -188,7 +193,8 @@ class McapRecorder:
         self._encoder.close()
         self.dropped.frames += self._encoder.failed
         fields = ("end", "reason", "condition", "ticks", "overruns", "sim_time_s", "wall_time_s")
-        self._files.note("outcome", {name: str(getattr(outcome, name)) for name in fields})
+        told = {name: str(getattr(outcome, name)) for name in fields}
+        self._files.note("outcome", {**told, digest.NAME: self._digest.text()})
         self._files.note("result", {name: json_bytes(plain(value)).decode() for name, value in self._result().items()})
         if self.dropped != Dropped():
             self._files.note("dropped", {name: str(count) for name, count in vars(self.dropped).items()})
@@ -236,10 +242,10 @@ class McapRecorder:
         """What the tick saw; answers of detectors only where they are new."""
         if seen.bench is not None and (self._bench is None or seen.bench.sequence != self._bench.sequence):
             self._bench = seen.bench
-            self._write("/bench", stamp_ns, plain(seen.bench))
+            self._saw("/bench", stamp_ns, plain(seen.bench))
         if seen.parts is not None and (self._parts is None or seen.parts.sequence != self._parts.sequence):
             self._parts = seen.parts
-            self._write("/parts", stamp_ns, plain(seen.parts))
+            self._saw("/parts", stamp_ns, plain(seen.parts))
         values = {
             "tick": seen.tick,
             "time_s": seen.time_s,
@@ -251,7 +257,12 @@ class McapRecorder:
             "work_s": seen.work_s,
             **{name: plain(value) for name in USUALLY_NOTHING if (value := getattr(seen, name)) and value != NOBODY},
         }
-        self._write("/observation", stamp_ns, values)
+        self._saw("/observation", stamp_ns, values)
+
+    def _took(self, record: TickRecord) -> dict[str, Any]:
+        """How long the tick took, and the observers of the tick before it: this one's are not over yet."""
+        times = {"wall_s": record.wall_s, "overrun": record.overrun, "observers_s": record.observers_s}
+        return {"tick": record.observation.tick, **times}
 
     def _command(self, stamp_ns: int, record: TickRecord) -> None:
         command = record.command
@@ -260,10 +271,12 @@ class McapRecorder:
         asked = asked_of_devices(command)
         if asked is None:
             return
+        as_asked = record.sent.trajectory is command.follow
         values = {
             "tick": record.observation.tick,
             **asked,
-            "sent_follow": "as asked" if record.sent.trajectory is command.follow else plain(record.sent.trajectory),
+            "sent_follow": None if as_asked else plain(record.sent.trajectory),
+            "sent_as_asked": as_asked,
             "sent_gripper": plain(record.sent.gripper),
         }
         self._write("/command", stamp_ns, values)
@@ -285,8 +298,13 @@ class McapRecorder:
             )
             self._images[frame.camera].log(image, log_time=stamp_ns)
 
-    def _write(self, topic: str, stamp_ns: int, values: dict[str, Any]) -> None:
-        self._json[topic].log(json_bytes(values), log_time=stamp_ns)
+    def _saw(self, topic: str, stamp_ns: int, values: dict[str, Any]) -> None:
+        self._digest.add(topic, self._write(topic, stamp_ns, values))
+
+    def _write(self, topic: str, stamp_ns: int, values: dict[str, Any]) -> bytes:
+        content = json_bytes(without_nulls(values))
+        self._json[topic].log(content, log_time=stamp_ns)
+        return content
 
 
 def _open(path: Path, settings: LogSettings, context: foxglove.Context, heading: Heading) -> LogFiles:

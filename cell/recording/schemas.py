@@ -13,43 +13,66 @@ from typing import Any
 import numpy as np
 import orjson
 
-from cell.interfaces.command import Command
+from cell.interfaces.command import Command, Display, GripperCommand
+from cell.interfaces.judgement import Judgement
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import BenchView, PartsView
+from cell.recording.json_schema import FLAG, INTEGER, NUMBER, OBJECT, TEXT, Schema, array, fields_of, record
 from trees.engine.node import StatusChange
 
 Convert = Callable[[Any], Any]
 
-NUMBER = {"type": "number"}
-INTEGER = {"type": "integer"}
-TEXT = {"type": "string"}
-FLAG = {"type": "boolean"}
-TEXTS = {"type": "array", "items": {"type": "string"}}
-OBJECTS = {"type": "array", "items": {"type": "object"}}  # viewers drop a topic whose lists do not say what of
-OBJECT = {"type": "object"}
+TICK = {"tick": INTEGER}
+TEXTS = array(TEXT)
+NUMBERS = array(NUMBER)
+REASON = {"type": "object", "properties": {"signal": TEXT, "words": TEXT}}
+TRAJECTORY = {"type": "object", "properties": {"times_s": NUMBERS}}  # and rows of positions_rad, one for each time
 
-_FIELDS: dict[str, dict[str, dict[str, Any]]] = {
-    "/tick": {"tick": INTEGER, "status": TEXT, "changes": OBJECTS},
-    "/judgement": {"tick": INTEGER, "action": TEXT, "share": NUMBER, "reasons": TEXTS},
-    "/timing": {"tick": INTEGER, "wall_s": NUMBER, "overrun": FLAG},
-    "/observation": {"tick": INTEGER, "time_s": NUMBER, "arm": OBJECT, "gripper": OBJECT, "bench": INTEGER},
-    "/bench": {"sequence": INTEGER, "time_s": NUMBER, "hand": OBJECT, "holes": OBJECT, "action": OBJECT},
-    "/parts": {"sequence": INTEGER, "time_s": NUMBER, "detections": OBJECTS},
-    "/command": {"tick": INTEGER, "stop_arm": FLAG, "look": FLAG, "follow": OBJECT, "gripper": OBJECT},
-    "/display": {"tick": INTEGER, "guidance": OBJECT, "goal_belief": OBJECT, "message": TEXT, "help_request": TEXT},
-    "/note/belief": {"tick": INTEGER},
-    "/note/plan": {"tick": INTEGER},
-    "/note/verdict": {"tick": INTEGER, "subject": TEXT, "decision": TEXT, "reason": TEXT},
-    "/note/help": {"tick": INTEGER, "text": TEXT},
-    "/note/file": {"tick": INTEGER, "path": TEXT, "done": TEXT},
-    "/note/message": {"tick": INTEGER, "text": TEXT, "weight": TEXT},
-    "/note/snapshot": {"tick": INTEGER, "camera": TEXT, "sequence": INTEGER, "label": TEXT},
-    "/note/bracket": {"tick": INTEGER, "number": INTEGER, "edge": TEXT},
-    "/note/skill": {"tick": INTEGER, "node": TEXT, "status": TEXT, "reason": TEXT},
-    "/edit": {"tick": INTEGER, "files": OBJECT},
-    "/hook": {"tick": INTEGER, "order": TEXT, "body": OBJECT},
-    "/snapshot": {"tick": INTEGER, "statuses": OBJECT, "blackboard": OBJECT, "display": OBJECT},
-    "/truth": {"kind": TEXT, "act": TEXT, "action": TEXT, "edge": TEXT},
+_FIELDS: dict[str, dict[str, Schema]] = {
+    "/tick": {**TICK, "status": TEXT, "changes": array(record(StatusChange))},
+    "/judgement": {**TICK, "action": TEXT, "share": NUMBER, "reasons": array(REASON)},
+    "/timing": {**TICK, "wall_s": NUMBER, "overrun": FLAG, "observers_s": NUMBER},
+    "/observation": {**fields_of(Observation), "bench": INTEGER, "parts": INTEGER},  # numbers of the answers
+    "/bench": fields_of(BenchView),
+    "/parts": fields_of(PartsView),
+    "/command": {
+        **TICK,
+        "stop_arm": FLAG,
+        "look": FLAG,
+        "activate_gripper": FLAG,
+        "follow": TRAJECTORY,
+        "gripper": record(GripperCommand),
+        "sent_follow": TRAJECTORY,
+        "sent_as_asked": FLAG,
+        "sent_gripper": record(GripperCommand),
+    },
+    "/display": {**TICK, **fields_of(Display)},
+    "/note/belief": {
+        **TICK, "placed": OBJECT, "goals": OBJECT, "goal": TEXT, "edge": TEXTS, "source": TEXT, "told": TEXT,
+    },
+    "/note/plan": {
+        **TICK, "guidance": OBJECT, "next": TEXTS, "required": INTEGER, "graspable": NUMBER, "solution": TEXT,
+    },
+    "/note/verdict": {**TICK, "subject": TEXT, "decision": TEXT, "reason": TEXT},
+    "/note/help": {**TICK, "text": TEXT},
+    "/note/file": {**TICK, "path": TEXT, "done": TEXT},
+    "/note/message": {**TICK, "text": TEXT, "weight": TEXT},
+    "/note/snapshot": {**TICK, "camera": TEXT, "sequence": INTEGER, "label": TEXT},
+    "/note/bracket": {**TICK, "number": INTEGER, "edge": TEXT},
+    "/note/skill": {**TICK, "node": TEXT, "status": TEXT, "reason": TEXT},
+    "/edit": {**TICK, "files": OBJECT},
+    "/hook": {**TICK, "order": TEXT},
+    "/snapshot": {**TICK, "statuses": OBJECT, "blackboard": OBJECT, "display": record(Display)},
+    "/truth": {
+        **dict.fromkeys(("kind", "act", "action", "edge", "part", "position"), TEXT),
+        **dict.fromkeys(("name", "posture", "robot", "human"), TEXT),
+        **dict.fromkeys(("pace", "duration_s", "speed_m_s", "relative_m_s", "first_m_s", "force_n"), NUMBER),
+        **dict.fromkeys(("start_s", "end_s"), NUMBER),
+        **dict.fromkeys(("position_m", "quaternion_wxyz", "point_m"), NUMBERS),
+        "on": TEXTS,
+    },
     "/can": {"id": INTEGER, "sent": FLAG, "data_hex": TEXT},
-}
+}  # fmt: skip
 TOPICS = tuple(_FIELDS)
 
 
@@ -108,6 +131,12 @@ def asked_of_devices(command: Command) -> dict[str, Any] | None:
         "follow": plain(command.follow),
         "gripper": plain(command.gripper),
     }
+
+
+def judged(judgement: Judgement) -> dict[str, Any]:
+    """What the supervisor allowed, as plain data."""
+    reasons = [{"signal": signal, "words": words} for signal, words in judgement.reasons]
+    return {"action": judgement.action.name, "share": plain(judgement.share), "reasons": reasons}
 
 
 def _converter(kind: type) -> Convert:

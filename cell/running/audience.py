@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
 from cell.interfaces.clock import Clock
@@ -15,12 +16,14 @@ class Audience:
 
     Attributes:
         problems: what observers raised, each sort once, in words.
+        took_s: how long they took over the last tick, on the wall.
     """
 
     def __init__(self, observers: Sequence[Observer], clock: Clock) -> None:
         self._observers = tuple(observers)
         self._clock = clock
         self.problems: list[str] = []
+        self.took_s = 0.0
 
     def frame(self, frame: Frame) -> None:
         """A camera frame arrived."""
@@ -28,7 +31,9 @@ class Audience:
 
     def tick(self, record: TickRecord) -> None:
         """A tick is done."""
+        began_s = time.perf_counter()
         self._tell(lambda observer: observer.tick(record))
+        self.took_s = time.perf_counter() - began_s
 
     def say(self, level: Level, text: str) -> None:
         """The controller says something."""

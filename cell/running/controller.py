@@ -255,13 +255,25 @@ class Controller:
         joints: JointSamples | None,
         began_s: float,
     ) -> None:
-        wall_s = time.perf_counter() - began_s
-        overrun = wall_s > self._period_s
+        wall_s, observers_s = time.perf_counter() - began_s, self._audience.took_s
+        overrun = wall_s + observers_s > self._period_s
         self._ticks += 1
         self._overruns += overrun
         notes = self.journal.take()
         self._audience.tick(
-            TickRecord(seen, status, tuple(changes), notes, command, sent, wall_s, overrun, joints, self._judgement)
+            TickRecord(
+                seen,
+                status,
+                tuple(changes),
+                notes,
+                command,
+                sent,
+                wall_s,
+                overrun,
+                joints,
+                self._judgement,
+                observers_s,
+            )
         )
 
     def _sleep(self) -> None:

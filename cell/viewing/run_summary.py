@@ -30,7 +30,8 @@ def run_summary(summary: Mapping[str, Any], product: Product, tick_hz: float) ->
     )
     rows["ticks"] = f"{summary['ticks']}, {_late(summary['overruns'], tick_hz)}"
     rows["log"] = str(summary["log"]) + (f" and {summary['log_parts'] - 1} more" if summary["log_parts"] > 1 else "")
-    rows["contact sheet"] = str(summary["contact_sheet"])
+    if summary["contact_sheet"]:
+        rows["contact sheet"] = str(summary["contact_sheet"])
     return rows
 
 

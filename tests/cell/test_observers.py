@@ -10,11 +10,21 @@ import cv2
 import numpy as np
 from rich.console import Console
 
+from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display
 from cell.interfaces.perception import Action
+from cell.log.telling.contact_sheet import (
+    CAPTION_PX,
+    COLUMNS,
+    THUMBNAIL_PX,
+    Shot,
+    compose,
+    write_sheet,
+)
 from cell.observer import Outcome
+from cell.recording.recorder import Heading, McapRecorder
 from cell.running.statistics import RunStatistics
-from cell.viewing.contact_sheet import CAPTION_PX, COLUMNS, MOST_FRAMES, THUMBNAIL_PX, ContactSheet, Shot, compose
+from cell.viewing.moments import MOST_FRAMES, MOST_KEPT, Moments
 from cell.viewing.progress import LiveProgress
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
@@ -55,22 +65,43 @@ def test_a_terminal_shows_a_panel() -> None:
         assert words in text.getvalue()
 
 
-def test_the_sheet_shows_begin_screw_belief_and_end(tmp_path: Path) -> None:
-    sheet = ContactSheet(tmp_path / "sheet.png")
-    sheet.frame(frame(4))
-    seen = record(0)
-    sheet.tick(seen)
+def sheet_of(folder: Path, moments: Moments, *frames_s: float) -> Path | None:
+    """The sheet of a log with overhead frames at these times."""
+    recorder = McapRecorder(folder / "log.mcap", LogSettings(), Heading())
+    for number, time_s in enumerate(frames_s):
+        recorder.frame(frame(number, time_s))
+    recorder.close(OUTCOME)
+    path = folder / "sheet.png"
+    return path if write_sheet(folder / "log.mcap", moments, "done", path) else None
+
+
+def test_the_sheet_shows_begin_screw_help_and_end(tmp_path: Path) -> None:
+    moments, seen = Moments(), record(0)
     screwing = replace(idle_view(frame(4)), action=Action("screw", 1.0))
-    sheet.tick(replace(seen, observation=replace(seen.observation, bench=screwing), notes=(("help", {"text": "o1"}),)))
-    sheet.close(OUTCOME)
-    image = cv2.imread(str(tmp_path / "sheet.png"))
+    moments.tick(seen)
+    moments.tick(
+        replace(seen, observation=replace(seen.observation, bench=screwing), notes=(("help", {"text": "o1"}),))
+    )
+    path = sheet_of(tmp_path, moments, 0.0, 0.2, 0.4)
+    image = cv2.imread(str(path))
     assert image is not None
-    assert image.shape == (THUMBNAIL_PX[1] + CAPTION_PX, 4 * THUMBNAIL_PX[0], 3)  # begin, screw, help, end
+    assert image.shape == (THUMBNAIL_PX[1] + CAPTION_PX, 4 * THUMBNAIL_PX[0], 3)
 
 
 def test_a_run_without_frames_makes_no_sheet(tmp_path: Path) -> None:
-    ContactSheet(tmp_path / "sheet.png").close(OUTCOME)
+    assert sheet_of(tmp_path, Moments()) is None
     assert not (tmp_path / "sheet.png").exists()
+
+
+def test_a_shift_keeps_few_moments_and_spreads_them() -> None:
+    moments = Moments()
+    for tick in range(20_000):
+        moments.see(record(tick).observation, (("help", {"text": f"part {tick}"}),))
+    chosen = moments.chosen()
+    assert len(moments._kept) <= MOST_KEPT
+    assert len(chosen) == MOST_FRAMES - 2
+    assert chosen[0].caption == "help: part 0"
+    assert np.diff([int(one.caption.split()[-1]) for one in chosen]).max() < 20_000 / 20
 
 
 def test_of_too_many_shots_first_and_last_are_kept() -> None:

@@ -28,7 +28,7 @@ class LookAtTray(CellNode):
         view = observation.parts
         if view is not None and view.time_s > self._asked_s:
             self.parts.set(view)
-            self.services.tray_parts = view.detections
+            self.services.tray_parts, self.services.tray_seen_s = view.detections, view.time_s
             self.feedback_message = "sees " + (" ".join(part.part for part in view.detections) or "nothing")
             return Status.SUCCESS
         self.feedback_message = "waiting for the detector"

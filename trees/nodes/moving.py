@@ -83,9 +83,17 @@ class PickPart(SkillNode):
     def make_skill(self) -> Skill:
         from skills.pick import Pick
 
-        part, others = part_and_others(self.parts.get(), self.index.get())
-        self.services.held_part, self.services.tray_parts = part.part, others
-        return Pick(self.services.motion, part, self.services.standing)
+        services, parts = self.services, self.parts.get()
+        part, others = part_and_others(parts, self.index.get())
+        services.held_part, services.tray_parts = part.part, others
+        services.tray_seen_s, self._seen_s = None, parts.time_s  # known again once the part is held
+        return Pick(services.motion, part, services.standing)
+
+    def update(self) -> Status:
+        status = super().update()
+        if status is Status.SUCCESS:
+            self.services.tray_seen_s = self._seen_s
+        return status
 
 
 class MoveAside(SkillNode):
@@ -99,6 +107,7 @@ class MoveAside(SkillNode):
 
         part, others = part_and_others(self.parts.get(), self.index.get())
         self.services.held_part, self.services.tray_parts = part.part, others
+        self.services.tray_seen_s = None
         return MoveAsideSkill(self.services.motion, part, self.services.standing)
 
 
@@ -110,4 +119,5 @@ class ReturnToTray(SkillNode):
 
         if self.services.held_part is None:
             raise NodeError("nothing was picked yet, so the part in the gripper has no known type")
+        self.services.tray_seen_s = None
         return PutBack(self.services.motion, self.services.held_part, self.services.standing)

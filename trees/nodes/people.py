@@ -15,7 +15,7 @@ from trees.engine.vocabulary import Hole
 from trees.framed_pose import FramedPose
 from trees.nodes.clutter import part_and_others
 from trees.nodes.poses import world_pose
-from trees.nodes.services import CellNode
+from trees.nodes.services import CellNode, Services
 from trees.nodes.watching import SeenAction
 
 
@@ -68,7 +68,7 @@ class HandWatch(CellNode):
             return Status.SUCCESS
         name, target_m = self.target()
         way = (np.array(self.services.tool_on_bench_m()), target_m)
-        nearest_m = min(_distance_m(point, *way) for point in (view.hand.fingertips_m, view.hand.palm_m))
+        nearest_m = min(distance_m(point, *way) for point in (view.hand.fingertips_m, view.hand.palm_m))
         if nearest_m >= self.distance_m.get():
             return Status.SUCCESS
         self.feedback_message = f"the hand is near the way to {name}"
@@ -83,8 +83,7 @@ class WaitForHandClear(HandWatch):
 
     def target(self) -> tuple[str, Array]:
         position = self.position.get()
-        hole = np.array([*self.services.product.bracket.holes_m[position], 0.0])
-        return position, self.services.bench.bracket.pose.transform(hole)[:2]
+        return position, hole_on_bench_m(self.services, position)
 
 
 class WaitForHandClearOfPart(HandWatch):
@@ -108,7 +107,13 @@ class WaitForHandClearOfSpot(HandWatch):
         return str(spot), np.array(world_pose(self.services, spot).position_m[:2])
 
 
-def _distance_m(point: tuple[float, float], start: Array, end: Array) -> float:
+def hole_on_bench_m(services: Services, position: str) -> Array:
+    """Where a hole is on the bench, (2,)."""
+    hole = np.array([*services.product.bracket.holes_m[position], 0.0])
+    return services.bench.bracket.pose.transform(hole)[:2]
+
+
+def distance_m(point: tuple[float, float], start: Array, end: Array) -> float:
     """From a point to the straight way between two points, all (2,) on the bench."""
     way = end - start
     length_squared = float(way @ way)

@@ -45,6 +45,7 @@ class Services:
         put_down: what the robot stood elsewhere in this run; no camera looks there.
         reasons: why the robot could not get a part, and how often, since it asked last; the last one is the newest.
         learn: tells the planners how a bracket was finished, so that they know its goal from then on.
+        tray_seen_s: when that was seen; None where it is not known, as something else was moved or a grasp failed.
     """
 
     product: Product
@@ -68,6 +69,7 @@ class Services:
     reasons: Counter[str] = field(default_factory=Counter)
     learn: Callable[[Services, tuple[str, ...]], str | None] = lambda *_: None
     _asked: int = 0
+    tray_seen_s: float | None = None
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
     _solved: dict[int, GraspPlan] = field(default_factory=dict)
     _solved_view: PartsView | None = None

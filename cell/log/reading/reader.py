@@ -11,6 +11,7 @@ from cell.log.reading.mcap_file import PROFILE, McapContent, Message, read_mcap
 from cell.log.reading.ticks import SNAPSHOT, Gap, TickBuilder
 from cell.log.reading.ticks import LoggedTick as LoggedTick  # who reads a log needs them
 from cell.log.reading.ticks import Note as Note
+from cell.recording import digest
 from cell.recording.parts import part_number, parts_of, whole_path
 
 
@@ -42,6 +43,14 @@ class Log:
     gaps: tuple[Gap, ...] = ()
     parts: tuple[Path, ...] = ()
     result: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def altered(self) -> bool:
+        """Whether something that the run saw was changed in the file; false where the log cannot tell."""
+        recorded = self.outcome.get(digest.NAME)
+        if recorded is None or self.unfinished or not self.ticks or self.ticks[0].number:
+            return False
+        return digest.inputs_sha256((message.topic, message.data) for message in self.messages) != recorded
 
     @property
     def ticks_of_run(self) -> int:

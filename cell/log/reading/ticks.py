@@ -17,6 +17,7 @@ from cell.interfaces.observation import NOBODY, ArmState, GripperState, ObjectSt
 from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import BenchView, PartsView
 from cell.log.reading.mcap_file import Message
+from cell.recording.json_schema import with_nulls
 from trees.engine.node import StatusChange
 
 Note = tuple[str, dict[str, Any]]
@@ -141,9 +142,9 @@ class TickBuilder:
         topic = message.topic
         try:
             if topic == "/bench":
-                self._bench = _adapter(BenchView).validate_json(message.data)
+                self._bench = _read(BenchView, orjson.loads(message.data))
             elif topic == "/parts":
-                self._parts = _adapter(PartsView).validate_json(message.data)
+                self._parts = _read(PartsView, orjson.loads(message.data))
             elif topic == "/observation":
                 self._open(orjson.loads(message.data))
             elif topic in FROM_OUTSIDE:
@@ -171,12 +172,12 @@ class TickBuilder:
             self.gaps.append(Gap(expected, number - 1))
         self._next = number
         gripper = {**fields["gripper"], "object_status": ObjectStatus[fields["gripper"]["object_status"]]}
-        bench, parts = self._seen(number, fields["bench"], fields["parts"])
+        bench, parts = self._seen(number, fields.get("bench"), fields.get("parts"))
         observation = Observation(
             tick=number,
             time_s=fields["time_s"],
-            arm=_adapter(ArmState).validate_python(fields["arm"]),
-            gripper=_adapter(GripperState).validate_python(gripper),
+            arm=_read(ArmState, fields["arm"]),
+            gripper=_read(GripperState, gripper),
             bench=bench,
             parts=parts,
             troubles=tuple(Trouble(**one) for one in fields.get("troubles", ())),
@@ -203,6 +204,8 @@ class TickBuilder:
 
     def _add(self, topic: str, fields: dict[str, Any]) -> None:
         number = fields.pop("tick")
+        if topic == "/judgement":
+            fields["reasons"] = [_reason(one) for one in fields["reasons"]]
         if self._pending is None or number != self._pending.number:
             if self._lossy:
                 return  # of a tick that lost its beginning: it counts as missing
@@ -224,6 +227,16 @@ class TickBuilder:
             self._next = number + 1
         elif not self._lossy:
             raise LogError(self._path, f"tick {number} has no message of /tick")
+
+
+def _read(kind: Any, fields: Any) -> Any:
+    """A dataclass from its plain data; what was None was not written."""
+    return _adapter(kind).validate_python(with_nulls(kind, fields))
+
+
+def _reason(one: Any) -> dict[str, str]:
+    """A reason of a judgement; older logs have pairs."""
+    return one if isinstance(one, dict) else {"signal": one[0], "words": one[1]}
 
 
 @cache

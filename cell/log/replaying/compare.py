@@ -8,15 +8,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from cell.interfaces.command import Command
+from cell.interfaces.command import Command, Display
 from cell.interfaces.judgement import Judgement
 from cell.log.reading.reader import LoggedTick, Note
-from cell.recording.schemas import asked_of_devices, plain
+from cell.recording.json_schema import without_nulls
+from cell.recording.schemas import asked_of_devices, judged, plain
 from trees.engine.node import StatusChange
 
 _NUMBER = re.compile(r"::\d+")
 NOTHING = "nothing"
-NEWER: Mapping[str, Any] = {"beeps": 0, "questions": []}  # of a display, which older logs lack
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,9 @@ class Comparison:
 def logged(tick: LoggedTick) -> Decisions:
     """What a tick of a log decided."""
     command = tick.command and {key: value for key, value in tick.command.items() if not key.startswith("sent_")}
-    display = None if tick.display is None else {**NEWER, **tick.display}
-    return Decisions(tick.status, tick.changes, tick.notes, command, display, tick.judgement)
+    notes = tuple((topic, without_nulls(fields)) for topic, fields in tick.notes)
+    display = tick.display and {**plain(Display()), **tick.display}  # older logs lack what it can show since then
+    return Decisions(tick.status, tick.changes, notes, without_nulls(command), without_nulls(display), tick.judgement)
 
 
 def decided(
@@ -121,10 +122,10 @@ def decided(
     return Decisions(
         status=status,
         changes=tuple(changes),
-        notes=tuple((topic, plain(fields)) for topic, fields in notes),
-        command=asked_of_devices(command),
-        display=plain(command.display),
-        judgement=plain(judgement),
+        notes=tuple((topic, without_nulls(plain(fields))) for topic, fields in notes),
+        command=without_nulls(asked_of_devices(command)),
+        display=without_nulls(plain(command.display)),
+        judgement=None if judgement is None else judged(judgement),
         error=error,
     )
 

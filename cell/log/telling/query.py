@@ -53,6 +53,7 @@ def info(log: Log) -> dict[str, Any]:
         "tick_wall_p50_ms": round(1e3 * wall_s[len(wall_s) // 2], 3) if wall_s else None,
         "tick_wall_max_ms": round(1e3 * wall_s[-1], 3) if wall_s else None,
         "unfinished": log.unfinished,
+        "inputs_altered": log.altered,
         "outcome": dict(log.outcome),
         "result": {name: orjson.loads(value) for name, value in log.result.items()},
         "metadata": dict(log.metadata),

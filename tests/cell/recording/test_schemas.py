@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import dataclass
 from typing import Any
 
+import jsonschema
 import pytest
+from mcap.reader import make_reader
 
-from cell.recording.schemas import TOPICS, schema
+from cell.interfaces.perception import Action, BenchView, HandSample, HoleView
+from cell.log.reading.reader import Log
+from cell.recording.json_schema import fields_of, with_nulls, without_nulls
+from cell.recording.schemas import TOPICS, plain, schema
+
+UNNAMED = {"/snapshot", "/edit", "/hook"}  # what they hold is named by the tree, the files and the monitor
 
 PLAIN = {"boolean", "string", "number", "integer"}
 
@@ -41,3 +50,56 @@ def test_the_rules_refuse_what_viewers_refuse() -> None:
         "b",
         "c",
     ]
+
+
+def unnamed(schema: dict[str, Any], value: Any) -> list[str]:
+    """Keys of a message that its schema does not name, where it names any; lists of lists cannot be named."""
+    if schema["type"] == "array":
+        return [key for item in value for key in unnamed(schema["items"], item)]
+    if schema["type"] != "object" or "properties" not in schema:
+        return []
+    named = schema["properties"]
+    found = [key for key, item in value.items() if key not in named and not _rows(item)]
+    return found + [deeper for key in value if key in named for deeper in unnamed(named[key], value[key])]
+
+
+def _rows(item: Any) -> bool:
+    return isinstance(item, list) and bool(item) and isinstance(item[0], list)
+
+
+def test_schemas_hold_for_every_message_of_a_log_and_name_every_field(commission_log: Log) -> None:
+    checked = set()
+    with commission_log.path.open("rb") as stream:
+        for schema_record, channel, message in make_reader(stream).iter_messages():
+            if channel.message_encoding != "json":
+                continue
+            assert schema_record is not None
+            rules, content = json.loads(schema_record.data), json.loads(message.data)
+            jsonschema.validate(content, rules)
+            assert channel.topic in UNNAMED or not unnamed(rules, content), channel.topic
+            checked.add(channel.topic)
+    assert checked >= {"/tick", "/judgement", "/timing", "/observation", "/bench", "/parts", "/command", "/display"}
+
+
+def test_what_is_none_is_left_out_and_comes_back() -> None:
+    holes = {"p1": HoleView(None, 0.9, 1.0), "p2": HoleView("o1", 0.9, 1.0)}
+    for hand in (None, HandSample(1.0, (0, 0, 9, 9), (0.1, 0.2), (0.1, 0.3))):
+        view = plain(BenchView(3, 1.0, hand, holes, Action("idle", 0.9)))
+        written = without_nulls(view)
+        jsonschema.validate(written, {"type": "object", "properties": fields_of(BenchView)})
+        assert "null" not in json.dumps(written)
+        assert with_nulls(BenchView, written) == view
+
+
+@dataclass
+class Odd:
+    """Fields of which viewers read two."""
+
+    rows: tuple[tuple[float, ...], ...]
+    either: int | str
+    name: str | None
+    points: tuple[float, ...]
+
+
+def test_fields_that_viewers_cannot_read_are_left_unnamed() -> None:
+    assert fields_of(Odd) == {"name": {"type": "string"}, "points": {"type": "array", "items": {"type": "number"}}}

@@ -31,7 +31,7 @@ class Style:
     """How a file is written."""
 
     compression: CompressionType
-    chunking: bool
+    chunk_bytes: int  # 0: no chunks
     numbered: bool
     checksums: bool
     indexed: bool
@@ -43,22 +43,52 @@ class Style:
         return "-".join(str(getattr(value, "name", value)) for value in vars(self).values())
 
 
+PACKINGS = [(CompressionType.NONE, 0), *itertools.product(CompressionType, (1, 64, 1_000_000))]
 STYLES = [
-    Style(*values)
-    for values in itertools.product(
-        CompressionType, (True, False), (True, False), (True, False), (True, False), ("", "ros2"), (True, False)
-    )
+    Style(*packing, numbered, checksums, indexed, profile, extra)
+    for packing in PACKINGS
+    for numbered, checksums, indexed in itertools.product((True, False), repeat=3)
+    for profile, extra in itertools.product(("", "ros2"), (True, False))
 ]
 
 
-def write(style: Style) -> bytes:
-    """A file of 12 messages on two channels, two attachments of one name and two metadata records of one name."""
+@dataclass(frozen=True)
+class Content:
+    """What is in a file.
+
+    Attributes:
+        topics: of its channels; messages go to one after the other.
+        messages: (log time, data) in the order of writing.
+    """
+
+    name: str
+    topics: tuple[str, ...]
+    messages: tuple[tuple[int, bytes], ...]
+    attachments: bool = True
+
+
+USUAL = Content("usual", ("/a", "/b"), tuple((n, json.dumps({"number": n}).encode()) for n in range(12)))
+LATEST_NS = 2**64 - 2
+ODD = (
+    Content("empty", (), (), attachments=False),
+    Content("no messages", ("/a",), ()),
+    Content("backwards", ("/a", "/b"), tuple((100 - n, b"x") for n in range(9))),
+    Content("nothing in them", ("/a", "/b"), tuple((0, b"") for _ in range(9))),
+    Content("end of time", ("/a",), ((0, b"x"), (LATEST_NS, b"y"))),
+    Content("any topic", ("", "/", "a b", "/ä/日本", "/tick", "/observation"), tuple((n, b"{}") for n in range(12))),
+    Content("large", ("/a",), ((0, bytes(200_000)), (1, b"x"))),
+)
+PLAIN = [style for style in STYLES if not style.extra and not style.profile and style.numbered]
+
+
+def write(style: Style, content: Content = USUAL) -> bytes:
+    """A file with the content, two attachments of one name and two metadata records of one name."""
     stream = BytesIO()
     writer = Writer(
         stream,
-        chunk_size=64,
+        chunk_size=style.chunk_bytes,
         compression=style.compression,
-        use_chunking=style.chunking,
+        use_chunking=style.chunk_bytes > 0,
         index_types=IndexType.ALL if style.indexed else IndexType.NONE,
         repeat_channels=style.indexed,
         repeat_schemas=style.indexed,
@@ -69,13 +99,14 @@ def write(style: Style) -> bytes:
     )
     writer.start(profile=style.profile, library="somebody")
     schema = writer.register_schema("point", "jsonschema", b"{}")
-    channels = [writer.register_channel("/a", "json", schema), writer.register_channel("/b", "cdr", 0, {"qos": "1"})]
-    for content in (b"one", b"two"):
-        writer.add_attachment(0, 0, "note.txt", "text/plain", content)
-        writer.add_metadata("facts", {"said": content.decode()})
-    for number in range(12):
-        data = json.dumps({"number": number}).encode()
-        writer.add_message(channels[number % 2], number, data, number, number // 2 + 7 if style.numbered else 0)
+    kinds = itertools.cycle([("json", schema, {}), ("cdr", 0, {"qos": "1"})])
+    channels = [writer.register_channel(topic, *next(kinds)) for topic in content.topics]
+    for said in (b"one", b"two") if content.attachments else ():
+        writer.add_attachment(0, 0, "note.txt", "text/plain", said)
+        writer.add_metadata("facts", {"said": said.decode()})
+    for number, (time_ns, data) in enumerate(content.messages):
+        sequence = number // len(channels) + 7 if style.numbered else 0
+        writer.add_message(channels[number % len(channels)], time_ns, data, time_ns, sequence)
     writer.finish()  # type: ignore[no-untyped-call]
     data = stream.getvalue()
     return padded(data) if style.extra else data
@@ -118,17 +149,30 @@ def official(data: bytes) -> tuple[list[tuple[int, bytes]], int, int]:
     )
 
 
-@pytest.mark.parametrize("style", STYLES, ids=lambda style: style.name)
-def test_a_file_that_the_specification_allows_is_whole(style: Style, tmp_path: Path) -> None:
+FILES = [(style, USUAL) for style in STYLES] + [
+    (style, content)
+    for style, content in itertools.product(PLAIN, ODD)
+    if content.topics or style.chunk_bytes or not style.checksums  # there the writer's own checksum is wrong
+]
+
+
+def test_there_are_four_hundred_of_them() -> None:
+    assert len({write(*file) for file in FILES}) >= 400
+
+
+@pytest.mark.parametrize(("style", "content"), FILES, ids=lambda value: value.name)
+def test_a_file_that_the_specification_allows_is_whole(style: Style, content: Content, tmp_path: Path) -> None:
     path, mended = tmp_path / "foreign.mcap", tmp_path / "mended.mcap"
-    path.write_bytes(write(style))
+    path.write_bytes(write(style, content))
     messages, attachments, metadata = official(path.read_bytes())
-    content = read_mcap(path)
-    assert [(one.time_ns, one.data) for one in content.messages] == messages
-    assert (content.profile, content.unfinished, content.cropped) == (style.profile, "", {})
-    assert content.attachments == {"note.txt": b"one"}
+    found = read_mcap(path)
+    assert [(one.time_ns, one.data) for one in found.messages] == messages
+    assert (found.profile, found.unfinished, found.cropped) == (style.profile, "", {})
+    assert found.attachments == ({"note.txt": b"one"} if content.attachments else {})
     with pytest.raises(LogError, match="is no log of this program"):
         read_log(path)
+    if not (messages or attachments):
+        return
     assert not recover(path, mended).lossy
     again = official(mended.read_bytes())
     assert again == (messages, attachments, metadata)

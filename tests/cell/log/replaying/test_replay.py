@@ -71,7 +71,7 @@ def test_a_bolder_guard_acts_where_the_recorded_one_waited(assembly_log: Log, tm
 
 @pytest.mark.parametrize("what", ["follow", "gripper"])
 def test_a_command_that_differs_in_its_last_bit_is_found(commission_log: Log, what: str) -> None:
-    victim = next(tick for tick in commission_log.ticks if tick.command is not None and tick.command[what])
+    victim = next(tick for tick in commission_log.ticks if tick.command is not None and tick.command.get(what))
     assert victim.command is not None
     text = json.dumps(victim.command[what])
     number = next(word for word in text.replace("[", " ").replace("]", " ").replace(",", " ").split() if "0." in word)
@@ -82,6 +82,17 @@ def test_a_command_that_differs_in_its_last_bit_is_found(commission_log: Log, wh
     )
     comparison = Replay(dataclasses.replace(commission_log, ticks=ticks_with)).run()
     assert (comparison.differing_ticks, comparison.first and comparison.first.tick) == (1, victim.number)
+
+
+def test_a_changed_input_is_noticed_where_no_decision_hangs_on_it(commission_log: Log) -> None:
+    assert not commission_log.altered
+    at = next(place for place, message in enumerate(commission_log.messages) if message.topic == "/observation")
+    messages = list(commission_log.messages)
+    messages[at] = dataclasses.replace(
+        messages[at], data=messages[at].data.replace(b'"current_a":0.0', b'"current_a":0.1')
+    )
+    assert messages[at] != commission_log.messages[at]
+    assert dataclasses.replace(commission_log, messages=tuple(messages)).altered
 
 
 def test_a_range_is_compared_and_the_rest_is_ticked_silently(commission_log: Log) -> None:

@@ -1,0 +1,1 @@
+"""Many runs: sweeps on one machine or a cluster, tables of runs, trees compared."""

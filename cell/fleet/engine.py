@@ -1,0 +1,93 @@
+"""Runs on Dask: on this machine, or on any cluster whose scheduler is named; a lost worker loses nothing."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from cell.fleet.extra import needed
+from cell.fleet.one_run import Row, run_task
+from cell.fleet.spec import Task
+
+WAITING_PER_WORKER = 2  # runs that are handed out ahead, so that no worker waits and memory stays small
+LOSSES = 20  # workers that may be lost over one run before it is given up
+COLD_S = 60.0  # how long a cluster may take to show its first worker
+
+
+@contextmanager
+def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
+    """A Dask client: of the scheduler at the address, or of as many processes on this machine.
+
+    Raises:
+        InputError: Dask is not installed.
+    """
+    distributed = needed("distributed", "cell sweep")
+    dask = needed("dask", "cell sweep")
+    settings = {
+        "distributed.scheduler.allowed-failures": LOSSES,
+        "distributed.worker.daemon": False,  # a worker's runs have processes of their own
+        "distributed.worker.memory.terminate": False,
+    }
+    with dask.config.set(settings):
+        if address is not None:
+            with distributed.Client(address, timeout=COLD_S) as client:
+                yield client
+            return
+        with (
+            distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+            ) as local,
+            distributed.Client(local) as client,
+        ):
+            yield client
+
+
+def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = run_task) -> Iterator[Row]:
+    """Rows as they come; tasks are taken from the iterable only as workers need them.
+
+    A task whose worker was lost goes to another one. One that loses every worker is a row that says so.
+    """
+    distributed = needed("distributed", "cell sweep")
+    client.wait_for_workers(1, timeout=COLD_S)
+    waiting = iter(tasks)
+    by_key: dict[str, Task] = {}
+    pending = distributed.as_completed(with_results=False)
+
+    def hand_out(most: int) -> None:
+        for task in itertools.islice(waiting, max(0, most)):
+            future = client.submit(work, task, key=f"cell-{task.key}", pure=False)
+            by_key[future.key] = task
+            pending.add(future)
+
+    hand_out(_room(client))
+    for future in pending:
+        task = by_key.pop(future.key)
+        yield _row(future, task)
+        future.release()
+        hand_out(_room(client) - len(by_key))
+
+
+def timed(rows: Iterable[Row], told: Callable[[int, float, Row], None]) -> Iterator[Row]:
+    """The same rows; says after each how many there are and after how long [s]."""
+    began_s = time.monotonic()
+    for number, row in enumerate(rows, 1):
+        told(number, time.monotonic() - began_s, row)
+        yield row
+
+
+def _room(client: Any) -> int:
+    """How many runs may be handed out at once."""
+    threads: int = sum(worker["nthreads"] for worker in client.scheduler_info(n_workers=-1)["workers"].values())
+    return WAITING_PER_WORKER * max(1, threads)
+
+
+def _row(future: Any, task: Task) -> Row:
+    error = future.exception()
+    if error is None:
+        row: Row = future.result()
+        return row
+    told = {"end": "lost", "reason": f"{type(error).__name__}: {error}".splitlines()[0], "took_s": 0.0}
+    return {"key": task.key, "seed": task.seed, **dict(task.label), **told}

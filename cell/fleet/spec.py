@@ -1,0 +1,194 @@
+"""What a sweep runs: seeds x trees x configurations x people x looks x goals x faults, from a YAML file."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import Field
+
+from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, load_configuration, load_product, simulated
+from cell.interfaces.errors import InputError
+from cell.interfaces.model import Model
+from cell.interfaces.yaml_file import load_yaml
+from cell.running.injection import Injection
+from cell.running.node_library import node_registry
+from trees.files.loader import load_tree
+
+MOST_RUNS = 10_000_000
+
+
+class Seeds(Model):
+    """Seeds in a row.
+
+    Attributes:
+        first: the first one.
+        count: how many.
+    """
+
+    first: int = Field(default=0, ge=0)
+    count: int = Field(default=1, ge=1, le=MOST_RUNS)
+
+
+class Sweep(Model):
+    """Every combination of what is listed is run once.
+
+    Attributes:
+        seeds: of every combination; the same for all, so that runs can be compared in pairs.
+        trees: tree files, relative to this file.
+        configurations: configuration files, relative to this file.
+        people: who stands at the bench, names or files; null for the configuration's.
+        looks: what the simulated cell looks like, names or files; null for the configuration's.
+        goals: what the person assembles, or random.
+        faults: FAULT@STATE, a fault that is put in; null for none.
+        pixels: render what the cameras see; without, hands, holes and parts come from the truth, several times faster.
+        max_duration_s: each run ends by itself after this much clock time; null for the configuration's.
+    """
+
+    seeds: Seeds = Seeds()
+    trees: tuple[Path, ...] = (DEFAULT_TREE,)
+    configurations: tuple[Path, ...] = (DEFAULT_CONFIGURATION,)
+    people: tuple[str | None, ...] = (None,)
+    looks: tuple[str | None, ...] = (None,)
+    goals: tuple[str, ...] = ("random",)
+    faults: tuple[str | None, ...] = (None,)
+    max_duration_s: float | None = Field(default=None, gt=0, le=86_400)
+    pixels: bool = True
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run, with the text of every file that it needs: a worker needs nothing but the package.
+
+    Attributes:
+        tree, configuration: names in `files`.
+        files: content by name, relative to a folder that the worker makes.
+        person, look: names, or names in `files`.
+        logs: folder for the run's log, with images; None to keep none.
+        label: what tells it apart from the sweep's other runs, for people and for rows.
+    """
+
+    tree: str
+    configuration: str
+    files: tuple[tuple[str, bytes], ...]
+    seed: int
+    goal: str
+    person: str | None
+    look: str | None
+    fault: str | None
+    max_duration_s: float | None
+    label: tuple[tuple[str, str], ...]
+    logs: str | None = None
+    pixels: bool = True
+
+    @property
+    def key(self) -> str:
+        """Names the run by all that decides it; where a file was changed, it is another run."""
+        files = [[name, hashlib.sha256(content).hexdigest()] for name, content in self.files]
+        asked = [self.tree, self.configuration, self.goal, self.person, self.look, self.fault, self.max_duration_s]
+        asked = asked if self.pixels else [*asked, "without pixels"]
+        return hashlib.sha256(json.dumps([files, *asked, self.seed]).encode()).hexdigest()[:32]
+
+
+def load_sweep(path: Path) -> Sweep:
+    """The sweep of a file; paths in it are relative to it.
+
+    Raises:
+        InputError: the file is wrong.
+    """
+    sweep = load_yaml(path, Sweep)
+    folder = path.resolve().parent
+    trees = tuple((folder / tree).resolve() for tree in sweep.trees)
+    configurations = tuple((folder / one).resolve() for one in sweep.configurations)
+    return sweep.model_copy(update={"trees": trees, "configurations": configurations})
+
+
+def tasks(sweep: Sweep, logs: Path | None = None) -> Iterator[Task]:
+    """All runs, seed by seed; every file is read and checked before the first one.
+
+    Args:
+        logs: folder for the logs of all runs, by their keys; None to keep none.
+
+    Raises:
+        InputError: a tree, a configuration or what else is named cannot be used.
+    """
+    packed = {
+        (tree, configuration): _packed(sweep, tree, configuration)
+        for tree, configuration in itertools.product(sweep.trees, sweep.configurations)
+    }
+    for fault in sweep.faults:
+        if fault is not None:
+            Injection.parse(fault)
+    return _tasks(sweep, packed, None if logs is None else str(logs.resolve()))
+
+
+def count(sweep: Sweep) -> int:
+    """How many runs there are."""
+    listed = (sweep.trees, sweep.configurations, sweep.people, sweep.looks, sweep.goals, sweep.faults)
+    total = sweep.seeds.count
+    for values in listed:
+        total *= len(values)
+    return total
+
+
+Packed = tuple[str, str, tuple[tuple[str, bytes], ...]]
+
+
+def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | None) -> Iterator[Task]:
+    first = sweep.seeds.first
+    for seed in range(first, first + sweep.seeds.count):
+        for pair, person, look, goal, fault in itertools.product(
+            itertools.product(sweep.trees, sweep.configurations), sweep.people, sweep.looks, sweep.goals, sweep.faults
+        ):
+            tree, configuration, files = packed[pair]
+            named = {"tree": str(pair[0].name), "configuration": pair[1].name, "person": person, "look": look}
+            label = tuple((name, value or "as configured") for name, value in named.items())
+            yield Task(
+                tree,
+                configuration,
+                files,
+                seed,
+                goal,
+                person,
+                look,
+                fault,
+                sweep.max_duration_s,
+                (*label, ("goal_asked", goal), ("fault", fault or "")),
+                logs,
+                sweep.pixels,
+            )
+
+
+def _packed(sweep: Sweep, tree: Path, path: Path) -> Packed:
+    """Texts of a tree and a configuration with all that they name, in a folder of their own."""
+    configuration = load_configuration(path)
+    product = load_product(configuration, path)
+    for person, look in itertools.product(sweep.people, sweep.looks):
+        simulated(configuration, look, person)
+    for goal in sweep.goals:
+        if goal != "random" and goal not in product.goals:
+            raise InputError(f"unknown goal '{goal}'; legal: {', '.join(product.goals)}, random")
+    loaded = load_tree(tree, node_registry(product))
+    folder = tree.resolve().parent
+    files = {f"trees/{_inside(part, folder)}": text.encode() for part, text in loaded.texts.items()}
+    config_folder = path.resolve().parent
+    semantic = configuration.planners.semantic
+    named = (configuration.product, configuration.faults, semantic.goals, semantic.confusions)
+    for named_file in (*sweep.people, *sweep.looks):
+        if named_file is not None and Path(named_file).is_file():
+            files[named_file] = Path(named_file).read_bytes()
+    for file in (path, *(one for one in named if one is not None and one.exists())):
+        if file.resolve().is_relative_to(config_folder):
+            files[f"config/{file.resolve().relative_to(config_folder)}"] = file.read_bytes()
+    return f"trees/{tree.name}", f"config/{path.name}", tuple(sorted(files.items()))
+
+
+def _inside(file: Path, folder: Path) -> Path:
+    try:
+        return file.resolve().relative_to(folder)
+    except ValueError:
+        raise InputError(f"{file}: a tree that is sent to workers includes only files beside it or below") from None

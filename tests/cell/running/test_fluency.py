@@ -1,0 +1,62 @@
+"""Who acts and who waits, added up over a run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.judgement import Action as Judged
+from cell.interfaces.judgement import Judgement
+from cell.interfaces.perception import Action, HandSample
+from cell.observer import SentCommand, TickRecord
+from cell.running.fluency import Fluency
+from tests.cell.fakes import frame, idle_view
+from tests.cell.recording.test_recorder import record
+
+
+def tick(number: int, human: bool, robot: bool, held: bool = False) -> TickRecord:
+    """A tick in which person and robot act or rest."""
+    one = record(number)
+    hand = HandSample(one.observation.time_s, (0, 0, 9, 9), (0.5, 0.0), (0.6, 0.0))
+    view = replace(idle_view(frame(number)), action=Action("transit" if human else "idle", 1.0), hand=hand)
+    arm = replace(one.observation.arm, moving=robot)
+    judgement = Judgement(Judged.HOLD if held else Judged.RUN)
+    return replace(one, observation=replace(one.observation, bench=view, arm=arm), judgement=judgement)
+
+
+def report(*acts: tuple[bool, bool]) -> dict[str, object]:
+    fluency = Fluency(lambda _: (0.2, 0.4))
+    for number, (human, robot) in enumerate(acts):
+        fluency.tick(tick(number, human, robot))
+    return fluency.report()
+
+
+def test_shares_begin_with_the_first_action_and_add_up() -> None:
+    found = report(*[(False, False)] * 5, *[(True, False)] * 4, *[(True, True)] * 2, *[(False, True)] * 4)
+    assert found["human_idle"] == found["robot_idle"] == pytest.approx(0.4)
+    assert found["concurrent"] == pytest.approx(0.2)
+    assert found["functional_delay"] == 0
+    assert found["least_distance_m"] == pytest.approx(0.5)
+
+
+def test_a_pause_is_a_delay_only_where_the_other_goes_on() -> None:
+    pause = [(False, False)] * 5
+    assert report((True, False), *pause, (True, False))["functional_delay"] == 0
+    assert report((True, False), *pause, (False, True))["functional_delay"] == pytest.approx(5 / 6, abs=1e-3)
+
+
+def test_interventions_and_motions_are_counted() -> None:
+    fluency = Fluency(lambda _: (0.0, 0.0))
+    sent = SentCommand(JointTrajectory(np.zeros(1), np.zeros((1, 6))))
+    for number, held in enumerate((False, True, True, False, True)):
+        fluency.tick(replace(tick(number, False, True, held), sent=sent))
+    found = fluency.report()
+    assert (found["interventions"], found["moves"], found["held_s"]) == (2, 5, pytest.approx(0.12))
+
+
+def test_where_nobody_acts_there_are_no_shares() -> None:
+    found = report((False, False), (False, False))
+    assert (found["human_idle"], found["least_distance_m"]) == (None, None)

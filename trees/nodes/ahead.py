@@ -1,0 +1,184 @@
+"""Working ahead of the person: which part will be needed whatever they do, what stands in the tray, where it goes."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from py_trees.common import Status
+
+from cell.interfaces.perception import PartsView
+from cell.interfaces.planning import AssemblyPlan, AssemblyState
+from trees.engine.ports import InputPort, OutputPort
+from trees.engine.vocabulary import Hole, Part
+from trees.nodes.people import distance_m, hole_on_bench_m
+from trees.nodes.planning import judge, note_verdict
+from trees.nodes.services import CellNode, Services
+
+CLEAR_M = 0.35  # a hand that is farther from the way than this does not slow the arm there
+BUSY = ("transit", "assembly")  # the hand fetches a part or brings it: it takes one of those that remain
+
+
+class ChooseSparePart(CellNode):
+    """Wait until a part is sure to be needed whatever the person does next, and choose it.
+
+    While the person fetches, one part of the type in their hand is theirs; as long as it is not seen what they hold,
+    it may be any. Of several types that one is chosen which has a position that the guard lets pass, then the one of
+    which most remain.
+    """
+
+    state = InputPort(AssemblyState, "what is placed so far")
+    plan = InputPort(AssemblyPlan, "belief and plans")
+    patience_s = InputPort(float, "how long the hand must rest before the robot goes first", default=0.8)
+    steady_s = InputPort(float, "how long a part must be seen in the hand: it passes over others", default=0.4)
+    part = OutputPort(Part, "type of the part to fetch")
+
+    _rests_since_s: float | None = None
+    _held: str | None = None
+    _held_since_s = 0.0
+
+    def initialise(self) -> None:
+        self._rests_since_s = self._held = None
+
+    def update(self) -> Status:
+        seen = self.services.observation
+        if seen.bench is None:
+            self.feedback_message = "no view of the bench yet"
+            return Status.RUNNING
+        if seen.bench.action.kind != "idle":
+            self._rests_since_s = None
+        elif self._rests_since_s is None:
+            self._rests_since_s = seen.time_s
+        held = None if seen.bench.hand is None else seen.bench.hand.held_part
+        if held != self._held:
+            self._held, self._held_since_s = held, seen.time_s
+        if self._rests_since_s is not None and seen.time_s - self._rests_since_s < self.patience_s.get():
+            self.feedback_message = "lets the person go first"
+            return Status.RUNNING
+        spare = self._spare()
+        if not spare:
+            self.feedback_message = "the person may take what remains"
+            return Status.RUNNING
+        state, plan = self.state.get(), self.plan.get()
+        sure = {part for part in spare if sure_position(self.services, plan, state, part)[0]}
+        chosen = min(spare, key=lambda part: (part not in sure, -spare[part], part))
+        self.part.set(Part(chosen))
+        self.feedback_message = chosen
+        return Status.SUCCESS
+
+    def _spare(self) -> Counter[str]:
+        """How many of each type remain for the robot whatever the person does next."""
+        bench = self.services.observation.bench
+        assert bench is not None
+        left = remaining(self.services, self.state.get())
+        steady = self.services.observation.time_s - self._held_since_s >= self.steady_s.get()
+        if self._held is not None and steady:
+            left[self._held] -= 1
+        elif bench.action.kind in BUSY:
+            left.subtract(list(left))
+        return +left
+
+
+class HoldsNeededPart(CellNode):
+    """A part hangs in the gripper that the bracket still needs."""
+
+    node_type = "Condition"
+
+    state = InputPort(AssemblyState, "what is placed so far")
+    part = OutputPort(Part, "type of the part in the gripper")
+
+    def update(self) -> Status:
+        part = self.services.held_part
+        if part is None or not self.services.observation.gripper.holding:
+            self.feedback_message = "nothing is in the gripper"
+            return Status.FAILURE
+        if remaining(self.services, self.state.get())[part] <= 0:
+            self.feedback_message = f"no {part} is needed any more"
+            return Status.FAILURE
+        self.part.set(Part(part))
+        self.feedback_message = part
+        return Status.SUCCESS
+
+
+class AwaitPosition(CellNode):
+    """Wait until the guard lets the part in the gripper into some position; fails once none is left for it."""
+
+    plan = InputPort(AssemblyPlan, "belief and plans")
+    state = InputPort(AssemblyState, "what is placed so far")
+    part = InputPort(Part, "type of the part in the gripper")
+    position = OutputPort(Hole, "where it will be put")
+
+    def update(self) -> Status:
+        part, state, plan = self.part.get(), self.state.get(), self.plan.get()
+        if remaining(self.services, state)[part] <= 0 or not self.services.observation.gripper.holding:
+            self.feedback_message = f"no {part} to be placed"
+            return Status.FAILURE
+        position, reason = sure_position(self.services, plan, state, part)
+        if position is None:
+            if reason != self.feedback_message:
+                self.feedback_message = reason
+                self.services.show(message=f"holding {part}; {reason}")
+            return Status.RUNNING
+        self.position.set(Hole(position))
+        note_verdict(self.services, part, position, judge(self.services, plan, state, part, position))
+        self.services.show(message=f"bringing {part} to {position}")
+        self.feedback_message = f"{part} to {position}"
+        return Status.SUCCESS
+
+
+class RecallTray(CellNode):
+    """Take the parts that stand in the tray as last seen, without what was taken since; fails where that is not known.
+
+    It is known after a look until a part is moved aside or put back, or a grasp fails.
+    """
+
+    parts = OutputPort(PartsView, "parts that stand in the tray")
+    oldest_s = InputPort(float, "oldest look that is still believed", default=60.0)
+
+    def update(self) -> Status:
+        services = self.services
+        if services.tray_seen_s is None:
+            self.feedback_message = "not known what stands in the tray"
+            return Status.FAILURE
+        if services.observation.time_s - services.tray_seen_s > self.oldest_s.get():
+            self.feedback_message = "the last look is too long ago"
+            return Status.FAILURE
+        self.parts.set(PartsView(-1, services.tray_seen_s, services.tray_parts))
+        self.feedback_message = " ".join(part.part for part in services.tray_parts) or "nothing"
+        return Status.SUCCESS
+
+
+def remaining(services: Services, state: AssemblyState) -> Counter[str]:
+    """How many parts of each type are still to be placed."""
+    left = Counter({name: part.quantity for name, part in services.product.parts.items()})
+    left.subtract(state.placed.values())
+    return left
+
+
+def sure_position(services: Services, plan: AssemblyPlan, state: AssemblyState, part: str) -> tuple[str | None, str]:
+    """Of the positions that the guard lets pass the one whose way is clearest of the hand, or why there is none.
+
+    A position that the person is about to fill is left to them.
+    """
+    reason, sure = "nowhere to put it yet", []
+    bench = services.observation.bench
+    theirs = None if bench is None or bench.action.kind != "assembly" else bench.action.position
+    for position in plan.guidance.get(part, ()):
+        verdict = judge(services, plan, state, part, position)
+        if verdict.decision != "act":
+            reason = verdict.reason
+        elif position == theirs:
+            reason = f"the person is filling {position}"
+        else:
+            sure.append(position)
+    return max(sure, key=lambda position: _ease(services, position), default=None), reason
+
+
+def _ease(services: Services, position: str) -> tuple[float, float]:
+    """How clear of the hand the way to a position is [m], then how short [-m]."""
+    bench = services.observation.bench
+    tool_m, hole_m = np.array(services.tool_on_bench_m()), hole_on_bench_m(services, position)
+    length_m = float(np.linalg.norm(hole_m - tool_m))
+    if bench is None or bench.hand is None:
+        return CLEAR_M, -length_m
+    return min(CLEAR_M, round(distance_m(bench.hand.palm_m, tool_m, hole_m), 2)), -length_m

@@ -83,7 +83,7 @@ class Reader(nn.Module):
         self.fine = _conv(48, 48)
         self.heat = nn.Conv2d(48, len(POINTS), 1)
         self.facts = nn.Sequential(
-            nn.Linear(96 + 48 + 2 * len(POINTS) + 2, 96), nn.ReLU(), nn.Linear(96, 9 + 1 + types)
+            nn.Linear(96 + 48 + 2 * len(POINTS) + 2 + 48 * len(POINTS), 96), nn.ReLU(), nn.Linear(96, 9 + 1 + types)
         )
 
     def raw(self, region: Tensor, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -95,7 +95,7 @@ class Reader(nn.Module):
         fine = self.fine(self.from_stem(stem) + F.interpolate(up, scale_factor=2.0))
         heat = self.heat(fine)
         points = soft_argmax(heat)
-        pooled = [deep.mean(dim=(2, 3)), fine.mean(dim=(2, 3)), points.flatten(1), place]
+        pooled = [deep.mean(dim=(2, 3)), fine.mean(dim=(2, 3)), points.flatten(1), place, attended(heat, fine)]
         return points, self.facts(torch.cat(pooled, dim=1)), heat
 
     def forward(self, region: Tensor, place: Tensor) -> Read:
@@ -114,6 +114,12 @@ class Reader(nn.Module):
 def split_facts(facts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Logits of present, left, acting (n, 3); box (n, 4); heights in [m] (n, 2); logits of what is held."""
     return facts[:, :3], facts[:, 3:7] + facts.new_tensor([0.2, 0.1, 0.8, 0.9]), 0.1 + 0.1 * facts[:, 7:9], facts[:, 9:]
+
+
+def attended(heat: Tensor, features: Tensor) -> Tensor:
+    """(n, k c) features (n, c, s, s) at the places of each heatmap (n, k, s, s): there one sees what is held."""
+    weights = torch.softmax(heat.flatten(2), dim=2)
+    return torch.bmm(weights, features.flatten(2).transpose(1, 2)).flatten(1)
 
 
 def soft_argmax(heat: Tensor) -> Tensor:

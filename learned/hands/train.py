@@ -39,8 +39,9 @@ WEIGHTS = {
     "present": 1.0,
     "side": 0.5,
     "acting": 0.5,
-    "held": 0.3,
+    "held": 1.0,
 }
+NOTHING_WEIGHT = 0.4  # of hands that hold nothing
 TOLERANCE = 1e-3  # of scores, shares and metres: deep sums of 32-bit numbers differ by a few 1e-5
 MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
 
@@ -226,7 +227,7 @@ def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
         "present": likely[:, 0].mean(),
         "side": _mean(likely[:, 1], hand),
         "acting": _mean(likely[:, 2], hand),
-        "held": _mean(F.cross_entropy(held, batch["held"], reduction="none"), typed),
+        "held": _mean(F.cross_entropy(held, batch["held"], reduction="none") * _rarity(batch["held"]), typed),
     }
     return torch.stack([WEIGHTS[name] * term for name, term in terms.items()]).sum()
 
@@ -237,6 +238,11 @@ def heat_target(points: Tensor) -> Tensor:
     away = ((points[..., None] * HEAT_PX - middles) / HEAT_SPREAD).pow(2)  # (n, k, 2, s)
     logits = -(away[:, :, 1, :, None] + away[:, :, 0, None, :]) / 2
     return torch.softmax(logits.flatten(2), dim=2)
+
+
+def _rarity(held: Tensor) -> Tensor:
+    """(n,) Weights: most hands hold nothing."""
+    return torch.where(held == 0, NOTHING_WEIGHT, 1.0)
 
 
 def _mean(values: Tensor, chosen: Tensor) -> Tensor:

@@ -23,6 +23,8 @@ from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
     from cell.evaluating.things import Task
+    from cell.interfaces.product import Product
+    from learned.parts.dataset import Scene
 
 STILLS, VIEWS = 14, 3  # images of a look of the plate, and of a tray
 LOOK_S, TRAY_S = 2.2, 0.6  # of processor time, to make these
@@ -90,10 +92,13 @@ def train_holes(
 
 
 def train_parts(
+    kind: Annotated[str, typer.Option(help="centre, or rcnn for Faster R-CNN, a baseline of detection.")] = "centre",
     out: OutOption = None,
     data: DataOption = None,
     budget: BudgetOption = "30m",
     epochs: EpochsOption = None,
+    backbone: Annotated[str, typer.Option(help="Of rcnn: resnet101, resnet50, resnet18 or mobilenet.")] = "resnet101",
+    steps: Annotated[int, typer.Option(min=1, help="Of rcnn, each of 4 images.")] = 2000,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -104,6 +109,8 @@ def train_parts(
     from cell.configuration import load_configuration, load_product
 
     need_torch()
+    if kind not in ("centre", "rcnn"):
+        raise InputError(f"--kind {kind}: there is no such one; legal: centre, rcnn")
     budget_s, weights = seconds(budget), out or new_weights("parts", "centre", config)
     trays = max(4, int(PARTS_SHARE * budget_s / TRAY_S))
     folders = data or _made("objects", trays, ["--views", str(VIEWS), "--mixed"], [], weights, config)
@@ -113,6 +120,9 @@ def train_parts(
     configuration = load_configuration(config)
     product = load_product(configuration, config)
     scenes = load_scenes(folders, product)
+    if kind == "rcnn":
+        report_scores(f"Faster R-CNN, {backbone}", _rcnn(scenes, product, backbone, steps, weights, seed), as_json)
+        return
     things = sum(len(scene.labels) for scene in scenes)
     an_epoch_s = IMAGE_S * len(scenes) + THING_S * things
     times = epochs or min(20, max(1, int((1 - PARTS_SHARE) * budget_s / an_epoch_s)))
@@ -120,6 +130,23 @@ def train_parts(
     floor_m = configuration.bench.tray.centre_m[2]
     scores = train(scenes, product, floor_m, weights, seed, epochs=times, command=command, quiet=False)
     report_scores(f"part detector in {weights}", scores, as_json)
+
+
+def _rcnn(
+    scenes: list[Scene], product: Product, backbone: str, steps: int, weights: Path, seed: int
+) -> dict[str, float]:
+    """Train on most trays, score on every tenth."""
+    from learned.parts.rcnn import BACKBONES, RcnnTraining, score_rcnn, train_rcnn
+
+    if backbone not in BACKBONES:
+        raise InputError(f"--backbone {backbone}: there is no such one; legal: {', '.join(BACKBONES)}")
+    logs = sorted({scene.log for scene in scenes})
+    apart = set(logs[::10]) if len(logs) > 1 else set()
+    learned = [scene for scene in scenes if scene.log not in apart]
+    kept = [scene for scene in scenes if scene.log in apart] or scenes
+    checkpoint = weights.with_name(f"parts_rcnn_{backbone}.checkpoint")
+    network = train_rcnn(learned, product, seed, RcnnTraining(backbone, steps), checkpoint=checkpoint, quiet=False)
+    return score_rcnn(network, kept, product)
 
 
 def evaluate_holes(

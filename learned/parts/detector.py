@@ -26,7 +26,7 @@ LEAST_STANDING = 0.5  # probability, by both networks, that a part stands and is
 MARGIN_M = 0.06  # things this far outside the tray still count
 NEAREST_M = 0.05  # from the camera to the tray
 AXIS_PX = 8.0
-ROUNDS = 2  # of the pose net: the second one sees the part where the first one put it
+FAR_M, FAR_RAD = 0.002, 0.04  # what the pose net moves by more than this, it sees again where it put it
 SAME_M = 0.012  # two standing parts cannot be nearer
 
 
@@ -116,17 +116,20 @@ class CentrePartDetector:
 
     def _refined(self, frame: Frame, supposed: Sequence[_Standing]) -> list[_Standing]:
         """Those that stand, where the pose net sees them; of one thing the surest answer, none inside others."""
-        for _ in range(ROUNDS):
-            if supposed:
-                supposed = self._corrected(frame, supposed)
+        seen = self._corrected(frame, supposed)
+        far = [_is_far(one, before) for one, before in zip(seen, supposed, strict=True)]
+        again = iter(self._corrected(frame, [one for one, is_far in zip(seen, far, strict=True) if is_far]))
+        seen = [next(again) if is_far else one for one, is_far in zip(seen, far, strict=True)]
         kept: list[_Standing] = []
-        for one in sorted(supposed, key=lambda one: -one.standing):
+        for one in sorted(seen, key=lambda one: -one.standing):
             apart = all(float(np.hypot(*(one.place_m - other.place_m)[:2])) > SAME_M for other in kept)
             if one.standing >= LEAST_STANDING and apart and all(one.peak is not other.peak for other in kept):
                 kept.append(one)
         return kept
 
     def _corrected(self, frame: Frame, supposed: Sequence[_Standing]) -> list[_Standing]:
+        if not supposed:
+            return []
         model = self._bench.wrist.model
         crops = [crop_of(frame.image, model, frame.world_from_camera, one.place_m, one.yaw_rad) for one in supposed]
         answer = self._pose.run({"crops": np.stack(crops)})
@@ -179,6 +182,11 @@ class CentrePartDetector:
         reach = np.array(tray.size_m) / 2 + MARGIN_M
         off = np.abs(np.array(one.world_from_part.position_m[:2]) - np.array(tray.centre_m[:2]))
         return bool((off < reach).all())
+
+
+def _is_far(one: _Standing, before: _Standing) -> bool:
+    turned = abs(one.yaw_rad - before.yaw_rad)
+    return turned > FAR_RAD or float(np.linalg.norm(one.place_m - before.place_m)) > FAR_M
 
 
 def _box(peak: Peak) -> tuple[int, int, int, int]:

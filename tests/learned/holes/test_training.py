@@ -1,0 +1,67 @@
+"""The hole reader's network learns for a few steps and is exported; its threshold keeps its promise. No OpenGL here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from learned.holes.dataset import Hole, Plate
+from learned.holes.reader import LEAST_SURE, HoleNetwork
+from learned.onnx_model import OnnxModel
+
+pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
+
+CONFIGURATION = load_configuration()
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+TYPES = (None, *PRODUCT.parts)
+
+
+def drawn(seed: int) -> Plate:
+    """A plate with coloured squares for parts and dark ones for empty holes."""
+    rng = np.random.default_rng(seed)
+    setup = BENCH.overhead
+    image = np.full((setup.height_px, setup.width_px, 3), 150, np.uint8)
+    holes = []
+    for position, xy in PRODUCT.bracket.holes_m.items():
+        part = TYPES[int(rng.integers(len(TYPES)))]
+        place = BENCH.bracket.pose.transform(np.array([[*xy, 0.0]]))
+        column, row = np.rint(setup.model.project(setup.mount.pose, place)[0]).astype(int)
+        colour = (10.0, 10.0, 10.0) if part is None else tuple(255 * level for level in PRODUCT.parts[part].colour_rgb)
+        image[row - 5 : row + 6, column - 5 : column + 6] = colour
+        holes.append(Hole(position, part, True, 0.0))
+    return Plate(f"log{seed // 2}", image, setup.model, setup.mount.pose, setup.mount.pose, tuple(holes))
+
+
+def test_a_short_training_reads_what_it_was_shown(tmp_path: Path) -> None:
+    from learned.holes.settings import HoleTraining
+    from learned.holes.train import train_holes
+
+    plates = [drawn(seed) for seed in range(40)]
+    out = tmp_path / "holes_plate.onnx"
+    settings = HoleTraining(epochs=6, batch=4, widths=(8, 8, 16), hidden=16)
+    scores = train_holes(plates, BENCH, PRODUCT, out, 0, settings)
+    assert scores["validation_right"] > 0.9
+    network = OnnxModel.load(out, "holes.plate")
+    assert 0.8 <= float(str(network.card.config[LEAST_SURE])) < 1
+    readings = HoleNetwork(BENCH, PRODUCT, network).read(plates[0].image, BENCH.overhead.mount.pose)
+    said = {name: reading.part for name, reading in readings.items() if reading is not None}
+    truth = {hole.position: hole.part for hole in plates[0].holes}
+    assert said.items() <= truth.items()
+
+
+def test_no_more_filled_holes_than_allowed_are_called_empty() -> None:
+    from learned.holes.train import LEAST_LEGAL, least_sure
+
+    rng = np.random.default_rng(0)
+    truth = np.concatenate([np.zeros(500, np.int64), np.ones(1000, np.int64)])
+    empty = np.concatenate([rng.uniform(0.9, 1.0, 500), rng.uniform(0.0, 0.96, 1000)]).astype(np.float32)
+    shares = np.column_stack([empty, 1 - empty])
+    for most in (0.0005, 0.002, 0.01):
+        least = least_sure(shares, truth, most)
+        called_empty = (truth == 1) & (empty >= least) & (empty > 0.5)
+        assert called_empty.mean() <= most
+        assert least >= LEAST_LEGAL
+    assert least_sure(np.array([[0.1, 0.9]], np.float32), np.array([1]), 0.001) == LEAST_LEGAL

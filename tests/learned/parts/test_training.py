@@ -1,0 +1,88 @@
+"""Networks of the part detector learn for a few steps, are exported, and answer like torch. No OpenGL here."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Pose
+from learned.parts.dataset import AXIS_M, Label, Scene, surface_of
+from learned.parts.detector import CentrePartDetector
+
+pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
+
+CONFIGURATION = load_configuration()
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+FLOOR_M = BENCH.tray.centre_m[2]
+CAMERA = BENCH.wrist.model
+ABOVE = Pose((BENCH.tray.centre_m[0], BENCH.tray.centre_m[1], 0.52), (0.0, 1.0, 0.0, 0.0))
+
+
+def drawn(seed: int) -> Scene:
+    """A tray with outlines of standing parts painted into it."""
+    rng = np.random.default_rng(seed)
+    image = np.full((CAMERA.height_px, CAMERA.width_px, 3), 60, np.uint8)
+    labels = []
+    for name, shift in zip(PRODUCT.parts, (-0.1, 0.0, 0.1), strict=True):
+        kind = PRODUCT.parts[name]
+        x, y = BENCH.tray.centre_m[0] + rng.uniform(-0.03, 0.03), BENCH.tray.centre_m[1] + shift
+        pose = Pose.from_yaw((x, y, FLOOR_M + kind.peg_length_m), rng.uniform(-math.pi, math.pi))
+        middle = kind.size_m[2] / 2
+        ends = np.array([[0.0, 0.0, middle], [AXIS_M / 2, 0.0, middle], [-AXIS_M / 2, 0.0, middle]])
+        centre, ahead, behind = CAMERA.project(ABOVE, pose.transform(ends))
+        outline = CAMERA.project(ABOVE, pose.transform(surface_of(kind)))
+        hull = cv2.convexHull(outline.astype(np.float32))
+        cv2.fillConvexPoly(image, np.rint(hull).astype(np.int32), [int(255 * level) for level in kind.colour_rgb])
+        labels.append(Label(name, pose, True, hull.reshape(-1, 2).astype(float), centre, ahead - behind, 0.6))
+    return Scene(f"drawn{seed}", image, CAMERA, ABOVE, ABOVE, tuple(labels))
+
+
+SCENES = [drawn(seed) for seed in range(6)]
+
+
+def test_a_short_training_gives_a_detector_that_answers(tmp_path: Path) -> None:
+    from learned.parts.train import train_parts
+
+    out = tmp_path / "parts_centre.onnx"
+    facts = train_parts(SCENES, PRODUCT, FLOOR_M, out, 0, epochs=1)
+    assert facts["images"] == len(SCENES)
+    detector = CentrePartDetector.load(BENCH, PRODUCT, out)
+    for one in detector.detect(Frame("wrist", 0, 0.0, SCENES[0].image, ABOVE)):
+        assert math.isfinite(one.confidence)
+
+
+def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
+    import torch
+
+    from learned.parts.settings import CentreTraining
+    from learned.parts.train import centre_loss, train_centre
+
+    settings = CentreTraining(epochs=6, batch=3, widths=(8, 12, 16, 24), features=16)
+    networks = [train_centre(SCENES, PRODUCT, FLOOR_M, 1, settings) for _ in range(2)]
+    for one, other in zip(*(network.state_dict().values() for network in networks), strict=True):
+        assert torch.equal(one, other)
+    from learned.parts.augment import sample
+
+    drawn_one = sample(SCENES[0], tuple(PRODUCT.parts), FLOOR_M, None)
+    parts = [torch.from_numpy(part[np.newaxis]) for part in (drawn_one.heat, drawn_one.further, drawn_one.weights)]
+    fresh = train_centre(SCENES, PRODUCT, FLOOR_M, 1, settings.model_copy(update={"peak_rate": 1e-9}))
+    losses = [
+        float(centre_loss(network(torch.from_numpy(drawn_one.image[np.newaxis])), *parts).detach())
+        for network in (fresh, networks[0])
+    ]
+    assert losses[1] < losses[0]
+
+
+@pytest.mark.slow
+def test_faster_rcnn_takes_a_step_and_is_scored() -> None:
+    from learned.parts.rcnn import RcnnTraining, score_rcnn, train_rcnn
+
+    network = train_rcnn(SCENES, PRODUCT, 0, RcnnTraining("mobilenet", steps=2, batch=2))
+    scores = score_rcnn(network, SCENES[:2], PRODUCT)
+    assert 0 <= scores["map_50_95"] <= scores["map_50"] <= 1

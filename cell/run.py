@@ -53,6 +53,7 @@ from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from cell.viewing.typed_orders import TypedOrders
 from skills.can_gripper import CanGripper, Tap
+from skills.checked_arm import CheckedArm
 from skills.gripper_database import SHIPPED, load_gripper_database
 from skills.planner import MotionPlanner
 from trees.engine.tree import Tree
@@ -192,6 +193,7 @@ def drive(
         if injection is not None:
             bus = injection.bus(bus, load_gripper_database(can_settings.database or SHIPPED))
             devices, observers = injection.devices(devices), (*observers, injection)
+        devices = replace(devices, arm=CheckedArm(devices.arm))
         gripper = CanGripper(
             bus,
             devices.clock,

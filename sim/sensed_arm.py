@@ -56,7 +56,7 @@ class SensedArm:
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
         """Send it; raises DeviceFault where the arm cannot or must not follow."""
-        self._arm.refuse_bad(trajectory)
+        self._arm.refuse_stopped()
         self._followed += 1
 
         def begin() -> None:

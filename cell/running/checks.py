@@ -21,6 +21,7 @@ LATE_S, VERY_LATE_S = 0.08, 0.40
 POSITION_LIMIT_RAD = 2 * math.pi + 0.01
 SPEED_LIMITS_RAD_S = np.array([2.1, 2.1, 3.15, 3.15, 3.15, 3.15]) * 1.3  # datasheet, and what a measurement adds
 OFF_PATH_RAD = 0.025
+ARRIVED_RAD = 0.006  # a standing arm is at its goal so nearly
 SERVO_LAGS_S = (0.0, 0.008, 0.016)  # an arm trails its trajectory by at most the last
 HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
 REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
@@ -123,7 +124,9 @@ def _off_path(seen: Observation, _: Command, memory: Memory) -> Sign | None:
     if seen.arm.moving and path_s is not None:
         off = min(float(np.abs(measured - sent.at(path_s - lag_s)).max()) for lag_s in SERVO_LAGS_S)
         return Sign(f"a joint is {off:.3f} rad off its path") if off > OFF_PATH_RAD else None
-    if not seen.arm.moving and seen.arm.stands and np.abs(measured - sent.positions_rad[-1]).max() > OFF_PATH_RAD:
+    far = float(np.abs(sent.positions_rad[-1] - sent.positions_rad[0]).max())  # a short way is missed by less
+    missed = float(np.abs(measured - sent.positions_rad[-1]).max()) > max(ARRIVED_RAD, min(OFF_PATH_RAD, far / 2))
+    if missed and not seen.arm.moving and seen.arm.stands:
         return Sign("the arm does not follow its trajectory")
     return None
 

@@ -12,7 +12,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.errors import DeviceFault
 from cell.interfaces.pose import Array
-from sim.arm import KEPT_SAMPLES, PACE_ACCELERATION_RAD_S2, SPEED_LIMITS_RAD_S
+from sim.arm import KEPT_SAMPLES, PACE_ACCELERATION_RAD_S2
 from sim.settings import PhysicsSettings
 from tests.sim.conftest import MakeRig
 from tests.sim.rig import Rig
@@ -106,36 +106,6 @@ def test_a_stop_of_a_standing_arm_is_harmless(make_rig: MakeRig) -> None:
     rig.cell.arm.stop()
     rig.wait(0.2)
     np.testing.assert_allclose(rig.cell.arm.state().positions_rad, before, atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("offset_rad", "goal_rad", "duration_s", "reason"),
-    [
-        (0.06, 0.0, 1.0, "starts 0.060 rad from where shoulder_pan is"),
-        (0.0, 7.0, 9.0, "leaves the range of shoulder_pan"),
-        (0.0, 0.0, 0.2, "moves shoulder_pan at .* limit 2.09"),
-        (0.0, float("nan"), 1.0, "not finite"),
-    ],
-)
-def test_trajectories_that_cannot_be_followed_are_refused(
-    make_rig: MakeRig, offset_rad: float, goal_rad: float, duration_s: float, reason: str
-) -> None:
-    rig = make_rig()
-    start = np.array(rig.cell.arm.state().positions_rad)
-    path = np.array([start, start])
-    path[0, 0] += offset_rad
-    path[1, 0] = goal_rad
-    with pytest.raises(DeviceFault, match=reason):
-        rig.cell.arm.follow(JointTrajectory(np.array([0.0, duration_s]), path))
-    rig.wait(0.1)
-    np.testing.assert_allclose(rig.cell.arm.state().positions_rad, start, atol=1e-4)
-
-
-def test_full_speed_is_allowed(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    start = np.array(rig.cell.arm.state().positions_rad)
-    path = np.array([start, start + 0.1 * SPEED_LIMITS_RAD_S])
-    assert rig.cell.arm.follow(JointTrajectory(np.array([0.0, 0.1]), path)).duration_s == 0.1
 
 
 def test_an_arm_that_is_held_back_stops_and_says_why(make_rig: MakeRig, bench: Bench) -> None:

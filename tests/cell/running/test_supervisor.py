@@ -209,6 +209,14 @@ def test_an_arm_that_ignores_its_trajectory_is_found() -> None:
     assert actions[-1] is Action.STOP, "a hold that does not clear ends the run"
 
 
+def test_an_arm_that_ignores_a_short_trajectory_is_found_too() -> None:
+    supervisor = make_supervisor(TABLE, motion_planner())
+    near = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.1] * 6, [0.116] * 6]))
+    supervisor.judge(sound(0))
+    supervisor.judge_command(sound(0), Command(follow=near))
+    assert Action.HOLD in [supervisor.judge(sound(tick)).action for tick in range(1, 4)]
+
+
 # After a protective stop an arm is off its path without fault, so that sign alone hides another one.
 ALL = sorted(set(SPOILS) - {"arm_protective_stop"})
 

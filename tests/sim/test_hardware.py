@@ -13,6 +13,7 @@ from cell.interfaces.product import Product
 from sim.cell import SimCell
 from sim.sensed_arm import SensedArm
 from sim.settings import SimSettings
+from skills.checked_arm import CheckedArm
 
 PERIOD_S = 0.008
 
@@ -83,7 +84,7 @@ def test_a_command_is_taken_up_after_the_latency(product: Product, bench: Bench)
 def test_a_bad_trajectory_is_refused_at_once(product: Product, bench: Bench) -> None:
     cell = open_cell(product, bench, "refused", command_latency_s=0.04)
     with pytest.raises(DeviceFault, match="rad/s"):
-        cell.devices.arm.follow(ramp(cell, 3.0, 0.2))
+        CheckedArm(cell.devices.arm).follow(ramp(cell, 3.0, 0.2))
     cell.close()
 
 

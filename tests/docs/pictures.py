@@ -23,10 +23,12 @@ MADE: dict[str, Callable[[], str]] = {
 PHOTOGRAPH = "docs/cell.png"
 PARTS = "docs/parts.png"
 LOOKS = "docs/looks.png"
+PAGE = "docs/page.png"
 SEEDS = {"nominal": 1, "varied": 14, "hard": 9}
 
 
 def main() -> None:
+    from tests.docs.page_shot import shot
     from tests.docs.parts_sheet import sheet
     from tests.docs.photograph import look_sheet_of, photograph, png
 
@@ -35,6 +37,7 @@ def main() -> None:
     (ROOT / PHOTOGRAPH).write_bytes(png(photograph()))
     (ROOT / PARTS).write_bytes(png(sheet()))
     (ROOT / LOOKS).write_bytes(png(look_sheet_of(SEEDS)))
+    (ROOT / PAGE).write_bytes(shot())
 
 
 if __name__ == "__main__":

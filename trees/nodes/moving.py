@@ -62,6 +62,26 @@ class GripperIsEmpty(CellNode):
         return Status.FAILURE if self.services.observation.gripper.holding else Status.SUCCESS
 
 
+class IdentifyHeldPart(CellNode):
+    """Tell by the distance of the fingers which part is between them, where a run begins with one in the gripper."""
+
+    instant = True
+
+    def update(self) -> Status:
+        from skills.held_part import held_type
+
+        services = self.services
+        if services.held_part is None:
+            opening_m = services.observation.gripper.opening_m
+            services.held_part = held_type(services.product, opening_m, services.motion.settings)
+        if services.held_part is None:
+            self.feedback_message = "something is in the gripper, and its width says not what"
+            services.failed("I do not know what I hold")
+            return Status.FAILURE
+        self.feedback_message = f"holds {services.held_part}"
+        return Status.SUCCESS
+
+
 class MoveTo(SkillNode):
     """Move the arm to a named pose."""
 

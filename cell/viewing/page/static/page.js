@@ -211,7 +211,7 @@ function showTree({ statuses }) {
     const [status, words] = statuses[node.uid] ?? ["", ""];
     const name = node.name === node.kind ? node.kind : `${node.kind} ${node.name}`;
     const item = make("li", { class: status }, name, make("em", {}, words ? `  ${words}` : ""));
-    item.style.paddingLeft = `${0.4 + 0.5 * node.depth}rem`;
+    item.style.paddingLeft = `${0.4 + 0.3 * node.depth}rem`;
     return item;
   });
   $("nodes").replaceChildren(...rows);

@@ -49,9 +49,11 @@ class Stock:
 
     def take_bracket(self) -> None:
         """Take the bracket with everything in or on it, and set an empty one there."""
-        for body in self._known:
-            if self._in_bracket(body):
-                self._kept[body.name] = body
+        self.take([body for body in self._known if self._in_bracket(body)])
+
+    def take(self, bodies: Iterable[WorldPart]) -> None:
+        """Take parts away."""
+        self._kept |= {body.name: body for body in bodies}
         self.update(0.0, 0.0)
 
     def fill_bins(self) -> None:

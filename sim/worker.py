@@ -28,6 +28,7 @@ from sim.stock import Stock
 from sim.worker_sight import Sight, WorkerWorld
 
 AT_REST_M = 0.02
+ASKS_AGAIN_S = 6.0  # how long the person waits for a part that only the robot can bring
 SEEN_S = 6.0  # how long the person waits for the cell to see the empty bracket
 TOOL_RADIUS_M = 0.003  # a tool that sits on a screw does not leave it
 OVER = object()
@@ -244,11 +245,23 @@ class Worker:
             yield from self._errands.fill("bins")
             return
         self._idle_s = self._idle_s + self._work.dt_s if self._sight.arm_parked else 0.0
+        if not complete and self._idle_s > ASKS_AGAIN_S and not self._replies.stands("help"):
+            self._idle_s = 0.0
+            yield from self._ask_for_part()
+            return
         asked = self._replies.asks_for_bracket(self._diary.time_s)
         if asked or (self._around.goes_on and self._idle_s > self._person.shift.gives_up_s):
             yield from self._errands.change_bracket()
             yield from self._go_to_rest()
             yield from self._wait_while(lambda: self._replies is not None and self._replies.stands("bracket"), SEEN_S)
+
+    def _ask_for_part(self) -> Script:
+        """A part is missing that only the robot can bring: screw once more, which is how it is asked for one."""
+        placed = [name for name in self._order if self._sight.in_hole(name) is not None]
+        if placed:
+            yield from self._screw(placed[int(self._chance.integers(len(placed)))])
+            yield from self._go_to_rest()
+            yield from self._wait_for_robot_to_begin()
 
     def _next_position(self) -> str | None:
         """The next in the person's order that can be filled; one that a help request names comes first."""

@@ -83,6 +83,7 @@ class Monitor:
         self._xml = tree_xml(tree, self._registry).encode()
         self._board = StatusBoard(len(tree.nodes))
         self._hooks = Hooks(tree, self._tell_breakpoint)
+        self._resting: list[dict[str, Any]] = []  # hooks that act again with the next request
 
     def frame(self, frame: Frame) -> None:
         """Images are not shown."""
@@ -110,8 +111,12 @@ class Monitor:
             except zmq.Again:
                 break
             self._asked_s = time.monotonic()
+            if self._resting:
+                self._order("I", self._resting)
+                self._resting = []
             self._replies.send_multipart(self.answer(request), zmq.NOBLOCK)
         if self._with_hooks and time.monotonic() - self._asked_s > HOOKS_REST_AFTER_S and self._hooks.act:
+            self._resting = self._hooks.enabled
             self._order("X", {})
 
     def answer(self, request: list[bytes]) -> list[bytes]:
@@ -150,7 +155,7 @@ class Monitor:
             else [scope.name or self._tree.name for scope in self._tree.scopes]
         )
         values = {
-            name: entries and {key: _packable(value) for key, value in entries.items()}
+            name: {key: _packable(value) for key, value in entries.items()}
             for name, entries in blackboards(self._tree, wanted).items()
         }
         packed: bytes = msgpack.packb(values)
@@ -171,7 +176,7 @@ class Monitor:
         self._hooked(kind, body)
 
     def _tell_breakpoint(self, uid: int) -> None:
-        head = HEADER.pack(PROTOCOL, ord("N"), 0) + self._identity
+        head = HEADER.pack(PROTOCOL, ord("N"), 0)
         self._news.send_multipart([head, str(uid).encode()], zmq.NOBLOCK)
 
     def _bound(self, kind: int, port: int) -> zmq.Socket[bytes]:

@@ -13,6 +13,7 @@ from py_trees.common import Status
 from pydantic import Field
 
 from cell.interfaces.model import Model
+from trees.engine.errors import NodeError
 from trees.engine.literals import STATUS_WORDS
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, TreeNode
 from trees.engine.tree import Tree
@@ -108,6 +109,11 @@ class Hooks:
         for key in list(self._hooks):
             self._drop(key)
 
+    @property
+    def enabled(self) -> list[dict[str, Any]]:
+        """Hooks that act, as plain data."""
+        return [hook.model_dump(mode="json") for hook in self._hooks.values() if hook.enabled]
+
     def disable(self) -> None:
         """Let all hooks rest; nodes that wait go on."""
         self._hooks = {key: hook.model_copy(update={"enabled": False}) for key, hook in self._hooks.items()}
@@ -190,7 +196,7 @@ class _Hooked:
             if replaced is RUNNING:
                 return RUNNING  # not begun, or begun and not ticked: the node keeps its status
             if replaced is not None:
-                return _answer(node, replaced)
+                return _answer(node, _among_conditions(node, replaced))
             held = type(node).execute(node)
             if held is RUNNING:
                 return RUNNING
@@ -198,6 +204,22 @@ class _Hooked:
         if replaced is None or replaced is RUNNING:
             return replaced or held
         return _answer(node, replaced)
+
+
+def _among_conditions(node: TreeNode, status: Status) -> Status:
+    """What a node answers whose work is replaced: its conditions before and after hold all the same."""
+    conditions = node.conditions
+    if conditions is None:
+        return status
+    try:
+        first = conditions.before(node)
+        status = status if first is None else first
+        if status is SUCCESS or status is FAILURE:
+            conditions.after(status)
+    except NodeError as error:
+        node.feedback_message = str(error)
+        return FAILURE
+    return status
 
 
 def _answer(node: TreeNode, status: Status) -> Status:

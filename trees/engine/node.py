@@ -173,13 +173,17 @@ class TreeNode(behaviour.Behaviour):
         """py_trees' way to tick: yields the nodes that were ticked, children first."""
         visited: list[behaviour.Behaviour] = []
         nodes = [node for node in self.iterate() if isinstance(node, TreeNode)]
+        before = [vars(node).get("execute") for node in nodes]  # a monitor's hook, where there is one
         for node in nodes:
             vars(node)["execute"] = _noting(node, visited)
         try:
             self.execute()
         finally:
-            for node in nodes:
-                del vars(node)["execute"]
+            for node, own in zip(nodes, before, strict=True):
+                if own is None:
+                    del vars(node)["execute"]
+                else:
+                    vars(node)["execute"] = own
         yield from visited
 
     def stop(self, new_status: Status = IDLE) -> None:

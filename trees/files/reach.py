@@ -56,7 +56,7 @@ class _Reach:
         if element.broken:
             return BOTH | {SKIPPED}
         if element.tag == "SubTree":
-            return below[0]
+            return below[0] if len(below) == 1 else BOTH | {SKIPPED}
         if tag in SEQUENCES or tag in FALLBACKS:
             return self._in_order(element, below, SUCCESS if tag in SEQUENCES else FAILURE)
         if tag in BRANCHES:

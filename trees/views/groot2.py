@@ -38,11 +38,11 @@ def tree_xml(tree: Tree, registry: Registry) -> str:
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
 
-def blackboards(tree: Tree, names: Iterable[str]) -> dict[str, dict[str, Any] | None]:
+def blackboards(tree: Tree, names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Entries that are set, by (Sub)Tree; one that is remapped stands only in the outermost tree that names it.
 
     Args:
-        names: of trees: the main tree's ID, or a SubTree's path; None answers one that does not exist.
+        names: of trees: the main tree's ID, or a SubTree's path; one that does not exist is left out.
     """
     known: set[int] = set()
     found: dict[str, dict[str, Any]] = {}
@@ -51,7 +51,7 @@ def blackboards(tree: Tree, names: Iterable[str]) -> dict[str, dict[str, Any] | 
         new = {key: entry for key, entry in own.items() if id(entry) not in known}
         known.update(id(entry) for entry in new.values())
         found[scope.name or tree.name] = {k: entry.value for k, entry in new.items() if entry.value is not UNSET}
-    return {name: found.get(name) for name in names}
+    return {name: found[name] for name in names if name in found}
 
 
 class StatusBoard:

@@ -172,7 +172,6 @@ def test_a_remapped_entry_stands_only_in_the_outer_tree(make: Callable[..., Benc
     assert msgpack.unpackb(bench.ask("B", b"Main;first;nowhere")[1]) == {
         "Main": {"a": 3, "text": "x"},
         "first": {"q": 7},
-        "nowhere": None,
     }
 
 
@@ -241,6 +240,25 @@ def test_a_replaced_node_is_not_ticked(make: Callable[..., Bench]) -> None:
     assert first.begun == 1
 
 
+def test_hooks_rest_while_nobody_asks_and_act_again_with_the_next_request(
+    make: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make(hooks=True)
+    order = {"uid": FIRST, "mode": 1, "desired_status": "FAILURE", "position": 0}
+    bench.ask("I", json.dumps(order).encode())
+    monkeypatch.setattr("cell.viewing.monitor.HOOKS_REST_AFTER_S", -1.0)
+    bench.monitor.serve()
+    assert json.loads(bench.ask("D")[1])[0]["enabled"] is False
+    assert bench.tick() is Status.RUNNING
+    monkeypatch.undo()
+    client = MonitorClient(bench.port)
+    try:
+        bench.served(client.statuses)
+    finally:
+        client.close()
+    assert json.loads(bench.ask("D")[1])[0]["enabled"] is True
+
+
 def test_a_breakpoint_waits_and_the_loop_goes_on(make: Callable[..., Bench]) -> None:
     bench = make(hooks=True)
     first = bench.tree.nodes[FIRST - 1]
@@ -255,7 +273,8 @@ def test_a_breakpoint_waits_and_the_loop_goes_on(make: Callable[..., Bench]) -> 
             bench.tree.halt()
             bench.ask("I", json.dumps({"uid": FIRST, "position": 0}).encode())
             assert bench.tick() is Status.RUNNING
-        assert news.recv_multipart()[1] == str(FIRST).encode()
+        head, body = news.recv_multipart()
+        assert (len(head), head[1:2], body) == (HEADER.size, b"N", str(FIRST).encode())
         assert first.begun == 0
         unlock = {"uid": FIRST, "position": 0, "desired_status": "SKIPPED", "remove_when_done": True}
         assert len(bench.ask("U", json.dumps(unlock).encode())) == 1

@@ -99,3 +99,11 @@ def test_entries_come_from_the_command_line(tmp_path: Path) -> None:
     assert main(["check", str(file), "--set", "t=hello"]) == 0
     for wrong in ("1x=3", "no_such.yaml", "=3"):
         assert main(["check", str(file), "--set", wrong]) == 2
+
+
+def test_a_subtree_without_nodes_is_told_and_no_more(tmp_path: Path) -> None:
+    (file,) = files(
+        tmp_path,
+        main='<BehaviorTree ID="Main"><SubTree ID="Empty"/></BehaviorTree><BehaviorTree ID="Empty"></BehaviorTree>',
+    )
+    assert ["has 0 nodes" in problem.what for problem in findings([file], node_registry()).problems] == [True]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 
@@ -14,9 +15,9 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
-from rich.tree import Tree as Branch
 
 from cell.interfaces.errors import InputError
+from cell.viewing.tree_lines import fitted, lines_of
 
 HEADER = struct.Struct("<BBI")
 STATUS = struct.Struct("<HB")
@@ -24,8 +25,7 @@ PROTOCOL = 2
 TIMEOUT_MS = 2000
 REFRESH_S = 0.2
 VALUE_LETTERS = 80
-# By the protocol's numbers; 10 and more is what a node was before it went idle.
-MARKS = {0: ("·", "dim"), 1: ("▶", "bold yellow"), 2: ("✔", "green"), 3: ("✘", "red"), 4: ("-", "dim")}
+FEEDBACK = "F"
 
 
 class MonitorClient:
@@ -57,6 +57,14 @@ class MonitorClient:
         """Entries of all trees, by tree."""
         found: dict[str, Any] = msgpack.unpackb(self._ask("B"))
         return found
+
+    def said(self) -> dict[int, str]:
+        """Why nodes wait, or how they ended, by uid; a monitor of another program knows nothing of that."""
+        try:
+            told: dict[str, str] = json.loads(self._ask(FEEDBACK))
+        except InputError:
+            return {}
+        return {int(uid): text for uid, text in told.items()}
 
     def close(self) -> None:
         """Hang up."""
@@ -92,41 +100,50 @@ def live_view(port: int, console: Console) -> None:
         with Live(console=console, auto_refresh=False, screen=console.is_terminal) as live:
             while True:
                 try:
-                    statuses, entries = client.statuses(), client.blackboards()
+                    statuses, entries, said = client.statuses(), client.blackboards(), client.said()
                     if client.identity != shown:
                         xml, shown = client.tree(), client.identity
                         continue
                 except InputError:
                     break
-                live.update(view(xml, statuses, entries), refresh=True)
+                live.update(view(xml, statuses, entries, said, (console.width, console.height)), refresh=True)
                 time.sleep(REFRESH_S)
         console.print("the run has ended")
     finally:
         client.close()
 
 
-def view(xml: ElementTree.Element, statuses: Mapping[int, int], entries: Mapping[str, Any]) -> Group:
-    """The tree with its statuses, and the blackboards below."""
-    trees = {element.get("_fullpath", ""): element for element in xml.iter("BehaviorTree")}
-    main = trees[""]
-    branch = Branch(Text(main.get("ID", ""), style="bold"))
-    waiting = [(branch, child) for child in reversed(main)]
-    while waiting:
-        above, element = waiting.pop()
-        mark, style = MARKS[statuses.get(int(element.get("_uid", "0")), 0) % 10]
-        label = element.get("name") or element.tag
-        kind = element.get("ID", element.tag)
-        below = above.add(Text(f"{mark} {label}" if label == kind else f"{mark} {label}  ({kind})", style=style))
-        inner = trees[element.get("_fullpath", "")] if element.tag == "SubTree" else element
-        waiting += [(below, child) for child in reversed(inner)]
-    return Group(branch, _entries_table(entries))
+def view(
+    xml: ElementTree.Element,
+    statuses: Mapping[int, int],
+    entries: Mapping[str, Any],
+    said: Mapping[int, str] | None = None,
+    size: tuple[int, int] = (80, 1000),
+) -> Group:
+    """The tree with its statuses and why nodes wait, and the blackboards below.
+
+    Args:
+        size: of the window in columns and rows; what runs is always shown, the blackboard in a third of the rows.
+    """
+    columns, rows = size
+    lines = lines_of(xml, statuses, said or {})
+    values = [(tree, key, value) for tree, own in entries.items() for key, value in (own or {}).items()]
+    board_rows = min(len(values), max(rows - 3 - len(lines), rows // 3 - 2))
+    texts = fitted(lines, rows - board_rows - 3)
+    for text in texts:
+        text.truncate(columns, overflow="ellipsis")
+    title = Text(next(xml.iter("BehaviorTree")).get("ID", ""), style="bold")
+    return Group(title, *texts, _entries_table(values, board_rows))
 
 
-def _entries_table(entries: Mapping[str, Any]) -> Table:
-    table = Table(title="blackboard", title_justify="left", show_header=False)
-    for tree, values in entries.items():
-        for key, value in (values or {}).items():
-            text = str(value)
-            text = text if len(text) <= VALUE_LETTERS else text[: VALUE_LETTERS - 3] + "..."
-            table.add_row(Text(tree), Text(key), Text(text))
+def _entries_table(values: Sequence[tuple[str, str, Any]], rows: int) -> Table:
+    left_out = len(values) - rows
+    title = "blackboard" + (f" ({left_out} more)" if left_out > 0 else "")
+    table = Table(title=title, title_justify="left", show_header=False, box=None, padding=(0, 1))
+    for _ in range(3):
+        table.add_column(no_wrap=True, overflow="ellipsis")
+    for tree, key, value in values[:rows]:
+        text = str(value)
+        text = text if len(text) <= VALUE_LETTERS else text[: VALUE_LETTERS - 3] + "..."
+        table.add_row(Text(tree), Text(key), Text(text))
     return table

@@ -29,6 +29,7 @@ from trees.views.groot2 import StatusBoard, blackboards, tree_xml
 
 DEFAULT_PORT = 1667
 PROTOCOL = 2
+FEEDBACK = "F"  # a request of our own beside Groot2's
 LOOPBACK = "tcp://127.0.0.1"
 REQUESTS_A_TICK = 16  # so that a flood of requests does not hold up the loop
 REQUEST_BYTES = 64 * 1024
@@ -74,6 +75,7 @@ class Monitor:
             "B": self._blackboard,
             "r": self._record,
             "t": lambda _: self._board.take_transitions(),
+            FEEDBACK: self._feedback,
         }
 
     def watch(self, tree: Tree) -> None:
@@ -160,6 +162,11 @@ class Monitor:
         }
         packed: bytes = msgpack.packb(values)
         return packed
+
+    def _feedback(self, _: bytes) -> bytes:
+        """What nodes say now, by uid; only `cell monitor` asks for it."""
+        said = {node.uid: node.feedback_message for node in self._tree.nodes if node.feedback_message}
+        return json.dumps(said).encode()
 
     def _record(self, order: bytes) -> bytes | None:
         if order == b"start":

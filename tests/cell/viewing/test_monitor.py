@@ -33,6 +33,7 @@ from trees.engine.ports import InputPort
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
 from trees.files.registry import Registry
+from trees.views.groot2 import tree_xml
 
 T = TypeVar("T")
 HEADER = struct.Struct("<BBI")
@@ -317,6 +318,38 @@ def test_the_terminal_view_names_every_node(make: Callable[..., Bench]) -> None:
     assert "first  (Inner)" in text
     assert "▶ Count" in text
     assert "text" in text
+
+
+def test_the_terminal_view_fits_any_window_and_keeps_what_runs() -> None:
+    rounds = "".join(f'<Sequence name="done {n}"><AlwaysSuccess/><AlwaysSuccess/></Sequence>' for n in range(30))
+    xml = ElementTree.fromstring(
+        '<root><BehaviorTree ID="Main" _fullpath=""><Sequence name="job" _uid="1">'
+        + rounds
+        + '<Wait name="the one that runs" _uid="2"/>'
+        + rounds
+        + "</Sequence></BehaviorTree></root>"
+    )
+    said = {2: "waits for: screw"}
+    for rows in (8, 12, 24, 50, 400):
+        shown = view(xml, {1: 1, 2: 1}, {"Main": {f"e{n}": "x" * 200 for n in range(40)}}, said, (60, rows))
+        console = Console(file=StringIO(), width=60, record=True)
+        console.print(shown)
+        text = console.export_text()
+        assert "▶ the one that runs  (Wait)  waits for: screw" in text
+        assert text.count("\n") <= rows
+    assert "done 29" in text
+
+
+def test_the_view_of_the_shipped_tree_names_its_running_leaf_on_24_rows() -> None:
+    registry = node_registry()
+    tree = load_tree(ROOT / "trees" / "assemble.xml", registry)
+    leaf = next(node for node in tree.nodes if type(node).__name__ == "PlacePart")
+    xml = ElementTree.fromstring(tree_xml(tree, registry))
+    console = Console(file=StringIO(), width=80, record=True)
+    console.print(view(xml, {leaf.uid: 1}, {}, {}, (80, 24)))
+    text = console.export_text()
+    assert "▶ PlacePart" in text
+    assert text.count("\n") <= 24
 
 
 def test_behaviortree_cpp_loads_what_is_served(make: Callable[..., Bench]) -> None:

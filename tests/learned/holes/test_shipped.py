@@ -1,0 +1,37 @@
+"""The shipped hole reader on rendered stills: what is bare is read, and hardly a filled hole is called empty."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from cell.configuration import WEIGHTS, load_configuration, load_product, simulated
+from learned.holes.dataset import Plate, load_plates
+from learned.holes.evaluate import HoleFindings, evaluate_holes
+from learned.holes.reader import KIND, HoleNetwork, Reading
+from learned.onnx_model import OnnxModel
+from sim.data.folder import DataFolder
+from sim.data.plates import write_plates
+
+CONFIGURATION = simulated(load_configuration(), "nominal")
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+SEED = 820_000
+
+
+def test_bare_holes_are_read_and_filled_ones_are_not_called_empty(tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "new", "test")
+    look = CONFIGURATION.devices.simulation
+    write_plates(PRODUCT, BENCH, look, SEED, folder, 20, lambda *_: np.array(BENCH.arm_park_rad))
+    network = HoleNetwork(BENCH, PRODUCT, OnnxModel.load(WEIGHTS / "holes_plate.onnx", KIND))
+
+    def read(plate: Plate) -> dict[str, Reading | None]:
+        return network.read(plate.image, BENCH.overhead.mount.pose)
+
+    findings = HoleFindings()
+    evaluate_holes(load_plates([tmp_path / "new"]), read, findings)
+    scores = findings.scores()
+    assert scores["holes"] > 60
+    assert scores["said"] > 0.95
+    assert scores["right_where_said"] > 0.98
+    assert findings.called_empty == 0

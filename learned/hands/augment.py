@@ -7,14 +7,16 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-MIX_SHARE, BLUR_SHARE, GAMMA_SHARE, COVER_SHARE = 0.6, 0.4, 0.4, 0.3
-LARGEST_NOISE = 0.06
+MIX_SHARE, BLUR_SHARE, GAMMA_SHARE, COVER_SHARE, DARK_SHARE = 0.6, 0.5, 0.4, 0.3, 0.5
+LARGEST_NOISE = 0.07
+DARKEST = 0.3  # of the light: noise counts more in the dark
+BLURS = 3  # passes of 3 x 3 pixels
 GAMMA = 0.35  # standard deviation of its logarithm
 COVER = (0.08, 0.3)  # sides of what covers a piece, as shares of the image's
 
 
-def varied(images: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-    """Images (n, 3, height, width) of 0 to 1 with other colours, gamma, blur, noise and a piece covered.
+def varied(images: Tensor, rng: np.random.Generator, largest_noise: float = LARGEST_NOISE) -> tuple[Tensor, Tensor]:
+    """Images (n, 3, height, width) of 0 to 1 with other colours, gamma, blur, light, noise and a piece covered.
 
     Returns:
         The images, and how much the channels of each were mixed, (n,), 0 to 1.
@@ -25,11 +27,13 @@ def varied(images: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
     images = torch.einsum("nij,njhw->nihw", mixing, images).clamp(0.0, 1.0)
     gamma = np.exp(rng.normal(0.0, GAMMA, count) * (rng.random(count) < GAMMA_SHARE))
     images = (images + 1e-4) ** _each(gamma)
-    softness = rng.uniform(0.0, 1.0, count) * (rng.random(count) < BLUR_SHARE)
-    soft = F.avg_pool2d(F.pad(images, (1, 1, 1, 1), mode="replicate"), 3, 1)
-    images = images + _each(softness) * (soft - images)
+    softness = rng.uniform(0.0, BLURS, count) * (rng.random(count) < BLUR_SHARE)
+    for passed in range(BLURS):
+        soft = F.avg_pool2d(F.pad(images, (1, 1, 1, 1), mode="replicate"), 3, 1)
+        images = images + _each(np.clip(softness - passed, 0.0, 1.0)) * (soft - images)
+    images = images * _each(np.where(rng.random(count) < DARK_SHARE, rng.uniform(DARKEST, 1.0, count), 1.0))
     noise = torch.from_numpy(rng.standard_normal(images.shape, dtype=np.float32))
-    images = images + _each(LARGEST_NOISE * rng.random(count) ** 2) * noise
+    images = (images + _each(largest_noise * rng.random(count) ** 1.5) * noise).clamp(0.0, 1.0)
     _cover(images, rng)
     return images, torch.from_numpy(amount.astype(np.float32))
 

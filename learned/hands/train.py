@@ -41,6 +41,7 @@ WEIGHTS = {
     "acting": 0.5,
     "held": 1.0,
 }
+FINDER_NOISE = 0.03  # its images are made small, which averages noise
 NOTHING_WEIGHT = 0.4  # of hands that hold nothing
 TOLERANCE = 1e-3  # of scores, shares and metres: deep sums of 32-bit numbers differ by a few 1e-5
 MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
@@ -114,7 +115,7 @@ def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:
     def losses(_: int) -> Iterator[Tensor]:
         for rows in _batches(len(data.small), rng):
             flip = rng.random() < 0.5
-            images, _mixed = varied(torch.from_numpy(planes(data.small[rows])), rng)
+            images, _mixed = varied(torch.from_numpy(planes(data.small[rows])), rng, FINDER_NOISE)
             wanted = [torch.from_numpy(one[rows]) for one in (target, offset, near)]
             if flip:
                 images, wanted = images.flip(-1), [one.flip(-1) for one in wanted]

@@ -12,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from cell.interfaces.errors import InputError, LogError
 from cell.log.reading.reader import Log
 from cell.log.telling.key_frames import key_frames
+from cell.log.telling.shift import shift_of
 from cell.log.telling.summary import (
     Belief,
     Line,
@@ -88,6 +89,7 @@ def report_html(log: Log) -> str:
     names = list(dict.fromkeys(name for belief in goals for name in belief.goals))
     return environment.get_template(TEMPLATE).render(
         log=log,
+        shift=shift_of(log),
         axis=axis,
         width=WIDTH,
         labels=LABELS,

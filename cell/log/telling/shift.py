@@ -1,0 +1,156 @@
+"""A shift as its log tells it: brackets, who placed what, waits by their reason, and how well the time was used.
+
+OEE (overall equipment effectiveness) is availability x performance x quality, here:
+availability: share of the shift in which no question stood and nothing held the cell;
+performance: time of the quickest finished bracket over the mean time of a finished one;
+quality: share of the ended brackets in which every hole was seen filled, or of those that are right where it is known.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from cell.interfaces.judgement import Action
+from cell.log.reading.reader import Log
+from cell.log.reading.ticks import LoggedTick
+
+HOLDS = (Action.HOLD.name, Action.STOP.name)
+
+
+@dataclass
+class BracketRow:
+    """One bracket of a shift.
+
+    Attributes:
+        finished: every hole was seen filled when it ended; None where the log ends before.
+        goal: that it was learned to be, or as it was judged.
+        correct: None where nobody knows.
+        robot, person: how many parts each placed.
+        questions: what was asked, in words.
+        waits_s: seconds by reason in which the cell was held, or a question stood.
+    """
+
+    number: int
+    begin_s: float
+    end_s: float
+    finished: bool | None = None
+    goal: str = ""
+    correct: bool | None = None
+    placed: dict[str, str] = field(default_factory=dict)
+    questions: list[str] = field(default_factory=list)
+    waits_s: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def length_s(self) -> float:
+        return self.end_s - self.begin_s
+
+    @property
+    def robot(self) -> int:
+        return sum(who == "robot" for who in self.placed.values())
+
+    @property
+    def person(self) -> int:
+        return len(self.placed) - self.robot
+
+    @property
+    def waited_s(self) -> float:
+        return sum(self.waits_s.values())
+
+
+@dataclass(frozen=True)
+class Shift:
+    """All brackets of a log, and what follows from them; see the module for OEE."""
+
+    brackets: list[BracketRow]
+    availability: float
+    performance: float
+    quality: float
+
+    @property
+    def oee(self) -> float:
+        return self.availability * self.performance * self.quality
+
+    @property
+    def waits_s(self) -> list[tuple[str, float]]:
+        """Seconds by reason, the longest first."""
+        total: dict[str, float] = {}
+        for reason, length_s in (wait for bracket in self.brackets for wait in bracket.waits_s.items()):
+            total[reason] = total.get(reason, 0.0) + length_s
+        return sorted(total.items(), key=lambda wait: -wait[1])
+
+
+def shift_of(log: Log) -> Shift | None:
+    """The shift that a log tells of; None where its tree named no brackets."""
+    brackets = _brackets(log)
+    if not brackets:
+        return None
+    _judge(log, brackets)
+    ended = [one for one in brackets if one.finished is not None]
+    lengths = [one.length_s for one in ended if one.finished]
+    worked_s = sum(one.length_s for one in brackets)
+    good = sum(bool(one.finished) and one.correct is not False for one in ended)
+    return Shift(
+        brackets,
+        availability=1 - sum(one.waited_s for one in brackets) / worked_s if worked_s > 0 else 0.0,
+        performance=min(lengths) * len(lengths) / sum(lengths) if lengths else 0.0,
+        quality=good / len(ended) if ended else 0.0,
+    )
+
+
+def _brackets(log: Log) -> list[BracketRow]:
+    found: list[BracketRow] = []
+    asked: list[Any] = []
+    before_s = log.ticks[0].time_s if log.ticks else 0.0
+    for tick in log.ticks:
+        if found and found[-1].finished is None:
+            found[-1].end_s = tick.time_s
+            if reason := _waits_for(tick, asked):
+                waits_s = found[-1].waits_s
+                waits_s[reason] = waits_s.get(reason, 0.0) + tick.time_s - before_s
+        before_s = tick.time_s
+        if tick.display is not None:
+            asked = list(tick.display.get("questions") or ())
+        for topic, fields in tick.notes:
+            _note(topic, fields, tick, found)
+    return found
+
+
+def _waits_for(tick: LoggedTick, asked: list[Any]) -> str:
+    """What the cell waits for in a tick; empty where it does not."""
+    judgement = tick.judgement or {}
+    if judgement.get("action") in HOLDS and judgement.get("reasons"):
+        return str(judgement["reasons"][0]["words"])
+    return next((str(one["reason"]) for one in asked if one["kind"] != "bracket"), "")
+
+
+def _note(topic: str, fields: Any, tick: LoggedTick, found: list[BracketRow]) -> None:
+    if topic == "bracket" and fields["edge"] == "begin":
+        found.append(BracketRow(fields["number"], tick.time_s, tick.time_s))
+    if not found or found[-1].finished is not None:
+        return
+    now = found[-1]
+    if topic == "bracket" and fields["edge"] == "end":
+        now.end_s, now.finished, now.goal = tick.time_s, fields["finished"], fields["goal"] or ""
+    elif topic == "belief" and fields.get("edge"):
+        part, position = fields["edge"]
+        if part is None:
+            now.placed.pop(position, None)
+        elif position not in now.placed or fields.get("source") == "robot":
+            now.placed[position] = "robot" if fields.get("source") == "robot" else "person"
+    elif topic == "help":
+        now.questions.append(str(fields.get("text")))
+
+
+def _judge(log: Log, brackets: list[BracketRow]) -> None:
+    """Say of each bracket whether it is right, where the log's result knows."""
+    try:
+        told = json.loads(log.result["brackets"]) if "brackets" in log.result else []
+    except (ValueError, TypeError):
+        told = []
+    known = {one.get("number"): one for one in told if isinstance(one, dict)}
+    for bracket in brackets:
+        judged = known.get(bracket.number, {})
+        bracket.correct = judged.get("correct")
+        bracket.goal = judged.get("goal") or bracket.goal

@@ -27,7 +27,8 @@ class BracketRow:
         finished: every hole was seen filled when it ended; None where the log ends before.
         goal: that it was learned to be, or as it was judged.
         correct: None where nobody knows.
-        robot, person: how many parts each placed.
+        placed: who did it, by position; a hole that is seen filled with what the robot fetched for it is the robot's.
+        fetched: type of the part that the robot fetched last for a position.
         questions: what was asked, in words.
         waits_s: seconds by reason in which the cell was held, or a question stood.
     """
@@ -39,6 +40,7 @@ class BracketRow:
     goal: str = ""
     correct: bool | None = None
     placed: dict[str, str] = field(default_factory=dict)
+    fetched: dict[str, str] = field(default_factory=dict)
     questions: list[str] = field(default_factory=list)
     waits_s: dict[str, float] = field(default_factory=dict)
 
@@ -137,8 +139,12 @@ def _note(topic: str, fields: Any, tick: LoggedTick, found: list[BracketRow]) ->
         part, position = fields["edge"]
         if part is None:
             now.placed.pop(position, None)
-        elif position not in now.placed or fields.get("source") == "robot":
-            now.placed[position] = "robot" if fields.get("source") == "robot" else "person"
+        else:
+            mine = fields.get("source") == "robot" or now.fetched.get(position) == part
+            now.placed[position] = "robot" if mine and fields.get("source") != "action" else "person"
+    elif topic == "verdict" and fields.get("decision") == "act":
+        part, _, position = str(fields.get("subject")).partition(" at ")
+        now.fetched[position] = part
     elif topic == "help":
         now.questions.append(str(fields.get("text")))
 

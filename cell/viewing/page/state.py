@@ -143,7 +143,9 @@ class PageState:
                 self._placed.pop(position, None)
             else:
                 self._placed[position] = part
-                self._by[position] = "robot" if fields.get("source") == "robot" else self._by.get(position, "person")
+                source, planned = fields.get("source"), self._next.get("robot")
+                mine = planned == {"part": part, "positions": [position]} and source != "action"
+                self._by[position] = "robot" if source == "robot" or mine else self._by.get(position, "person")
         elif topic == "plan" and fields.get("next"):
             part, *positions = fields["next"]
             self._next["robot"] = {"part": part, "positions": list(positions)}

@@ -179,6 +179,7 @@ def run(
     """Assemble one product, or a shift of them."""
     from cell import run as running
     from cell.run_options import RunOptions
+    from cell.viewing.typed_orders import typed_lines
 
     screen = console()
     port = monitor_port if monitor or monitor_hooks else None
@@ -202,7 +203,7 @@ def run(
         entries=entries_of(entries),
         brackets=brackets,
         page_port=page_port if page else None,
-        orders=sys.stdin if orders else None,
+        orders=typed_lines(sys.stdin.fileno()) if orders else None,
     )
     result = running.run(options, screen)
     _list_run(Path(str(result.summary["log"])))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from cell.interfaces.errors import InputError
 from cell.interfaces.operator import ORDERS, OperatorOrder, Question
@@ -14,6 +15,19 @@ HELP = (
 )
 SHORT = {"ack": "acknowledge", "p": "pause", "r": "resume"}
 NEW = {"new": UNKNOWN_GOAL, "a new one": UNKNOWN_GOAL}
+
+
+def typed_lines(descriptor: int) -> Iterator[str]:
+    """Lines of a terminal or a pipe, until it ends.
+
+    Read without the interpreter's own buffer: a thread that waits in that one makes the interpreter abort as it ends.
+    """
+    rest = b""
+    while piece := os.read(descriptor, 4096):
+        *lines, rest = (rest + piece).split(b"\n")
+        yield from (line.decode("utf-8", "replace") for line in lines)
+    if rest:
+        yield rest.decode("utf-8", "replace")
 
 
 class TypedOrders:

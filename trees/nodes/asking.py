@@ -82,7 +82,7 @@ class AskForHelp(CellNode):
         if view is None or view.hand_unknown:
             return False
         if view.hand is None:
-            return False
+            return self._hand_there
         offsets = (abs(a - b) for a, b in zip(view.hand.fingertips_m, tray.centre_m, strict=False))
         there = all(off < size / 2 + TRAY_MARGIN_M for off, size in zip(offsets, tray.size_m, strict=True))
         was, self._hand_there = self._hand_there, self._hand_there or there

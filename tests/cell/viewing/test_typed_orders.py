@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import pytest
 
 from cell.interfaces.errors import InputError
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
-from cell.viewing.typed_orders import TypedOrders, order_of
+from cell.viewing.typed_orders import TypedOrders, order_of, typed_lines
 from tests.cell.viewing.page.rig import HELP, WHICH
 
 
@@ -39,6 +43,27 @@ def test_others_are_told_what_there_is(line: str) -> None:
     questions: tuple[Question, ...] = ()
     with pytest.raises(InputError, match="there are acknowledge, answer"):
         order_of(line, questions)
+
+
+def test_lines_come_from_a_pipe_whole() -> None:
+    reading, writing = os.pipe()
+    os.write(writing, b"pause\nres")
+    os.write(writing, b"ume\nstop")
+    os.close(writing)
+    assert list(typed_lines(reading)) == ["pause", "resume", "stop"]
+    os.close(reading)
+
+
+def test_a_program_ends_while_nobody_types() -> None:
+    program = (
+        "from cell.viewing.typed_orders import TypedOrders, typed_lines; import time;"
+        "TypedOrders(typed_lines(0), print, tuple, print); time.sleep(0.3); print('ended')"
+    )
+    reading, writing = os.pipe()
+    ended = subprocess.run([sys.executable, "-c", program], stdin=reading, capture_output=True, text=True, check=False)
+    os.close(reading)
+    os.close(writing)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "ended\n", "")
 
 
 def test_a_wrong_line_is_answered_and_the_next_one_obeyed() -> None:

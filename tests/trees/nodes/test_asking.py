@@ -91,6 +91,20 @@ def test_a_hand_that_was_in_the_tray_is_an_answer() -> None:
     assert node.execute() is Status.SUCCESS
 
 
+def test_a_hand_that_vanishes_over_the_tray_is_none_and_one_that_goes_out_of_view_is() -> None:
+    to = services()
+    x, y, _ = BENCH.tray.centre_m
+    see(to, 0.1)
+    node = asking(to)
+    assert node.execute() is Status.RUNNING
+    see(to, 1.0, hand=hand_at(x, y))
+    assert node.execute() is Status.RUNNING
+    see(to, 1.5, hand_unknown="the hand vanished inside the view")
+    assert node.execute() is Status.RUNNING
+    see(to, 2.0)
+    assert node.execute() is Status.SUCCESS
+
+
 def test_nobody_answers() -> None:
     to = services()
     see(to, 0.0)

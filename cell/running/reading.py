@@ -140,7 +140,7 @@ class HeldFingers:
     def keep(self, observation: Observation, held: bool) -> None:
         """Stop fingers that move, or let them go on; a gripper that restarted has forgotten where they should be."""
         self._forgotten |= self._goal is not None and not observation.gripper.activated
-        if held and not self._withheld and self._goal is not None:
+        if held and not self._withheld and not self._forgotten and self._goal is not None:
             if observation.gripper.object_status is ObjectStatus.MOVING and observation.gripper.activated:
                 self._gripper.hold()
                 self._withheld = True

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.command import Command
+from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.observation import GripperState, ObjectStatus
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.interfaces.skill import SkillStatus
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
-from skills.phases import PhasedSkill
+from skills.phases import PhasedSkill, SetGripper
 from skills.pick import Pick
 from skills.place import Place
 from skills.planner import MotionPlanner
@@ -235,3 +238,19 @@ def test_no_skill_begins_in_the_tick_of_a_stop(planner: MotionPlanner, robot: Id
     skill, command = MoveTo(planner, "park"), Command(stop_arm=True)
     assert skill.poll(robot.observe(), command).reason == "waiting until the arm has stopped"
     assert command.follow is None
+
+
+@pytest.mark.parametrize("fault", [5, 7])
+def test_fingers_that_do_not_let_go_are_a_failure(planner: MotionPlanner, robot: IdealRobot, fault: int) -> None:
+    """A9 of fault injection: a gripper that refused to open (gFLT 5 or 7) counted as having let go."""
+    command = GripperCommand(0.085, 0.1, 40.0)
+    phase, sent = SetGripper("letting go of o1", command, planner.settings), Command()
+    held = replace(
+        robot.observe(),
+        gripper=GripperState(robot.time_s, True, ObjectStatus.CONTACT_CLOSING, 0.03, 0.1, fault),
+    )
+    assert phase.poll(held, sent).status is SkillStatus.RUNNING
+    assert sent.gripper == command
+    progress = phase.poll(held, Command())
+    assert progress.status is SkillStatus.FAILURE
+    assert "still hold something" in progress.reason

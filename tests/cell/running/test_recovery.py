@@ -1,0 +1,111 @@
+"""What can be cleared goes on: an acknowledged protective stop, a gripper that restarted with empty fingers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from py_trees.common import Status
+
+from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.observation import GripperState, ObjectStatus
+from cell.interfaces.operator import OperatorOrder
+from cell.running.reading import HeldFingers
+from tests.cell.fakes import FakeGripper, Rig
+
+OPEN = GripperCommand(0.085, 0.1, 40.0)
+
+
+@dataclass
+class RestartingGripper(FakeGripper):
+    """Loses its activation when it is told to, and has it again once it was activated."""
+
+    lost: bool = False
+    held: bool = False
+
+    def state(self) -> GripperState:
+        status = ObjectStatus.CONTACT_CLOSING if self.held else ObjectStatus.AT_POSITION
+        return replace(super().state(), activated=not self.lost, object_status=status)
+
+    def activate(self) -> None:
+        super().activate()
+        self.lost = False
+
+
+def restarting(rig: Rig) -> RestartingGripper:
+    """The rig's gripper from now on."""
+    gripper = RestartingGripper(rig.clock)
+    rig.gripper = rig.controller._gripper = rig.controller._reader._gripper = gripper
+    rig.controller._fingers = HeldFingers(gripper)
+    return gripper
+
+
+def test_an_empty_gripper_that_restarted_is_activated_once_somebody_acknowledged_it_and_told_its_goal_again() -> None:
+    rig = Rig()
+    gripper = restarting(rig)
+    calls: list[list[str]] = []
+
+    def act(tick: int) -> Status:
+        if tick == 0:
+            rig.services.command.gripper = OPEN
+        if tick == 3:
+            gripper.lost = True
+        calls.append(list(gripper.calls))
+        if tick == 10:
+            rig.operator.put(OperatorOrder("acknowledge"))
+        return Status.SUCCESS if tick == 40 else Status.RUNNING
+
+    outcome, _ = rig.run(act)
+    assert outcome.end == "finished"
+    assert calls[10] == ["command"], "nothing moves before somebody said so"
+    assert calls[40] == ["command", "activate", "command"]
+
+
+def test_a_gripper_that_restarted_is_left_alone_as_long_as_nobody_acknowledges() -> None:
+    rig = Rig()
+    gripper = restarting(rig)
+
+    def act(tick: int) -> Status:
+        gripper.lost = tick >= 3
+        rig.services.command.activate_gripper = tick == 8
+        return Status.SUCCESS if tick == 30 else Status.RUNNING
+
+    rig.run(act)
+    assert "activate" not in gripper.calls
+    assert rig.arm.shares[-20:] == [0.0] * 20
+
+
+def test_one_with_a_part_between_its_fingers_ends_the_run_and_is_not_activated() -> None:
+    rig = Rig()
+    gripper = restarting(rig)
+    gripper.held = True
+
+    def act(tick: int) -> Status:
+        gripper.lost = tick >= 3
+        rig.operator.put(OperatorOrder("acknowledge"))
+        return Status.RUNNING
+
+    outcome, _ = rig.run(act)
+    assert (outcome.end, outcome.exit_status) == ("fault", 3)
+    assert "with a part between its fingers" in outcome.reason
+    assert "activate" not in gripper.calls
+
+
+def test_a_protective_stop_is_unlocked_by_an_acknowledgement_and_goes_on() -> None:
+    rig = Rig()
+    commands: list[Command] = []
+
+    def act(tick: int) -> Status:
+        if tick == 3:
+            rig.arm.mode = "protective_stop"
+        if tick == 10:
+            rig.operator.put(OperatorOrder("acknowledge"))
+        if "acknowledge" in rig.arm.calls:
+            rig.arm.mode = "normal"
+        commands.append(rig.services.command)
+        return Status.SUCCESS if tick == 40 else Status.RUNNING
+
+    outcome, _ = rig.run(act)
+    assert outcome.end == "finished"
+    assert rig.arm.calls.count("acknowledge") == 1
+    assert rig.arm.shares[8] == 0.0
+    assert rig.arm.shares[40] == 1.0

@@ -50,13 +50,13 @@ class SeparationSettings(Model):
     """
 
     hand_speed_m_s: float = Field(default=1.6, gt=0, le=5)
-    hand_acceleration_m_s2: float = Field(default=20.0, gt=0, le=100)
+    hand_acceleration_m_s2: float = Field(default=12.0, gt=0, le=100)
     speed_error_m_s: float = Field(default=0.1, ge=0, le=2)
-    slow_m_s: float = Field(default=0.24, gt=0, le=0.5)
+    slow_m_s: float = Field(default=0.248, gt=0, le=0.5)
     braking_m_s2: float = Field(default=1.6, gt=0, le=20)
     reaction_s: float = Field(default=0.048, ge=0, le=1)
     hand_radius_m: float = Field(default=0.06, gt=0, le=0.3)
-    hand_height_m: float = Field(default=0.50, gt=0, le=1)
+    hand_height_m: float = Field(default=0.30, gt=0, le=1)
     assumed_height_m: float = Field(default=0.10, ge=0, le=1)
     forearm_m: float = Field(default=0.35, ge=0, le=1)
     margin_m: float = Field(default=0.03, ge=0, le=0.5)

@@ -118,7 +118,7 @@ def test_a_hand_that_left_by_an_edge_may_be_anywhere_beyond_it() -> None:
     assert both.share <= min(one.share for one in beyond.values() if one is not None)
 
 
-@given(st.floats(0.0, 0.5), st.floats(-0.3, 0.5), st.floats(0.5, 1.1))
+@given(st.floats(0.0, S.hand_height_m), st.floats(-0.3, 0.5), st.floats(0.5, 1.1))
 @settings(max_examples=50, deadline=None)
 def test_a_hand_of_any_height_is_within_the_wall_that_its_image_makes(height: float, y: float, x: float) -> None:
     """The tracker takes every hand to be at one height; the wall is where it may be at all of them."""

@@ -88,7 +88,7 @@ def evaluate_actions(
     """Let detectors watch recordings.
 
     Args:
-        kinds: of action detectors; all of them see the same frames.
+        kinds: of action detectors; all of them see the same frames. "classical" has classical hands and holes, too.
         true_track: a tracker without error instead of the configured one.
         weights: files by kind, instead of the shipped ones.
     """
@@ -115,8 +115,10 @@ class _Watcher:
     """A chain of detectors, and what it named and told."""
 
     def __init__(self, configuration: Configuration, source: Source, kind: str, true_track: bool, weights: Any) -> None:
-        chosen = DetectorSettings(kind=kind, weights=weights)
-        perception: Perception = configuration.perception.model_copy(update={"actions": chosen})
+        configured = configuration.perception
+        perception = configured.model_copy(update={"actions": DetectorSettings(kind=kind, weights=weights)})
+        if kind == "classical":
+            perception = Perception(classical=configured.classical)
         made = Detectors(configuration.bench, source.product, perception)
         tracker: HandTracker = _TrueTracker(source) if true_track else made.make("hands")
         self.listener = _Listener(made.make("actions"), Classes.of(source.product))

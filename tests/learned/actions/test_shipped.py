@@ -1,0 +1,53 @@
+"""The shipped weights: what they answer on a recording that nothing was trained on, without torch."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from cell.configuration import WEIGHTS, load_configuration, load_product, simulated
+from cell.interfaces.planning import weights_file
+from learned.actions.classes import Classes
+from learned.actions.dataset import load_segments
+from learned.actions.evaluate import answers, class_scores, confusion
+from learned.actions.segments import SegmentReader
+from learned.onnx_model import OnnxModel
+from sim.data.actions import Source, write_segments
+from sim.data.folder import DataFolder
+from sim.data.recording import record
+
+LOOKS = simulated(load_configuration(), "nominal", "varied")
+SHIPPED = WEIGHTS / weights_file("actions", "slim")
+TEST_SEED = 900_500
+
+
+def test_most_segments_of_an_unseen_recording_are_named_right(tmp_path: Path) -> None:
+    product, bench = load_product(LOOKS), LOOKS.bench
+    assembly = record(product, bench, LOOKS.devices.simulation, TEST_SEED)
+    write_segments(Source(assembly, product, bench), DataFolder(tmp_path / "new", "test"), thin=True)
+    classes, reader = Classes.of(product), SegmentReader(bench, product)
+    segments = load_segments([tmp_path / "new"], classes)
+    network = OnnxModel.load(SHIPPED, "actions.slim")
+    posterior, released = answers(network, segments, reader)
+    scores = class_scores(segments, posterior, classes)
+    assert scores["accuracy_outside_guard"] > 0.9
+    assert scores["assembly_accuracy"] > 0.9
+    placing = (segments.classes < classes.assemblies) & ~segments.guarded
+    assert ((released > 0.5) == segments.released)[placing].mean() > 0.8
+    assert confusion(segments, posterior, classes).sum() == int((~segments.guarded).sum())
+    blank = class_scores(segments, answers(network, segments, reader, blank=True)[0], classes)
+    shuffled = class_scores(segments, answers(network, segments, reader, shuffle_seed=0)[0], classes)
+    assert blank["assembly_part"] < 0.9  # controls: the crop tells the part, the order of the track the rest
+    assert shuffled["accuracy"] < scores["accuracy"]
+
+
+def test_the_shipped_file_is_small_and_needs_no_torch() -> None:
+    assert SHIPPED.stat().st_size < 2_000_000
+    program = (
+        "import sys; from cell.configuration import load_configuration, load_product, WEIGHTS;"
+        "from learned.actions.detector import load_actions; c = load_configuration();"
+        "load_actions(c.bench, load_product(c), WEIGHTS / 'actions_slim.onnx');"
+        "assert not {'torch', 'sim.world', 'mujoco'} & set(sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

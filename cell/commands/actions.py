@@ -77,6 +77,9 @@ def evaluate(
     first_seed: Annotated[int, typer.Option(min=0, help="Of seeds in a row; tests begin at 900000.")] = 900_000,
     true_track: Annotated[bool, typer.Option("--true-track", help="A tracker without error.")] = False,
     physics: Annotated[bool, typer.Option("--physics", help="Hand and parts moved by physics; frames blur.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only the segments' last frames; true track with a tracker's noise.")
+    ] = False,
     weights: Annotated[Path | None, typer.Option(help="Of the only --kind, instead of the configured file.")] = None,
     confusions: Annotated[
         Path | None, typer.Option(help="Write what the first kind takes for what, for planners.semantic.confusions.")
@@ -86,7 +89,7 @@ def evaluate(
 ) -> None:
     """Let detectors of actions watch whole assemblies, tracker in the loop, and compare with the truth."""
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.actions import evaluate_actions
+    from cell.evaluating.actions import evaluate_actions, evaluate_segments
     from learned.actions.classes import Classes
     from sim.data.splits import seeds
 
@@ -96,6 +99,12 @@ def evaluate(
     if weights is not None and len(kinds) != 1:
         raise InputError("--weights are of one --kind")
     split, wanted = seeds(first_seed, recordings)
+    if quick:
+        if kinds == ["classical"] or len(kinds) != 1:
+            raise InputError("--quick asks one trained --kind about single segments; classical ones need every frame")
+        scores = evaluate_segments(configuration, product, kinds[0], wanted, weights)
+        print_json({"look": look, "person": person, "first_seed": first_seed, "recordings": recordings, **scores})
+        return
     tallies = evaluate_actions(
         configuration,
         product,

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cell.configuration import Configuration, DetectorSettings, Perception
+from cell.configuration import WEIGHTS, Configuration, DetectorSettings, Perception
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
+from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
 from learned.actions.classes import Classes
+from learned.actions.dataset import load_segments
 from learned.actions.detector import TrainedActionDetector
+from learned.actions.evaluate import answers
+from learned.actions.segments import SegmentReader
 from learned.bench_watcher import DetectorChain
+from learned.onnx_model import OnnxModel
 from learned.scores import wilson
-from sim.data.actions import Source, hands_of, segment_ends
+from sim.data.actions import Source, hands_of, segment_ends, write_segments
+from sim.data.folder import DataFolder
 from sim.data.recording import Assembly, record
 
 IN_TIME_S = (-0.3, 1.0)  # a placement may be told so long after the fingers opened
@@ -41,8 +49,8 @@ class Tally:
     delays_s: list[float] = field(default_factory=list)
     latency_s: list[float] = field(default_factory=list)
 
-    def summary(self, classes: Classes) -> dict[str, Any]:
-        """Shares with their intervals, as the JSON line has them."""
+    def shares(self, classes: Classes) -> dict[str, Any]:
+        """Shares of segments that were named right, with their intervals, and what was taken for what."""
         truth, named, guarded = (np.array(column) for column in zip(*self.rows, strict=True))
         right, clear = truth == named, ~guarded
         placing = (truth < classes.assemblies) & clear
@@ -50,12 +58,18 @@ class Tally:
         for index, kind in enumerate(("screw", "transit", "idle")):
             shares[kind] = right[(truth == classes.assemblies + index) & clear]
         found: dict[str, Any] = {name: share(int(values.sum()), len(values)) for name, values in shares.items()}
+        return found | {"confusions": _confusions(truth[clear], named[clear], classes)}
+
+    def summary(self, classes: Classes) -> dict[str, Any]:
+        """Shares with their intervals, as the JSON line has them."""
+        found = self.shares(classes)
+        confusions = found.pop("confusions")
         return found | {
             "placements": share(self.right, self.placed),
             "false_per_100": round(100 * (self.told - self.right) / max(1, self.placed), 2),
             "delay_s": round(float(np.median(self.delays_s)), 3) if self.delays_s else None,
             "latency_ms": [round(1000 * float(np.quantile(self.latency_s, at)), 1) for at in (0.5, 0.95)],
-            "confusions": _confusions(truth[clear], named[clear], classes),
+            "confusions": confusions,
         }
 
     def reports(self, classes: Classes) -> list[tuple[tuple[str, str], tuple[str, str]]]:
@@ -109,6 +123,34 @@ def evaluate_actions(
         for kind, watcher in watchers.items():
             _count(tallies[kind], assembly, watcher, classes)
     return tallies
+
+
+def evaluate_segments(
+    configuration: Configuration, product: Product, kind: str, seeds: Iterable[int], weights: Path | None = None
+) -> dict[str, Any]:
+    """Class scores from the segments' last frames alone, of which few are rendered; track with a tracker's noise.
+
+    Beside them the controls: black crops, and tracks whose frames are in another order.
+    """
+    classes, reader = Classes.of(product), SegmentReader(configuration.bench, product)
+    file = weights or WEIGHTS / weights_file("actions", kind)
+    network = OnnxModel.load(file, f"actions.{kind}")
+    network.require_vocabulary("parts", classes.parts)
+    with tempfile.TemporaryDirectory() as made:
+        folder = DataFolder(Path(made) / "segments", "cell eval actions")
+        for seed in seeds:
+            assembly = record(product, configuration.bench, configuration.devices.simulation, seed)
+            write_segments(Source(assembly, product, configuration.bench), folder)
+        segments = load_segments([Path(made) / "segments"], classes)
+    found: dict[str, Any] = {}
+    controls = {"": {}, "blank_crop": {"blank": True}, "shuffled_track": {"shuffle_seed": 0}}
+    for name, control in controls.items():
+        posterior, _ = answers(network, segments, reader, noise_seed=0, **control)  # type: ignore[arg-type]
+        named = posterior.argmax(axis=1)
+        rows = list(zip(segments.classes.tolist(), named.tolist(), segments.guarded.tolist(), strict=True))
+        scores = Tally(rows=rows).shares(classes)
+        found |= scores if not name else {name: {key: scores[key] for key in ("outside_guard", "assemblies")}}
+    return found
 
 
 class _Watcher:

@@ -6,27 +6,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learned.actions.classes import Classes
-from learned.actions.dataset import Segments, inputs_of
+from learned.actions.dataset import Segments, Variation, inputs_of
 from learned.actions.segments import SegmentReader
 from learned.onnx_model import Network
 
 BATCH = 64
+TRACKER = Variation(shift_px=1.5, gain=0.0, blank=0.0)  # what a tracker adds to segments that are not trained on
 Floats = NDArray[np.float64]
 
 
 def answers(
-    network: Network, segments: Segments, reader: SegmentReader, *, blank: bool = False, shuffle_seed: int | None = None
+    network: Network,
+    segments: Segments,
+    reader: SegmentReader,
+    *,
+    blank: bool = False,
+    shuffle_seed: int | None = None,
+    noise_seed: int | None = None,
 ) -> tuple[Floats, Floats]:
     """Posterior (n, classes), and the probability (n,) that the fingers have opened.
 
     Args:
+        noise_seed: tracks as a tracker would tell them, whose noise this seed draws; as they are where it is None.
         blank: black crops instead of the segments' own, as a control.
         shuffle_seed: tracks with their frames in another order, as a control.
     """
     posteriors, released = [], []
     rng = None if shuffle_seed is None else np.random.default_rng(shuffle_seed)
+    noise = None if noise_seed is None else np.random.default_rng(noise_seed)
     for begin in range(0, len(segments), BATCH):
-        track, crops = inputs_of(segments, np.arange(begin, min(begin + BATCH, len(segments))), reader)
+        chosen = np.arange(begin, min(begin + BATCH, len(segments)))
+        track, crops = inputs_of(segments, chosen, reader, noise, TRACKER)
         if rng is not None:
             track = rng.permuted(track, axis=2)
         found = network.run({"track": track, "crops": np.zeros_like(crops) if blank else crops})

@@ -31,8 +31,8 @@ def test_most_segments_of_an_unseen_recording_are_named_right(tmp_path: Path) ->
     network = OnnxModel.load(SHIPPED, "actions.slim")
     posterior, released = answers(network, segments, reader)
     scores = class_scores(segments, posterior, classes)
-    assert scores["accuracy_outside_guard"] > 0.9
-    assert scores["assembly_accuracy"] > 0.9
+    assert scores["accuracy_outside_guard"] > 0.85
+    assert scores["assembly_accuracy"] > 0.85
     placing = (segments.classes < classes.assemblies) & ~segments.guarded
     assert ((released > 0.5) == segments.released)[placing].mean() > 0.8
     assert confusion(segments, posterior, classes).sum() == int((~segments.guarded).sum())

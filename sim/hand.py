@@ -28,6 +28,7 @@ MAX_GAP_M = 0.11
 # Flesh touches parts, table, bins and bracket (sim/palette.py). Each shape has a hidden twin of the same size that
 # touches the robot, as stiff as a person: ISO/TS 15066, Table A.3, gives 75 N/mm for hands and 40 N/mm for forearms.
 CONTYPE, CONAFFINITY = 4, 3
+FOREARM_CONAFFINITY = 2  # parts alone
 HAND_N_M, FOREARM_N_M = 75e3, 40e3
 MOVING_MASS_KG = 1.1  # of hand and forearm here; MuJoCo takes stiffness for each kilogram
 SKIN_DAMPING = 0.6  # of 2 for critical damping: flesh is soft and dull
@@ -43,7 +44,6 @@ DIGIT_KP = 2500.0
 CURL_KP, CURL_NM = 5.0, 2.0
 CONTROL_FILTER_S = 0.012  # smooths the steps of the 8 ms control period
 
-NO_TOUCH = {"contype": 0, "conaffinity": 0}
 FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever it holds
     "contype": CONTYPE,
     "conaffinity": CONAFFINITY,
@@ -51,6 +51,7 @@ FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever i
     "friction": (1.2, 0.01, 0.0001),
     "priority": 1,
 }
+FOREARM_TOUCH = {**FLESH_TOUCH, "conaffinity": FOREARM_CONAFFINITY}
 
 Segment = tuple[tuple[float, float, float], tuple[float, float, float], float]  # from, to, radius in [m]
 
@@ -242,7 +243,7 @@ def _add_capsule(
 ) -> None:
     start, end, radius_m = segment
     shape = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": (*start, *end), "size": (radius_m, 0, 0)}
-    body.add_geom(**shape, mass=mass_kg, material=material, **(NO_TOUCH if forearm else FLESH_TOUCH))
+    body.add_geom(**shape, mass=mass_kg, material=material, **(FOREARM_TOUCH if forearm else FLESH_TOUCH))
     if forearm:
         _add_skin(body, shape, FOREARM_N_M, FOREARM_SKIN_GROUP)
     else:

@@ -19,6 +19,7 @@ from learned.grasp.solution import nearest_first
 MAX_PARTS = 8  # what does not fit is farthest from the required part
 UNIT_M = 0.05  # lengths in the graph are multiples of this, so that features are near 1
 EdgeKind = Literal["printed", "normalised", "none", "gcn"]
+Attention = Literal["printed", "additive", "none"]
 _GEOMETRY = 10
 
 

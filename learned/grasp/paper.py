@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from cell.interfaces.product import Product
-from learned.grasp.graph import MAX_PARTS, EdgeKind, mirror_signs, scene_graph
+from learned.grasp.graph import MAX_PARTS, Attention, EdgeKind, mirror_signs, scene_graph
 from learned.grasp.language import FIRST_LETTER, MAX_WORDS, WORDS, encode, grammar
 from learned.grasp.scenes import Scene
 
@@ -45,50 +45,79 @@ class _Bias(nn.Module):
 
 
 class PaperNet(nn.Module):
-    """Encoder, head and decoder; inputs are batches of padded scene graphs."""
+    """Encoder, head and decoder; inputs are batches of padded scene graphs.
 
-    def __init__(self, features: int, hidden: int, layers: int, own: bool = True, attention: bool = True) -> None:
+    Args:
+        types: number of part types; the nodes' first features say which, for the attention as printed.
+    """
+
+    def __init__(
+        self,
+        features: int,
+        hidden: int,
+        layers: int,
+        own: bool = True,
+        attention: Attention = "additive",
+        types: int = 0,
+    ) -> None:
         super().__init__()
-        self.features = features
+        self.features, self.types, self.printed = features, types, attention == "printed"
         widths = [features] + [hidden] * layers
         self.convolutions = nn.ModuleList(GraphConvolution(narrow, wide, own) for narrow, wide in pairwise(widths))
         self.head = nn.Sequential(nn.Linear(2 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
-        self.decoder = Decoder(hidden, attention)
+        self.decoder = Decoder(hidden, attention, hidden + (types + 1 if self.printed else 0))
 
-    def encode(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
-        """Node embeddings (b, n, hidden) by Eq. 5, and of required part and graph together (b, 2 hidden)."""
+    def encode(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Nodes by Eq. 5, what the decoder is told of each, and graspability by Eq. 6.
+
+        Returns:
+            What the decoder attends to (b, n, wide): embeddings, as printed with label and graspability of each node;
+            embeddings of required part and graph together (b, 2 hidden); logits (b, n), or (b, 1) of the required part.
+        """
         x = nodes
         for convolution in self.convolutions:
             x = torch.relu(convolution(x, weights)) * present[..., None]
         graph = x.sum(1) / present.sum(1, keepdim=True)
-        return x, torch.cat([x[:, 0], graph], dim=-1)
+        summary = torch.cat([x[:, 0], graph], dim=-1)
+        if not self.printed:
+            return x, summary, self.head(summary)
+        verdicts = self.head(torch.cat([x, graph[:, None].expand_as(x)], dim=-1)).squeeze(-1)
+        told = torch.cat([x, nodes[..., : self.types], torch.sigmoid(verdicts)[..., None]], dim=-1)
+        return told, summary, verdicts
 
     def forward(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
         """Logit (b,) that the required part is graspable (Eq. 6), and word numbers (b, MAX_WORDS) of a solution."""
-        embedded, summary = self.encode(nodes, weights, present)
-        return self.head(summary).squeeze(-1), self.decoder.greedy(embedded, summary, present)
+        told, summary, verdicts = self.encode(nodes, weights, present)
+        return verdicts[:, 0], self.decoder.greedy(told, summary, present)
 
     def scores(self, nodes: Tensor, weights: Tensor, present: Tensor, words: Tensor) -> tuple[Tensor, Tensor]:
-        """Logit (b,) of graspability and word logits (b, MAX_WORDS, words), each given the right words before."""
-        embedded, summary = self.encode(nodes, weights, present)
-        return self.head(summary).squeeze(-1), self.decoder.forced(embedded, summary, present, words)
+        """Logits (b, n or 1) of graspability, the required part's first, and word logits (b, MAX_WORDS, words).
+
+        Each word is given the right words before.
+        """
+        told, summary, verdicts = self.encode(nodes, weights, present)
+        return verdicts, self.decoder.forced(told, summary, present, words)
 
 
 class Decoder(nn.Module):
-    """LSTM that attends to the nodes at each word (Eq. 7); without attention a plain LSTM."""
+    """LSTM that attends to the nodes at each word (Eq. 7): score h' W f as printed, or additive; or a plain LSTM.
+
+    Args:
+        wide: of what it is told of each node.
+    """
 
     grammar: Tensor
 
-    def __init__(self, hidden: int, attention: bool = True) -> None:
+    def __init__(self, hidden: int, attention: Attention, wide: int) -> None:
         super().__init__()
-        self.attention = attention
+        self.attention, self.wide = attention, wide
         self.begin = nn.Linear(2 * hidden, hidden)
         self.embedding = nn.Embedding(len(WORDS) + 1, hidden)
-        self.cell = nn.LSTMCell(2 * hidden, hidden)
+        self.cell = nn.LSTMCell(hidden + wide, hidden)
         self.query = nn.Linear(hidden, hidden, bias=False)
-        self.key = nn.Linear(hidden, hidden)
+        self.key = nn.Linear(wide, hidden)
         self.energy = nn.Linear(hidden, 1, bias=False)
-        self.word = nn.Linear(2 * hidden, len(WORDS))
+        self.word = nn.Linear(hidden + wide, len(WORDS))
         self.register_buffer("grammar", torch.tensor(grammar(), dtype=torch.float32), persistent=False)
 
     def forced(self, embedded: Tensor, summary: Tensor, present: Tensor, words: Tensor) -> Tensor:
@@ -125,12 +154,17 @@ class Decoder(nn.Module):
     def _step(
         self, previous: Tensor, embedded: Tensor, present: Tensor, state: tuple[Tensor, Tensor]
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        context = self._context(state[0], embedded, present) if self.attention else torch.zeros_like(state[0])
+        context = self._context(state[0], embedded, present)
         hidden, memory = self.cell(torch.cat([self.embedding(previous), context], dim=-1), state)
         return self.word(torch.cat([hidden, context], dim=-1)), (hidden, memory)
 
     def _context(self, hidden: Tensor, embedded: Tensor, present: Tensor) -> Tensor:
-        energy = self.energy(torch.tanh(self.query(hidden)[:, None] + self.key(embedded))).squeeze(-1)
+        if self.attention == "none":
+            return hidden.new_zeros((len(hidden), self.wide))
+        if self.attention == "printed":
+            energy = (self.key(embedded) * hidden[:, None]).sum(-1)
+        else:
+            energy = self.energy(torch.tanh(self.query(hidden)[:, None] + self.key(embedded))).squeeze(-1)
         attention = torch.softmax(energy + (1 - present) * _IMPOSSIBLE, dim=-1)
         return (attention[..., None] * embedded).sum(1)
 
@@ -141,7 +175,7 @@ class GraphData:
 
     Attributes:
         nodes, weights, present: (parts, ...) as in SceneGraph.
-        graspable: (parts,).
+        graspable: (parts, MAX_PARTS) of every node, the required one first.
         words: (parts, MAX_WORDS).
         mirrors: (4, features) signs; a mirrored scene has the same answer.
     """
@@ -161,8 +195,12 @@ class GraphData:
         mirrors = self.mirrors[torch.randint(4, (len(chosen),))]
         graph = self.nodes[chosen] * mirrors[:, None], self.weights[chosen], self.present[chosen]
         words = self.words[chosen]
-        verdict, scores = net.scores(*graph, words)
-        verdict_loss = nn.functional.binary_cross_entropy_with_logits(verdict, self.graspable[chosen])
+        verdicts, scores = net.scores(*graph, words)
+        count = verdicts.shape[1]
+        of_nodes = nn.functional.binary_cross_entropy_with_logits(
+            verdicts, self.graspable[chosen, :count], weight=graph[2][:, :count], reduction="sum"
+        )
+        verdict_loss = of_nodes / graph[2][:, :count].sum()
         word_loss = nn.functional.cross_entropy(scores.transpose(1, 2), words, reduction="none").sum(1).mean()
         return verdict_loss + word_loss
 
@@ -178,7 +216,8 @@ def graph_data(
         for required in range(len(scene.parts)):
             graph = scene_graph(scene.parts, required, product, edges, filter_m, crops)
             graphs.append(graph)
-            graspable.append(scene.graspable(required))
+            free = [float(scene.graspable(index)) for index in graph.order]
+            graspable.append(free + [0.0] * (MAX_PARTS - len(free)))
             words.append(encode(scene.solution(required), graph.order))
     return GraphData(
         torch.from_numpy(np.stack([graph.nodes for graph in graphs])),

@@ -153,7 +153,8 @@ def _task(scenes: list[Scene], product: Product, settings: TrainingSettings) -> 
         crops = settings.data.crops
         data = graph_data(scenes, product, settings.edges, settings.filter_m, crops)
         features, own = feature_count(product, crops), settings.edges != "gcn"
-        return PaperNet(features, settings.hidden, settings.layers, own, settings.attention), data
+        types = len(product.parts)
+        return PaperNet(features, settings.hidden, settings.layers, own, settings.attention, types), data
     assert isinstance(settings, RelationSettings)
     return RelationNet(relation_features(product), settings.hidden), relation_data(scenes, product)
 

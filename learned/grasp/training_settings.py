@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from cell.interfaces.model import Model
-from learned.grasp.graph import EdgeKind
+from learned.grasp.graph import Attention, EdgeKind
 from learned.grasp.settings import DetectionNoise, SceneSettings
 
 
@@ -61,7 +61,8 @@ class PaperSettings(TrainingSettings):
         edges: which reading of Eq. 4 weights the edges; "none" weights them alike, "gcn" is the plain graph
             convolution without weights of its own for the node itself.
         filter_m: parts farther from each other have no edge.
-        attention: the decoder attends to the nodes.
+        attention: how the decoder attends to the nodes: Eq. 7 as printed, over embedding, label and graspability of
+            each; additive, over the embeddings; or not at all.
     """
 
     scenes: int = Field(default=2000, gt=0)
@@ -73,7 +74,7 @@ class PaperSettings(TrainingSettings):
     layers: int = Field(default=3, gt=0)
     edges: EdgeKind = "normalised"
     filter_m: float | None = Field(default=None, gt=0)
-    attention: bool = True
+    attention: Attention = "additive"
 
 
 class RelationSettings(TrainingSettings):

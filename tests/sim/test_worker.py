@@ -8,7 +8,7 @@ import pytest
 from cell.interfaces.command import Display
 from cell.interfaces.pose import Pose
 from sim.clutter import ScenePart
-from sim.hand import CONTYPE, Hand
+from sim.hand import CONAFFINITY, Hand
 from sim.person import Grip, Person, ScrewHabits
 from sim.storage import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_of, world_with_hand
@@ -212,7 +212,7 @@ def test_the_hand_does_not_go_through_the_table() -> None:
         world.data.geom_xpos[geom][2] - world.model.geom_rbound[geom]
         for geom in range(world.model.ngeom)
         if world.model.body(world.model.geom_bodyid[geom]).name.startswith("hand")
-        and world.model.geom_contype[geom] == CONTYPE
+        and world.model.geom_conaffinity[geom] == CONAFFINITY
     )
     assert lowest > -0.03
     assert hand.position_m[2] > -0.01
@@ -229,3 +229,16 @@ def test_ring_and_little_finger_lie_otherwise_from_grasp_to_grasp() -> None:
         assert shift.until(lambda: not shift.doing("assembly"))
     assert all(-0.7 < value < 0.45 for value in bent)
     assert max(bent) - min(bent) > 0.05
+
+
+def test_the_forearm_pushes_parts_that_stand_in_its_way() -> None:
+    start = Pose((1.03, -0.30, product().parts["o2"].peg_length_m))
+    world = world_with_hand([ScenePart("o2", start)])
+    hand = Hand(world.model, world.data)
+    [part] = world.bodies
+    above, along = [(-0.5, 0.3)] * 100, [(y, 0.012) for y in np.linspace(-0.5, -0.1, 150)]
+    for y, z in (*above, *along):
+        hand.command(np.array([0.79, y, z]), 0.0, 0.02)
+        world.step_period()
+    moved_m = np.array(world.part_pose(part).position_m) - np.array(start.position_m)
+    assert np.linalg.norm(moved_m) > 0.03

@@ -61,7 +61,7 @@ BASELINES = {
         "WL-GNN + LSTM_Att, Eq. 4 normalised", _PAPER, SEEDS, (0.91, 0.891, 0.882), (0.91, 0.874, 0.782, 0.684)
     ),
     "printed": Baseline("WL-GNN + LSTM_Att, Eq. 4 as printed", _variant(edges="printed"), paper=(0.91, 0.891, 0.882)),
-    "lstm": Baseline("WL-GNN + plain LSTM", _variant(attention=False), paper=(0.89, 0.872, 0.864)),
+    "lstm": Baseline("WL-GNN + plain LSTM", _variant(attention="none"), paper=(0.89, 0.872, 0.864)),
     "filter": Baseline("distance filter .16", _variant(edges="none", filter_m=0.16), paper=(0.881, 0.843, 0.829)),
     "unweighted": Baseline("no edge weights", _variant(edges="none"), paper=(0.634, 0.586, 0.545)),
     "crops": Baseline(

@@ -24,6 +24,7 @@ from learned.grasp.experiments.cells import (
     table2_cells,
     table3_cells,
 )
+from learned.grasp.experiments.departures import departures_section
 from learned.grasp.experiments.paper_scenes import paper_cells, paper_section
 
 _OBJECTS = tuple(f"object_accuracy_{count}" for count in REQUIRED_TYPES)
@@ -150,7 +151,7 @@ EXPERIMENTS = {
     "table2": Experiment(table2_cells, (table2_section,)),
     "table3": Experiment(table3_cells, (table3_section,)),
     "noise": Experiment(noise_cells, (noise_section,), {"noise": plot_noise}),
-    "paper": Experiment(paper_cells, (paper_section,)),
+    "paper": Experiment(paper_cells, (paper_section, departures_section)),
     "curve": Experiment(curve_cells, (curve_section,), {"curve": plot_curve}),
 }
 _NOISE_ROWS: Mapping[str, Mapping[str, object]] = {

@@ -12,6 +12,7 @@ from learned.grasp.evaluate import REQUIRED_TYPES, evaluate_scenes
 from learned.grasp.experiments.baselines import trained_planner
 from learned.grasp.experiments.cells import PAPER_SCENES as PAPER_COUNT
 from learned.grasp.experiments.cells import TEST_SCENES, TEST_SEED
+from learned.grasp.graph import Attention
 from learned.grasp.planner import PaperPlanner
 from learned.grasp.scenes import Scene, draw_scenes
 from learned.grasp.settings import PAPER_SCENES, SceneSettings
@@ -23,6 +24,7 @@ ROWS = {
     "always": 'always "grasp"',
     "help": 'always "help"',
     "pose": "WL-GNN + LSTM_Att, poses",
+    "printed": "WL-GNN + LSTM_Att, poses, Eq. 7 as printed",
     "crops": "WL-GNN + LSTM_Att, with f_i from crops",
 }
 
@@ -54,7 +56,10 @@ def _measure(product: Product, row: str) -> Values:
     test = list(draw_scenes(product, TEST_SEED, TEST_SCENES, "test", data))
     if row in CONSTANT:
         return dict(evaluate_scenes(Constant(CONSTANT[row]), test, TEST_SEED))
-    settings = PaperSettings(scenes=PAPER_COUNT, observations=1, epochs=EPOCHS, parts=data.parts, data=data)
+    attention: Attention = "printed" if row == "printed" else "additive"
+    settings = PaperSettings(
+        scenes=PAPER_COUNT, observations=1, epochs=EPOCHS, parts=data.parts, data=data, attention=attention
+    )
     planner = trained_planner(settings, product, 1)
     learned = list(draw_scenes(product, 1, PAPER_COUNT, "train", data, settings.parts))
     scores = _scores(planner, test)

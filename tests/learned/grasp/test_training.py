@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cell.interfaces.errors import InputError
-from learned.grasp.graph import scene_graph
+from learned.grasp.graph import Attention, scene_graph
 from learned.grasp.language import FIRST_LETTER, MAX_WORDS, encode
 from learned.grasp.pairs import PAIR_FEATURES
 from learned.grasp.planner import load_grasp_planner
@@ -92,20 +92,47 @@ def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Sce
         assert answer["words"].tolist() == words.tolist()
 
 
-def test_padding_does_not_change_the_answer(scenes: list[Scene]) -> None:
+@pytest.mark.parametrize("attention", ["additive", "printed", "none"])
+def test_padding_does_not_change_the_answer(scenes: list[Scene], attention: Attention) -> None:
     import torch
 
     from learned.grasp.paper import PaperNet, graph_data
 
     torch.manual_seed(0)
     data = graph_data(scenes, PRODUCT, "normalised")
-    net = PaperNet(data.nodes.shape[-1], 16, 2).eval()
+    net = PaperNet(data.nodes.shape[-1], 16, 2, attention=attention, types=len(PRODUCT.parts)).eval()
     small = int(data.present.sum(1).argmin())
     count = int(data.present[small].sum())
     graph = data.nodes[small : small + 1], data.weights[small : small + 1], data.present[small : small + 1]
     cut = graph[0][:, :count], graph[1][:, :count, :count], graph[2][:, :count]
     with torch.no_grad():
         assert torch.allclose(net.encode(*graph)[1], net.encode(*cut)[1], atol=1e-6)
+        words = data.words[small : small + 1]
+        (whole, said), (narrow, said_too) = (net.scores(*inputs, words) for inputs in (graph, cut))
+        assert torch.allclose(whole[:, : narrow.shape[1]], narrow, atol=1e-6)
+        assert torch.allclose(said, said_too, atol=1e-5)
+
+
+def test_as_printed_every_node_has_its_graspability(scenes: list[Scene]) -> None:
+    import torch
+
+    from learned.grasp.paper import PaperNet, graph_data
+
+    data = graph_data(scenes, PRODUCT, "normalised")
+    net = PaperNet(data.nodes.shape[-1], 16, 2, attention="printed", types=len(PRODUCT.parts))
+    optimiser = torch.optim.AdamW(net.parameters(), 0.01)
+    chosen = torch.arange(len(data))
+    before = data.loss(net, chosen).item()
+    for _ in range(60):
+        optimiser.zero_grad()
+        data.loss(net, chosen).backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+    assert data.loss(net, chosen).item() < before / 2
+    verdicts, _ = net.scores(data.nodes, data.weights, data.present, data.words)
+    assert verdicts.shape == data.graspable.shape
+    assert [scenes[0].graspable(index) for index in range(len(scenes[0].parts))] == [
+        bool(data.graspable[required, 0]) for required in range(len(scenes[0].parts))
+    ]
 
 
 def test_untrained_decoder_speaks_in_sentences(scenes: list[Scene]) -> None:

@@ -157,10 +157,14 @@ def throughput_ratio(path: Path, seeds: Iterable[int]) -> float | None:
     table = load_faults(load_configuration(path))
     rows = [row.model_copy(update={"action": "run"}) if row.signal in OF_PERSON else row for row in table.faults]
     without = table.model_copy(update={"faults": tuple(rows)})
-    times = [(_time_s(path, seed, table), _time_s(path, seed, without)) for seed in seeds]
-    return round(sum(one for one, _ in times) / sum(other for _, other in times), 3) if times else None
+    times = [pair for seed in seeds if None not in (pair := (_time_s(path, seed, table), _time_s(path, seed, without)))]
+    if not times:
+        return None
+    return round(sum(one or 0.0 for one, _ in times) / sum(other or 0.0 for _, other in times), 3)
 
 
-def _time_s(path: Path, seed: int, table: FaultTable) -> float:
+def _time_s(path: Path, seed: int, table: FaultTable) -> float | None:
+    """How long a bracket takes; None where none was finished."""
     with assembly(path, "careful", seed, table) as opened:
-        return opened.run([], None).sim_time_s
+        outcome = opened.run([], None)
+    return outcome.sim_time_s if outcome.end == "finished" else None

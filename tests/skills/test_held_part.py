@@ -1,0 +1,30 @@
+"""The fingers' distance tells which part is held, or that it does not."""
+
+from __future__ import annotations
+
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from skills.held_part import held_type
+
+CONFIGURATION = load_configuration()
+PRODUCT = load_product(CONFIGURATION)
+
+
+@pytest.mark.parametrize(
+    ("opening_m", "part"),
+    [
+        (0.0280, "o1"),
+        (0.0454, "o1"),
+        (0.0342, "o2"),
+        (0.0650, "o2"),
+        (0.0318, "o3"),
+        (0.0500, "o3"),
+        (0.0330, None),  # half way from o3 to o2
+        (0.0475, None),
+        (0.0, None),
+        (0.056, None),
+    ],
+)
+def test_the_only_type_that_fits_or_none(opening_m: float, part: str | None) -> None:
+    assert held_type(PRODUCT, opening_m, CONFIGURATION.motion) == part

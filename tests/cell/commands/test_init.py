@@ -24,6 +24,7 @@ FILES = {
     "tests/test_assemble.py",
     "trees/assemble.xml",
     "trees/clear_and_grasp.xml",
+    "trees/shift.xml",
 }
 
 

@@ -14,14 +14,14 @@ PRODUCT = load_product(CONFIGURATION)
 @pytest.mark.parametrize(
     ("opening_m", "part"),
     [
-        (0.0280, "o1"),
-        (0.0454, "o1"),
-        (0.0342, "o2"),
-        (0.0650, "o2"),
-        (0.0318, "o3"),
-        (0.0500, "o3"),
-        (0.0330, None),  # half way from o3 to o2
-        (0.0475, None),
+        (0.02633, "o1"),  # as simulated fingers stand
+        (0.03300, "o2"),
+        (0.06467, "o2"),
+        (0.0440, "o1"),
+        (0.0312, "o3"),
+        (0.0490, "o3"),
+        (0.0320, None),  # half way from o3 to o2
+        (0.0465, None),
         (0.0, None),
         (0.056, None),
     ],

@@ -17,9 +17,9 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.onnx_model import Network, OnnxModel
 from learned.parts.crops import crop_of
+from learned.parts.dataset import UNKNOWN, surface_of
 from learned.parts.maps import INPUT_PX, Peak, network_input, peaks
 
-UNKNOWN = "unknown"
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE = 0.3
 LEAST_STANDING = 0.5  # probability, by both networks, that a part stands and is of its type
@@ -52,6 +52,7 @@ class CentrePartDetector:
         self._bench, self._product = bench, product
         self._types = tuple(product.parts)
         self._centre, self._pose = centre, pose
+        self._surfaces = {name: surface_of(kind) for name, kind in product.parts.items()}
         for network in (centre, pose):
             network.card.require_vocabulary(network.path, {"parts": self._types})
 
@@ -85,7 +86,7 @@ class CentrePartDetector:
         known = [peak for peak in found if peak.kind < len(self._types)]
         standing = self._refined(frame, [one for peak in known for one in self._supposed(frame, peak)])
         stands = {id(one.peak) for one in standing}
-        answers = [self._standing(one, features) for one in standing]
+        answers = [self._standing(frame, one, features) for one in standing]
         answers += [self._other(frame, peak, features) for peak in found if id(peak) not in stands]
         return tuple(one for one in answers if self._near_tray(one))
 
@@ -144,7 +145,8 @@ class CentrePartDetector:
             moved.append(_Standing(one.peak, one.place_m + way, one.yaw_rad + turn, kind))
         return moved
 
-    def _standing(self, one: _Standing, features: NDArray[np.float32]) -> PartDetection:
+    def _standing(self, frame: Frame, one: _Standing, features: NDArray[np.float32]) -> PartDetection:
+        """A part that stands; its box is around what its exact pose lets the camera see of it."""
         name = self._types[one.peak.kind]
         kind = self._product.parts[name]
         turn = math.pi if kind.alike_after_half_turn else 2 * math.pi
@@ -152,7 +154,9 @@ class CentrePartDetector:
         bottom_m = self._bench.tray.centre_m[2] + kind.peg_length_m
         pose = Pose.from_yaw((float(one.place_m[0]), float(one.place_m[1]), bottom_m), yaw)
         score = one.peak.score * one.standing
-        return PartDetection(name, score, pose, kind.size_m, _box(one.peak), _embedding(one.peak, features))
+        seen = self._bench.wrist.model.project(frame.world_from_camera, pose.transform(self._surfaces[name]))
+        box = _box(np.concatenate([seen.min(axis=0), seen.max(axis=0)]))
+        return PartDetection(name, score, pose, kind.size_m, box, _embedding(one.peak, features))
 
     def _other(self, frame: Frame, peak: Peak, features: NDArray[np.float32]) -> PartDetection:
         """A part that does not stand, or something unknown: where it lies, as well as the centre net knows."""
@@ -166,7 +170,7 @@ class CentrePartDetector:
         name = self._types[peak.kind] if known else UNKNOWN
         size = self._product.parts[name].size_m if known else self._extent(frame, peak)
         pose = Pose.from_yaw((x, y, z), yaw)
-        return PartDetection(name, peak.score, pose, size, _box(peak), _embedding(peak, features), upright=False)
+        return PartDetection(name, peak.score, pose, size, _box(peak.box_px), _embedding(peak, features), upright=False)
 
     def _extent(self, frame: Frame, peak: Peak) -> tuple[float, float, float]:
         """What an unknown thing may cover of the floor, from its box; as high as it is wide."""
@@ -189,9 +193,8 @@ def _is_far(one: _Standing, before: _Standing) -> bool:
     return turned > FAR_RAD or float(np.linalg.norm(one.place_m - before.place_m)) > FAR_M
 
 
-def _box(peak: Peak) -> tuple[int, int, int, int]:
-    left, top = (int(value) for value in np.floor(peak.box_px[:2]))
-    right, bottom = (int(value) for value in np.ceil(peak.box_px[2:]))
+def _box(sides: Array) -> tuple[int, int, int, int]:
+    left, top, right, bottom = (round(float(value)) for value in sides)
     return left, top, right, bottom
 
 

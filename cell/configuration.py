@@ -25,7 +25,7 @@ from learned.semantic.settings import NewGoals
 from sim.look_range import look_range
 from sim.person import load_person
 from sim.settings import SimSettings
-from skills.settings import CanSettings, MotionSettings
+from skills.settings import CanSettings, MotionSettings, SignalSettings
 from trees.guard import GuardSettings
 
 DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
@@ -200,6 +200,7 @@ class Configuration(Model):
         calibration: file of `cell calibrate`, relative to this file: it takes over what the bench says of the cameras.
         bench: where arm, bracket, tray and cameras stand. World frame: origin at the arm's base on the table top, x
             towards the person, z up.
+        signals: an I/O module with digital signals; none by default.
         faults: what the supervisor does about each sign of trouble, relative to this file; none for the shipped table.
     """
 
@@ -213,6 +214,7 @@ class Configuration(Model):
     guard: GuardSettings = GuardSettings()
     motion: MotionSettings = MotionSettings()
     gripper_can: CanSettings = CanSettings()
+    signals: SignalSettings | None = None
     devices: DeviceSettings = DeviceSettings()
     log: LogSettings = LogSettings()
 

@@ -53,6 +53,7 @@ from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from cell.viewing.typed_orders import TypedOrders
 from skills.can_gripper import CanGripper, Tap
+from skills.can_signals import CanSignals
 from skills.checked_arm import CheckedArm
 from skills.gripper_database import SHIPPED, load_gripper_database
 from skills.planner import MotionPlanner
@@ -206,7 +207,14 @@ def drive(
         for executor in executors:
             stack.callback(executor.close)
         supervisor = make_supervisor(files.faults, motion)
-        controller = Controller(devices, gripper, *executors, configuration.controller, supervisor, observers, operator)
+        signals = None
+        if (module := configuration.signals) is not None:
+            signal_bus = open_bus(module.interface, module.channel, module.bitrate)
+            signals = CanSignals(signal_bus, devices.clock, module)
+            stack.callback(signals.close)
+        controller = Controller(
+            devices, gripper, *executors, configuration.controller, supervisor, observers, operator, signals
+        )
         services = make_services(
             configuration,
             files.planners,

@@ -28,6 +28,7 @@ from sim.render_process import RenderProcess
 from sim.score import Score
 from sim.sensed_arm import SensedArm
 from sim.settings import SimSettings
+from sim.signal_node import SignalNode
 from sim.stock import Stock
 from sim.storage import lay_out
 from sim.tray_truth import resting_event, resting_parts
@@ -114,7 +115,10 @@ class SimCell:
         deliveries = [Delivery(self.look.camera, hardware.camera_latency_s, stream) for stream in streams[6:8]]
         overhead = SimCamera("overhead", bench.overhead, self.world, self._photographer.take, deliveries[0])
         wrist = SimCamera("wrist", bench.wrist, self.world, self._photographer.take, deliveries[1])
+        self.signal_node = None if settings.signals is None else SignalNode(settings.signals)
         actors: list[Actor] = [arm, self.gripper_node, self.stock]
+        if self.signal_node is not None:
+            actors.append(self.signal_node)
         if self.worker is not None:
             actors.append(self.worker)
         samplers: list[Observer] = [self.arm, *([self.contacts] if self.contacts is not None else [])]
@@ -155,6 +159,8 @@ class SimCell:
     def close(self) -> None:
         """Let go of the bus and of what makes the frames."""
         self.gripper_node.close()
+        if self.signal_node is not None:
+            self.signal_node.close()
         self._photographer.close()
 
 

@@ -79,6 +79,21 @@ class ClutterSettings(Model):
         return self
 
 
+class SimSignals(Model):
+    """A simulated I/O module whose inputs follow its outputs.
+
+    Attributes:
+        channel, node_id: as the configuration's `signals` have them.
+        wires: by bit of an input, the bit of the output that it follows.
+        delay_s: how long after it.
+    """
+
+    channel: str = "signals"
+    node_id: int = Field(default=32, ge=1, le=127)
+    wires: dict[int, int] = Field(default_factory=dict)
+    delay_s: float = Field(default=0.2, ge=0, le=60)
+
+
 class SimSettings(Model):
     """The simulated cell.
 
@@ -90,6 +105,7 @@ class SimSettings(Model):
         clutter: how parts stand in the tray.
         person: who stands at the bench.
         shift: the person goes on with the next bracket when one is finished.
+        signals: an I/O module on the virtual bus; none by default.
     """
 
     overlap: bool = True
@@ -101,3 +117,4 @@ class SimSettings(Model):
     clutter: ClutterSettings = ClutterSettings()
     person: Person = PERSONS["careful"]
     shift: bool = False
+    signals: SimSignals | None = None

@@ -149,6 +149,25 @@ class MotionSettings(Model):
     separation: SeparationSettings = SeparationSettings()
 
 
+class SignalSettings(Model):
+    """A CANopen I/O module with digital signals (CiA 401).
+
+    Attributes:
+        interface, channel, bitrate: the bus, as for the gripper.
+        node_id: of the module: it tells inputs in 0x180 + node id, and takes outputs in 0x200 + node id.
+        inputs, outputs: bit of each signal, by the names that tree files use.
+        timeout_s: silence for so long is a fault; the module must tell its inputs more often than that.
+    """
+
+    interface: str = "virtual"
+    channel: str = "signals"
+    bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
+    node_id: int = Field(default=32, ge=1, le=127)
+    inputs: dict[str, Annotated[int, Field(ge=0, le=63)]] = Field(default_factory=dict)
+    outputs: dict[str, Annotated[int, Field(ge=0, le=63)]] = Field(default_factory=dict)
+    timeout_s: float = Field(default=0.5, gt=0, le=60)
+
+
 class CanSettings(Model):
     """The bus that the gripper is on.
 

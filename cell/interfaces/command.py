@@ -84,6 +84,7 @@ class Command:
         contested: "arm" or "gripper" where two goals were set for it in this tick.
         look: ask the wrist camera for a frame and the part detector for its answer.
         display: what to show from now on, None to leave it as it is.
+        signals: digital outputs to set now.
     """
 
     follow: JointTrajectory | None = None
@@ -93,6 +94,7 @@ class Command:
     look: bool = False
     display: Display | None = None
     contested: tuple[str, ...] = ()
+    signals: Mapping[str, bool] = field(default_factory=dict)
 
     def __setattr__(self, name: str, value: object) -> None:
         """Note who is given a second goal: two nodes that command one device do not know of each other."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Literal
 
@@ -126,6 +127,7 @@ class Observation:
         troubles: what devices raised since the tick before.
         late_s: how much later than its deadline the tick began.
         acknowledged: somebody acknowledged what holds the cell since the tick before.
+        signals: digital inputs and outputs by name; what nobody knows now is absent.
         operator: what somebody at panel, page or terminal wants.
         share: of the speed that the supervisor allows in this tick; 0 while it holds.
         work_s: time that skills had to work so far: it stands while the supervisor holds. None in old logs.
@@ -141,6 +143,7 @@ class Observation:
     late_s: float = 0.0
     acknowledged: bool = False
     operator: OperatorState = NOBODY
+    signals: Mapping[str, bool] = field(default_factory=dict)
     share: float = 1.0
     work_s: float | None = None
 

@@ -28,7 +28,7 @@ from cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, judged,
 from cell.recording.snapshot import Snapshot
 from skills.can_gripper import CanFrame
 
-USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator")  # fields that most ticks leave out
+USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals")  # fields that most ticks leave out
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
 
 

@@ -122,9 +122,10 @@ def tick_json(tick: int, status: str, changes: Iterable[StatusChange]) -> bytes:
 def asked_of_devices(command: Command) -> dict[str, Any] | None:
     """What a tick asked of arm, gripper and wrist camera, as plain data; None for nothing."""
     moves = command.follow is not None or command.gripper is not None
-    if not (moves or command.stop_arm or command.look or command.activate_gripper):
+    if not (moves or command.stop_arm or command.look or command.activate_gripper or command.signals):
         return None
     return {
+        **({"signals": plain(command.signals)} if command.signals else {}),
         "stop_arm": command.stop_arm,
         "look": command.look,
         "activate_gripper": command.activate_gripper,

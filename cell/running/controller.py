@@ -7,6 +7,7 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol, TypeVar
 
 from py_trees.common import Status
@@ -18,6 +19,7 @@ from cell.interfaces.journal import ListJournal
 from cell.interfaces.judgement import Action, Judgement
 from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.signals import Signals
 from cell.observer import End, Observer, Outcome, SentCommand, TickRecord
 from cell.running.audience import Audience
 from cell.running.inference import Executor
@@ -85,7 +87,9 @@ class Controller:
         supervisor: Supervisor,
         observers: Sequence[Observer] = (),
         operator: OperatorChannel | None = None,
+        signals: Signals | None = None,
     ) -> None:
+        self._module = signals
         self.journal = ListJournal()
         self._devices = devices
         self._clock = devices.clock
@@ -95,7 +99,13 @@ class Controller:
         self._period_s = 1.0 / settings.tick_hz
         self._audience = Audience(observers, devices.clock)
         self._reader = DeviceReader(
-            devices, gripper, watcher, finder, self._audience.frame, lambda text: self._audience.say("warning", text)
+            devices,
+            gripper,
+            watcher,
+            finder,
+            self._audience.frame,
+            lambda text: self._audience.say("warning", text),
+            signals,
         )
         self._fingers = HeldFingers(gripper)
         self._signals = StopSignals()
@@ -223,6 +233,9 @@ class Controller:
         if (goal := command.gripper) is not None:
             gripper = self._command("gripper", lambda: self._gripper.command(goal))
             self._fingers.sent(goal)
+        if self._module is not None:
+            for name, value in command.signals.items():
+                self._command("signals", partial(self._module.write, name, value))
         if command.look:
             self._command("camera wrist", self._devices.wrist.trigger)
         if (display := command.display) is not None:
@@ -345,6 +358,7 @@ class Controller:
 def withhold(command: Command) -> None:
     """Take out of a command what would begin to move; nodes see it and begin again."""
     command.follow, command.gripper, command.activate_gripper = None, None, False
+    command.signals = {}
 
 
 def _failure(order: Callable[[], object]) -> str:

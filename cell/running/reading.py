@@ -18,6 +18,7 @@ from cell.interfaces.observation import (
     Trouble,
 )
 from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.signals import Signals
 from cell.running.inference import Executor
 
 Value = TypeVar("Value")
@@ -59,7 +60,9 @@ class DeviceReader:
         finder: Executor[Frame, PartsView],
         framed: Callable[[Frame], None],
         say: Callable[[str], None],
+        signals: Signals | None = None,
     ) -> None:
+        self._signals = signals
         self._devices, self._gripper = devices, gripper
         self._watcher, self._finder = watcher, finder
         self._framed, self._say = framed, say
@@ -86,6 +89,7 @@ class DeviceReader:
         self._parts = self._read("detector wrist", self._finder.poll) or self._parts
         self._arm = self._read("arm", self._devices.arm.state) or self._arm
         self._fingers = self._read("gripper", self._gripper.state) or self._fingers
+        signals = self._read("signals", self._signals.read) if self._signals is not None else None
         troubles, self._troubles = tuple(self._troubles), []
         if self._arm is None or self._fingers is None:
             raise DeviceFault("cell", "; ".join(trouble.reason for trouble in troubles) or "a device told nothing")
@@ -97,6 +101,7 @@ class DeviceReader:
             bench=self._bench,
             parts=self._parts,
             troubles=troubles,
+            signals=signals or {},
         )
 
     def samples(self) -> JointSamples | None:

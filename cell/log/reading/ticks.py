@@ -184,6 +184,7 @@ class TickBuilder:
             late_s=fields.get("late_s", 0.0),
             acknowledged=fields.get("acknowledged", False),
             operator=_adapter(OperatorState).validate_python(fields.get("operator", NOBODY)),
+            signals=fields.get("signals", {}),
             share=fields.get("share", 1.0),
             work_s=fields.get("work_s"),
         )

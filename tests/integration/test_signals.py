@@ -1,0 +1,84 @@
+"""Digital signals over CAN, from the tree file to the simulated module and back, and in the log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cell.interfaces.can_bus import open_bus
+from cell.interfaces.clock import ManualClock
+from cell.interfaces.errors import DeviceFault
+from sim.cell import SimCell
+from sim.settings import SimSignals
+from sim.signal_node import SignalNode
+from skills.can_signals import CanSignals
+from skills.settings import SignalSettings
+from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT, SIMULATION, run_tree
+
+TREE = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+  <WaitForSignal signal="ready" value="false" timeout_s="1"/>
+  <SetSignal signal="start"/>
+  <WaitForSignal signal="ready" timeout_s="2"/>
+  <SetSignal signal="start" value="false"/>
+  <WaitForSignal signal="ready" value="false" timeout_s="2"/>
+  <Inverter><SignalIs signal="ready"/></Inverter>
+</Sequence></BehaviorTree></root>"""
+
+
+def settings(channel: str) -> SignalSettings:
+    return SignalSettings(channel=channel, inputs={"ready": 3}, outputs={"start": 1, "lamp": 9})
+
+
+def test_an_input_follows_an_output_and_silence_is_a_fault() -> None:
+    clock = ManualClock()
+    node = SignalNode(SimSignals(channel="there and back", wires={3: 1}, delay_s=0.2))
+    master = CanSignals(open_bus("virtual", "there and back"), clock, settings("there and back"))
+
+    def after(time_s: float) -> dict[str, bool]:
+        while clock.now_s() < time_s - 1e-9:
+            clock.sleep_until(clock.now_s() + 0.01)
+            node.update(clock.now_s(), 0.01)
+        return master.read()
+
+    assert master.read() == {"start": False, "lamp": False}
+    assert after(0.05) == {"ready": False, "start": False, "lamp": False}
+    master.write("start", True)
+    assert after(0.15)["ready"] is False
+    assert after(0.30)["ready"] is True
+    master.write("lamp", True)
+    after(0.6)
+    assert node.outputs == 0b1000000010
+    with pytest.raises(DeviceFault, match="no output 'lamb'; there are: start, lamp"):
+        master.write("lamb", True)
+    clock.sleep_until(2.0)
+    with pytest.raises(DeviceFault, match="no word of the inputs for"):
+        master.read()
+    node.close()
+    master.close()
+
+
+def test_a_tree_sets_signals_and_waits_for_them(tmp_path: Path) -> None:
+    file = tmp_path / "tree.xml"
+    file.write_text(TREE)
+    module = SimSignals(channel="tree and module", wires={3: 1})
+    simulation = SIMULATION.model_copy(update={"signals": module})
+    configuration = CONFIGURATION.model_copy(update={"signals": settings("tree and module")})
+    cell = SimCell(PRODUCT, BENCH, simulation, *CAN, 1, "g0", worker=False, clutter=())
+    try:
+        outcome, _ = run_tree(cell, file, configuration=configuration)
+    finally:
+        cell.close()
+    assert outcome.end == "finished"
+    assert 0.4 < outcome.sim_time_s < 2.0
+
+
+def test_a_signal_that_nobody_knows_is_a_failure(tmp_path: Path) -> None:
+    file = tmp_path / "tree.xml"
+    file.write_text(TREE)
+    cell = SimCell(PRODUCT, BENCH, SIMULATION, *CAN, 1, "g0", worker=False, clutter=())
+    try:
+        outcome, _ = run_tree(cell, file)
+    finally:
+        cell.close()
+    assert outcome.end == "failed"

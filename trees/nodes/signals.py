@@ -1,0 +1,90 @@
+"""Digital signals of other machines: wait for one, ask it, set one."""
+
+from __future__ import annotations
+
+from py_trees.common import Status
+
+from trees.engine.errors import NodeError
+from trees.engine.node import FAILURE, RUNNING, SUCCESS
+from trees.engine.ports import InputPort
+from trees.nodes.services import CellNode
+
+KNOWN_WITHIN_S = 1.0  # a module that was just started has not told its inputs yet
+
+
+class SignalNode(CellNode):
+    """Base of the nodes that read a signal."""
+
+    abstract = True
+
+    signal = InputPort(str, "its name in the configuration")
+    value = InputPort(bool, "on (true) or off", default=True)
+
+    def is_so(self) -> bool:
+        """Whether the signal has the value.
+
+        Raises:
+            NodeError: nothing is known of it.
+        """
+        known, name = self.services.observation.signals, self.signal.get()
+        if name not in known:
+            raise NodeError(f"nothing is known of signal {name!r}; known: {', '.join(known) or 'none'}")
+        self.feedback_message = f"{name} is {'on' if known[name] else 'off'}"
+        return known[name] == self.value.get()
+
+
+class SignalIs(SignalNode):
+    """A signal is on, or off."""
+
+    node_type = "Condition"
+    instant = True
+
+    def update(self) -> Status:
+        return SUCCESS if self.is_so() else FAILURE
+
+
+class WaitForSignal(SignalNode):
+    """Wait until a signal is on, or off."""
+
+    timeout_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=0.0)
+
+    _begun_s = 0.0
+
+    def initialise(self) -> None:
+        self._begun_s = self.services.observation.time_s
+
+    def update(self) -> Status:
+        seen, timeout_s = self.services.observation, self.timeout_s.get()
+        waited_s = seen.time_s - self._begun_s
+        if self.signal.get() not in seen.signals and waited_s <= KNOWN_WITHIN_S:
+            self.feedback_message = "waits for the module"
+            return RUNNING
+        if self.is_so():
+            return SUCCESS
+        return FAILURE if timeout_s > 0 and waited_s > timeout_s else RUNNING
+
+
+class SetSignal(CellNode):
+    """Set an output; it keeps its value until it is set again, also after the run."""
+
+    signal = InputPort(str, "its name in the configuration")
+    value = InputPort(bool, "on (true) or off", default=True)
+    timeout_s = InputPort(float, "longest wait until it is set in [s]", default=1.0)
+
+    _begun_s = 0.0
+
+    def initialise(self) -> None:
+        name, known = self.signal.get(), self.services.observation.signals
+        if name not in known:
+            raise NodeError(f"nothing is known of signal {name!r}; known: {', '.join(known) or 'none'}")
+        self._begun_s = self.services.observation.worked_s
+
+    def update(self) -> Status:
+        services, name, value = self.services, self.signal.get(), self.value.get()
+        if services.observation.signals.get(name) == value:
+            self.feedback_message = f"{name} is {'on' if value else 'off'}"
+            return SUCCESS
+        self.feedback_message = f"sets {name}"
+        services.command.signals = {**services.command.signals, name: value}
+        late = services.observation.worked_s - self._begun_s > self.timeout_s.get()
+        return FAILURE if late else RUNNING

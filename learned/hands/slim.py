@@ -20,6 +20,8 @@ FINDER_KIND, READER_KIND = "hands.slim_finder", "hands.slim"
 LEAST_SCORE = 0.25  # of the finder: the reader has the last word
 SAME_SHARE = 0.25  # of a region's side: centres that are nearer are of one hand
 MOST_REGIONS = 4
+# Training boxes lie around the boxes of a hand's shapes: by so much of a region they are wider than what is seen.
+SLACK = np.array([[0.04, 0.015], [-0.04, -0.015]])
 
 
 def finder_file(path: Path) -> Path:
@@ -83,7 +85,7 @@ class SlimReader:
 
     def _reading(self, centre: Array, answer: dict[str, Array]) -> Reading:
         points = dict(zip(POINTS, self._regions.outside(answer["points"].astype(float), centre), strict=True))
-        corners = self._regions.outside(answer["box"].astype(float).reshape(2, 2), centre)
+        corners = self._regions.outside(answer["box"].astype(float).reshape(2, 2) + SLACK, centre)
         kind = int(answer["held"].argmax())
         if kind == 0:
             del points["held"]

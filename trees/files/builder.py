@@ -116,8 +116,8 @@ class Builder:
         label = tag if tag != "SubTree" else element.get("ID") or ""
         name = element.get("name") or label
         path = f"{scope.name}/{name}" if scope.name else name
-        if element.get("name") is None:
-            path += f"::{uid}"
+        if element.get("name") is None or (tag == "SubTree" and any(path == one.name for one in self.scopes)):
+            path += f"::{uid}"  # SubTrees of one name beside each other have blackboards of their own
         if element.broken:
             node = self._stub(element, name, scope)
         elif tag == "SubTree":

@@ -16,6 +16,7 @@ from trees.engine.vocabulary import misnomer
 from trees.files.guarding import check_guards
 from trees.files.library import PROBLEM_LIMIT, Library
 from trees.files.registry import Registry
+from trees.files.replacing import REPLACES
 from trees.files.words import hint, is_near
 from trees.files.xml_file import EXPLICIT, Attribute, Element
 from trees.files.xml_file import node_tag as node_tag
@@ -53,7 +54,12 @@ def check_structure(library: Library, registry: Registry) -> list[Problem]:
     """All problems of all trees, those that nothing runs included; marks the elements that have any as broken."""
     problems: list[Problem] = []
     checker = _Checker(library, registry, problems)
-    for tree in library.trees.values():
+    for identifier, tree in library.trees.items():
+        if identifier in registry.classes and identifier not in library.replacing:
+            what = f"a node is named '{identifier}', too"
+            problems.append(
+                Problem(tree.place_of("ID"), what, f'rename the tree, or let it take its place: {REPLACES}="true"')
+            )
         for child in tree.children:
             checker.check(child)
     return problems + list(_check_expansion(library)) + check_guards(library, registry)

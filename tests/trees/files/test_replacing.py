@@ -107,3 +107,18 @@ def test_a_subtree_without_nodes_is_told_and_no_more(tmp_path: Path) -> None:
         main='<BehaviorTree ID="Main"><SubTree ID="Empty"/></BehaviorTree><BehaviorTree ID="Empty"></BehaviorTree>',
     )
     assert ["has 0 nodes" in problem.what for problem in findings([file], node_registry()).problems] == [True]
+
+
+def test_a_tree_named_like_a_node_is_told(tmp_path: Path) -> None:
+    (file,) = files(tmp_path, main='<BehaviorTree ID="Sequence"><AlwaysSuccess/></BehaviorTree>')
+    (problem,) = findings([file], node_registry()).problems
+    assert "a node is named 'Sequence', too" in str(problem)
+
+
+def test_subtrees_of_one_name_beside_each_other_have_paths_of_their_own(tmp_path: Path) -> None:
+    calls = '<SubTree ID="Inner" name="same" p="1"/><SubTree ID="Inner" name="same" p="2"/>'
+    inner = '<BehaviorTree ID="Inner"><ScriptCondition code="p &gt; 0"/></BehaviorTree>'
+    (file,) = files(tmp_path, main=f'<BehaviorTree ID="Main"><Sequence>{calls}</Sequence></BehaviorTree>{inner}')
+    tree = load_tree(file, node_registry(), "Main")
+    assert [scope.name for scope in tree.scopes] == ["", "same", "same::4"]
+    assert len({node.full_path for node in tree.nodes}) == len(tree.nodes)

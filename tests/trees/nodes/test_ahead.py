@@ -1,0 +1,143 @@
+"""Working ahead of the person: which part is fetched, where it goes, what is still believed of the tray."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from py_trees.common import Status
+
+from cell.interfaces.perception import Action, HandSample
+from cell.interfaces.planning import AssemblyState
+from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, SURE, hand_at, see, seen_parts, services
+from trees.nodes.ahead import AwaitPosition, ChooseSparePart, HoldsNeededPart, RecallTray
+from trees.nodes.services import Services
+
+IDLE, TRANSIT = Action("idle", 1.0), Action("transit", 1.0)
+ONE_O1_TWO_O2 = AssemblyState({"p1": "o1", "p2": "o1", "p4": "o3"})
+DONE = AssemblyState(dict(zip(PRODUCT.positions, ("o1", "o1", "o1", "o2", "o2", "o3"), strict=True)))
+ONE_OF_TWO = AssemblyState({"p1": "o1", "p2": "o1", "p4": "o3", "p5": "o2"})
+
+
+def chooser(at: Services, state: AssemblyState) -> ChooseSparePart:
+    node = ChooseSparePart("choose")
+    node.setup(services=at)
+    for port, value in (("state", state), ("plan", SURE), ("patience_s", 0.8), ("steady_s", 0.4)):
+        getattr(node, port).entry.value = value
+    node.initialise()
+    return node
+
+
+def holding(part: str | None) -> HandSample:
+    return replace(hand_at(1.0, 0.2), held_part=part)
+
+
+@pytest.mark.parametrize(
+    ("state", "action", "held", "chosen"),
+    [
+        (AssemblyState({}), TRANSIT, None, "o1"),  # three o1 are needed whatever the person takes
+        (ONE_O1_TWO_O2, TRANSIT, None, "o2"),  # of two one remains
+        (ONE_OF_TWO, TRANSIT, None, None),  # the person may take either
+        (ONE_OF_TWO, TRANSIT, "o1", "o2"),
+        (ONE_OF_TWO, TRANSIT, "o2", "o1"),
+        (ONE_OF_TWO, Action("screw", 1.0), None, "o1"),  # who screws takes nothing; o1 has a sure position
+        (DONE, Action("screw", 1.0), None, None),
+    ],
+)
+def test_a_part_is_chosen_that_is_needed_whatever_the_person_takes(
+    state: AssemblyState, action: Action, held: str | None, chosen: str | None
+) -> None:
+    at = services()
+    node = chooser(at, state)
+    for time_s in (1.0, 1.2, 1.5):
+        see(at, time_s, hand=holding(held), action=action)
+        status = node.update()
+    assert status is (Status.RUNNING if chosen is None else Status.SUCCESS)
+    assert chosen is None or node.part.entry.value == chosen  # type: ignore[union-attr]
+
+
+def test_a_part_that_the_hand_passes_over_is_not_in_it() -> None:
+    at = services()
+    node = chooser(at, ONE_OF_TWO)
+    for time_s, held in ((1.0, "o1"), (1.2, "o1"), (1.3, "o2"), (1.5, None), (1.8, None)):
+        see(at, time_s, hand=holding(held), action=TRANSIT)
+        assert node.update() is Status.RUNNING
+
+
+def test_a_hand_that_has_just_come_to_rest_goes_first() -> None:
+    at = services()
+    node = chooser(at, AssemblyState({}))
+    answers = []
+    for time_s in (1.0, 1.5, 1.9):
+        see(at, time_s, action=IDLE)
+        answers.append(node.update())
+    assert answers == [Status.RUNNING, Status.RUNNING, Status.SUCCESS]
+
+
+def waiter(at: Services, part: str = "o1") -> AwaitPosition:
+    at.observation = replace(at.observation, gripper=HOLDING)
+    node = AwaitPosition("await")
+    node.setup(services=at)
+    for port, value in (("state", AssemblyState({})), ("plan", SURE), ("part", part)):
+        getattr(node, port).entry.value = value
+    return node
+
+
+def hole_m(position: str) -> tuple[float, float]:
+    x, y = PRODUCT.bracket.holes_m[position]
+    return BENCH.bracket.position_m[0] + x, BENCH.bracket.position_m[1] + y
+
+
+@pytest.mark.parametrize(("beside", "chosen"), [("p1", "p2"), (None, "p2")])
+def test_the_position_whose_way_is_clear_and_short_is_taken(beside: str | None, chosen: str) -> None:
+    at = services()
+    node = waiter(at)
+    see(at, 1.0, hand=None if beside is None else hand_at(*hole_m(beside)), action=TRANSIT)
+    assert node.update() is Status.SUCCESS
+    assert node.position.entry.value == chosen  # type: ignore[union-attr]
+
+
+def test_a_position_that_the_person_is_filling_is_theirs() -> None:
+    at = services()
+    node = waiter(at)
+    see(at, 1.0, action=Action("assembly", 1.0, "o1", "p2"))
+    assert node.update() is Status.SUCCESS
+    assert node.position.entry.value == "p1"  # type: ignore[union-attr]
+
+
+def test_a_part_waits_until_the_guard_is_sure_and_fails_where_nothing_is_left_for_it() -> None:
+    at = services()
+    node = waiter(at)
+    see(at, 1.0)
+    node.plan.entry.value = replace(SURE, next_belief={("o1", "p1"): 0.6})  # type: ignore[union-attr]
+    assert node.update() is Status.RUNNING
+    assert "< 0.9" in node.feedback_message
+    node.state.entry.value = AssemblyState({"p1": "o1", "p2": "o1", "p3": "o1"})  # type: ignore[union-attr]
+    assert node.update() is Status.FAILURE
+
+
+def test_a_part_in_the_gripper_is_kept_as_long_as_it_is_needed() -> None:
+    at = services(held_part="o3")
+    node = HoldsNeededPart("holds")
+    node.setup(services=at)
+    node.state.entry.value = AssemblyState({})  # type: ignore[union-attr]
+    assert node.update() is Status.FAILURE
+    at.observation = replace(at.observation, gripper=HOLDING)
+    assert node.update() is Status.SUCCESS
+    node.state.entry.value = AssemblyState({"p5": "o3"})  # type: ignore[union-attr]
+    assert node.update() is Status.FAILURE
+
+
+def test_the_tray_is_believed_for_a_while_after_a_look() -> None:
+    parts = seen_parts("o1", "o2")
+    at = services()
+    node = RecallTray("recall")
+    node.setup(services=at)
+    node.oldest_s.entry.value = 60.0  # type: ignore[union-attr]
+    assert node.update() is Status.FAILURE
+    at.tray_parts, at.tray_seen_s = parts.detections[1:], 5.0
+    at.observation = replace(at.observation, time_s=64.0)
+    assert node.update() is Status.SUCCESS
+    assert [part.part for part in node.parts.entry.value.detections] == ["o2"]  # type: ignore[union-attr]
+    at.observation = replace(at.observation, time_s=66.0)
+    assert node.update() is Status.FAILURE

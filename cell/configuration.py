@@ -32,7 +32,7 @@ DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
 DEFAULT_FAULTS = shipped("config", "faults.yaml")
 WEIGHTS = shipped("learned", "weights")
 SHIFT_LOG_MB = 4000.0  # parts of a shift's log that are kept where the configuration does not say how much
-DEFAULT_TREE = shipped("trees", "assemble.xml")
+DEFAULT_TREE = shipped("trees", "ahead.xml")
 LEARNED_KINDS = {"hands": "slim", "actions": "slim", "holes": "plate", "parts": "centre"}  # the trained defaults
 
 

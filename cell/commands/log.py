@@ -32,6 +32,8 @@ class ExportFormat(StrEnum):
 
     csv = "csv"
     parquet = "parquet"
+    transitions = "transitions"
+    notes = "notes"
     btlog = "btlog"
     video = "video"
 
@@ -152,7 +154,9 @@ def export_log(
     """Write a log for other tools: a table of ticks, transitions for Groot2, or a video of the overhead camera."""
     from cell.log.telling.export import export
 
-    target = out or beside(log, ".mp4" if to is ExportFormat.video else f".{to.value}")
+    tables = {ExportFormat.transitions, ExportFormat.notes}
+    ending = ".mp4" if to is ExportFormat.video else f".{to.value}.parquet" if to in tables else f".{to.value}"
+    target = out or beside(log, ending)
     count = export(read(log), to.value, target)
     what = {ExportFormat.btlog: "transitions", ExportFormat.video: "frames"}.get(to, "rows")
     if as_json:

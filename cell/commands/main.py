@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cell.interfaces.errors import Problem
     from cell.interfaces.product import Product
 
-TREE = own_or_shipped("trees", "assemble.xml")
+TREE = own_or_shipped("trees", "ahead.xml", "assemble.xml")
 SHIFT_TREE = own_or_shipped("trees", "shift.xml")
 BAD_INPUT, SAFE_STOP = 2, 3
 MONITOR_PORT = 1667
@@ -139,7 +139,7 @@ def main(arguments: list[str] | None = None) -> int:
 def run(
     tree: Annotated[
         Path | None,
-        typer.Option(help="Tree file to run; trees/assemble.xml, or for a shift trees/shift.xml."),
+        typer.Option(help="Tree file to run; trees/ahead.xml, or for a shift trees/shift.xml."),
     ] = None,
     config: ConfigOption = CONFIGURATION,
     goal: Annotated[str, typer.Option(help="What the simulated person assembles: a goal's name or random.")] = "random",

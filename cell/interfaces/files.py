@@ -16,7 +16,7 @@ def shipped(package: str, *names: str) -> Path:
     return INSTALLED.joinpath(*package.split("."), *names)
 
 
-def own_or_shipped(package: str, name: str) -> Path:
-    """The file `package/name` of the working folder where there is one, else the one that comes with the program."""
-    own = Path.cwd() / package / name
-    return own if own.is_file() else shipped(package, name)
+def own_or_shipped(package: str, *names: str) -> Path:
+    """The first file of these names in the working folder's `package`, else the first that comes with the program."""
+    own = (Path.cwd() / package / name for name in names)
+    return next((file for file in own if file.is_file()), shipped(package, names[0]))

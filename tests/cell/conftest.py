@@ -8,13 +8,14 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE
+from cell.configuration import DEFAULT_CONFIGURATION
 from cell.log.reading.reader import Log, read_log
 from cell.run import run
 from cell.run_options import RunOptions
 from tests import ROOT
 
 COMMISSION = ROOT / "trees" / "commission.xml"
+ALGORITHM_1 = ROOT / "trees" / "assemble.xml"
 
 
 def changed_configuration(folder: Path, old: str, new: str) -> Path:
@@ -55,10 +56,10 @@ def again_in_parts(folder: Path) -> Log:
 @pytest.fixture(scope="session")
 def assembly_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     """Until the person has screwed for the first time and the guard has spoken."""
-    return recorded(tmp_path_factory.mktemp("assembly"), DEFAULT_TREE, 6.0)
+    return recorded(tmp_path_factory.mktemp("assembly"), ALGORITHM_1, 6.0)
 
 
 @pytest.fixture(scope="session")
 def tray_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     """Until the robot, which acts on little evidence here, has looked into the tray for the first time."""
-    return recorded(tmp_path_factory.mktemp("tray"), DEFAULT_TREE, 12.0, seed=3, act=0.1)
+    return recorded(tmp_path_factory.mktemp("tray"), ALGORITHM_1, 12.0, seed=3, act=0.1)

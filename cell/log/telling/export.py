@@ -19,6 +19,7 @@ from cell.interfaces.errors import InputError, LogError
 from cell.log.reading.frames import Frames
 from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.logged_tree import logged_tree
+from cell.log.telling.tables import notes, transitions
 from cell.running.node_library import node_registry
 from trees.views.groot2 import StatusBoard, tree_xml
 
@@ -30,7 +31,7 @@ BAR_PX, LINE_PX = 44, 18
 
 
 def export(log: Log, style: str, path: Path) -> int:
-    """Write a log as "csv", "parquet", "btlog" or "video"; returns rows, transitions or frames.
+    """Write a log as "csv", "parquet", "transitions", "notes", "btlog" or "video"; returns rows or frames.
 
     Raises:
         LogError: the log does not hold what the format needs.
@@ -40,7 +41,9 @@ def export(log: Log, style: str, path: Path) -> int:
         raise LogError(log.path, "holds no tick that could be exported")
     writers: Mapping[str, Callable[[Log, Path], int]] = {
         "csv": _csv,
-        "parquet": _parquet,
+        "parquet": lambda log, path: _parquet(list(table(log)), path),
+        "transitions": lambda log, path: _parquet(list(transitions(log)), path),
+        "notes": lambda log, path: _parquet(list(notes(log)), path),
         "btlog": _btlog,
         "video": _video,
     }
@@ -93,14 +96,13 @@ def _csv(log: Log, path: Path) -> int:
     return len(rows)
 
 
-def _parquet(log: Log, path: Path) -> int:
+def _parquet(rows: list[dict[str, Any]], path: Path) -> int:
     try:
         arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
     except ImportError:
         raise InputError(
             "Parquet needs pyarrow; install it with: .venv/bin/pip install -e '.[parquet]', or use --to csv"
         ) from None
-    rows = list(table(log))
     parquet.write_table(arrow.Table.from_pylist(rows), str(path))
     return len(rows)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import struct
 import sys
 import time
@@ -40,6 +41,22 @@ def test_parquet_is_the_same_table(assembly_log: Log, tmp_path: Path) -> None:
     path = tmp_path / "ticks.parquet"
     assert export(assembly_log, "parquet", path) == len(assembly_log.ticks)
     assert parquet.read_table(path).to_pylist() == list(table(assembly_log))
+
+
+def test_transitions_and_notes_are_tables_with_the_run_id(assembly_log: Log, tmp_path: Path) -> None:
+    count = export(assembly_log, "transitions", tmp_path / "t.parquet")
+    rows = parquet.read_table(tmp_path / "t.parquet").to_pylist()
+    assert count == len(rows) == sum(len(tick.changes) for tick in assembly_log.ticks)
+    assert {row["run_id"] for row in rows} == {assembly_log.metadata["run_id"]}
+    first = assembly_log.ticks[0].changes[0]
+    assert (rows[0]["path"], rows[0]["new"], rows[0]["uid"]) == (first.path, first.new.name, first.uid)
+    export(assembly_log, "notes", tmp_path / "n.parquet")
+    told = [(topic, json.dumps(dict(fields))) for tick in assembly_log.ticks for topic, fields in tick.notes]
+    found = parquet.read_table(tmp_path / "n.parquet").to_pylist()
+    assert [(row["topic"], row["fields"]) for row in found] == told
+    verdicts = [row for row in found if row["topic"] == "verdict"]
+    assert verdicts
+    assert all(row["decision"] in ("act", "wait", "ask", "refused") and row["reason"] for row in verdicts)
 
 
 def test_what_parquet_needs_is_named(assembly_log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

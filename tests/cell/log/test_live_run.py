@@ -14,12 +14,11 @@ from rich.console import Console
 from websockets.exceptions import ConnectionClosed
 
 from cell.commands.main import main
-from cell.configuration import DEFAULT_TREE
 from cell.log.reading.reader import Log, read_log
 from cell.log.telling.query import diff
 from cell.run import run
 from cell.run_options import RunOptions
-from tests.cell.conftest import changed_configuration
+from tests.cell.conftest import ALGORITHM_1, changed_configuration
 from tests.cell.viewing.viewer import live_viewer
 
 WATCHED = ("/camera/overhead", "/camera/overhead/hand", "/tick", "/observation", "/joint_states", "/tf/robot")
@@ -68,7 +67,7 @@ def test_a_watched_run_decides_as_one_that_is_not(assembly_log: Log, tmp_path: P
     watching.start()
     configuration = changed_configuration(tmp_path / "config", "max_duration_s: 300.0", "max_duration_s: 6.0")
     log = tmp_path / "log.mcap"
-    run(RunOptions(DEFAULT_TREE, configuration, "g0", 1, "fast", log, live_port=port), Console(quiet=True))
+    run(RunOptions(ALGORITHM_1, configuration, "g0", 1, "fast", log, live_port=port), Console(quiet=True))
     watching.join(20.0)
     assert not watching.is_alive(), "the viewer was not told of the end"
     live = read_log(log)

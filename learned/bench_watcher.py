@@ -47,7 +47,7 @@ class DetectorChain:
         self._hands.append(hand)
         action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands)), holes)
         others, left_by = self._tracker.others, self._track.left_by
-        calibration = self._calibration.judge(frame, hand is None and not health)
+        calibration = self._calibration.judge(frame, hand)
         return BenchView(
             frame.sequence, frame.time_s, hand, holes, action, health, unknown, others, left_by, calibration
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame
+from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.calibration.landmarks import PlateModel
@@ -15,6 +15,7 @@ MOST_LOOKS = 20  # hand and arm are often in the way; then the check waits for t
 MOST_OFF_M = 0.010  # at the holes
 MOST_RMS_PX = 1.2  # a worse fit is none
 LEAST_SEEN = 0.6  # of the plate's edges
+MARGIN_PX = 15.0  # around the plate: a hand this near may hide it
 WORLD = Pose((0.0, 0.0, 0.0))
 
 
@@ -36,20 +37,27 @@ class CalibrationCheck:
     def __init__(self, bench: Bench, product: Product) -> None:
         self._bench, self._product = bench, product
         self._points = len(PlateModel.of(bench, product).edges_m)
+        seen = bench.overhead.model.project(bench.overhead.mount.pose, PlateModel.of(bench, product).edges_m)
+        self._plate_px = seen.min(axis=0) - MARGIN_PX, seen.max(axis=0) + MARGIN_PX
         self._due_s = 0.0
         self._off_m: list[float] = []
         self._looks = 0
         self._words = ""
 
-    def judge(self, frame: Frame, clear: bool) -> str:
+    def judge(self, frame: Frame, hand: HandSample | None) -> str:
         """What is wrong with the calibration, in words; empty where nothing is known to be.
 
         Args:
-            clear: nobody's hand is in view.
+            hand: nothing is looked at while it is at the plate.
         """
-        if frame.time_s >= self._due_s and clear and not self._words:
+        if frame.time_s >= self._due_s and not self._words and (hand is None or not self._at_plate(hand.box_px)):
             self._look(frame)
         return self._words
+
+    def _at_plate(self, box_px: tuple[int, int, int, int]) -> bool:
+        left, top, right, bottom = box_px
+        low, high = self._plate_px
+        return bool(left < high[0] and right > low[0] and top < high[1] and bottom > low[1])
 
     def _look(self, frame: Frame) -> None:
         setup = self._bench.overhead

@@ -11,7 +11,7 @@ import pytest
 
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.bench import Calibration, CameraCalibration, CameraSetup, Mount
-from cell.interfaces.perception import Frame
+from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
 from learned.calibration.check import EVERY_S, WORLD, CalibrationCheck, trouble
 from learned.calibration.solve import Shot, fit_camera, holes_off_m
@@ -61,7 +61,7 @@ def test_an_image_without_a_plate_calibrates_nothing() -> None:
 def test_a_shift_beyond_the_limit_is_told_after_looks_that_agree(error: MountError, words: str) -> None:
     frame, _ = seen(error)
     check = CalibrationCheck(BENCH, PRODUCT)
-    told = [check.judge(at(frame, 0.3 * number), clear=True) for number in range(10)]
+    told = [check.judge(at(frame, 0.3 * number), AWAY) for number in range(10)]
     assert told[0] == ""
     assert words in told[-1]
     assert bool(told[-1]) == bool(words)
@@ -72,11 +72,15 @@ def test_a_camera_that_is_pushed_during_the_run_is_noticed_within_a_minute_and_n
     pushed, _ = seen(MountError(shift_m=0.02))
     check = CalibrationCheck(BENCH, PRODUCT)
     for number in range(6):
-        assert check.judge(at(sound, float(number)), clear=True) == ""
+        assert check.judge(at(sound, float(number)), AWAY) == ""
     for number in range(20):
-        assert check.judge(at(pushed, EVERY_S + 2 + number), clear=False) == ""
-    told = [check.judge(at(pushed, EVERY_S + 30 + number), clear=True) for number in range(5)]
+        assert check.judge(at(pushed, EVERY_S + 2 + number), OVER_PLATE) == ""
+    told = [check.judge(at(pushed, EVERY_S + 30 + number), None) for number in range(5)]
     assert "run `cell calibrate`" in told[-1]
+
+
+OVER_PLATE = HandSample(0.0, (240, 100, 330, 260), (0.72, 0.1), (0.8, 0.1))
+AWAY = HandSample(0.0, (400, 300, 470, 359), (1.1, 0.4), (1.2, 0.4))
 
 
 def at(frame: Frame, time_s: float) -> Frame:

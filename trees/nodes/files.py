@@ -42,7 +42,7 @@ class WorkingFolder:
             text = file.read_text(encoding="utf-8") if file.exists() else None
         except (OSError, UnicodeDecodeError) as error:
             raise NodeError(f"{path} cannot be read: {error}") from None
-        journal.note("file", path=path, done="read", text=text)
+        _note_read(path, text, journal)
         return text
 
     def write(self, path: str, text: str, journal: Journal) -> None:
@@ -76,13 +76,19 @@ class LoggedFiles:
     def read(self, path: str, journal: Journal) -> str | None:
         """The text that was read then; None where there was none, or nothing was read."""
         place = next((place for place, note in enumerate(self._read) if note["path"] == path), None)
-        text = None if place is None else self._read.pop(place)["text"]
-        journal.note("file", path=path, done="read", text=text)
-        return None if text is None else str(text)
+        found = None if place is None else self._read.pop(place).get("text")
+        text = None if found is None else str(found)
+        _note_read(path, text, journal)
+        return text
 
     def write(self, path: str, text: str, journal: Journal) -> None:
         """Note it, and no more."""
         journal.note("file", path=path, done="written", text=text)
+
+
+def _note_read(path: str, text: str | None, journal: Journal) -> None:
+    """What was read, for a replay; a log has no word for nothing, so that a file that is not there has no text."""
+    journal.note("file", path=path, done="read", **({} if text is None else {"text": text}))
 
 
 def _inside(path: str) -> Path:

@@ -144,6 +144,7 @@ def test_files_stay_in_the_working_folder(path: str) -> None:
 
 def test_a_replay_reads_what_was_read_and_writes_nothing() -> None:
     journal = ListJournal()
+    assert WorkingFolder().read("a.txt", journal) is None
     Path("a.txt").write_text("one")
     assert WorkingFolder().read("a.txt", journal) == "one"
     WorkingFolder().write("a.txt", "two", journal)
@@ -151,6 +152,7 @@ def test_a_replay_reads_what_was_read_and_writes_nothing() -> None:
     notes = [fields for topic, fields in journal.take() if topic == "file"]
     Path("a.txt").write_text("three")
     again, files = ListJournal(), LoggedFiles(notes)
+    assert files.read("a.txt", again) is None
     assert files.read("a.txt", again) == "one"
     files.write("a.txt", "two", again)
     assert files.read("a.txt", again) == "two"

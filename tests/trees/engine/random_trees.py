@@ -329,7 +329,8 @@ class Generator:
     def _element(self, tag: str, ports: str, children: list[str]) -> str:
         """The library leaves a skipped control RUNNING, so that it does not ask the first three conditions again."""
         attributes = ("_while", *ATTRIBUTES_AFTER) if self._skips else (*ATTRIBUTES_BEFORE, *ATTRIBUTES_AFTER)
-        halted = ' _onHalted="y := 3"' if self._features.kinds and self._random.random() < 0.05 else ""
+        may_halt = self._features.kinds and not self._skips  # there a skipped control is RUNNING, and is halted later
+        halted = ' _onHalted="y := 3"' if may_halt and self._random.random() < 0.05 else ""
         return f"<{tag}{ports}{self._conditions(attributes)}{halted}>{''.join(children)}</{tag}>"
 
     def _leaf_conditions(self) -> str:

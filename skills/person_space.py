@@ -23,7 +23,7 @@ class PersonSpace:
 
     Attributes:
         beyond: all places beyond an edge of the view that a hand can be at.
-        edge: the edge behind which the person stands; the hand rests nearest to it.
+        edge: the edge behind which the person stands: x points towards the person.
     """
 
     def __init__(self, bench: Bench, settings: SeparationSettings) -> None:
@@ -31,8 +31,7 @@ class PersonSpace:
         self._camera, self._world_from_camera = bench.overhead.model, bench.overhead.mount.pose
         self._eye = np.array(bench.overhead.mount.position_m)
         self.beyond = {edge: self._outside(edge) for edge in EDGES}
-        rest = np.array(bench.hand_rest_m)
-        self.edge: Edge = min(EDGES, key=lambda edge: self._to_edge_m(edge, rest))
+        self.edge: Edge = max(EDGES, key=self._towards_person)
 
     def wall(self, hand: HandSample) -> coal.Convex:
         """A wall over the bench, from the fingertips over the palm along the forearm."""
@@ -88,9 +87,10 @@ class PersonSpace:
             layers.append(np.array([first, last, last + BEYOND_M * out, first + BEYOND_M * out]))
         return _prism(layers[0], layers[1], self._settings.hand_height_m)
 
-    def _to_edge_m(self, edge: Edge, point_m: Array) -> float:
-        first, last = self._edge_line(edge, float(point_m[2]))
-        return abs(float((point_m[:2] - first) @ _outwards(first, last, self._eye[:2])))
+    def _towards_person(self, edge: Edge) -> float:
+        """How far outwards from this edge is the way to the person, from -1 to 1."""
+        first, last = self._edge_line(edge, 0.0)
+        return float(_outwards(first, last, self._eye[:2])[0])
 
 
 def _outwards(first: Array, last: Array, inside: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import coal
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from tests.integration.cell_rig import BENCH, motion_planner, robot_alone
 MONITOR = motion_planner().separation
 S = MONITOR.settings
 PARK, LOOK = np.array(BENCH.arm_park_rad), np.array(BENCH.arm_look_rad)
+LOWERING_RAD = np.array([0.131, -1.315, 1.9, -2.155, -1.571, 0.131])  # into the hole p2
 METRES = st.floats(0.0, 3.0)
 SECONDS = st.floats(0.0, 0.6)
 SPEEDS = st.floats(0.0, 1.6)
@@ -68,6 +71,27 @@ def test_every_link_counts_not_only_the_tool() -> None:
     assert np.hypot(tool[0] - 0.35, tool[1] + 0.25) > 0.2
     above = MONITOR.judge(PARK, elbow, 0.15, False)
     assert above.distance_m < 0.35
+
+
+def test_the_person_stands_behind_the_lower_edge_wherever_the_hand_rests() -> None:
+    """x points towards the person, and down in the image, also where the resting hand is nearer to another edge."""
+    beside = BENCH.model_copy(update={"hand_rest_m": (1.0, 0.55, 0.1)})
+    assert PersonSpace(BENCH, S).edge == PersonSpace(beside, S).edge == "bottom"
+
+
+@pytest.mark.parametrize("further_m", [0.0, 0.08])
+def test_a_resting_hand_lets_the_arm_lower_a_part_into_the_nearest_holes(further_m: float) -> None:
+    """The forearm leaves the view towards the person; no finger is out of it. As the small tracker told it."""
+    kinematics = motion_planner().kinematics
+    over_p2 = kinematics.forward(LOWERING_RAD)
+    x, y, z = over_p2.position_m
+    joints_rad = kinematics.inverse(replace(over_p2, position_m=(x, y + further_m, z)), LOWERING_RAD)
+    assert joints_rad is not None
+    resting = HandSample(
+        0.0, (405, 253, 470, 356), (1.017, 0.439), (1.123, 0.475), velocity_m_s=(0.001, 0.001), height_m=0.156
+    )
+    found = MONITOR.judge(joints_rad, resting, 0.24, True)
+    assert found.distance_m > found.least_m + S.hysteresis_m
 
 
 def test_a_held_part_counts() -> None:

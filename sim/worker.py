@@ -126,6 +126,8 @@ class Worker:
     def update(self, time_s: float, dt_s: float) -> None:
         """Let one control period pass."""
         self._diary.time_s, self._work.dt_s = time_s, dt_s
+        if self._occupied:
+            self._idle_since_s = time_s
         if self._intruding is None and self._tempted(dt_s):
             self.intrude()
         if self._intruding is None or next(self._intruding, OVER) is OVER:
@@ -211,7 +213,13 @@ class Worker:
         self._wanted = wanted
         self._order = self._positions_in_order(self._person.order)
         self._placing = Placing(self._work, self._sight, self._person, wanted, self._chance, self._diary, self._polite)
-        self._idle_s = 0.0
+        self._idle_since_s = self._diary.time_s
+
+    @property
+    def _occupied(self) -> bool:
+        """Whether the person has something to do, or waits for the arm, or is asked for help."""
+        asked = self._replies is not None and self._replies.stands("help")
+        return not self.done or asked or not self._sight.arm_parked
 
     def _change_job(self) -> None:
         assert self._around is not None
@@ -244,13 +252,13 @@ class Worker:
         if not complete and "bins" in self._errands.due:
             yield from self._errands.fill("bins")
             return
-        self._idle_s = self._idle_s + self._work.dt_s if self._sight.arm_parked else 0.0
-        if not complete and self._idle_s > ASKS_AGAIN_S and not self._replies.stands("help"):
-            self._idle_s = 0.0
+        idle_s = self._diary.time_s - self._idle_since_s
+        if not complete and idle_s > ASKS_AGAIN_S:
             yield from self._ask_for_part()
+            self._idle_since_s = self._diary.time_s
             return
         asked = self._replies.asks_for_bracket(self._diary.time_s)
-        if asked or (self._around.goes_on and self._idle_s > self._person.shift.gives_up_s):
+        if asked or (self._around.goes_on and idle_s > self._person.shift.gives_up_s):
             yield from self._errands.change_bracket()
             yield from self._go_to_rest()
             yield from self._wait_while(lambda: self._replies is not None and self._replies.stands("bracket"), SEEN_S)

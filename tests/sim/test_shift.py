@@ -90,6 +90,13 @@ def test_help_sets_the_part_into_the_tray_and_says_so(cell: SimCell) -> None:
     assert in_tray(cell)["o3"] == 1
 
 
+def test_a_person_who_lacks_a_part_screws_again_and_again_until_somebody_asks(cell: SimCell) -> None:
+    put_goal(cell)
+    cell.stock.take([body for body in cell.world.bodies if body.part == "o3"])
+    settle(cell, cell.world.time_s + 40.0)
+    assert sum(event.kind == "screw" and event.edge == "start" for event in person(cell).events) >= 2
+
+
 def test_the_person_tells_truly_which_goal_it_is(cell: SimCell) -> None:
     person(cell).show(Display(questions=(WHICH,)))
     pressed: list[OperatorOrder] = []

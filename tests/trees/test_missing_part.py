@@ -1,0 +1,24 @@
+"""Every tree that works beside a person asks for a part that it cannot get, and waits for the answer."""
+
+from __future__ import annotations
+
+import pytest
+
+from cell.running.node_library import node_registry
+from tests import ROOT
+from trees.engine.node import RUNNING
+from trees.engine.vocabulary import Part
+from trees.testing import TreeBench
+
+LEAST_S = 30.0  # a person who notices after 10 s on average has noticed by then, nearly always
+MISSING = {"AssemblyFinished": "F", "BracketTaken": "F", "HoldsNeededPart": "F", "FindPart": "F", "AskForHelp": "R"}
+PREDICTED = {"PredictNextObject": {"part": Part("o3")}, "ChooseSparePart": {"part": Part("o3")}}
+
+
+@pytest.mark.parametrize("name", ["ahead", "assemble", "eager", "shift"])
+def test_a_part_that_is_not_there_is_asked_for_and_the_answer_awaited(name: str) -> None:
+    made = TreeBench(ROOT / "trees" / f"{name}.xml", node_registry(), MISSING, PREDICTED)
+    for _ in range(60):
+        assert made.tick(0.1) == "R"
+    (asks,) = [one for one in made.tree.nodes if type(one).__name__ == "AskForHelp" and one.status is RUNNING]
+    assert vars(asks)["wait_s"].get() >= LEAST_S

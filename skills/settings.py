@@ -181,7 +181,7 @@ class CanSettings(Model):
     """
 
     interface: str = Field(default="virtual", pattern=r"^[\w.-]{1,64}$")
-    channel: str = Field(default="gripper", pattern=r"^[\x21-\x7e]{1,128}$")
+    channel: str = Field(default="gripper", max_length=128, pattern=r"^[!-~]+( [!-~]+)*$")
     bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
     heartbeat_period_s: float = Field(default=0.1, ge=0.01, le=2)
     start_up_s: float = Field(default=1.0, gt=0, le=60)

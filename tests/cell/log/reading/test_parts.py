@@ -115,7 +115,7 @@ def test_only_so_many_parts_are_kept(tmp_path: Path) -> None:
 
 
 def test_keeping_parts_of_a_log_in_one_file_is_a_mistake() -> None:
-    with pytest.raises(ValidationError, match="need rotate_mb or rotate_s"):
+    with pytest.raises(ValidationError, match="need rotate_mb, rotate_s or rotate_brackets"):
         LogSettings(keep_parts=3)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -24,6 +25,8 @@ FORMER_S, LATTER = (
     0.02,
     0.35,
 )  # smoothing (see `_Smooth`): time constant of a hand at rest, and speed [m/s] that halves it
+
+VELOCITY_FRAMES = 4  # over which the velocity of a palm is told
 
 Point = tuple[float, float]
 
@@ -55,6 +58,7 @@ class _Track:
     smooth: dict[str, _Smooth] = field(default_factory=dict)
     smoothed_s: float = -math.inf
     speed_px_s: Array = field(default_factory=lambda: np.zeros(2))
+    palms: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=VELOCITY_FRAMES))
 
     def expected_px(self, time_s: float) -> Array:
         """Where its region should be now."""
@@ -68,6 +72,12 @@ class _Track:
         self.acting = ACTING_KEEPS * self.acting + (1 - ACTING_KEEPS) * reading.acting
         self.left = ACTING_KEEPS * self.left + (1 - ACTING_KEEPS) * reading.left
         self.reading, self.seen_s = reading, time_s
+
+    def velocity_m_s(self, palm_m: Array, time_s: float) -> Point | None:
+        """Of the palm (2,) over the last frames, this one among them; None in the first."""
+        self.palms.append((time_s, palm_m))
+        (from_s, start), (to_s, end) = self.palms[0], self.palms[-1]
+        return _xy((end - start) / (to_s - from_s)) if to_s > from_s else None
 
 
 class HandTracks:
@@ -147,6 +157,7 @@ def _sample(track: _Track, view: View, frame: Frame) -> HandSample:
         fingertips_m=_xy(smooth["pinch"]),
         palm_m=_xy(smooth["palm"]),
         held_part=reading.held_part,
+        velocity_m_s=track.velocity_m_s(smooth["palm"][:2].copy(), frame.time_s),
         height_m=float(smooth["palm"][2]),
         fingertips_height_m=float(smooth["pinch"][2]),
         side="left" if track.left > 0.5 else "right",

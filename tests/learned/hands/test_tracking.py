@@ -105,6 +105,18 @@ def test_the_hand_that_rests_is_another_one_and_does_not_take_over() -> None:
     assert others == [1] * 3
 
 
+def test_how_fast_a_hand_moves_is_known_of_every_hand() -> None:
+    """Else the one that rests would count as the fastest, and the arm would wait for ever."""
+    tracks = HandTracks(
+        BENCH, Script([[reading((0.6 + 0.02 * step, 0.1)), reading((1.0, -0.3), acting=0.1)] for step in range(8)])
+    )
+    first, *_, last = [(tracks.track(frame(number)), *tracks.others) for number in range(8)]
+    assert [hand and hand.velocity_m_s for hand in first] == [None, None]
+    works, rests = [hand.velocity_m_s for hand in last if hand is not None]
+    assert works == pytest.approx((0.02 / STEP_S, 0.0), abs=0.02)
+    assert rests == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
 def test_a_doubtful_hand_is_believed_only_where_one_was() -> None:
     sure, doubtful = reading((0.72, 0.1)), reading((0.72, 0.1), confidence=0.4)
     samples, _ = follow(Script([[sure], [doubtful], [], [doubtful]]), 4)

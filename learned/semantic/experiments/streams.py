@@ -40,7 +40,7 @@ def stream_cells(product: Product) -> list[Cell]:
         for pattern in PATTERNS:
             for doubt in (NEVER, DOUBT):
                 met = {"experiment": "streams", "kind": kind, "pattern": pattern, "doubt": doubt, "seed": SEEDS[0]}
-                cells.append(Cell(met, partial(_first_meetings, product, kind, pattern, doubt, SEEDS[0])))
+                cells.append(Cell(met, partial(first_meetings, product, kind, pattern, doubt, SEEDS[0])))
     return cells
 
 
@@ -63,7 +63,7 @@ def _stream(product: Product, kind: str, in_use: int, rule: str, seed: int) -> V
     return dict(counter.scores())
 
 
-def _first_meetings(product: Product, kind: str, pattern: Pattern, doubt: float, seed: int) -> Values:
+def first_meetings(product: Product, kind: str, pattern: Pattern, doubt: float, seed: int) -> Values:
     """Assemblies of listed goals, of goals that were never shown, and of those after they were finished twice."""
     layout, rng = Layout.of(product), np.random.default_rng([seed, 99])
     confusions = Confusions.of(layout, pattern, ERROR)

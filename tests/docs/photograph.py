@@ -16,7 +16,7 @@ from sim.portrait import portrait
 from sim.world import World
 from tests.integration.cell_rig import ASSEMBLE, Diary, run_tree, with_person
 
-GOAL, SEED, TIME_S = "g0", 1, 44.9
+GOAL, SEED, TIME_S = "g0", 1, 27.2
 WIDTH_PX, HEIGHT_PX = 1200, 675
 
 

@@ -20,7 +20,7 @@ from cell.interfaces.product import Product
 from cell.interfaces.quantity import Duration
 from cell.interfaces.yaml_file import load_yaml, place_of
 from learned.classical.settings import PerceptionSettings as ClassicalSettings
-from learned.hands.mediapipe.files import model_folder, network_file
+from learned.hands.mediapipe.files import ON_THE_BENCH, folder_in_use, model_folder, network_file
 from learned.semantic.settings import NewGoals
 from sim.look_range import look_range
 from sim.person import load_person
@@ -31,6 +31,7 @@ from trees.guard import GuardSettings
 DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")
 DEFAULT_FAULTS = shipped("config", "faults.yaml")
 WEIGHTS = shipped("learned", "weights")
+SHIFT_PART_S = 300.0  # the longest part of a shift's log, also where no bracket begins
 SHIFT_LOG_MB = 4000.0  # parts of a shift's log that are kept where the configuration does not say how much
 DEFAULT_TREE = shipped("trees", "ahead.xml")
 LEARNED_KINDS = {"hands": "slim", "actions": "slim", "holes": "plate", "parts": "centre"}  # the trained defaults
@@ -92,8 +93,31 @@ class Perception(Model):
         """The file of weights of a detector that is not classical."""
         settings = self.chosen(detector)
         if (detector, settings.kind) == ("hands", "mediapipe"):
-            return settings.weights or network_file(model_folder(), "landmark", "lite")
+            return settings.weights or network_file(model_folder(), "landmark", ON_THE_BENCH)
         return settings.weights or WEIGHTS / weights_file(detector, settings.kind)
+
+    def networks(self, detector: str) -> dict[str, Path]:
+        """Every file of weights that the answers of a detector hang on, by name; none for a classical one.
+
+        The first is that of `weights`; others stand beside it.
+        """
+        kind = self.chosen(detector).kind
+        if kind == "classical":
+            return {}
+        main = self.weights(detector)
+        if (detector, kind) == ("hands", "slim"):
+            from learned.hands.slim import finder_file
+
+            return {detector: main, f"{detector}.finder": finder_file(main)}
+        if (detector, kind) == ("hands", "mediapipe"):
+            folder = folder_in_use(main)
+            landmark, palm = (network_file(folder, network, ON_THE_BENCH) for network in ("landmark", "palm"))
+            return {detector: landmark, f"{detector}.palm": palm}
+        if (detector, kind) == ("parts", "centre"):
+            from learned.parts.detector import pose_file
+
+            return {detector: main, f"{detector}.pose": pose_file(main)}
+        return {detector: main}
 
     @property
     def words(self) -> str:
@@ -168,6 +192,7 @@ class LogSettings(Model):
         rotate_mb: begin a new part of the log when it has so many bytes; one file by default.
         rotate_s: begin a new part of the log after so long; one file by default.
         rotate_brackets: begin a new part of the log with every bracket of a shift.
+        compress: make closed parts of a log smaller (zstd), in a process beside the run.
         keep_parts: keep only so many parts, the newest; all by default.
         keep_mb: keep only so many bytes of finished parts, the newest; all by default.
     """
@@ -180,6 +205,7 @@ class LogSettings(Model):
     rotate_mb: float | None = Field(default=None, ge=0.001, le=1e6)
     rotate_s: float | None = Field(default=None, ge=0.1, le=86_400)
     rotate_brackets: bool = False
+    compress: bool = True
     keep_parts: int | None = Field(default=None, ge=1)
     keep_mb: float | None = Field(default=None, gt=0, le=1e9)
 
@@ -287,7 +313,7 @@ def for_shift(configuration: Configuration, brackets: int) -> Configuration:
     longest_s = configuration.controller.max_duration_s * brackets if brackets else math.inf
     log = configuration.log
     if log.rotate_mb is None and log.rotate_s is None:
-        log = log.model_copy(update={"rotate_brackets": True})
+        log = log.model_copy(update={"rotate_brackets": True, "rotate_s": SHIFT_PART_S})
     if log.keep_mb is None and log.keep_parts is None:
         log = log.model_copy(update={"keep_mb": SHIFT_LOG_MB})
     return configuration.model_copy(

@@ -12,10 +12,12 @@ import yaml
 
 from cell.configuration import LEARNED_KINDS, LogSettings
 from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.files import INSTALLED
 from cell.recording.identity import identity
 from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading
 from cell.run_options import Files, RunOptions
+from cell.running.node_library import USUAL_FOLDER
 from skills.gripper_database import SHIPPED, read_frames
 from trees.engine.tree import Tree
 
@@ -49,12 +51,14 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "look": files.configuration.devices.simulation.look.name,
     }
     for name in LEARNED_KINDS:
-        if files.configuration.perception.chosen(name).kind != "classical":
-            values |= _weights(name, files.configuration.perception.weights(name))
+        for network, file in files.configuration.perception.networks(name).items():
+            values |= _weights(network, file)
     for name, planner in files.configuration.planners:
         values[f"planner.{name}"] = planner.kind
         if planner.weights is not None and planner.weights.exists():
             values |= _weights(name, planner.weights)
+    for file in _own_code(files.tree):
+        values[f"code.{file.name}.sha256"] = hashlib.sha256(file.read_bytes()).hexdigest()
     if options.entries:
         values["entries"] = json.dumps(dict(options.entries))
     return Heading({**values, **identity()}, attachments)
@@ -64,6 +68,16 @@ def _weights(name: str, file: Path) -> dict[str, str]:
     """Which weights a planner or detector has."""
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     return {f"weights.{name}.file": str(file), f"weights.{name}.sha256": digest}
+
+
+def _own_code(tree: Tree) -> list[Path]:
+    """Python files of the tree's nodes that are the user's own; those of the project are named by the commit."""
+    members = [member for node in tree.nodes for member in vars(type(node)).values()]
+    files = {Path(member.__code__.co_filename).resolve() for member in members if hasattr(member, "__code__")}
+    here = Path.cwd() / USUAL_FOLDER
+    return sorted(
+        file for file in files if file.is_file() and (not file.is_relative_to(INSTALLED) or file.is_relative_to(here))
+    )
 
 
 def tree_texts(tree: Tree) -> dict[str, str]:

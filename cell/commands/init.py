@@ -15,7 +15,7 @@ from cell.interfaces.files import shipped
 
 SHIPPED = {
     "config": ("cell.yaml", "products.yaml"),
-    "trees": ("assemble.xml", "clear_and_grasp.xml", "shift.xml"),
+    "trees": ("ahead.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml"),
 }
 OWN = ("README.md", "tests/test_assemble.py")
 

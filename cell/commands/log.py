@@ -16,6 +16,7 @@ from cell.commands.log_terminal import (
     UntilOption,
     beside,
     read,
+    read_span,
     say,
     tell_comparison,
     tell_entries,
@@ -83,7 +84,9 @@ def ticks(
     from cell.log.telling.text import tick_lines
 
     tell_entries(
-        question.ticks(read(log), from_s, until_s, everything), as_json, lambda tick: "\n".join(tick_lines(tick))
+        question.ticks(read_span(log, from_s, until_s), from_s, until_s, everything),
+        as_json,
+        lambda tick: "\n".join(tick_lines(tick)),
     )
 
 
@@ -107,7 +110,9 @@ def query(
     asked = question.Query(node, status, key, topic, from_s, until_s)
     from cell.log.telling.text import short
 
-    tell_entries(question.query(read(log), asked), as_json, lambda entry: short(entry, LONGEST_VALUE))
+    tell_entries(
+        question.query(read_span(log, from_s, until_s), asked), as_json, lambda entry: short(entry, LONGEST_VALUE)
+    )
 
 
 @log_app.command()

@@ -35,6 +35,21 @@ def read(paths: Sequence[Path]) -> Log:
     return log
 
 
+def read_span(paths: Sequence[Path], from_s: float, until_s: float) -> Log:
+    """The parts of a log that hold a span of the run's clock; what they lack is said on standard error."""
+    from cell.log.reading.indexed import parts_within
+    from cell.log.reading.reader import files_of, read_log
+
+    files = files_of(paths[0]) if len(paths) == 1 else list(paths)
+    within = parts_within(files, from_s, until_s)
+    if within == files:
+        return read(paths)
+    log = read_log(within)
+    for gap in log.gaps:
+        sys.stderr.write(f"cell: {log.path}: {gap}\n")
+    return log
+
+
 def beside(paths: Sequence[Path], suffix: str) -> Path:
     """A file beside a log, named as the log is; as the part is where a later part was named alone."""
     from cell.log.reading.reader import files_of

@@ -8,6 +8,7 @@ import foxglove
 
 from cell.configuration import LogSettings
 from cell.recording.file import Heading, LogFile
+from cell.recording.packing import Packer
 from cell.recording.parts import part_path, parts_of
 
 SLACK_S = 1e-6  # times of ticks are sums of periods
@@ -35,7 +36,8 @@ class LogFiles:
         first = part_path(path, 1) if self.rotates else path
         self._whole, self._settings, self._context, self._heading = path, settings, context, heading
         self._retired: list[LogFile] = []
-        self._kept: dict[Path, int] = {}  # bytes of the parts before this one
+        self._kept: list[Path] = []  # the parts before this one
+        self._packer = Packer() if self.rotates and settings.compress else None
         self._lost_error = self._opening_error = ""
         self._began_s, self._retry_s = 0.0, float("-inf")
         if self.rotates:
@@ -48,7 +50,7 @@ class LogFiles:
     @property
     def path(self) -> Path:
         """The file that the log begins with, of those that are kept."""
-        return next(iter(self._kept), self._file.path)
+        return self._kept[0] if self._kept else self._file.path
 
     @property
     def error(self) -> str:
@@ -89,7 +91,7 @@ class LogFiles:
         self._opening_error = ""
         self._file.retire()
         self._retired.append(self._file)
-        self._kept[self._file.path] = self._file.sink.size_bytes
+        self._kept.append(self._file.path)
         self._file, self.number, self._began_s = following, self.number + 1, time_s
         following.note("part", {"number": str(self.number), "first_tick": str(tick)})
         self._sweep()
@@ -103,27 +105,39 @@ class LogFiles:
     def flush(self) -> None:
         """End a tick: hand it to the thread that writes it."""
         self._file.flush()
+        if self._retired:
+            self._sweep()
 
     def settle(self) -> None:
         """Wait until everything is on the disk, but not for ever."""
         self._file.sink.settle(PATIENCE_S)
 
     def close(self) -> None:
-        """Close what is open and wait for the disk."""
+        """Close what is open, and wait for the disk and until all parts are packed."""
         self._file.close()
         for file in self._retired:
             file.sink.close()
+        self._retired.append(self._file)
+        self._sweep()
+        if self._packer is not None:
+            self._packer.close()
+        self._retain()
 
     def remove(self) -> None:
         """Leave nothing behind."""
+        self._packer = None
         self.close()
         for path in (*self._kept, self._file.path):
             path.unlink(missing_ok=True)
 
     def _sweep(self) -> None:
-        """Forget parts that are whole on the disk; what one lost for good is remembered."""
+        """Have parts packed that are whole on the disk, and forget them; what one lost for good is remembered."""
         ended = [file for file in self._retired if file.sink.ended]
         self._lost_error = next((file.sink.error for file in ended if file.sink.error), self._lost_error)
+        if self._packer is not None:
+            for file in ended:
+                if not file.sink.error:
+                    self._packer.add(file.path)
         self._retired = [file for file in self._retired if file not in ended]
 
     def _retain(self) -> None:
@@ -131,11 +145,19 @@ class LogFiles:
         most, most_mb = self._settings.keep_parts, self._settings.keep_mb
         while self._kept and (
             (most is not None and len(self._kept) + 1 > most)
-            or (most_mb is not None and sum(self._kept.values()) > most_mb * 1e6)
+            or (most_mb is not None and sum(map(_size_bytes, self._kept)) > most_mb * 1e6)
         ):
-            oldest = next(iter(self._kept))
-            del self._kept[oldest]
+            if self._packer is not None and self._packer.busy(self._kept[0]):
+                return  # it goes when it is packed
+            oldest = self._kept.pop(0)
             try:
                 oldest.unlink(missing_ok=True)
             except OSError as error:
                 self._opening_error = f"an old part cannot be removed: {error.strerror or error}"
+
+
+def _size_bytes(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # somebody else took it away
+        return 0

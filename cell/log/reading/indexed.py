@@ -5,19 +5,26 @@ A log of a killed process has no index; it is read whole.
 
 from __future__ import annotations
 
+import io
+import math
 import struct
+from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
+from mcap.records import Footer, Statistics, SummaryOffset
+from mcap.stream_reader import StreamReader
 
 from cell.interfaces.errors import LogError
 from cell.log.reading.mcap_file import Message, read_mcap
 from cell.log.reading.reader import files_of
 
 FOREVER_S = 1e9
+FOOTER_BYTES = 9 + 20 + 8  # head, content, magic at the end of the file
 
 
 class IndexedLog:
@@ -48,12 +55,58 @@ class IndexedLog:
             LogError: a file cannot be read, or a chunk that is needed is damaged.
         """
         span = _nanoseconds(from_s), _nanoseconds(until_s) + 1
-        for path in reversed(self.paths) if reverse else self.paths:
+        paths = parts_within(self.paths, from_s, until_s)
+        for path in reversed(paths) if reverse else paths:
             yield from _of_file(path, span, topics, reverse)
 
     def newest(self, topic: str, time_s: float, back_s: float = 5.0) -> Message | None:
         """The last message of a topic up to a time; None where there is none in so many seconds before it."""
         return next(self.messages(max(0.0, time_s - back_s), time_s, (topic,), reverse=True), None)
+
+
+def parts_within(paths: Sequence[Path], from_s: float, until_s: float) -> list[Path]:
+    """Of the parts of a log those that hold a span of the run's clock; found by halving, from their indexes.
+
+    A part whose index cannot be read counts as one that holds it.
+    """
+    if len(paths) == 1:
+        return list(paths)
+    begin_ns, end_ns = _nanoseconds(from_s), _nanoseconds(until_s)
+    first = bisect_left(paths, True, key=lambda path: _ends_ns(path) >= begin_ns)
+    after = bisect_left(paths, True, lo=first, key=lambda path: _begins_ns(path) > end_ns)
+    return list(paths[min(first, len(paths) - 1) : max(after, first + 1)])
+
+
+def _ends_ns(path: Path) -> float:
+    counted = _statistics(path)
+    return math.inf if counted is None else float(counted.message_end_time)
+
+
+def _begins_ns(path: Path) -> float:
+    counted = _statistics(path)
+    return -math.inf if counted is None else float(counted.message_start_time)
+
+
+def _statistics(path: Path) -> Statistics | None:
+    """How many messages a file has, and from when to when; None where it does not say.
+
+    Read from the offsets at the end of the file, without the index of its chunks.
+    """
+    try:
+        with path.open("rb") as stream:
+            stream.seek(-FOOTER_BYTES, io.SEEK_END)
+            footer = next(StreamReader(stream, skip_magic=True).records)
+            if not isinstance(footer, Footer) or not footer.summary_offset_start:
+                return None
+            stream.seek(footer.summary_offset_start)
+            for record in StreamReader(stream, skip_magic=True).records:
+                if isinstance(record, SummaryOffset) and record.group_opcode == Opcode.STATISTICS:
+                    stream.seek(record.group_start)
+                    found = next(StreamReader(stream, skip_magic=True).records)
+                    return found if isinstance(found, Statistics) else None
+    except (McapError, struct.error, ValueError, OSError, StopIteration):
+        return None
+    return None
 
 
 def _of_file(path: Path, span: tuple[int, int], topics: Collection[str] | None, reverse: bool) -> Iterator[Message]:

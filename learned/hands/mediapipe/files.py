@@ -10,6 +10,7 @@ Size = Literal["lite", "full"]
 Network = Literal["palm", "landmark"]
 SIZES: tuple[Size, ...] = ("lite", "full")
 PALM_KIND, LANDMARK_KIND = "hands.mediapipe_palm", "hands.mediapipe_landmark"
+ON_THE_BENCH: Size = "lite"
 FETCH = "make hands, or: cell hands fetch"
 
 
@@ -22,3 +23,8 @@ def model_folder() -> Path:
 def network_file(folder: Path, network: Network, size: Size) -> Path:
     """File of one network in a folder."""
     return folder / f"{network}_{size}.onnx"
+
+
+def folder_in_use(path: Path) -> Path:
+    """The folder whose networks are used: that of `path` where they are there, else the user's cache."""
+    return path.parent if path.name.startswith("landmark") and path.is_file() else model_folder()

@@ -11,7 +11,7 @@ from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.errors import ModelError
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.hands.mediapipe.files import FETCH, Size, model_folder
+from learned.hands.mediapipe.files import FETCH, ON_THE_BENCH, folder_in_use
 from learned.hands.mediapipe.hands import MediaPipeHands
 from learned.hands.mediapipe.landmarks import (
     INDEX_BASE,
@@ -28,7 +28,6 @@ from learned.hands.regions import Image
 from learned.hands.tracking import HandTracks
 
 PALM = (WRIST, INDEX_BASE, MIDDLE_BASE, RING_BASE, LITTLE_BASE)
-SIZE: Size = "lite"  # on the bench
 USUAL_M, BELIEVED = 0.10, 0.25  # height over the table, and how much of its difference from that a hand's size proves:
 # hands differ in size by a tenth, as much as 14 cm of height, and work within some 8 cm of the usual height
 BOX_MARGIN = 0.12  # of the hand's extent
@@ -41,9 +40,8 @@ def mediapipe_tracker(bench: Bench, product: Product, path: Path) -> HandTracks:
     Raises:
         ModelError: they were not fetched yet.
     """
-    folder = path.parent if path.name.startswith("landmark") and path.is_file() else model_folder()
     try:
-        return HandTracks(bench, MediaPipeReader(bench.overhead, MediaPipeHands(folder, SIZE)))
+        return HandTracks(bench, MediaPipeReader(bench.overhead, MediaPipeHands(folder_in_use(path), ON_THE_BENCH)))
     except ModelError as error:
         raise ModelError(f"MediaPipe's networks are not shipped; fetch them once with: {FETCH} ({error})") from None
 

@@ -22,6 +22,7 @@ FILES = {
     "config/schema/person.json",
     "config/schema/products.json",
     "tests/test_assemble.py",
+    "trees/ahead.xml",
     "trees/assemble.xml",
     "trees/clear_and_grasp.xml",
     "trees/shift.xml",

@@ -18,6 +18,7 @@ from cell.running import detectors
 from cell.running.detectors import TRAINED, Detectors, bench_watcher, check_detectors
 from learned.classical.action_detector import ClassicalActionDetector
 from learned.classical.hand_tracker import ClassicalHandTracker
+from learned.onnx_model import OnnxModel
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
@@ -88,3 +89,22 @@ def test_weights_stand_beside_the_configuration(tmp_path: Path) -> None:
 
 def test_every_task_has_a_trained_default() -> None:
     assert list(TRAINED) == list(LEARNED_KINDS)
+
+
+@pytest.mark.parametrize("task", list(TRAINED))
+def test_every_network_that_a_detector_opens_is_one_that_the_log_names(
+    task: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[Path] = []
+    load = OnnxModel.load
+
+    def noting(path: Path, kind: str) -> OnnxModel:
+        opened.append(path)
+        return load(path, kind)
+
+    monkeypatch.setattr(OnnxModel, "load", staticmethod(noting))
+    perception = CONFIGURATION.perception.model_copy(update={"kind": "learned"})
+    Detectors(BENCH, PRODUCT, perception).make(task)
+    assert opened
+    assert set(opened) == set(perception.networks(task).values())
+    assert Perception().networks(task) == {}

@@ -15,11 +15,13 @@ from pydantic import ValidationError
 from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display
 from cell.interfaces.errors import LogError
+from cell.log.reading.indexed import IndexedLog, parts_within
 from cell.log.reading.mcap_file import read_mcap
 from cell.log.reading.reader import Log, read_log
 from cell.log.replaying.replay import Replay
 from cell.recording import file as log_file
 from cell.recording import joint_samples
+from cell.recording.packing import pack
 from cell.recording.parts import part_path, parts_of
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.sink import LogSink
@@ -114,6 +116,37 @@ def test_only_so_many_parts_are_kept(tmp_path: Path) -> None:
     assert 2 <= len(parts) < 8
 
 
+def test_closed_parts_are_compressed(path: Path) -> None:
+    for part in parts_of(path):
+        with part.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+        assert summary is not None
+        assert {index.compression for index in summary.chunk_indexes} == {"zstd"}
+    assert not list(path.parent.glob("*.packing"))
+
+
+def test_a_packed_file_holds_the_same_in_less_room(path: Path) -> None:
+    recorded(path, rotate_s=None)
+    before, size_bytes = read_mcap(path), path.stat().st_size
+    pack(path)
+    after = read_mcap(path)
+    assert path.stat().st_size < 0.7 * size_bytes
+    assert after == before
+
+
+def test_a_part_that_cannot_be_packed_stays_as_it_is(tmp_path: Path) -> None:
+    recorded(tmp_path / "log.mcap", rotate_s=0.4, compress=False)
+    part = part_path(tmp_path / "log.mcap", 2)
+    whole = part.read_bytes()
+    damaged = bytearray(whole)
+    damaged[len(whole) // 2] ^= 1
+    part.write_bytes(damaged)
+    with pytest.raises(Exception, match=r"(?i)crc|invalid|magic|opcode"):
+        pack(part)
+    assert part.read_bytes() == damaged
+    assert not list(tmp_path.glob("*.packing"))
+
+
 def test_keeping_parts_of_a_log_in_one_file_is_a_mistake() -> None:
     with pytest.raises(ValidationError, match="need rotate_mb, rotate_s or rotate_brackets"):
         LogSettings(keep_parts=3)
@@ -198,3 +231,28 @@ def test_a_part_that_was_cut_off_is_read_and_said(path: Path, number: int) -> No
     missing = set(range(TICKS)) - {tick.number for tick in log.ticks}
     assert missing <= set(range(10 * (number - 1), 10 * number))
     assert bool(log.gaps) == (number == 2)
+
+
+@pytest.mark.parametrize("span", [(0.0, 0.1), (0.39, 0.41), (0.5, 0.9), (1.5, 99.0), (0.0, 99.0), (50.0, 60.0)])
+def test_a_question_about_a_span_reads_only_its_parts_and_misses_nothing(path: Path, span: tuple[float, float]) -> None:
+    whole = [one for one in read_log(path).messages if span[0] <= one.time_ns / 1e9 <= span[1]]
+    found = list(IndexedLog(path).messages(*span))
+    assert {(one.topic, one.time_ns, one.data) for one in whole} <= {
+        (one.topic, one.time_ns, one.data) for one in found
+    }
+    parts = parts_of(path)
+    within = parts_within(parts, *span)
+    assert within
+    assert within == parts[parts.index(within[0]) : parts.index(within[-1]) + 1]
+    if span[1] < 0.4:
+        assert within == parts[:1]
+    log = read_log(within)
+    wanted = [tick for tick in read_log(path).ticks if span[0] <= tick.time_s <= span[1]]
+    assert [tick for tick in log.ticks if span[0] <= tick.time_s <= span[1]] == wanted
+
+
+def test_a_part_without_index_counts_as_one_that_may_hold_everything(path: Path) -> None:
+    parts = parts_of(path)
+    parts[-1].write_bytes(parts[-1].read_bytes()[:-40])
+    assert parts_within(parts, 0.0, 0.1)[0] == parts[0]
+    assert parts_within(parts, 1.3, 1.4)[-1] == parts[-1]

@@ -35,7 +35,7 @@ def pack(path: Path) -> None:
         with path.open("rb") as source, partial.open("wb") as target:
             writer = Writer(target, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
             _copy(StreamReader(source, validate_crcs=True).records, writer)
-            writer.finish()
+            writer.finish()  # type: ignore[no-untyped-call]
             target.flush()
             os.fsync(target.fileno())
         if path.exists():  # else it was taken away meanwhile, as too old

@@ -11,7 +11,7 @@ from sim.look import Light, Surfaces
 
 AIM_M = (0.65, 0.05, 0.0)  # where all lamps shine: the middle of the bench
 LAMP_SPECULAR = 0.1
-SHADOW_MAP_PX = 2048
+SHADOW_MAP_PX = 1024  # 2.3 mm each, less than a pixel of the overhead camera; twice as many double an image's cost
 SHADOWED_M = 1.2  # half the width of what a lamp's shadow map covers
 GRAIN_PX = 256
 GRAIN_STRETCH = 12  # the pattern is so many times longer than wide, as in wood

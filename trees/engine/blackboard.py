@@ -9,6 +9,8 @@ from trees.engine.errors import NodeError
 from trees.engine.literals import LiteralError, a_type, converted, shown
 
 UNSET: Any = object()
+# Values of these very types are read and written as they stand where no port asks for another.
+PLAIN = frozenset((bool, int, float, str))
 
 
 class Entry:
@@ -44,7 +46,7 @@ class Entry:
     @property
     def holds_number(self) -> bool:
         """Whether it holds a number, and no port says that it must be anything else."""
-        return self.kind is Any and isinstance(self.value, int | float)
+        return self.kind is Any and isinstance(self.value, (int, float))
 
     def read(self, kind: Any = Any) -> Any:
         """The value as a port of type `kind` sees it.
@@ -70,7 +72,8 @@ class Entry:
         Raises:
             NodeError: the value does not fit the type.
         """
-        if type(value) is not self.kind:
+        kind = type(value)
+        if kind is not self.kind and not (self.kind is Any and kind in PLAIN):
             try:
                 value = converted(value, self.kind)
             except LiteralError as error:
@@ -86,7 +89,7 @@ class Entry:
         Raises:
             NodeError: the value does not fit the type.
         """
-        if self.kind is Any and isinstance(self.value, int | float | str):
+        if self.kind is Any and type(value) is not type(self.value) and isinstance(self.value, (int, float, str)):
             kind = int if isinstance(self.value, bool) and not isinstance(value, bool) else type(self.value)
             try:
                 value = converted(value, kind)

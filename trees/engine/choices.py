@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence as Children
 from enum import Enum
+from functools import cached_property
 from typing import Any, ClassVar, cast
 
 from py_trees.common import Status
@@ -46,7 +47,7 @@ class IfThenElse(Control):
         self.reset_children()
 
     def _child(self, index: int) -> Status:
-        self.current_child = child = self.children[index]
+        child = self.children[index]
         return child.execute()
 
 
@@ -76,7 +77,7 @@ class WhileDoElse(Control):
             branches[1 - chosen].reset_status()
         if chosen == len(branches):
             return FAILURE
-        self.current_child = child = branches[chosen]
+        child = branches[chosen]
         return child.execute()
 
 
@@ -100,7 +101,7 @@ class TryCatch(Control):
             self.set_status(RUNNING)
         work = self.children[:-1]
         while not self._cleaning and self._index < len(work):
-            self.current_child = child = work[self._index]
+            child = work[self._index]
             status = child.execute()
             if status is RUNNING:
                 return RUNNING
@@ -125,7 +126,7 @@ class TryCatch(Control):
             self.children[-1].reset_status()
 
     def _clean(self) -> Status:
-        self.current_child = child = self.children[-1]
+        child = self.children[-1]
         if child.execute() is RUNNING:
             return RUNNING
         self._forget()
@@ -148,7 +149,6 @@ class _Switch(Control):
         for child in self.children:
             if child is not chosen and child.status is not IDLE:
                 child.reset_status()
-        self.current_child = chosen
         status = chosen.execute()
         if status is not RUNNING:
             self.reset_children()
@@ -157,23 +157,27 @@ class _Switch(Control):
     def _match(self) -> int:
         value = self.variable.get_or(None)
         if value is not None:
-            for index in range(self.cases):
-                case: Input[Any] = getattr(self, f"case_{index + 1}")
+            for index, case in enumerate(self._case_inputs):
                 if self._equal(value, case.get_or(None)):
                     return index
         return self.cases
+
+    @cached_property
+    def _case_inputs(self) -> list[Input[Any]]:
+        return [getattr(self, f"case_{number}") for number in range(1, self.cases + 1)]
 
     def _equal(self, value: Any, case: Any) -> bool:
         """As strings, as enum names, or as numbers."""
         if value == case or (isinstance(value, Enum) and value.name == case):
             return True
-        left, right = self._number(value), self._number(case)
+        left = self._number(value)
+        right = None if left is None else self._number(case)
         return left is not None and right is not None and same_number(left, right)
 
     def _number(self, value: Any) -> float | None:
         if isinstance(value, str):
             value = self.runtime.enums.get(value, number_in(value))
-        return value if isinstance(value, int | float) else None
+        return value if isinstance(value, (int, float)) else None
 
 
 def _switch(cases: int) -> type[_Switch]:

@@ -17,8 +17,8 @@ class ScriptConditions:
         before = (("_failureIf", FAILURE), ("_successIf", SUCCESS), ("_skipIf", SKIPPED))
         self._before = [(scripts[name], status) for name, status in before if name in scripts]
         self._while = scripts.get("_while")
-        ends = {SUCCESS: ("_onSuccess", "_post"), FAILURE: ("_onFailure", "_post")}
-        self._after = {status: [scripts[name] for name in names if name in scripts] for status, names in ends.items()}
+        self._success = [scripts[name] for name in ("_onSuccess", "_post") if name in scripts]
+        self._failure = [scripts[name] for name in ("_onFailure", "_post") if name in scripts]
         self._halted = scripts.get("_onHalted")
 
     def before(self, node: TreeNode) -> Status | None:
@@ -27,14 +27,15 @@ class ScriptConditions:
             for script, status in self._before:
                 if script.true():
                     return status
-        if self._while is not None and node.status in (IDLE, RUNNING) and not self._while.true():
+        asked = self._while is not None and (node.status is IDLE or node.status is RUNNING)
+        if asked and self._while is not None and not self._while.true():
             if node.status is RUNNING:
                 node.halt()
             return SKIPPED
         return None
 
     def after(self, status: Status) -> None:
-        for script in self._after[status]:
+        for script in self._success if status is SUCCESS else self._failure:
             script.run()
 
     def halted(self) -> None:

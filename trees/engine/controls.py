@@ -35,20 +35,25 @@ class _Ordered(Control):
             self._skipped = 0
             self.set_status(RUNNING)
         children = self.children
-        while self._index < len(children):
-            self.current_child = child = children[self._index]
+        count = len(children)
+        index = self._index
+        while index < count:
+            child = children[index]
             was_idle = child.status is IDLE
             status = child.execute()
             if status is RUNNING:
+                self._index = index
                 return RUNNING
             if status is SKIPPED:
                 self._skipped += 1
             elif status is not self.continue_on:
+                self._index = index
                 return self._ended(status)
-            self._index += 1
-            if self.asynchronous and was_idle and status is not SKIPPED and self._index < len(children):
+            index += 1
+            if self.asynchronous and was_idle and status is not SKIPPED and index < count:
+                self._index = index
                 return RUNNING
-        all_skipped = self._skipped == len(children)
+        all_skipped = self._skipped == count
         self._index = self._skipped = 0
         self.reset_children()
         return SKIPPED if all_skipped else self.continue_on
@@ -116,7 +121,6 @@ class _Reactive(Control):
         self.set_status(RUNNING)
         all_skipped = True
         for child in self.children:
-            self.current_child = child
             status = child.execute()
             if status is RUNNING:
                 self._reset_others(child)

@@ -11,8 +11,6 @@ from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Decorator, Tre
 from trees.engine.ports import EntryPort, InputPort
 from trees.engine.script import Script as Code
 
-Results = dict[Status, Status]
-
 
 class SubTree(Decorator):
     """Another tree of the file, with a blackboard of its own joined by its attributes."""
@@ -32,31 +30,36 @@ class _Mapped(Decorator):
 
     instant = True
     comes_back = False
-    results: ClassVar[Results]
+    on_success = SUCCESS
+    on_failure = FAILURE
+    on_skip = SKIPPED
 
     def run(self) -> Status:
         self.set_status(RUNNING)
-        status = self.decorated.execute()
-        return self.results[reset_if_done(self.decorated, status)]
+        status = reset_if_done(self.decorated, self.decorated.execute())
+        if status is RUNNING:
+            return RUNNING
+        return self.on_success if status is SUCCESS else self.on_failure if status is FAILURE else self.on_skip
 
 
 class Inverter(_Mapped):
     """Turns SUCCESS into FAILURE and FAILURE into SUCCESS."""
 
-    results: ClassVar[Results] = {SUCCESS: FAILURE, FAILURE: SUCCESS, RUNNING: RUNNING, SKIPPED: SKIPPED}
+    on_success = FAILURE
+    on_failure = SUCCESS
 
 
 class ForceSuccess(_Mapped):
     """Succeeds whatever the child's result is."""
 
-    results: ClassVar[Results] = {SUCCESS: SUCCESS, FAILURE: SUCCESS, RUNNING: RUNNING, SKIPPED: SKIPPED}
+    on_failure = SUCCESS
 
 
 class ForceFailure(_Mapped):
     """Fails whatever the child's result is."""
 
     never_succeeds = True
-    results: ClassVar[Results] = {SUCCESS: FAILURE, FAILURE: FAILURE, RUNNING: RUNNING, SKIPPED: SKIPPED}
+    on_success = FAILURE
 
 
 class KeepRunningUntilFailure(_Mapped):
@@ -65,7 +68,8 @@ class KeepRunningUntilFailure(_Mapped):
     instant = False
     comes_back = True
     never_succeeds = True
-    results: ClassVar[Results] = {SUCCESS: RUNNING, FAILURE: FAILURE, RUNNING: RUNNING, SKIPPED: RUNNING}
+    on_success = RUNNING
+    on_skip = RUNNING
 
 
 class Timeout(Decorator):

@@ -6,27 +6,34 @@ from typing import Any
 
 from py_trees.common import Status
 
-from trees.engine.node import FAILURE, RUNNING, SUCCESS, Node
+from trees.engine.node import FAILURE, RUNNING, SUCCESS, Node, TreeNode
 from trees.engine.ports import EntryPort, InputPort
 from trees.engine.script import Script as Code
 
 
-class AlwaysSuccess(Node):
-    """Succeeds."""
+class _Instant(TreeNode):
+    """A leaf that answers at once: there is nothing to begin or to cancel."""
 
     instant = True
 
     def update(self) -> Status:
+        """py_trees' hook, unused: `run` decides."""
+        return self.status
+
+
+class AlwaysSuccess(_Instant):
+    """Succeeds."""
+
+    def run(self) -> Status:
         return SUCCESS
 
 
-class AlwaysFailure(Node):
+class AlwaysFailure(_Instant):
     """Fails."""
 
-    instant = True
     never_succeeds = True
 
-    def update(self) -> Status:
+    def run(self) -> Status:
         return FAILURE
 
 
@@ -42,63 +49,58 @@ class Sleep(Node):
         return SUCCESS if self.runtime.clock.now_s() >= self._end_s else RUNNING
 
 
-class Script(Node):
+class Script(_Instant):
     """Runs a script on the blackboard and succeeds."""
 
-    instant = True
     code = InputPort(Code, "like n := 1; text = 'done'")
 
-    def update(self) -> Status:
+    def run(self) -> Status:
         self.code.get().run()
         return SUCCESS
 
 
-class ScriptCondition(Node):
+class ScriptCondition(_Instant):
     """Succeeds where a script's value is true."""
 
-    instant = True
     node_type = "Condition"
 
     code = InputPort(Code, "like n > 3 && ready")
 
-    def update(self) -> Status:
+    def run(self) -> Status:
         return SUCCESS if self.code.get().true() else FAILURE
 
 
-class SetBlackboard(Node):
+class SetBlackboard(_Instant):
     """Copies a value, or another entry, into an entry."""
 
-    instant = True
     value = InputPort(Any, "what to write")
     output_key = EntryPort("where to write it")
 
-    def update(self) -> Status:
+    def run(self) -> Status:
         self.output_key.set(self.value.get())
         return SUCCESS
 
 
-class UnsetBlackboard(Node):
+class UnsetBlackboard(_Instant):
     """Forgets an entry's value."""
 
-    instant = True
     key = EntryPort("the entry", "inout")
 
-    def update(self) -> Status:
+    def run(self) -> Status:
         assert self.key.entry is not None
         self.key.entry.clear()
         return SUCCESS
 
 
-class WasEntryUpdated(Node):
+class WasEntryUpdated(_Instant):
     """Succeeds where an entry was written since this node's last tick."""
 
-    instant = True
     node_type = "Condition"
 
     entry = EntryPort("the entry", "input")
     _seen = 0
 
-    def update(self) -> Status:
+    def run(self) -> Status:
         revision = self.entry.revision
         updated, self._seen = revision != self._seen, revision
         return SUCCESS if updated else FAILURE

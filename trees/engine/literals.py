@@ -7,6 +7,7 @@ import re
 import types
 import typing
 from enum import Enum
+from functools import lru_cache
 from typing import Any
 
 from py_trees.common import Status
@@ -84,6 +85,7 @@ def constant(text: str) -> int | float | str:
     return text if number is None else number
 
 
+@lru_cache(256)  # a tree compares the same few texts over and over
 def number_in(text: str) -> int | float | None:
     """The number that a text spells out, None where it spells none; beyond 64 bits it is a float, and always finite."""
     if _WHOLE.match(text) and len(text) <= 20 and -INT_LIMIT <= int(text) < INT_LIMIT:

@@ -46,7 +46,7 @@ class Runtime:
     Attributes:
         enums: values by the enum names that scripts and cases know.
         changes: (node, old status, new status, feedback) since the tick began; bare, as every tick fills it and
-            only a log or a monitor reads it.
+            only a log or a monitor reads it. The list stays the same one; a tick empties it.
     """
 
     clock: Clock = field(default_factory=ManualClock)
@@ -123,11 +123,14 @@ class TreeNode(behaviour.Behaviour):
     def attach(self, runtime: Runtime, uid: int, path: str) -> None:
         """Join a tree."""
         self.runtime = runtime
+        self.note_change = runtime.changes.append  # bound once: a tick calls it more often than anything else
         self.uid = uid
         self.full_path = path
 
     def execute(self) -> Status:
         """Tick once; SKIPPED leaves the node as it was."""
+        if self.feedback_message and self.status is not RUNNING:
+            self.feedback_message = ""  # of the last time
         try:
             status = self.run() if self.conditions is None else self._run_with(self.conditions)
         except NodeError as error:
@@ -135,8 +138,10 @@ class TreeNode(behaviour.Behaviour):
                 self._guarded(self.on_halt)
             self.feedback_message = str(error)
             status = FAILURE
-        if status is not self.status:
-            self.set_status(status)  # SKIPPED and IDLE are the same to py_trees: a skipped node is idle
+        old = self.status
+        if status is not old:  # as `set_status`, whose call every node of every tick would pay for
+            self.status = status
+            self.note_change((self, old, status, self.feedback_message))
         return status
 
     def run(self) -> Status:
@@ -167,7 +172,7 @@ class TreeNode(behaviour.Behaviour):
         old = self.status
         if status is not old:
             self.status = status
-            self.runtime.changes.append((self, old, status, self.feedback_message))
+            self.note_change((self, old, status, self.feedback_message))
 
     def tick(self) -> Iterator[behaviour.Behaviour]:
         """py_trees' way to tick: yields the nodes that were ticked, children first."""
@@ -197,11 +202,14 @@ class TreeNode(behaviour.Behaviour):
         if status is None:
             status = self.run()
         if status is SUCCESS or status is FAILURE:
-            self._guarded(lambda: conditions.after(status))
+            try:
+                conditions.after(status)
+            except NodeError as error:  # what follows a node's end cannot change its result
+                self.feedback_message = str(error)
         return status
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """What follows a node's end, or halts it, cannot change its result; its error is told as feedback."""
+        """What halts a node, or follows its halt, may fail; its error is told as feedback."""
         try:
             work()
         except NodeError as error:
@@ -265,7 +273,7 @@ class Node(TreeNode):
         if status is not RUNNING:
             return self._end(status)
         if self.feedback_message is not told and self.status is RUNNING and self.feedback_message != told:
-            self.runtime.changes.append((self, RUNNING, RUNNING, self.feedback_message))
+            self.note_change((self, RUNNING, RUNNING, self.feedback_message))
         return status
 
     def on_halt(self) -> None:
@@ -303,14 +311,22 @@ class Control(TreeNode, composites.Composite):
     def __init__(self, name: str, children: Sequence[TreeNode]) -> None:
         composites.Composite.__init__(self, name, children)
 
+    def tip(self) -> behaviour.Behaviour | None:
+        """The deepest node that runs, for py_trees' tools."""
+        running = next((child for child in self.children if child.status is RUNNING), None)
+        return behaviour.Behaviour.tip(self) if running is None else running.tip()
+
     def on_halt(self) -> None:
         self.reset_children()
 
     def reset_children(self) -> None:
         """Halt what is RUNNING below, in order, and forget results."""
         for child in self.children:
-            if child.status is not IDLE:
-                child.reset_status()
+            if child.status is RUNNING:
+                child.halt()
+            elif (old := child.status) is not IDLE:
+                child.status = IDLE
+                child.note_change((child, old, IDLE, child.feedback_message))
 
 
 class Decorator(TreeNode, decorators.Decorator):

@@ -16,46 +16,62 @@ EPSILON = 2.0**-23
 EXACT = 2**53  # whole numbers up to here are exact; beyond, a result is rounded as the library's, which is a double
 TEXT_LIMIT = 10_000  # characters that a script can join
 
-_ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {"+": operator.add, "-": operator.sub, "*": operator.mul}
-_BITS: dict[str, Callable[[int, int], int]] = {"|": operator.or_, "^": operator.xor, "&": operator.and_}
-_ORDER: dict[str, Callable[[Any, Any], bool]] = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-}
+# As tuples: a union such as int | float would be made anew in every call.
+_NUMBER = (int, float)
+_PLAIN = (str, int, float)
+
+Operator = Callable[[Any, Any], Any]
 
 
-def combine(sign: str, left: Any, right: Any) -> Any:
-    """Arithmetic, bits and text.
-
-    Raises:
-        NodeError: the operator does not take these values.
-    """
-    if sign == ".." or (sign == "+" and isinstance(left, str) and isinstance(right, str)):
-        if isinstance(left, str | int | float) and isinstance(right, str | int | float):
-            return _joined(f"{_text(left)}{_text(right)}")
-    elif isinstance(left, int | float) and isinstance(right, int | float):
-        if sign in _ARITHMETIC:
-            result = _ARITHMETIC[sign](left, right)
+def _arithmetic(sign: str, calculate: Operator) -> Operator:
+    def operate(left: Any, right: Any) -> Any:
+        if isinstance(left, _NUMBER) and isinstance(right, _NUMBER):
+            result = calculate(left, right)
             return result if isinstance(result, float) or -EXACT <= result <= EXACT else float(result)
-        if sign == "/":
-            return _divide(left, right)
-        if _has_bits(left) and _has_bits(right):
-            return _BITS[sign](int(left), int(right))
-    raise NodeError(f"'{sign}' does not take {_described(left)} and {_described(right)}")
+        if sign == "+" and isinstance(left, str) and isinstance(right, str):
+            return _join(left, right)
+        raise _not_taken(sign, left, right)
+
+    return operate
 
 
-def _divide(left: float, right: float) -> float:
+def _divide(left: Any, right: Any) -> Any:
+    if not (isinstance(left, _NUMBER) and isinstance(right, _NUMBER)):
+        raise _not_taken("/", left, right)
     if right == 0:
         raise NodeError(f"{left} / {right} divides by zero")
     return left / right
 
 
-def _joined(text: str) -> str:
+def _join(left: Any, right: Any) -> Any:
+    if not (isinstance(left, _PLAIN) and isinstance(right, _PLAIN)):
+        raise _not_taken("..", left, right)
+    text = f"{_text(left)}{_text(right)}"
     if len(text) > TEXT_LIMIT:
         raise NodeError(f"a text of {len(text)} characters is too long; at most {TEXT_LIMIT}")
     return text
+
+
+def _bits(sign: str, calculate: Operator) -> Operator:
+    def operate(left: Any, right: Any) -> Any:
+        if isinstance(left, _NUMBER) and isinstance(right, _NUMBER) and _has_bits(left) and _has_bits(right):
+            return calculate(int(left), int(right))
+        raise _not_taken(sign, left, right)
+
+    return operate
+
+
+# Arithmetic, bits and text; each raises NodeError where it does not take the values.
+OPERATORS: dict[str, Operator] = {
+    "+": _arithmetic("+", operator.add),
+    "-": _arithmetic("-", operator.sub),
+    "*": _arithmetic("*", operator.mul),
+    "/": _divide,
+    "..": _join,
+    "|": _bits("|", operator.or_),
+    "^": _bits("^", operator.xor),
+    "&": _bits("&", operator.and_),
+}
 
 
 def _has_bits(value: int | float) -> bool:
@@ -77,37 +93,62 @@ def number_of(text: str, enums: Mapping[str, Any]) -> int | float:
     return number
 
 
-def compares(sign: str, left: Any, right: Any, enums: Mapping[str, Any]) -> bool:
-    """Whether a comparison holds; only numbers and texts can be ordered, and a text beside a number is read as one.
+def _equality(sign: str, wanted: bool) -> Operator:
+    def operate(left: Any, right: Any) -> bool:
+        if isinstance(left, _NUMBER) and isinstance(right, _NUMBER):
+            return same_number(left, right) is wanted
+        if isinstance(left, type(right)) or isinstance(right, type(left)):
+            return bool(left == right) is wanted
+        raise _not_taken(sign, left, right)
+
+    return operate
+
+
+def _ordered(sign: str, compare: Operator) -> Operator:
+    def operate(left: Any, right: Any) -> bool:
+        kind = str if isinstance(left, str) else _NUMBER
+        if isinstance(left, kind) and isinstance(right, kind):
+            return bool(compare(left, right))
+        raise _not_taken(sign, left, right)
+
+    return operate
+
+
+# Comparisons; only numbers and texts can be ordered. Each raises NodeError where it does not take the values.
+COMPARISONS: dict[str, Operator] = {
+    "==": _equality("==", True),
+    "!=": _equality("!=", False),
+    "<": _ordered("<", operator.lt),
+    "<=": _ordered("<=", operator.le),
+    ">": _ordered(">", operator.gt),
+    ">=": _ordered(">=", operator.ge),
+}
+
+
+def alike(left: Any, right: Any, enums: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Two values as a comparison takes them: a text beside a number is read as one.
 
     Raises:
-        NodeError: the values cannot be compared.
+        NodeError: the text stands for no number.
     """
-    if isinstance(left, str) and not isinstance(right, str):
-        left = _like(left, right, enums)
-    elif isinstance(right, str) and not isinstance(left, str):
-        right = _like(right, left, enums)
-    numbers = isinstance(left, int | float) and isinstance(right, int | float)
-    if sign in ("==", "!="):
-        if not (numbers or isinstance(left, type(right)) or isinstance(right, type(left))):
-            raise NodeError(f"'{sign}' does not take {_described(left)} and {_described(right)}")
-        return (same_number(left, right) if numbers else bool(left == right)) is (sign == "==")
-    if numbers or (isinstance(left, str) and isinstance(right, str)):
-        return _ORDER[sign](left, right)
-    raise NodeError(f"'{sign}' does not take {_described(left)} and {_described(right)}")
+    if isinstance(left, str):
+        return (left, right) if isinstance(right, str) else (_like(left, right, enums), right)
+    return (left, _like(right, left, enums)) if isinstance(right, str) else (left, right)
 
 
 def same_number(left: int | float, right: int | float) -> bool:
     """Whether two numbers are equal to the precision of a float."""
+    if left == right:
+        return True
     apart = left - right
-    return abs(apart) <= EPSILON if math.isfinite(apart) else left == right
+    return math.isfinite(apart) and abs(apart) <= EPSILON
 
 
 def _like(text: str, other: object, enums: Mapping[str, Any]) -> Any:
     """A text as what it is compared with: a number or a member of an enum."""
     if isinstance(other, Enum):
         return enums.get(text, text)
-    return number_of(text, enums) if isinstance(other, int | float) else text
+    return number_of(text, enums) if isinstance(other, _NUMBER) else text
 
 
 def unary(sign: str, value: Any) -> Any:
@@ -116,12 +157,13 @@ def unary(sign: str, value: Any) -> Any:
     Raises:
         NodeError: the operator does not take this value.
     """
-    if sign == "!" and isinstance(value, int | float):
-        return not value
-    if sign == "-" and isinstance(value, int | float):
-        return -value
-    if sign == "~" and isinstance(value, int | float) and _has_bits(value):
-        return ~int(value)
+    if isinstance(value, _NUMBER):
+        if sign == "!":
+            return not value
+        if sign == "-":
+            return -value
+        if _has_bits(value):
+            return ~int(value)
     raise NodeError(f"'{sign}' does not take {_described(value)}")
 
 
@@ -131,11 +173,17 @@ def truth(value: Any) -> bool:
     Raises:
         NodeError: the value is neither true nor false.
     """
-    if isinstance(value, int | float | str):
+    if value is True or value is False:
+        return value
+    if isinstance(value, _PLAIN):
         return bool(value)
     if isinstance(value, Enum):
         return True
     raise NodeError(f"{_described(value)} is neither true nor false")
+
+
+def _not_taken(sign: str, left: Any, right: Any) -> NodeError:
+    return NodeError(f"'{sign}' does not take {_described(left)} and {_described(right)}")
 
 
 def _text(value: object) -> str:

@@ -20,7 +20,7 @@ class Parallel(Control):
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
-        self._finished: set[int] = set()
+        self._finished: set[TreeNode] = set()
         self._succeeded = 0
         self._failed = 0
         self._fixed: tuple[int, int, int] | None = None
@@ -30,19 +30,21 @@ class Parallel(Control):
         asked, needed, fatal = self._fixed or self._thresholds()
         if self.status is not RUNNING:
             self.set_status(RUNNING)
-        skipped = 0
-        for index, child in enumerate(self.children):
-            if index not in self._finished:
-                self.current_child = child
+        finished, skipped = self._finished, 0
+        first = True  # counted even if it runs: the ports may ask for less than in the last tick
+        for child in self.children:
+            if child not in finished:
                 status = child.execute()
-                if status is RUNNING and index > 0:
-                    continue  # nothing new to count; at the first child the ports may ask for less than before
-                if status is SKIPPED:
+                if status is RUNNING:
+                    if not first:
+                        continue  # nothing new to count
+                elif status is SKIPPED:
                     skipped += 1
-                elif status is not RUNNING:
-                    self._finished.add(index)
+                else:
+                    finished.add(child)
                     self._succeeded += status is SUCCESS
                     self._failed += status is FAILURE
+            first = False
             if self._succeeded >= needed or (asked < 0 and self._succeeded + skipped >= needed):
                 return self._done(SUCCESS)
             if count - self._failed < needed or self._failed == fatal:
@@ -82,7 +84,7 @@ class ParallelAll(Control):
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
-        self._finished: set[int] = set()
+        self._finished: set[TreeNode] = set()
         self._failed = 0
 
     def run(self) -> Status:
@@ -92,15 +94,14 @@ class ParallelAll(Control):
             raise NodeError(f"{count} children cannot fail {fatal} times")
         self.set_status(RUNNING)
         skipped = 0
-        for index, child in enumerate(self.children):
-            if index in self._finished:
+        for child in self.children:
+            if child in self._finished:
                 continue
-            self.current_child = child
             status = child.execute()
             if status is SKIPPED:
                 skipped += 1
             elif status is not RUNNING:
-                self._finished.add(index)
+                self._finished.add(child)
                 self._failed += status is FAILURE
         if skipped == count:
             return SKIPPED

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import Any, Generic, TypeVar, cast, overload
 
-from trees.engine.blackboard import UNSET, Entry
+from trees.engine.blackboard import PLAIN, UNSET, Entry
 from trees.engine.errors import NodeError
 from trees.engine.vocabulary import Words, misnomer
 
@@ -113,7 +113,8 @@ class Input(Connection, Generic[T]):
         if self.entry is None:
             raise NodeError(f"port {self.port.name} is not connected")
         value: T = self.entry.value
-        if type(value) is self._kind:
+        kind = type(value)
+        if kind is self._kind or (self._kind is Any and kind in PLAIN and self.entry.text is None):
             return value
         read = self.entry.read(self._kind)
         if self.words and (wrong := misnomer(read, self._kind, self.words)):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from trees.engine.blackboard import UNSET, Entry, Scope
 from trees.engine.errors import NodeError
 from trees.engine.literals import INT_LIMIT, shown
-from trees.engine.operators import combine, compares, number_of, truth, unary
+from trees.engine.operators import COMPARISONS, OPERATORS, Operator, alike, number_of, truth, unary
 
 DEPTH_LIMIT = 30
 # Nobody reads more, and a hostile file could hold a million.
@@ -38,7 +38,6 @@ _TOKEN = re.compile(
     re.VERBOSE,
 )
 _ASSIGNMENTS = (":=", "=", "+=", "-=", "*=", "/=")
-_COMPARISONS = ("==", "!=", "<", "<=", ">", ">=")
 
 
 class ScriptError(ValueError):
@@ -180,7 +179,7 @@ class _Parser:
             return self._unary()
         signs = _LEVELS[level]
         left = self._level(level + 1)
-        if signs is _COMPARISONS:
+        if signs is COMPARISONS:
             return self._comparison(left, level)
         while self._peek().kind == "sign" and self._peek().text in signs:
             sign = self._take().text
@@ -189,17 +188,18 @@ class _Parser:
 
     def _comparison(self, first: Evaluate, level: int) -> Evaluate:
         """`a < b < c` holds where both do."""
-        links: list[tuple[str, Evaluate]] = []
-        while self._peek().text in _COMPARISONS and self._peek().kind == "sign":
-            links.append((self._take().text, self._level(level + 1)))
+        links: list[tuple[Operator, Evaluate]] = []
+        while self._peek().text in COMPARISONS and self._peek().kind == "sign":
+            links.append((COMPARISONS[self._take().text], self._level(level + 1)))
         if not links:
             return first
+        enums = self._enums
 
         def compare() -> bool:
             left = first()
-            for sign, evaluate in links:
+            for holds, evaluate in links:
                 right = evaluate()
-                if not compares(sign, left, right, self._enums):
+                if not (holds(left, right) if type(left) is type(right) else holds(*alike(left, right, enums))):
                     return False
                 left = right
             return True
@@ -276,10 +276,10 @@ class _Parser:
 # What people write who know other languages.
 _MEANT = {"and": "&&", "or": "||"}
 
-_LEVELS: tuple[tuple[str, ...], ...] = (
+_LEVELS: tuple[Collection[str], ...] = (
     ("||",),
     ("&&",),
-    _COMPARISONS,
+    COMPARISONS,
     ("|", "^"),
     ("&",),
     ("+", "-", ".."),
@@ -342,7 +342,7 @@ def _reader(entry: Entry) -> Evaluate:
 
 def _assign(entry: Entry, value: Evaluate, must_exist: bool, enums: Mapping[str, Any]) -> Evaluate:
     def assign() -> Any:
-        if must_exist and not entry.exists:
+        if must_exist and entry.value is UNSET and not entry.exists:
             raise NodeError(f"{{{entry.name}}} does not exist yet; := creates it")
         assigned = value()
         if isinstance(assigned, str) and entry.holds_number:
@@ -363,4 +363,5 @@ def _binary(sign: str, left: Evaluate, right: Evaluate) -> Evaluate:
         return lambda: truth(left()) and truth(right())
     if sign == "||":
         return lambda: truth(left()) or truth(right())
-    return lambda: combine(sign, left(), right())
+    operate = OPERATORS[sign]
+    return lambda: operate(left(), right())

@@ -67,7 +67,7 @@ class Tree:
 
         An exception of a leaf halts the whole tree, so that nothing is left RUNNING, and is raised again.
         """
-        self._runtime.changes = []
+        self._runtime.changes.clear()
         try:
             status = self.root.execute()
             if status is SUCCESS or status is FAILURE:
@@ -83,7 +83,7 @@ class Tree:
         Raises:
             ExceptionGroup: nodes failed to terminate; all others were terminated all the same.
         """
-        self._runtime.changes = []
+        self._runtime.changes.clear()
         errors = self._halt_all()
         if errors:
             raise ExceptionGroup("nodes failed to terminate", errors)

@@ -16,7 +16,7 @@ from cell.interfaces.errors import DeviceFault
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from cell.run import configured_devices
+from cell.world.opening import configured_devices
 from learned.calibration.check import WORLD, trouble
 from learned.calibration.solve import Fit, Shot, fit_camera, holes_off_m
 from skills.grip import STROKE_M

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -14,7 +12,6 @@ import numpy as np
 from rich.console import Console
 
 from cell.configuration import (
-    Configuration,
     for_shift,
     load_configuration,
     load_faults,
@@ -25,7 +22,7 @@ from cell.configuration import (
 from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices
-from cell.interfaces.errors import LogError, SettingError
+from cell.interfaces.errors import LogError
 from cell.interfaces.files import shipped
 from cell.interfaces.observation import Observation
 from cell.interfaces.product import Product
@@ -52,6 +49,7 @@ from cell.viewing.moments import Moments
 from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from cell.viewing.typed_orders import TypedOrders
+from cell.world.opening import SIMULATED, configured_devices, connect, own_world
 from skills.can_gripper import CanGripper, Tap
 from skills.can_signals import CanSignals
 from skills.checked_arm import CheckedArm
@@ -296,44 +294,13 @@ def _watched(
 
 def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:
     """The devices; each tick begins once the one before is on the disk."""
-    devices = configured_devices(files.configuration, files.product, options.seed, options.goal)
-    clock = PacedClock(devices.clock) if options.pace == "real" else devices.clock
-    return Devices(**{**vars(devices), "clock": WakingClock(clock, awake)})
-
-
-def configured_devices(configuration: Configuration, product: Product, seed: int, goal: str = "random") -> Devices:
-    """As the configured factory opens them; it is told of the cameras what the bench file says.
-
-    Raises:
-        DeviceFault: a device could not be opened.
-        SettingError: there is no such factory.
-    """
-    can_settings = configuration.gripper_can
-    arguments = (
-        product,
-        configuration.bench.drawn,
-        configuration.devices.simulation,
-        can_settings.interface,
-        can_settings.channel,
-        seed,
-        goal,
-    )
-    return _factory(configuration.devices.factory, arguments)(*arguments)
-
-
-def _factory(dotted: str, arguments: tuple[Any, ...]) -> Callable[..., Devices]:
-    """The function that opens the devices, by its name in the configuration.
-
-    Raises:
-        SettingError: there is none, or it does not take these arguments.
-    """
-    where = ("devices", "factory")
-    module, _, function = dotted.partition(":")
-    try:
-        factory: Callable[..., Devices] = getattr(importlib.import_module(module), function)
-        inspect.signature(factory).bind(*arguments)
-    except (ImportError, AttributeError) as error:
-        raise SettingError((where, f"no such factory: {error}")) from None
-    except (TypeError, ValueError) as error:
-        raise SettingError((where, f"{dotted} opens no devices: {error}")) from None
-    return factory
+    configuration, product = files.configuration, files.product
+    if options.world is not None:
+        devices = connect(configuration, product, options.world, options.pace).devices
+    elif options.pace == "real" and configuration.devices.factory == SIMULATED:
+        devices = own_world(configuration, product, options.seed, options.goal).devices
+    else:
+        devices = configured_devices(configuration, product, options.seed, options.goal)
+        if options.pace == "real":
+            devices = replace(devices, clock=PacedClock(devices.clock))
+    return replace(devices, clock=WakingClock(devices.clock, awake))

@@ -42,6 +42,7 @@ class RunOptions:
         images: keep images and joint samples in the log, and make a contact sheet.
         pixels: render what the cameras see; without, a simulated cell's hands, holes and parts come from the truth.
         one_process: simulate, render and detect in this process, as where many runs go on side by side.
+        world: address of a world that `cell world` opened; None for one of the run's own.
         brackets: how many are made one after the other; None for one bracket, 0 for until the run is stopped.
     """
 
@@ -65,6 +66,7 @@ class RunOptions:
     page_port: int | None = None
     orders: Iterable[str] | None = None
     brackets: int | None = None
+    world: Path | None = None
     max_duration_s: float | None = None
     images: bool = True
     pixels: bool = True

@@ -43,13 +43,13 @@ class SimCamera:
         name: str,
         setup: CameraSetup,
         world: World,
-        take: Callable[[Exposure], Frame],
+        take: Callable[[Exposure], Frame | None],
         delivery: Delivery | None = None,
     ) -> None:
         """A camera of a world.
 
         Args:
-            take: makes frames; may return before the image is ready, and raise DeviceFault.
+            take: makes frames; may return before the image is ready, return none, and raise DeviceFault.
             delivery: by default every frame comes at once.
         """
         self._name, self._setup = name, setup
@@ -98,7 +98,8 @@ class SimCamera:
         except DeviceFault as fault:  # time goes on without the camera; who asks for a frame is told
             self._fault = fault
             return
-        self._coming.append((time_s + self._delivery.latency_s + late * look.late_s, frame))
+        if frame is not None:
+            self._coming.append((time_s + self._delivery.latency_s + late * look.late_s, frame))
 
     def _hand_over(self, time_s: float) -> None:
         """The newest of what has come; a frame that one has overtaken is lost."""

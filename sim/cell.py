@@ -136,11 +136,16 @@ class SimCell:
             host=beside,
             pressed=self.worker.pressed if self.worker is not None else tuple,
             finished=lambda: self._finished,
+            free_running=self._run_freely,
         )
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""
         return self.score.report() | (self.contacts.report() if self.contacts is not None else {})
+
+    def _run_freely(self, free: bool) -> None:
+        if isinstance(self._photographer, RenderProcess):
+            self._photographer.hurried = free
 
     def _change(self) -> Mapping[str, str]:
         """The person takes the bracket out: judge it, and tell what is to be built next."""

@@ -39,11 +39,16 @@ Slots = Mapping[str, Any]  # shared memory for SLOTS images of each camera
 NAME = "render process"
 SLOTS = 8  # frames of a camera that may wait to be rendered; then the physics waits
 JOIN_S = 2.0
+HURRIED = 3  # ... where time does not wait
 PATIENCE_S = 60.0  # wall time; a frame takes some milliseconds
 
 
 class RenderProcess:
-    """Makes frames and answers in a process of its own; close it."""
+    """Makes frames and answers in a process of its own; close it.
+
+    Attributes:
+        hurried: time does not wait: frames are left out where it cannot keep up.
+    """
 
     def __init__(self, model: mujoco.MjModel, sensors: Mapping[str, SensorSetup]) -> None:
         """Start it; returns before it is ready.
@@ -61,6 +66,7 @@ class RenderProcess:
         self._lock = threading.Lock()
         self._fault: DeviceFault | None = None
         self._numbers = itertools.count()
+        self.hurried = False
         self._taken: dict[tuple[str, int], Future[Any]] = {}  # by camera and slot
         compiled = pickle.dumps(model)
         shared = context.RawArray(ctypes.c_uint8, len(compiled))
@@ -80,14 +86,20 @@ class RenderProcess:
         assert self._process.pid is not None
         return self._process.pid
 
-    def take(self, exposure: Exposure) -> PendingFrame:
-        """A frame whose image comes later; waits where very many are under way. Raises DeviceFault."""
+    def take(self, exposure: Exposure) -> PendingFrame | None:
+        """A frame whose image comes later. Raises DeviceFault.
+
+        Where very many are under way it waits, or is left out where time does not wait.
+        """
         camera, sequence = exposure.camera, exposure.sequence
         slot = (camera, sequence % SLOTS)
+        if self.hurried and sum(not one.done() for one in self._taken.values()) >= HURRIED:
+            return None
         if (earlier := self._taken.get(slot)) is not None:
             _awaited(earlier)  # until then its image lies where this one will
         future = self._taken[slot] = self._send(("frame", camera, sequence), exposure)
-        return PendingFrame(camera, sequence, exposure.time_s, partial(_awaited, future), exposure.world_from_camera)
+        pose, image = exposure.world_from_camera, partial(_awaited, future)
+        return PendingFrame(camera, sequence, exposure.time_s, image, pose, future.done)
 
     def host(self, build: Build[Answer], *arguments: object) -> Callable[[Frame], Callable[[], Answer]]:
         """Run a detector there; see `DetectorHost`."""

@@ -25,6 +25,7 @@ from cell.commands.replay import replay
 from cell.commands.schema import schema
 from cell.commands.see import see
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.commands.world import WorldOption, world
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
 from cell.interfaces.files import own_or_shipped
 
@@ -68,6 +69,7 @@ app.command()(schema)
 app.command()(see)
 app.command()(sweep)
 app.command()(compare)
+app.command()(world)
 
 
 @app.callback()
@@ -174,6 +176,7 @@ def run(
         int | None,
         typer.Option(min=0, help="A shift: so many brackets one after the other; 0: until it is stopped."),
     ] = None,
+    world_address: WorldOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Assemble one product, or a shift of them."""
@@ -202,6 +205,7 @@ def run(
         beside=tuple(beside or ()),
         entries=entries_of(entries),
         brackets=brackets,
+        world=world_address,
         page_port=page_port if page else None,
         orders=typed_lines(sys.stdin.fileno()) if orders else None,
     )

@@ -125,6 +125,7 @@ class Devices:
 
     Attributes:
         host: where detectors run in lock-step beside a simulation; None: in the controller's process.
+        free_running: told whether time is the wall's: then a simulation leaves out what is not done in time.
         report: how the finished assembly is judged, by keys of `cell run --json`; empty where nobody can judge.
         close: lets go of everything.
         pressed: what was said or pressed at the bench itself since the last call.
@@ -143,3 +144,4 @@ class Devices:
     pressed: Callable[[], Sequence[OperatorOrder]] = tuple
     finished: Callable[[], Sequence[dict[str, object]]] = tuple
     host: DetectorHost | None = None
+    free_running: Callable[[bool], None] = lambda _: None

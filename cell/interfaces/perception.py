@@ -39,10 +39,16 @@ class PendingFrame(Frame):
     """A frame whose image is still being made: who reads `image` waits for it, whoever does not goes on."""
 
     def __init__(
-        self, camera: str, sequence: int, time_s: float, image: Callable[[], NDArray[np.uint8]], world_from_camera: Pose
+        self,
+        camera: str,
+        sequence: int,
+        time_s: float,
+        image: Callable[[], NDArray[np.uint8]],
+        world_from_camera: Pose,
+        done: Callable[[], bool] = lambda: True,
     ) -> None:
         fields = {"camera": camera, "sequence": sequence, "time_s": time_s, "world_from_camera": world_from_camera}
-        for name, value in {**fields, "_pending": image}.items():
+        for name, value in {**fields, "_pending": image, "_done": done}.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -50,6 +56,12 @@ class PendingFrame(Frame):
         """As in `Frame`; raises DeviceFault if it could not be made."""
         pending: Callable[[], NDArray[np.uint8]] = vars(self)["_pending"]
         return pending()
+
+    @property
+    def ready(self) -> bool:
+        """Whether the image can be read without a wait."""
+        done: Callable[[], bool] = vars(self)["_done"]
+        return done()
 
     def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
         return Frame, (self.camera, self.sequence, self.time_s, self.image, self.world_from_camera)

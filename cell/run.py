@@ -32,13 +32,14 @@ from cell.recording.recorder import McapRecorder
 from cell.recording.scene import CellModel
 from cell.run_heading import heading, log_path, tree_texts
 from cell.run_options import Files, Pace, RunOptions
-from cell.run_result import summary_of
+from cell.run_result import Counts, summary_of
 from cell.running.brackets import BracketTally
 from cell.running.controller import Controller
 from cell.running.detectors import check_detectors, lock_step, worker_processes
 from cell.running.finished import FinishedBrackets
 from cell.running.fluency import Fluency
 from cell.running.injection import Injection, Injections
+from cell.running.lateness import Lateness
 from cell.running.node_library import node_registry
 from cell.running.operator import OperatorChannel
 from cell.running.reload import WatchedTree
@@ -49,6 +50,7 @@ from cell.viewing.moments import Moments
 from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from cell.viewing.typed_orders import TypedOrders
+from cell.world import real_time
 from cell.world.opening import SIMULATED, configured_devices, connect, own_world
 from skills.can_gripper import CanGripper, Tap
 from skills.can_signals import CanSignals
@@ -128,9 +130,7 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
         model = CellModel(product, configuration.bench, motion)
 
         def result() -> Mapping[str, object]:
-            shift = tally.report([*devices.finished(), devices.report()])
-            counted = {**statistics.report(), **fluency.report(), **shift}
-            return {**devices.report(), **counted, "last_failure": str(statistics.cause)}
+            return {**counts.job(devices), "last_failure": str(counts.statistics.cause)}
 
         told, in_step = heading(options, files), options.pace == "fast"
         recorder = McapRecorder(log, configuration.log, told, model, alarm, blackboard, truth, result, in_step)
@@ -139,10 +139,10 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
         if live is not None:
             stack.callback(live.abandon)
             console.print(f"live: ws://127.0.0.1:{live.port} (layout: {LAYOUT})", highlight=False)
-        statistics, tally, moments = RunStatistics(), BracketTally(), Moments()
-        fluency = Fluency(lambda seen: _tool_on_bench_m(motion, seen))
+        moments, fluency = Moments(), Fluency(lambda seen: _tool_on_bench_m(motion, seen))
+        counts = Counts(RunStatistics(), _lateness(files, devices, alarm), fluency, BracketTally())
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
-        observers: tuple[Observer, ...] = (recorder, progress, moments, statistics, tally, fluency)
+        observers: tuple[Observer, ...] = (recorder, progress, moments, *counts.observers)
         monitor = _open_monitor(
             options, files.tree, lambda kind, body: recorder.hooked(kind, body, devices.clock.now_s())
         )
@@ -165,11 +165,12 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
             _watched(options, product, files.tree, observers, recorder, monitor, page) if options.watch else files.tree
         )
         injection = None if options.inject is None else Injection.parse(options.inject)
+        stack.enter_context(real_time.preferred(options.pace == "real"))
         outcome = drive(
             files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator
         )
         sheet, outcome = _sheet(options, log, recorder, moments, outcome)
-        summary = summary_of(options, files, outcome, statistics, fluency, tally, devices, recorder, sheet)
+        summary = summary_of(options, files, outcome, counts, devices, recorder, sheet)
         return RunResult(outcome, summary, run_summary(summary, product, configuration.controller.tick_hz))
 
 
@@ -223,6 +224,12 @@ def drive(
         )
         tree.setup(services, TickClock(services))
         return controller.run(tree, services)
+
+
+def _lateness(files: Files, devices: Devices, say: Callable[[float, Level, str], None]) -> Lateness:
+    """Counts how late ticks begin, and asks the clock why."""
+    period_s, clock = 1.0 / files.configuration.controller.tick_hz, devices.clock
+    return Lateness(period_s, lambda: getattr(clock, "delays", {}), devices.lost_s, say)
 
 
 def _tool_on_bench_m(motion: MotionPlanner, seen: Observation) -> tuple[float, float]:
@@ -293,7 +300,7 @@ def _watched(
 
 
 def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:
-    """The devices; each tick begins once the one before is on the disk."""
+    """The devices; in simulated time each tick begins once the one before is on the disk, the wall's does not wait."""
     configuration, product = files.configuration, files.product
     if options.world is not None:
         devices = connect(configuration, product, options.world, options.pace).devices
@@ -303,4 +310,4 @@ def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) 
         devices = configured_devices(configuration, product, options.seed, options.goal)
         if options.pace == "real":
             devices = replace(devices, clock=PacedClock(devices.clock))
-    return replace(devices, clock=WakingClock(devices.clock, awake))
+    return devices if options.pace == "real" else replace(devices, clock=WakingClock(devices.clock, awake))

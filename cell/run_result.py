@@ -3,40 +3,58 @@
 from __future__ import annotations
 
 import resource
+from dataclasses import dataclass
 
 from cell.interfaces.devices import Devices
-from cell.observer import Outcome
+from cell.observer import Observer, Outcome
 from cell.recording.recorder import McapRecorder
 from cell.run_options import Files, RunOptions
 from cell.running.brackets import BracketTally
 from cell.running.fluency import Fluency
+from cell.running.lateness import Lateness
 from cell.running.statistics import RunStatistics
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Observers that count what a summary tells."""
+
+    statistics: RunStatistics
+    lateness: Lateness
+    fluency: Fluency
+    tally: BracketTally
+
+    @property
+    def observers(self) -> tuple[Observer, ...]:
+        return (self.statistics, self.tally, self.fluency, self.lateness)
+
+    def job(self, devices: Devices) -> dict[str, object]:
+        """How the job was done; of a shift bracket by bracket."""
+        done = devices.report()
+        shift = self.tally.report([*devices.finished(), done])
+        return {**done, **self.statistics.report(), **self.fluency.report(), **shift}
 
 
 def summary_of(
     options: RunOptions,
     files: Files,
     outcome: Outcome,
-    statistics: RunStatistics,
-    fluency: Fluency,
-    tally: BracketTally,
+    counts: Counts,
     devices: Devices,
     recorder: McapRecorder,
     sheet: str,
 ) -> dict[str, object]:
-    """Everything that is told of a run; of a shift bracket by bracket."""
+    """Everything that is told of a run."""
     speed = outcome.sim_time_s / outcome.wall_time_s if outcome.wall_time_s > 0 else 0.0
     return {
         "finished": outcome.end == "finished",
         "end": outcome.end,
         "reason": outcome.reason,
-        "cause": str(statistics.cause) if outcome.end == "failed" else "",
+        "cause": str(counts.statistics.cause) if outcome.end == "failed" else "",
         "condition": outcome.condition,
         "observer_problems": list(outcome.observer_problems),
-        **devices.report(),
-        **statistics.report(),
-        **fluency.report(),
-        **tally.report([*devices.finished(), devices.report()]),
+        **counts.job(devices),
+        **counts.lateness.report(),
         "ticks": outcome.ticks,
         "overruns": outcome.overruns,
         "sim_time_s": round(outcome.sim_time_s, 3),

@@ -125,6 +125,7 @@ class Devices:
 
     Attributes:
         host: where detectors run in lock-step beside a simulation; None: in the controller's process.
+        lost_s: how far a simulation that goes with the wall's time fell behind it for good.
         free_running: told whether time is the wall's: then a simulation leaves out what is not done in time.
         report: how the finished assembly is judged, by keys of `cell run --json`; empty where nobody can judge.
         close: lets go of everything.
@@ -145,3 +146,4 @@ class Devices:
     finished: Callable[[], Sequence[dict[str, object]]] = tuple
     host: DetectorHost | None = None
     free_running: Callable[[bool], None] = lambda _: None
+    lost_s: Callable[[], float] = lambda: 0.0

@@ -21,6 +21,7 @@ from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.interfaces.signals import Signals
 from cell.observer import End, Observer, Outcome, SentCommand, TickRecord
+from cell.running.announcing import Announcer
 from cell.running.audience import Audience
 from cell.running.inference import Executor
 from cell.running.operator import OperatorChannel
@@ -30,7 +31,6 @@ from cell.running.supervisor import Supervisor
 from trees.engine.node import StatusChange
 
 Answer = TypeVar("Answer")
-USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, nobody is told
 RESTARTED = "gripper_restarted_empty"
 STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked
 STOPPING = "STOPPING"  # ... and in the ticks of the safe stop
@@ -110,7 +110,7 @@ class Controller:
         self._fingers = HeldFingers(gripper)
         self._signals = StopSignals()
         self._judgement = Judgement()
-        self._said: tuple[str, ...] = ()
+        self._announcer = Announcer()
         self._operator = operator or OperatorChannel()
         self._seen: Observation | None = None
         self._scheduled_s = self._deadline_s = 0.0
@@ -208,11 +208,8 @@ class Controller:
         seen, joints = self.observe(), self._reader.samples()
         self._judgement = self._supervisor.judge(seen)
         self._seen = self._fingers.seen(replace(seen, share=self._judgement.share))
-        reasons = tuple(signal for signal, _ in self._judgement.reasons if signal not in USUAL)
-        if reasons != self._said:
-            self._said = reasons
-            words = f"{self._judgement.action.name.lower()}: {self._judgement.words}" if reasons else "all clear"
-            self._audience.say("warning" if reasons else "info", words)
+        if (news := self._announcer.news(self._judgement)) is not None:
+            self._audience.say(*news)
         return self._seen, joints
 
     def _act(self, command: Command, seen: Observation) -> SentCommand:

@@ -152,8 +152,9 @@ def lock_step(
 def worker_processes(
     bench: Bench, product: Product, perception: Perception
 ) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
-    """Executors for real time: each detector in a process of its own."""
-    return (
-        WorkerProcess("bench watcher", bench_watcher, bench, product, perception),
-        WorkerProcess("part detector", part_finder, bench, product, perception),
-    )
+    """Executors for real time: each detector in a process of its own, ready to answer."""
+    watcher = WorkerProcess("bench watcher", bench_watcher, bench, product, perception)
+    finder = WorkerProcess("part detector", part_finder, bench, product, perception)
+    watcher.await_ready()
+    finder.await_ready()
+    return watcher, finder

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from multiprocessing.queues import Queue
+from multiprocessing.synchronize import Event
 from typing import Generic, Protocol, TypeVar
 
 from cell.interfaces.clock import Clock
@@ -103,10 +104,16 @@ class WorkerProcess(Generic[Job, Answer]):
         self._jobs: Queue[Job] = context.Queue()
         self._answers: Queue[tuple[Answer | None, str]] = context.Queue()
         self._waiting = 0
+        self._ready = context.Event()
         self._process = context.Process(
-            target=_work, args=(build, arguments, self._jobs, self._answers), name=name, daemon=True
+            target=_work, args=(build, arguments, self._jobs, self._answers, self._ready), name=name, daemon=True
         )
         self._process.start()
+
+    def await_ready(self) -> None:
+        """Wait until the detector is there; one that fails is told of by `poll`."""
+        while self._process.is_alive() and not self._ready.wait(PARENT_CHECK_S):
+            pass
 
     @property
     def process_id(self) -> int:
@@ -148,12 +155,14 @@ def _work(
     arguments: tuple[object, ...],
     jobs: Queue[Job],
     answers: Queue[tuple[Answer | None, str]],
+    ready: Event,
 ) -> None:
     # Signals often go to all processes of a group: this one lives until the controller has stopped the arm.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     try:
         detector = build(*arguments)
+        ready.set()
         for job in _jobs(jobs):
             answers.put((detector(job), ""))
     except Exception as error:  # outermost loop of the process: the controller turns it into a fault

@@ -21,14 +21,12 @@ class RunStatistics:
         self.help_requests = 0
         self.cause = FailureCause()
         self.plans_refused = 0
-        self._late_s: list[float] = []
 
     def frame(self, frame: Frame) -> None:
         """Images are not counted."""
 
     def tick(self, record: TickRecord) -> None:
         self.cause.add(record.changes)
-        self._late_s.append(record.observation.late_s)
         self.help_requests += sum(topic == "help" for topic, _ in record.notes)
         self.plans_refused += sum(fields.get("decision") == "refused" for _, fields in record.notes)
         display = record.command.display
@@ -47,14 +45,7 @@ class RunStatistics:
             "inferred_goal": self.inferred_goal,
             "help_requests": self.help_requests,
             "plans_refused": self.plans_refused,
-            "late_p99_s": round(self.late_s(0.99), 4),
-            "late_max_s": round(self.late_s(1.0), 4),
         }
-
-    def late_s(self, share: float) -> float:
-        """How late ticks began: this share of them less than the answer, in [s]."""
-        ranked = sorted(self._late_s)
-        return ranked[min(int(share * len(ranked)), len(ranked) - 1)] if ranked else 0.0
 
     @property
     def inferred_goal(self) -> str | None:

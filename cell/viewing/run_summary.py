@@ -29,10 +29,21 @@ def run_summary(summary: Mapping[str, Any], product: Product, tick_hz: float) ->
         f"({summary['real_time_factor']:.1f} x real time)"
     )
     rows["ticks"] = f"{summary['ticks']}, {_late(summary['overruns'], tick_hz)}"
+    if summary.get("late_causes"):
+        rows["late"] = _lateness(summary)
     rows["log"] = str(summary["log"]) + (f" and {summary['log_parts'] - 1} more" if summary["log_parts"] > 1 else "")
     if summary["contact_sheet"]:
         rows["contact sheet"] = str(summary["contact_sheet"])
     return rows
+
+
+def _lateness(summary: Mapping[str, Any]) -> str:
+    """How late ticks began, and why."""
+    words = f"{summary['late_p50_s'] * 1e3:.1f} ms in the middle, 99 % under {summary['late_p99_s'] * 1e3:.1f} ms"
+    words += f", most {summary['late_max_s'] * 1e3:.0f} ms; by cause: "
+    words += ", ".join(f"{cause} {count}" for cause, count in summary["late_causes"].items())
+    lost_s = summary["world_lost_s"]
+    return words + (f"; the simulated world lost {lost_s:.1f} s" if lost_s >= 0.1 else "")
 
 
 def _result(summary: Mapping[str, Any]) -> str:

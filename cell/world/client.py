@@ -35,7 +35,6 @@ class RemoteCell:
 
     Attributes:
         devices: as in the world's own process.
-        lost_s: how far the world fell behind the wall for good.
 
     Args:
         buses: this process's ends of the virtual CAN buses.
@@ -87,11 +86,8 @@ class RemoteCell:
             lambda: _emptied(self._pressed),
             lambda: self._told("finished", []),
             _Host(self) if welcome.hosts and pace == "fast" else None,
+            lost_s=lambda: self.snapshot.lost_s,
         )
-
-    @property
-    def lost_s(self) -> float:
-        return self.snapshot.lost_s
 
     @property
     def fault(self) -> DeviceFault | None:
@@ -221,19 +217,36 @@ class _LockStep:
 
 
 class _Wall:
-    """The wall's time, since the world's epoch."""
+    """The wall's time, since the world's epoch; a world that stands begins with the first sleep.
 
-    def __init__(self, cell: RemoteCell, epoch_s: float) -> None:
+    Attributes:
+        delays: after the deadline of the last sleep, by cause: the machine woke us late, the world took time to answer.
+    """
+
+    def __init__(self, cell: RemoteCell, epoch_s: float | None) -> None:
         self._cell, self._epoch_s = cell, epoch_s
+        self.delays: dict[str, float] = {}
 
     def now_s(self) -> float:
-        return time.monotonic() - self._epoch_s
+        return self._cell.snapshot.time_s if self._epoch_s is None else time.monotonic() - self._epoch_s
 
     def sleep_until(self, time_s: float) -> None:
+        if self._epoch_s is None:
+            self._epoch_s = self._begun()
         self._cell.flush()
-        if (delay_s := time_s - self.now_s()) > 0:
+        delay_s = time_s - self.now_s()
+        if delay_s > 0:
             time.sleep(delay_s)
+        woke_s = self.now_s()
         self._cell.renew()
+        self.delays = {"machine": woke_s - time_s if delay_s > 0 else 0.0, "world": self.now_s() - woke_s}
+
+    def _begun(self) -> float:
+        """The epoch of a world that begins now; time goes on without one, too."""
+        try:
+            return float(self._cell.call("begin"))
+        except DeviceFault:
+            return time.monotonic() - self._cell.snapshot.time_s
 
 
 class _Camera:

@@ -102,10 +102,11 @@ class Welcome:
     """A controller may work here.
 
     Attributes:
-        epoch_s: what the machine's monotonic clock showed when the wall's time of this world was 0.
+        epoch_s: what the machine's monotonic clock showed when the wall's time of this world was 0; None for a world
+            that stands: it goes with the wall's time once it is told to begin.
         hosts: detectors may run beside the frames.
     """
 
-    epoch_s: float
+    epoch_s: float | None
     hosts: bool
     snapshot: Snapshot

@@ -134,9 +134,9 @@ def _serve(configuration: Configuration, product: Product, seed: int, goal: str,
     except CellError as error:
         failed.send(error)
         return
-    real_time.prefer()
     try:
-        server.serve()
+        with real_time.preferred():
+            server.serve()
     finally:
         devices.close()
 

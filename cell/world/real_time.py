@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 PRIORITY = 10
 
 
-def prefer(priority: int = PRIORITY) -> bool:
-    """Run this thread under SCHED_FIFO from now on; what it starts does not. False where that is not permitted."""
+@contextmanager
+def preferred(wanted: bool = True) -> Iterator[bool]:
+    """In this block the thread runs under SCHED_FIFO, what it starts does not; yields whether that is permitted."""
+    if not wanted:
+        yield False
+        return
     try:
-        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-        os.sched_setscheduler(0, policy, os.sched_param(priority))
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
     except (AttributeError, OSError):
-        return False
-    return True
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        os.sched_setscheduler(0, *before)

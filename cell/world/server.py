@@ -52,11 +52,11 @@ class WorldServer:
         self._cell, self._private, self._watch = dict(cell), private, watch
         self._connection: Connection | None = None
         self._pace: Pace = "fast"
-        self._epoch_s = time.monotonic() - devices.clock.now_s()
+        self._epoch_s = 0.0
         self._pacer: Pacer | None = None
         self._told: dict[str, int] = {}
         self._pending = {"overhead": deque[Frame](maxlen=KEPT_FRAMES), "wrist": deque[Frame](maxlen=KEPT_FRAMES)}
-        self._begin: list[Callable[[Frame], Callable[[], Any]]] = []
+        self._hosted: list[Callable[[Frame], Callable[[], Any]]] = []
         self._answers: dict[int, Callable[[], Any]] = {}
         self._ended = False
         self._listener = _listen(address)
@@ -69,6 +69,7 @@ class WorldServer:
         finally:
             self._hang_up()
             self._listener.close()
+            self._buses.close()
             self._address.unlink(missing_ok=True)
 
     def end(self) -> None:
@@ -79,10 +80,10 @@ class WorldServer:
         """One period of the world where it goes by itself, or one message, whichever comes first."""
         timeout_s = WAIT_S if self._pacer is None else min(WAIT_S, self._pacer.due_in_s())
         ready = wait([self._listener, *([self._connection] if self._connection is not None else [])], timeout_s)
+        if self._connection in ready:  # first: who is gone makes room for the next one
+            self._hear()
         if self._listener in ready:
             self._let_in()
-        if self._connection in ready:
-            self._hear()
         if self._pacer is not None:
             self._pacer.step()
             self._notice_frames()
@@ -100,14 +101,13 @@ class WorldServer:
                 return
             self._connection, self._pace = connection, hello.pace
             self._told = {}
-            self._begin, self._answers = [], {}
+            self._hosted, self._answers = [], {}
             self._buses.take()  # what was said to one who is gone
-            if self._pace == "real" and self._pacer is None:
-                self._pacer = Pacer(self._devices.clock, self._period_s, self._epoch_s)
-            elif self._pace == "fast":
+            if self._pace == "fast":
                 self._pacer = None
-            self._devices.free_running(self._pacer is not None)
-            connection.send(Welcome(self._epoch_s, self._devices.host is not None, self._snapshot()))
+            self._devices.free_running(self._pace == "real")
+            epoch_s = None if self._pacer is None else self._epoch_s
+            connection.send(Welcome(epoch_s, self._devices.host is not None, self._snapshot()))
         except (EOFError, OSError):
             self._hang_up()
 
@@ -159,18 +159,20 @@ class WorldServer:
             number, detector, camera, sequence = order.arguments
             frame = next((one for one in self._pending[camera] if one.sequence == sequence), None)
             if frame is not None:
-                self._answers[number] = self._begin[detector](frame)
+                self._answers[number] = self._hosted[detector](frame)
         else:
             with suppress(CellError):
                 self._method(order.what)(*order.arguments)
 
     def _answered(self, call: Call) -> Answer:
         try:
+            if call.what == "begin":
+                return Answer(self._begin_pace())
             if call.what == "host.build":
                 assert self._devices.host is not None
                 build, *arguments = call.arguments
-                self._begin.append(self._devices.host.host(build, *arguments))
-                return Answer(len(self._begin) - 1)
+                self._hosted.append(self._devices.host.host(build, *arguments))
+                return Answer(len(self._hosted) - 1)
             if call.what == "host.answer":
                 return Answer(self._answers.pop(call.arguments[0])())
             value = self._method(call.what)(*call.arguments)
@@ -179,6 +181,13 @@ class WorldServer:
             )  # followed as it was asked for
         except CellError as error:
             return Answer(error=error)
+
+    def _begin_pace(self) -> float:
+        """From now on the world goes with the wall's time; its epoch."""
+        if self._pacer is None:
+            self._epoch_s = time.monotonic() - self._devices.clock.now_s()
+            self._pacer = Pacer(self._devices.clock, self._period_s, self._epoch_s)
+        return self._epoch_s
 
     def _method(self, what: str) -> Callable[..., Any]:
         method: Callable[..., Any] = attrgetter(what)(self._devices)

@@ -1,0 +1,29 @@
+"""Tells people what the supervisor does, when that changes."""
+
+from __future__ import annotations
+
+from cell.interfaces.judgement import Judgement
+from cell.observer import Level
+
+USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, nobody is told
+ONCE = ("tick_late",)  # a machine that is too slow is so again and again
+
+
+class Announcer:
+    """Remembers what was said."""
+
+    def __init__(self) -> None:
+        self._said: tuple[str, ...] = ()
+        self._once: set[str] = set()
+
+    def news(self, judgement: Judgement) -> tuple[Level, str] | None:
+        """What is to be said now, if it is something new."""
+        signals = [signal for signal, _ in judgement.reasons if signal not in USUAL]
+        reasons = tuple(signal for signal in signals if signal not in self._once)
+        if reasons == self._said:
+            return None
+        self._said = tuple(signal for signal in reasons if signal not in ONCE)
+        self._once |= set(reasons) & set(ONCE)
+        if not reasons:
+            return "info", "all clear"
+        return "warning", f"{judgement.action.name.lower()}: {judgement.words}"

@@ -37,7 +37,7 @@ class Quantiles:
         for place, count in enumerate(self._counts):
             below += count
             if self._count and below >= share * self._count:
-                return min(place * BIN_S, self.largest)
+                return self.largest if place == BINS else min(place * BIN_S, self.largest)
         return 0.0
 
 

@@ -94,7 +94,7 @@ def ticks(
 def query(
     log: LogArgument,
     node: Annotated[str | None, typer.Option(help="Part of a node's path.")] = None,
-    status: Annotated[str | None, typer.Option(help="RUNNING, SUCCESS, FAILURE or INVALID.")] = None,
+    status: Annotated[str | None, typer.Option(help="RUNNING, SUCCESS, FAILURE, SKIPPED or INVALID.")] = None,
     key: Annotated[str | None, typer.Option(help="Key that the entry has at any depth.")] = None,
     topic: Annotated[str | None, typer.Option(help="Part of the topic, as belief or command.")] = None,
     from_s: FromOption = 0.0,
@@ -104,7 +104,7 @@ def query(
     """Find status changes of nodes, or messages by topic and key; with --json one object a line."""
     from cell.log.telling import query as question
 
-    legal = ("RUNNING", "SUCCESS", "FAILURE", "INVALID")
+    legal = ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED", "INVALID")
     if status is not None and status not in legal:
         raise InputError(f"--status {status} is no status; legal: {', '.join(legal)}")
     asked = question.Query(node, status, key, topic, from_s, until_s)

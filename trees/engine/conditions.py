@@ -23,12 +23,12 @@ class ScriptConditions:
 
     def before(self, node: TreeNode) -> Status | None:
         """All are evaluated while the node is idle, `_while` also while it is RUNNING."""
-        if node.status is IDLE:
+        idle = node.status is IDLE or node.status is SKIPPED
+        if idle:
             for script, status in self._before:
                 if script.true():
                     return status
-        asked = self._while is not None and (node.status is IDLE or node.status is RUNNING)
-        if asked and self._while is not None and not self._while.true():
+        if self._while is not None and (idle or node.status is RUNNING) and not self._while.true():
             if node.status is RUNNING:
                 node.halt()
             return SKIPPED

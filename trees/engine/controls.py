@@ -125,11 +125,9 @@ class _Reactive(Control):
             if status is RUNNING:
                 self._reset_others(child)
                 return RUNNING
-            if status is SKIPPED:
-                child.reset_status()
-            elif status is self.continue_on:
+            if status is self.continue_on:
                 all_skipped = False
-            else:
+            elif status is not SKIPPED:
                 self.reset_children()
                 return status
         self.reset_children()
@@ -137,7 +135,7 @@ class _Reactive(Control):
 
     def _reset_others(self, running: TreeNode) -> None:
         for child in self.children:
-            if child is not running and child.status is not IDLE:
+            if child is not running and child.status is not IDLE and child.status is not SKIPPED:
                 child.reset_status()
 
 

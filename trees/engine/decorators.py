@@ -199,6 +199,6 @@ class WaitValueUpdate(_Updated):
 
 def reset_if_done(child: TreeNode, status: Status) -> Status:
     """Forget the result of a child that has finished."""
-    if status is SUCCESS or status is FAILURE:
+    if status is not RUNNING:
         child.reset_status()
     return status

@@ -12,14 +12,10 @@ from typing import Any
 
 from py_trees.common import Status
 
+from trees.engine.status import FAILURE, RUNNING, SKIPPED, SUCCESS
 from trees.engine.vocabulary import Word, is_word
 
-STATUS_WORDS = {
-    "SUCCESS": Status.SUCCESS,
-    "FAILURE": Status.FAILURE,
-    "RUNNING": Status.RUNNING,
-    "SKIPPED": Status.INVALID,
-}
+STATUS_WORDS = {status.name: status for status in (SUCCESS, FAILURE, RUNNING, SKIPPED)}
 TRUE_WORDS = ("true", "True", "TRUE", "1")
 FALSE_WORDS = ("false", "False", "FALSE", "0")
 INT_LIMIT = 2**63  # whole numbers have 64 bits, as in the library

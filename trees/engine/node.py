@@ -14,13 +14,11 @@ from py_trees.common import Status
 from cell.interfaces.clock import Clock, ManualClock
 from trees.engine.errors import NodeError as NodeError  # node modules import it from here
 from trees.engine.ports import Port
-
-IDLE = Status.INVALID
-RUNNING = Status.RUNNING
-SUCCESS = Status.SUCCESS
-FAILURE = Status.FAILURE
-# What a tick answers when the node was skipped; the node itself stays idle. py_trees has no fifth status.
-SKIPPED = Status.INVALID
+from trees.engine.status import FAILURE as FAILURE
+from trees.engine.status import IDLE as IDLE
+from trees.engine.status import RUNNING as RUNNING
+from trees.engine.status import SKIPPED as SKIPPED
+from trees.engine.status import SUCCESS as SUCCESS
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ class TreeNode(behaviour.Behaviour):
         self.full_path = path
 
     def execute(self) -> Status:
-        """Tick once; SKIPPED leaves the node as it was."""
+        """Tick once; a node that is SKIPPED did nothing, and counts as idle."""
         if self.feedback_message and self.status is not RUNNING:
             self.feedback_message = ""  # of the last time
         try:
@@ -232,8 +230,9 @@ class Node(TreeNode):
     """Base of all leaves that the project writes; override `prepare`, `initialise`, `update` and `terminate`.
 
     `initialise` starts work, `update` polls it and answers in well under a millisecond, `terminate` cancels what
-    still goes on: it is called exactly once for every `initialise`, whatever ends the node. A NodeError raised in
-    either of the first two makes the node fail with its message as feedback; other exceptions halt the tree.
+    still goes on: it is called exactly once for every `initialise`, whatever ends the node, and told by what: INVALID
+    for a halt, else what `update` answered. A NodeError raised in either of the first two makes the node fail with
+    its message as feedback; other exceptions halt the tree.
 
     Attributes:
         services: what the controller gave to `Tree.setup`; a subclass declares its type.
@@ -280,6 +279,7 @@ class Node(TreeNode):
         self.terminate(IDLE)
 
     def _end(self, status: Status) -> Status:
+        status = SKIPPED if status is IDLE else status  # py_trees' word where a leaf does not know the other
         try:
             self.terminate(status)
             if not isinstance(status, Status):

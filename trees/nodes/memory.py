@@ -101,7 +101,7 @@ class KeepResult(Decorator):
         self.set_status(RUNNING)
         status = reset_if_done(self.decorated, self.decorated.execute())
         if status is not RUNNING:
-            self.result.set("SKIPPED" if status is Status.INVALID else status.name)
+            self.result.set(status.name)
             self.reason.set(self.decorated.feedback_message)
         return status
 

@@ -11,12 +11,12 @@ from xml.sax.saxutils import quoteattr
 from py_trees.common import Status
 
 from trees.engine.blackboard import UNSET
-from trees.engine.node import StatusChange, TreeNode
+from trees.engine.node import SKIPPED, StatusChange, TreeNode
 from trees.engine.tree import Tree
 from trees.files.registry import Registry
 from trees.views.palette import model_lines
 
-CODES = {Status.INVALID: 0, Status.RUNNING: 1, Status.SUCCESS: 2, Status.FAILURE: 3}
+CODES = {Status.INVALID: 0, Status.RUNNING: 1, Status.SUCCESS: 2, Status.FAILURE: 3, SKIPPED: 4}
 # A node that went idle is shown as this plus what it was before; in recorded transitions it is idle and no more.
 WAS = 10
 RECORDED_TRANSITIONS = 1000

@@ -105,7 +105,7 @@ def _default(port: Port) -> str:
     """A default as a tree file would write it."""
     value = port.default
     if isinstance(value, Status):
-        return "SKIPPED" if value is Status.INVALID else value.name
+        return value.name
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list | tuple):

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import orjson
-from py_trees.common import Status
 from pydantic import TypeAdapter, ValidationError
 
 from cell.interfaces.errors import LogError
@@ -19,6 +18,7 @@ from cell.interfaces.perception import BenchView, PartsView
 from cell.log.reading.mcap_file import Message
 from cell.recording.json_schema import with_nulls
 from trees.engine.node import StatusChange
+from trees.engine.status import STATUSES
 
 Note = tuple[str, dict[str, Any]]
 OF_A_TICK = ("/judgement", "/tick", "/command", "/display", "/timing")
@@ -84,7 +84,7 @@ class _Pending:
     def whole(self) -> LoggedTick:
         tick, timing = self.parts["/tick"], self.parts["/timing"]
         changes = tuple(
-            StatusChange(one["path"], one["uid"], Status[one["old"]], Status[one["new"]], one["feedback"])
+            StatusChange(one["path"], one["uid"], STATUSES[one["old"]], STATUSES[one["new"]], one["feedback"])
             for one in tick["changes"]
         )
         return LoggedTick(

@@ -13,12 +13,13 @@ from cell.interfaces.errors import InputError, LogError
 from cell.log.reading.reader import Log
 from cell.log.reading.viewer_messages import LINE, decoded
 from cell.log.replaying.logged_tree import logged_tree
+from trees.engine.status import SKIPPED
 
 JOIN_S = 0.13  # runs of one node that are closer than three ticks become one bar
 SHORTEST_WAIT_S = 0.2
 LINES = "/log"
 LEVELS = {0: "info", 1: "info", 2: "info", 3: "warning"}  # by the numbers of foxglove.Log
-ENDINGS = {Status.SUCCESS: "success", Status.FAILURE: "failure", Status.INVALID: "halted"}
+ENDINGS = {Status.SUCCESS: "success", Status.FAILURE: "failure", Status.INVALID: "halted", SKIPPED: "skipped"}
 
 
 @dataclass(frozen=True)

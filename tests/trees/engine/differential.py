@@ -191,7 +191,7 @@ class Ours:
         changes = [
             (names[one.uid - 1], _word(one.old), _word(one.new))
             for one in self._tree.status_changes
-            if one.old is not one.new
+            if _word(one.old) != _word(one.new)
         ]
         values = tuple(map(self._value, VARIABLES))
         return Step(letter, self._answers.take(), changes, values, frozenset(self._skipped))
@@ -308,4 +308,5 @@ def _noting(name: str, execute: Callable[[], Status], skipped: set[str]) -> Call
 
 
 def _word(status: Status) -> str:
-    return IDLE_NAME if status is Status.INVALID else status.name
+    """As the library shows it: a node that it skips stays idle."""
+    return IDLE_NAME if status in (Status.INVALID, SKIPPED) else status.name

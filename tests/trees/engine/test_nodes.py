@@ -12,7 +12,7 @@ from py_trees.common import Status
 from cell.interfaces.clock import ManualClock
 from cell.recording.schemas import plain
 from tests.trees.conftest import Load
-from trees.engine.node import Node
+from trees.engine.node import SKIPPED, Node
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.tree import Tree
 
@@ -28,7 +28,7 @@ class Steps(Node):
         letters = self.answers.get()
         self.ticks += 1
         letter = letters[(self.ticks - 1) % len(letters)]
-        return {"S": Status.SUCCESS, "F": Status.FAILURE, "R": Status.RUNNING, "K": Status.INVALID}[letter]
+        return {"S": Status.SUCCESS, "F": Status.FAILURE, "R": Status.RUNNING, "K": SKIPPED}[letter]
 
     def terminate(self, new_status: Status) -> None:
         self.halts += new_status is Status.INVALID
@@ -47,7 +47,7 @@ class Fill(Node):
 def run(tree: Tree, clock: ManualClock, ticks: int, period_s: float = 0.125) -> str:
     letters = ""
     for _ in range(ticks):
-        letters += {"SUCCESS": "S", "FAILURE": "F", "RUNNING": "R", "INVALID": "K"}[tree.tick().name]
+        letters += {"SUCCESS": "S", "FAILURE": "F", "RUNNING": "R", "SKIPPED": "K"}[tree.tick().name]
         clock.sleep_until(clock.now_s() + period_s)
     return letters
 
@@ -203,6 +203,36 @@ def test_changes_tell_paths_numbers_and_feedback(load: Load) -> None:
     assert {change.new for change in tree.status_changes} == {Status.INVALID}
 
 
+def test_a_skipped_node_is_told_once_and_counts_as_idle(load: Load) -> None:
+    steps = '<ReactiveSequence><Steps _skipIf="n == 0"/><Steps name="last"/></ReactiveSequence>'
+    tree = load(f'<Sequence><Script code="n := 0"/>{steps}</Sequence>', Steps)
+    told = []
+    for n in (0, 0, 1):
+        tree.blackboard.entry("n").write(n)
+        tree.tick()
+        told.append([(one.old.name, one.new.name) for one in tree.status_changes if one.path == "Steps::4"])
+    assert told == [[("INVALID", "SKIPPED")], [], [("SKIPPED", "RUNNING")]]
+    tree.halt()
+    assert {node.status for node in tree.nodes} == {Status.INVALID}
+
+
+def test_a_leaf_learns_whether_it_was_skipped_or_halted(load: Load) -> None:
+    class Notes(Steps):
+        """Notes by what it was ended."""
+
+        abstract = False
+        ended = ""
+
+        def terminate(self, new_status: Status) -> None:
+            self.ended += {"SKIPPED": "K", "INVALID": "H"}[new_status.name]
+
+    tree = load('<Notes answers="KR"/>', Notes)
+    assert tree.tick() is SKIPPED
+    assert tree.tick() is Status.RUNNING
+    tree.halt()
+    assert [node.ended for node in tree.nodes if isinstance(node, Notes)] == ["KH"]
+
+
 def test_a_new_feedback_of_a_running_leaf_is_a_change(load: Load) -> None:
     class Talks(Node):
         """Says how far it is."""
@@ -259,6 +289,8 @@ def test_py_trees_tools_work_on_a_loaded_tree(load: Load) -> None:
     stock.tick()
     assert visitor.visited == {node.id: node.status for node in tree.nodes}
     assert "{-} top [*]" in py_trees.display.unicode_tree(tree.root, show_status=True)
+    tree.nodes[1].set_status(SKIPPED)
+    assert "AlwaysSuccess [-]" in py_trees.display.unicode_tree(tree.root, show_status=True)
     stock.root.stop(Status.INVALID)
     assert {node.status for node in tree.nodes} == {Status.INVALID}
     assert leaf(tree).halts == 1

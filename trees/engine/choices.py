@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence as Children
 from enum import Enum
 from functools import cached_property
@@ -13,15 +14,34 @@ from trees.engine.literals import number_in
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.operators import same_number
 from trees.engine.ports import Input, InputPort
+from trees.engine.status import Results
 
 
-class IfThenElse(Control):
-    """The first child decides once whether the second or the third is ticked until it finishes."""
+class _Conditional(Control):
+    """The second child where the first one succeeds, the third, or FAILURE, where it fails."""
 
     instant = True
-    comes_back = False
     children_min = 2
     children_max = 3
+
+    @classmethod
+    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        condition, *branches = below
+        found = set(condition & {SKIPPED})
+        for status, ends in zip((SUCCESS, FAILURE), [*branches, frozenset((FAILURE,))], strict=False):
+            found |= ends if status in condition else frozenset()
+        return frozenset(found)
+
+    @classmethod
+    def barrier(cls, child: int, below: Children[Results]) -> int | None:
+        chooses = {1: SUCCESS, 2: FAILURE}.get(child)
+        return 0 if chooses and chooses not in below[0] else None
+
+
+class IfThenElse(_Conditional):
+    """The first child decides once whether the second or the third is ticked until it finishes."""
+
+    comes_back = False
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
@@ -51,12 +71,8 @@ class IfThenElse(Control):
         return child.execute()
 
 
-class WhileDoElse(Control):
+class WhileDoElse(_Conditional):
     """The first child decides in every tick whether the second or the third goes on; the other is halted."""
-
-    instant = True
-    children_min = 2
-    children_max = 3
 
     def run(self) -> Status:
         self.set_status(RUNNING)
@@ -95,9 +111,14 @@ class TryCatch(Control):
         self._skipped = 0
         self._cleaning = False
 
+    @classmethod
+    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        return frozenset((FAILURE, SKIPPED)).union(*below[:-1])
+
     def run(self) -> Status:
         if self.status is not RUNNING:
-            self._forget()
+            self._index = self._skipped = 0
+            self._cleaning = False
             self.set_status(RUNNING)
         work = self.children[:-1]
         while not self._cleaning and self._index < len(work):
@@ -111,31 +132,18 @@ class TryCatch(Control):
             self._skipped += status is SKIPPED
             self._index += 1
         if self._cleaning:
-            return self._clean()
-        result = SKIPPED if self._skipped == len(work) else SUCCESS
-        self._forget()
-        self.reset_children()
-        return result
+            return RUNNING if self.children[-1].execute() is RUNNING else self._finish(FAILURE)
+        return self._finish(SKIPPED if self._skipped == len(work) else SUCCESS)
 
     def on_halt(self) -> None:
-        cleaned = self._cleaning
-        self._forget()
         self.reset_children()
-        if not cleaned and self.catch_on_halt.get():
+        if not self._cleaning and self.catch_on_halt.get():
             self.children[-1].execute()
             self.children[-1].reset_status()
 
-    def _clean(self) -> Status:
-        child = self.children[-1]
-        if child.execute() is RUNNING:
-            return RUNNING
-        self._forget()
+    def _finish(self, status: Status) -> Status:
         self.reset_children()
-        return FAILURE
-
-    def _forget(self) -> None:
-        self._index = self._skipped = 0
-        self._cleaning = False
+        return status
 
 
 class _Switch(Control):
@@ -143,6 +151,10 @@ class _Switch(Control):
 
     cases: ClassVar[int]
     variable: Input[Any]
+
+    @classmethod
+    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        return frozenset((FAILURE, SKIPPED)).union(*below)
 
     def run(self) -> Status:
         chosen = self.children[self._match()]

@@ -2,26 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence as Children
 
 from py_trees import composites
 from py_trees.common import Status
 
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
+from trees.engine.status import Results
 
 
-class _Ordered(Control):
-    """Children one after the other until one ends the round; a RUNNING one is resumed.
+class _InOrder(Control):
+    """Children one after the other until one ends the round.
 
     Attributes:
         continue_on: a child with this result passes on to the next one; the other result ends the round.
+    """
+
+    instant = True
+    continue_on = SUCCESS
+
+    @classmethod
+    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        last = next((n for n in range(1, len(below)) if cls.barrier(n, below) is not None), len(below))
+        found = {status for ends in below[:last] for status in ends - {cls.continue_on, SKIPPED}}
+        if last == len(below) and below and below[-1] & {cls.continue_on, SKIPPED}:
+            found |= {SKIPPED} if all(SKIPPED in ends for ends in below) else set()
+            found |= {cls.continue_on} if any(cls.continue_on in ends for ends in below) else set()
+        return frozenset(found)
+
+    @classmethod
+    def barrier(cls, child: int, below: Children[Results]) -> int | None:
+        return next((n for n, ends in enumerate(below[:child]) if not ends & {cls.continue_on, SKIPPED}), None)
+
+
+class _Ordered(_InOrder):
+    """A round in which a RUNNING child is resumed.
+
+    Attributes:
         asynchronous: RUNNING is answered after each child that finished at once, so that the tree can be interrupted.
         with_memory: after the round was ended, the next one begins at the child that ended it.
     """
 
-    instant = True
     comes_back = False
-    continue_on = SUCCESS
     asynchronous = False
     with_memory = False
 
@@ -48,7 +71,7 @@ class _Ordered(Control):
                 self._skipped += 1
             elif status is not self.continue_on:
                 self._index = index
-                return self._ended(status)
+                return self._finish(status)
             index += 1
             if self.asynchronous and was_idle and status is not SKIPPED and index < count:
                 self._index = index
@@ -63,7 +86,7 @@ class _Ordered(Control):
             self._index = 0
         self.reset_children()
 
-    def _ended(self, status: Status) -> Status:
+    def _finish(self, status: Status) -> Status:
         if self.with_memory:
             for child in self.children[self._index :]:
                 child.reset_status()
@@ -111,11 +134,8 @@ class AsyncFallback(Fallback):
     asynchronous = True
 
 
-class _Reactive(Control):
-    """Children from the first one on in every tick; whatever else is RUNNING is halted."""
-
-    instant = True
-    continue_on = SUCCESS
+class _Reactive(_InOrder):
+    """A round from the first child on in every tick; whatever else is RUNNING is halted."""
 
     def run(self) -> Status:
         self.set_status(RUNNING)

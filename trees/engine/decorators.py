@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence as Children
 from typing import ClassVar
 
@@ -10,9 +11,20 @@ from py_trees.common import Status
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Decorator, TreeNode
 from trees.engine.ports import EntryPort, InputPort
 from trees.engine.script import Script as Code
+from trees.engine.status import ANY, Results
 
 
-class SubTree(Decorator):
+class _Passing(Decorator):
+    """Answers what its child answers, and perhaps more: `adds`."""
+
+    adds: ClassVar[Results] = frozenset()
+
+    @classmethod
+    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        return below[0] | cls.adds if below else ANY
+
+
+class SubTree(_Passing):
     """Another tree of the file, with a blackboard of its own joined by its attributes."""
 
     node_type = "SubTree"
@@ -40,6 +52,11 @@ class _Mapped(Decorator):
         if status is RUNNING:
             return RUNNING
         return self.on_success if status is SUCCESS else self.on_failure if status is FAILURE else self.on_skip
+
+    @classmethod
+    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        answers = {SUCCESS: cls.on_success, FAILURE: cls.on_failure, SKIPPED: cls.on_skip}
+        return frozenset(answers[status] for status in below[0]) - {RUNNING}
 
 
 class Inverter(_Mapped):
@@ -72,9 +89,10 @@ class KeepRunningUntilFailure(_Mapped):
     on_skip = RUNNING
 
 
-class Timeout(Decorator):
+class Timeout(_Passing):
     """Halts a child that still runs when the time is up, and fails."""
 
+    adds = frozenset((FAILURE,))
     comes_back = False
     succeeds_after = "all"
 
@@ -99,7 +117,7 @@ class Timeout(Decorator):
         return reset_if_done(self.decorated, self.decorated.execute())
 
 
-class Delay(Decorator):
+class Delay(_Passing):
     """Waits before it ticks the child."""
 
     comes_back = False
@@ -119,9 +137,10 @@ class Delay(Decorator):
         return reset_if_done(self.decorated, self.decorated.execute())
 
 
-class RunOnce(Decorator):
+class RunOnce(_Passing):
     """Ticks the child to its end once in the tree's life; afterwards it is skipped, or its result repeated."""
 
+    adds = ANY
     comes_back = False
     then_skip = InputPort(bool, "answer SKIPPED afterwards instead of the first result", default=True)
 
@@ -140,9 +159,10 @@ class RunOnce(Decorator):
         return status
 
 
-class Precondition(Decorator):
+class Precondition(_Passing):
     """Ticks the child only where a script is true; not asked again while the child runs."""
 
+    adds = ANY
     comes_back = False
     if_ = InputPort(Code, "script that must be true", name="if")
     else_ = InputPort(Status, "answer where it is not", default=FAILURE, name="else")
@@ -164,7 +184,7 @@ class Precondition(Decorator):
         super().on_halt()
 
 
-class _Updated(Decorator):
+class _Updated(_Passing):
     """Ticks the child where an entry was written since this node last looked; `otherwise` where it was not."""
 
     otherwise: ClassVar[Status]
@@ -186,6 +206,7 @@ class _Updated(Decorator):
 class SkipUnlessUpdated(_Updated):
     """Skips the child until the entry is written, and again until it is written anew."""
 
+    adds = ANY
     comes_back = False
     otherwise = SKIPPED
 

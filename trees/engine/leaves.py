@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from py_trees.common import Status
@@ -9,6 +10,7 @@ from py_trees.common import Status
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Node, TreeNode
 from trees.engine.ports import EntryPort, InputPort
 from trees.engine.script import Script as Code
+from trees.engine.status import Results
 
 
 class _Instant(TreeNode):
@@ -24,6 +26,10 @@ class _Instant(TreeNode):
 class AlwaysSuccess(_Instant):
     """Succeeds."""
 
+    @classmethod
+    def results(cls, below: Sequence[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        return frozenset((SUCCESS,))
+
     def run(self) -> Status:
         return SUCCESS
 
@@ -32,6 +38,10 @@ class AlwaysFailure(_Instant):
     """Fails."""
 
     never_succeeds = True
+
+    @classmethod
+    def results(cls, below: Sequence[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        return frozenset((FAILURE,))
 
     def run(self) -> Status:
         return FAILURE

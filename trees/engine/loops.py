@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence as Children
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 from py_trees.common import Status
 
 from trees.engine.decorators import reset_if_done
 from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Decorator, TreeNode
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import ANY, Results
 
 
 class _Rounds(Decorator):
     """Rounds of the child until one ends with another result than `continue_on`, or their number is reached."""
 
     continue_on = SUCCESS
+    rounds: ClassVar[str]  # the port that says how many
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
@@ -44,6 +47,11 @@ class _Rounds(Decorator):
         """Number of rounds, -1 for no limit."""
         raise NotImplementedError
 
+    @classmethod
+    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:
+        endless = values.get(cls.rounds, "").strip() == "-1"
+        return below[0] - {cls.continue_on} if endless else below[0]
+
     def on_halt(self) -> None:
         self._round = 0
         super().on_halt()
@@ -52,6 +60,7 @@ class _Rounds(Decorator):
 class Repeat(_Rounds):
     """Ticks the child to its end so many times, one round a tick at most; fails as soon as it fails."""
 
+    rounds = "num_cycles"
     num_cycles = InputPort(int, "rounds, -1 for no limit")
 
     def limit(self) -> int:
@@ -63,6 +72,7 @@ class RetryUntilSuccessful(_Rounds):
 
     continue_on = FAILURE
 
+    rounds = "num_attempts"
     num_attempts = InputPort(int, "attempts, -1 for no limit")
 
     def limit(self) -> int:
@@ -75,6 +85,10 @@ class _Loop(Decorator):
     if_empty = InputPort(Status, "answer where the queue is empty", default=SUCCESS)
     queue: Any
     value: Any
+
+    @classmethod
+    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        return ANY
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
@@ -90,7 +104,7 @@ class _Loop(Decorator):
             if not queue:
                 return self.if_empty.get()
             self.value.set(queue[0])
-            self._rest(queue[1:])
+            self._keep(queue[1:])
         self.set_status(RUNNING)
         status = reset_if_done(self.decorated, self.decorated.execute())
         self._child_runs = status is RUNNING
@@ -100,7 +114,7 @@ class _Loop(Decorator):
         """What is left of a queue that the file spells out, else what the entry holds."""
         return cast(list[Any], self.queue.get()) if self._own is None else self._own
 
-    def _rest(self, items: list[Any]) -> None:
+    def _keep(self, items: list[Any]) -> None:
         """Keep what is left: in the entry if a list stands there; the list itself belongs to whoever wrote it."""
         entry = self.queue.entry
         if not self.queue.constant and isinstance(entry.value, list):

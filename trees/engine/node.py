@@ -14,6 +14,7 @@ from py_trees.common import Status
 from cell.interfaces.clock import Clock, ManualClock
 from trees.engine.errors import NodeError as NodeError  # node modules import it from here
 from trees.engine.ports import Port
+from trees.engine.status import ANY, EITHER, Results
 from trees.engine.status import FAILURE as FAILURE
 from trees.engine.status import IDLE as IDLE
 from trees.engine.status import RUNNING as RUNNING
@@ -112,6 +113,16 @@ class TreeNode(behaviour.Behaviour):
     def asked_before(cls, child: int) -> range:  # noqa: ARG003  # who overrides it reads it
         """Children that are asked again in every tick while `child` runs, and must have succeeded for it to run."""
         return range(0)
+
+    @classmethod
+    def results(cls, below: Sequence[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        """How it can end, from how each of its children can, and its attributes in the file; more where in doubt."""
+        return ANY if below else EITHER
+
+    @classmethod
+    def barrier(cls, child: int, below: Sequence[Results]) -> int | None:  # noqa: ARG003
+        """The elder child whose results keep `child` from ever being ticked, if one does."""
+        return None
 
     @classmethod
     def further_port(cls, name: str) -> Port | None:  # noqa: ARG003  # who overrides it reads it
@@ -270,7 +281,7 @@ class Node(TreeNode):
             self._cancel()
             raise
         if status is not RUNNING:
-            return self._end(status)
+            return self._finish(status)
         if self.feedback_message is not told and self.status is RUNNING and self.feedback_message != told:
             self.note_change((self, RUNNING, RUNNING, self.feedback_message))
         return status
@@ -278,7 +289,7 @@ class Node(TreeNode):
     def on_halt(self) -> None:
         self.terminate(IDLE)
 
-    def _end(self, status: Status) -> Status:
+    def _finish(self, status: Status) -> Status:
         status = SKIPPED if status is IDLE else status  # py_trees' word where a leaf does not know the other
         try:
             self.terminate(status)

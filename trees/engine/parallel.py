@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence as Children
 
 from py_trees.common import Status
@@ -9,20 +10,42 @@ from py_trees.common import Status
 from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.ports import InputPort
+from trees.engine.status import ANY, NEVER, Results
 
 
-class Parallel(Control):
-    """Ticks all children in every tick until enough have succeeded or failed; those that finished wait."""
+class _AtOnce(Control):
+    """All children in every tick."""
 
     at_once = True
-    success_count = InputPort(int, "children that must succeed; negative counts from all (-1: all)", default=-1)
-    failure_count = InputPort(int, "children that must fail; negative counts from all (-1: all)", default=1)
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
         self._finished: set[TreeNode] = set()
         self._succeeded = 0
         self._failed = 0
+
+    @classmethod
+    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
+        return ANY if any(below) else NEVER
+
+    def on_halt(self) -> None:
+        self._finished.clear()
+        self._succeeded = self._failed = 0
+        self.reset_children()
+
+    def _finish(self, status: Status) -> Status:
+        self.on_halt()
+        return status
+
+
+class Parallel(_AtOnce):
+    """Ticks all children in every tick until enough have succeeded or failed; those that finished wait."""
+
+    success_count = InputPort(int, "children that must succeed; negative counts from all (-1: all)", default=-1)
+    failure_count = InputPort(int, "children that must fail; negative counts from all (-1: all)", default=1)
+
+    def __init__(self, name: str, children: Children[TreeNode]) -> None:
+        super().__init__(name, children)
         self._fixed: tuple[int, int, int] | None = None
 
     def run(self) -> Status:
@@ -46,14 +69,10 @@ class Parallel(Control):
                     self._failed += status is FAILURE
             first = False
             if self._succeeded >= needed or (asked < 0 and self._succeeded + skipped >= needed):
-                return self._done(SUCCESS)
+                return self._finish(SUCCESS)
             if count - self._failed < needed or self._failed == fatal:
-                return self._done(FAILURE)
+                return self._finish(FAILURE)
         return SKIPPED if skipped == count else RUNNING
-
-    def on_halt(self) -> None:
-        self._clear()
-        self.reset_children()
 
     def _thresholds(self) -> tuple[int, int, int]:
         """`success_count` as asked for, and both thresholds; worked out once where the file spells both out."""
@@ -66,26 +85,11 @@ class Parallel(Control):
             self._fixed = asked, needed, fatal
         return asked, needed, fatal
 
-    def _done(self, status: Status) -> Status:
-        self._clear()
-        self.reset_children()
-        return status
 
-    def _clear(self) -> None:
-        self._finished.clear()
-        self._succeeded = self._failed = 0
-
-
-class ParallelAll(Control):
+class ParallelAll(_AtOnce):
     """Ticks all children until every one has finished; fails where too many of them failed."""
 
-    at_once = True
     max_failures = InputPort(int, "failures from which this node fails; negative counts from all", default=1)
-
-    def __init__(self, name: str, children: Children[TreeNode]) -> None:
-        super().__init__(name, children)
-        self._finished: set[TreeNode] = set()
-        self._failed = 0
 
     def run(self) -> Status:
         count = len(self.children)
@@ -107,14 +111,7 @@ class ParallelAll(Control):
             return SKIPPED
         if skipped + len(self._finished) < count:
             return RUNNING
-        result = FAILURE if self._failed >= fatal else SUCCESS
-        self.on_halt()
-        return result
-
-    def on_halt(self) -> None:
-        self._finished.clear()
-        self._failed = 0
-        self.reset_children()
+        return self._finish(FAILURE if self._failed >= fatal else SUCCESS)
 
 
 def _threshold(asked: int, count: int) -> int:

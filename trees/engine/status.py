@@ -22,3 +22,8 @@ FAILURE = Status.FAILURE
 SKIPPED = _fifth_status()
 # What stands in logs; an idle node's is py_trees' word.
 STATUSES = {status.name: status for status in (IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED)}
+
+Results = frozenset[Status]  # how a node can end; the empty one is that of a node that never ends
+NEVER: Results = frozenset()
+EITHER: Results = frozenset((SUCCESS, FAILURE))
+ANY: Results = EITHER | {SKIPPED}

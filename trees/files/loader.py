@@ -76,7 +76,7 @@ def find_mistakes(library: Library, registry: Registry) -> list[Problem]:
 
 def find_doubts(library: Library, registry: Registry) -> list[Problem]:
     """What could run, and would not do what is written; to be asked after `find_mistakes`."""
-    return check_reach(library) + list(check_claims(library, registry))
+    return check_reach(library, registry) + list(check_claims(library, registry))
 
 
 def build(library: Library, registry: Registry, main: str, provided: Mapping[str, Any]) -> tuple[Tree, list[Problem]]:

@@ -72,7 +72,8 @@ class Perception(Model):
         actions: who names what the hand does: classical, slim, paper.
         holes: who reads the holes: classical, plate.
         parts: who finds parts in the wrist camera's view: classical, centre.
-        latency_s: in lock-step simulation, clock time from a frame to its answer.
+        latency_s: in lock-step simulation, clock time from a frame to its answer; by default the p95 of the detectors'
+            model cards, or 0.1 where one does not tell.
         classical: settings of that kind.
     """
 
@@ -81,7 +82,7 @@ class Perception(Model):
     actions: DetectorSettings | None = None
     holes: DetectorSettings | None = None
     parts: DetectorSettings | None = None
-    latency_s: float = Field(default=0.1, ge=0, le=2)
+    latency_s: float | None = Field(default=None, ge=0, le=2)
     classical: ClassicalSettings = ClassicalSettings()
 
     def chosen(self, detector: str) -> DetectorSettings:
@@ -120,6 +121,15 @@ class Perception(Model):
         return {detector: main}
 
     @property
+    def confusions(self) -> Path | None:
+        """What the trained action detector takes for what: the file beside its weights, if it is there."""
+        if self.chosen("actions").kind == "classical":
+            return None
+        weights = self.weights("actions")
+        path = weights.with_name(f"{weights.stem}_confusions.json")
+        return path if path.exists() else None
+
+    @property
     def words(self) -> str:
         """For logs and summaries: `kind`, or each detector's where they are chosen one by one."""
         own = [f"{name} {settings.kind}" for name in LEARNED_KINDS if (settings := getattr(self, name)) is not None]
@@ -147,8 +157,9 @@ class SemanticPlannerSettings(PlannerSettings):
         goals: file of goals that were finished, relative to this file; goals that the product does not list are learned
             from it, and every finished bracket is noted in it. Without, only the product's goals are known.
         new_goals: what is expected of goals that nobody listed.
-        confusions: file of what the action detector takes for what, from `cell train noise`, relative to this file;
-            without, any action is taken for any other alike.
+        confusions: file of what the action detector takes for what, from `cell train noise` or `cell eval actions`,
+            relative to this file; by default the one beside the weights of a trained detector. Without any, every
+            action is taken for any other alike.
     """
 
     goals: Path | None = None

@@ -27,12 +27,11 @@ if TYPE_CHECKING:
     from learned.parts.dataset import Scene
 
 STILLS, VIEWS = 14, 3  # images of a look of the plate, and of a tray
-LOOK_S, TRAY_S = 2.2, 0.6  # of processor time, to make these
+LOOK_S, TRAY_S = 1.2, 0.45  # of processor time, to make these
 HOLES_SHARE, PARTS_SHARE = 0.6, 0.4  # of the budget, for the data
-STILL_S, IMAGE_S, THING_S = 0.004, 0.025, 0.0021  # to learn from one once
-NOMINAL_SHARE = 0.15  # of the data: the other looks are `varied`
+STILL_S, IMAGE_S, THING_S = 0.005, 0.018, 0.0021  # to learn from one once
+LOOKS = {"wide": (0.55, 0), "varied": (0.3, 300_000), "nominal": (0.15, 500_000)}  # share of the data, and first seed
 STEEL_SHARE = 0.25
-FIRST_NOMINAL_SEED = 500_000
 
 
 class Cameras(StrEnum):
@@ -224,9 +223,9 @@ def _made(what: str, count: int, options: list[str], more: list[str], weights: P
     Raises:
         InputError: the data could not be made; what the command said is in the message.
     """
-    nominal = max(1, round(NOMINAL_SHARE * count))
     folders = []
-    for look, recordings, first_seed in (("varied", count - nominal, 0), ("nominal", nominal, FIRST_NOMINAL_SEED)):
+    for look, (share, first_seed) in LOOKS.items():
+        recordings = max(1, round(share * count))
         folder = weights.with_suffix(f".{what}-{look}")
         folders.append(folder)
         if (folder / "manifest.json").exists():

@@ -6,13 +6,14 @@ robot was allowed to make that belong to the person's goal. SC: assemblies that 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from cell.configuration import Configuration, load_configuration, load_faults, load_product, simulated
 from cell.evaluating.actions import Told, matched, share
+from cell.evaluating.things import calibrated_bench
 from cell.interfaces.errors import DeviceFault, InputError
 from cell.interfaces.files import shipped
 from cell.interfaces.perception import Action, Frame
@@ -71,13 +72,22 @@ def with_goals(product: Product, count: int) -> Product:
 
 
 def evaluate_system(
-    path: Path, perception: str | None, look: str, person: str, goals: Iterable[int], seeds: Iterable[int]
-) -> Iterable[dict[str, Any]]:
-    """A row for each assembly.
+    path: Path,
+    perception: str | None,
+    look: str,
+    person: str,
+    goals: Iterable[int],
+    seeds: Iterable[int],
+    *,
+    calibrated: bool = True,
+) -> Iterator[dict[str, Any]]:
+    """A row for each assembly; after each seed there is one of each number of goals, so that it can be cut short.
 
     Args:
         perception: "classical" or "learned" for all detectors; None for what the configuration says.
         goals: how many goals are possible; each of these numbers with each seed.
+        calibrated: the cameras were calibrated in this look, as `cell calibrate` does it; else they hang elsewhere
+            than the bench file says, as the look has it.
     """
     configuration = simulated(load_configuration(path), look, person)
     if perception is not None:
@@ -85,10 +95,12 @@ def evaluate_system(
         changed = configuration.perception.model_copy(update=chosen)
         configuration = configuration.model_copy(update={"perception": changed})
     product = load_product(configuration, path)
-    wanted = list(seeds)
-    for count in goals:
-        for seed in wanted:
-            yield {"goals": count, "seed": seed, **assemble(configuration, with_goals(product, count), seed)}
+    counts = list(goals)
+    for seed in seeds:
+        bench = calibrated_bench(configuration, product, seed) if calibrated else configuration.bench
+        known = configuration.model_copy(update={"bench": bench})
+        for count in counts:
+            yield {"goals": count, "seed": seed, **assemble(known, with_goals(product, count), seed)}
 
 
 def assemble(configuration: Configuration, product: Product, seed: int) -> dict[str, Any]:
@@ -98,7 +110,7 @@ def assemble(configuration: Configuration, product: Product, seed: int) -> dict[
     faults = load_faults(configuration)
     files = Files(configuration, product, tree, load_planners(configuration, product), faults)
     can, simulation, listener = configuration.gripper_can, configuration.devices.simulation, Listener()
-    cell = SimCell(product, configuration.bench, simulation, can.interface, can.channel, seed, "random")
+    cell = SimCell(product, configuration.bench.drawn, simulation, can.interface, can.channel, seed, "random")
     try:
         outcome = drive(files, cell.devices, motion, [listener])
         end, reason, sim_time_s = outcome.end, outcome.reason, outcome.sim_time_s

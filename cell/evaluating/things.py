@@ -104,8 +104,8 @@ def score_calibration(task: Task, seeds: Sequence[int]) -> dict[str, float]:
     """How far cameras see things off before and after a calibration: overhead at the holes, wrist in the tray."""
     off: dict[str, list[float]] = {"overhead_before": [], "overhead_after": [], "wrist_before": [], "wrist_after": []}
     for seed in seeds:
-        bench, world = task.configuration.bench, _world(task, seed)
-        calibrated = _calibrated(task, seed, world)
+        bench, world = task.configuration.bench, _world(task.configuration, task.product, seed)
+        calibrated = calibrated_bench(task.configuration, task.product, seed, world)
         true = bench.overhead.calibrated(true_calibration(world, "overhead", bench.overhead))
         for name, one in (("before", bench), ("after", calibrated)):
             off[f"overhead_{name}"].append(holes_off_m(one.overhead, true, bench, task.product))
@@ -146,7 +146,7 @@ def _bench(task: Task, seed: int, seen: Scene | Plate) -> Bench:
     """The bench with the cameras that the detector believes in."""
     bench = task.configuration.bench
     if task.cameras == "calibrated":
-        return _calibrated(task, seed, _world(task, seed))
+        return calibrated_bench(task.configuration, task.product, seed)
     if task.cameras == "believed":
         return bench
     lens = {"focal_px": seen.camera.focal_px, "distortion_k1": seen.camera.distortion_k1}
@@ -157,9 +157,9 @@ def _bench(task: Task, seed: int, seen: Scene | Plate) -> Bench:
     return bench.model_copy(update={"overhead": bench.overhead.model_copy(update={**lens, "mount": mount})})
 
 
-def _world(task: Task, seed: int) -> World:
-    look = task.configuration.devices.simulation.look.draw(seed)
-    return build_world(task.product, task.configuration.bench, None, None, None, look)
+def _world(configuration: Configuration, product: Product, seed: int) -> World:
+    look = configuration.devices.simulation.look.draw(seed)
+    return build_world(product, configuration.bench, None, None, None, look)
 
 
 def true_calibration(world: World, camera: str, setup: CameraSetup) -> CameraCalibration:
@@ -174,9 +174,10 @@ def true_calibration(world: World, camera: str, setup: CameraSetup) -> CameraCal
     )
 
 
-def _calibrated(task: Task, seed: int, world: World) -> Bench:
-    """The bench as `cell calibrate` would leave it, from the same images."""
-    configuration, product, bench = task.configuration, task.product, task.configuration.bench
+def calibrated_bench(configuration: Configuration, product: Product, seed: int, world: World | None = None) -> Bench:
+    """The bench as `cell calibrate` would leave it in the look of a seed, from the same images."""
+    bench = configuration.bench
+    world = world or _world(configuration, product, seed)
     camera, rng = world.look.camera, np.random.default_rng([seed, 9])
     setups = {"overhead": bench.overhead, "wrist": bench.wrist}
     photographer = Photographer(world.model, {name: SensorSetup(setup, camera, rng) for name, setup in setups.items()})

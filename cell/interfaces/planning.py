@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from cell.interfaces.perception import PartDetection
@@ -26,14 +26,22 @@ class AssemblyState:
     Attributes:
         placed: part type by position, filled positions only.
         told_goal: what the person said when asked: a goal's name, or UNKNOWN_GOAL; None where nothing was said.
+        doubts: by position, how probable each part type is there by the action that filled it; of positions whose hole
+            has not shown its part yet.
     """
 
     placed: Mapping[str, str]
     told_goal: str | None = None
+    doubts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
-    def with_placement(self, part: str, position: str) -> AssemblyState:
-        """The state after one more part."""
-        return replace(self, placed={**self.placed, position: part})
+    def with_placement(self, part: str, position: str, shares: Mapping[str, float] | None = None) -> AssemblyState:
+        """The state after one more part.
+
+        Args:
+            shares: how probable each type is, where that is not sure.
+        """
+        doubts = {**self.doubts, position: shares} if shares else self.doubts
+        return replace(self, placed={**self.placed, position: part}, doubts=doubts)
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from cell.interfaces.product import Product
 from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
 from learned.bench_watcher import DetectorChain
 from learned.classical.detectors import ClassicalDetectors
+from learned.onnx_model import OnnxModel
 
 Maker = Callable[[Bench, Product, Path], Any]
 
@@ -68,6 +69,12 @@ TRAINED: Mapping[str, Mapping[str, Maker]] = {
     "holes": {"plate": _plate},
     "parts": {"centre": _centre},
 }
+
+
+NO_CARD = ("classical", "mediapipe")  # kinds whose files are not ours, or that have none
+LATENCY_SCORE = "latency_ms_p95"  # of a model card: processor time of a frame's answer
+BESIDE_S = 0.01  # health of image and track, calibration, and the way between processes
+UNKNOWN_LATENCY_S = 0.1  # of detectors whose cards do not tell
 
 
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
@@ -135,18 +142,39 @@ def check_detectors(bench: Bench, product: Product, perception: Perception) -> N
 def lock_step(
     bench: Bench, product: Product, perception: Perception, devices: Devices
 ) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
-    """Executors for simulation: answers come a configured latency later in clock time.
+    """Executors for simulation: answers come as much later in clock time as the detectors take.
 
     The detectors run beside the physics where the devices offer a place for it; the answers are the same.
     """
-    clock, latency_s, arguments = devices.clock, perception.latency_s, (bench, product, perception)
+    clock, arguments = devices.clock, (bench, product, perception)
+    watched_s, found_s = latency_s(perception, "hands", "holes", "actions"), latency_s(perception, "parts")
     if devices.host is None:
         watch, find = bench_watcher(*arguments), part_finder(*arguments)
-        return LockStep(watch, clock, latency_s), LockStep(find, clock, latency_s)
+        return LockStep(watch, clock, watched_s), LockStep(find, clock, found_s)
     return (
-        HeldBack(devices.host.host(bench_watcher, *arguments), clock, latency_s),
-        HeldBack(devices.host.host(part_finder, *arguments), clock, latency_s),
+        HeldBack(devices.host.host(bench_watcher, *arguments), clock, watched_s),
+        HeldBack(devices.host.host(part_finder, *arguments), clock, found_s),
     )
+
+
+def latency_s(perception: Perception, *tasks: str) -> float:
+    """Time from a frame to the answer of these detectors together: what the configuration says, else their cards.
+
+    Raises:
+        ModelError: weights cannot be read.
+    """
+    if perception.latency_s is not None:
+        return perception.latency_s
+    found_ms = [_noted_ms(perception, task) for task in tasks]
+    known_ms = [value for value in found_ms if value is not None]
+    return sum(known_ms) / 1e3 + BESIDE_S if len(known_ms) == len(tasks) else UNKNOWN_LATENCY_S
+
+
+def _noted_ms(perception: Perception, task: str) -> float | None:
+    """The p95 of a trained detector's card, from `cell eval latency --note`; None where there is none."""
+    if (kind := perception.chosen(task).kind) in NO_CARD:
+        return None
+    return OnnxModel.load(perception.weights(task), f"{task}.{kind}").card.scores.get(LATENCY_SCORE)
 
 
 def worker_processes(

@@ -70,7 +70,8 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
         if semantic.goals is not None:
             goals = OpenGoals.load(semantic.goals, product, semantic.new_goals)
         layout = Layout.of(product)
-        confusions = None if semantic.confusions is None else Confusions.load(semantic.confusions, layout)
+        path = semantic.confusions or configuration.perception.confusions
+        confusions = None if path is None else Confusions.load(path, layout)
         chosen = load_semantic_planner(semantic.kind, semantic.weights, product, goals, confusions)
         return chosen, load_semantic_planner("bayes", None, product, goals, confusions), goals, confusions
 

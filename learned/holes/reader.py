@@ -12,12 +12,17 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample, HoleView
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
+from learned.exposure import levelled
 from learned.holes.crops import hole_crops, squares_m
 from learned.onnx_model import Network, OnnxModel
 
 KIND = "holes.plate"
 SETTLE_FRAMES = 3  # equal readings in a row before a hole's view changes
-LEAST_SURE = "least_sure"  # key of the model card: probability below which nothing is said
+# Keys of the model card: probabilities below which emptiness, and a type, are not said.
+LEAST_EMPTY, LEAST_FILLED = "least_empty", "least_filled"
+
+KEYS = {True: LEAST_EMPTY, False: LEAST_FILLED}
+COVERED = 0.5  # probability from which a hole counts as covered
 
 
 @dataclass(frozen=True)
@@ -46,18 +51,18 @@ class HoleNetwork:
         self._squares: Array = squares_m(bench, product)
         self._positions, self._types = product.positions, tuple(product.parts)
         network.card.require_vocabulary(network.path, {"parts": self._types})
-        self._least = float(str(network.card.config.get(LEAST_SURE, 0.9)))
+        self._least = {empty: float(str(network.card.config.get(key, 0.9))) for empty, key in KEYS.items()}
 
     def read(self, image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], camera: Pose) -> dict[str, Reading | None]:
         """By position; None where a hole is covered, or nothing can be said for sure."""
-        answer = self._network.run({"crops": hole_crops(image, self._model, camera, self._squares)})
+        answer = self._network.run({"crops": hole_crops(levelled(image), self._model, camera, self._squares)})
         rows = zip(self._positions, answer["kinds"], answer["upright"], answer["covered"], strict=True)
         return {position: self._reading(kinds, float(up), float(hidden)) for position, kinds, up, hidden in rows}
 
     def _reading(self, kinds: Array, upright: float, covered: float) -> Reading | None:
         best = int(kinds.argmax())
         sure = float(kinds[best])
-        if covered > 0.5 or sure < self._least:
+        if covered > COVERED or sure < self._least[best == 0]:
             return None
         if best == 0:
             return Reading(None, True, sure)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from cell.interfaces.model import Model
+from learned.schedule import Schedule
 
 
-class HoleTraining(Model):
+class HoleTraining(Schedule):
     """Training of the network that reads holes.
 
     Attributes:
         widths: channels at a half, a quarter and an eighth of the crop.
         hidden: width of the layer that all answers are read from.
         off_m, off_rad: standard deviations of the camera's calibration errors that it learns to live with.
-        epochs, batch, peak_rate, weight_decay: of AdamW with a one-cycle schedule; a batch is of images.
         validation_share: of recordings, kept for the calibration of probabilities.
         most_called_empty: share of filled holes that may be called empty, from which the least probability follows.
+        most_misnamed: share of holes that may be said to hold a part that they do not hold.
     """
 
     widths: tuple[int, int, int] = (16, 32, 48)
@@ -24,8 +24,9 @@ class HoleTraining(Model):
     off_m: float = Field(default=0.0015, ge=0, le=0.02)
     off_rad: float = Field(default=0.002, ge=0, le=0.1)
     epochs: int = Field(default=14, ge=1, le=1000)
-    batch: int = Field(default=10, ge=1, le=256)
+    batch: int = Field(default=10, ge=1, le=256)  # images, each with all its holes
     peak_rate: float = Field(default=3e-3, gt=0, le=1)
     weight_decay: float = Field(default=3e-4, ge=0, le=1)
     validation_share: float = Field(default=0.15, gt=0, lt=1)
     most_called_empty: float = Field(default=0.0005, gt=0, le=0.1)
+    most_misnamed: float = Field(default=0.001, gt=0, le=0.1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +14,22 @@ from torch import Tensor, nn
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.fitting import Checkpoint, fit
+from learned.exposure import levelled, mean_level, spoiled
+from learned.fitting import Checkpoint, fit_examples
 from learned.holes.crops import CROP_PX, hole_crops, squares_m
-from learned.holes.dataset import Plate, data_hash
+from learned.holes.dataset import Plate
 from learned.holes.network import HoleAnswer, HoleNet
-from learned.holes.reader import KIND, LEAST_SURE
+from learned.holes.reader import KIND, LEAST_EMPTY, LEAST_FILLED
 from learned.holes.settings import HoleTraining
 from learned.onnx_model import ModelCard
+from learned.stills import data_hash, split
 from learned.torch_model import TorchModel, write_weights
 
 OUTPUTS = ("kinds", "upright", "covered")
 COVERED, BARE = 0.15, 0.04  # share hidden from which a hole counts as covered, and up to which it does not
+MARGIN_PX = 8  # around what is cut out, for blur
 TEMPERATURES = np.geomspace(0.5, 4.0, 40)
-LEAST_LEGAL, MOST_LEGAL = 0.8, 0.9999
+LEAST_LEGAL, MOST_LEGAL = 0.6, 0.999
 
 
 def train_holes(
@@ -52,9 +55,10 @@ def train_holes(
     logits, truth = _answers(network, kept, bench, product)
     temperature = _temperature(logits, truth)
     shares = torch.softmax(logits / temperature, dim=1).numpy()
-    least = least_sure(shares, truth.numpy(), settings.most_called_empty)
-    config = settings.model_dump(mode="json") | {LEAST_SURE: least, "temperature": temperature}
-    said = shares.max(axis=1) >= least
+    least = least_sure(shares, truth.numpy(), settings)
+    config = settings.model_dump(mode="json") | least | {"temperature": temperature}
+    wanted = np.where(shares.argmax(axis=1) == 0, least[LEAST_EMPTY], least[LEAST_FILLED])
+    said = shares.max(axis=1) >= wanted
     right = shares.argmax(axis=1) == truth.numpy()
     scores = {"validation_said": float(said.mean()), "validation_right": float(right[said].mean())}
     card = ModelCard(
@@ -72,25 +76,24 @@ def train_holes(
     return write_weights(model, out, samples, lambda: scores, any_rows=True)
 
 
-def split(plates: Sequence[Plate], share: float, seed: int) -> tuple[list[Plate], list[Plate]]:
-    """Plates to learn from and plates kept apart; a recording is on one side."""
-    logs = sorted({plate.log for plate in plates})
-    chosen = np.random.default_rng([seed, 3]).permutation(len(logs))[: max(1, round(share * len(logs)))]
-    apart = {logs[index] for index in chosen}
-    return [one for one in plates if one.log not in apart], [one for one in plates if one.log in apart]
-
-
-def least_sure(shares: NDArray[np.float32], truth: NDArray[np.int64], most: float) -> float:
-    """The least probability at which fewer filled holes than this share are called empty.
+def least_sure(shares: NDArray[np.float32], truth: NDArray[np.int64], settings: HoleTraining) -> dict[str, float]:
+    """The least probabilities at which no more holes than allowed are wrongly called empty, or filled with a type.
 
     Args:
         shares: (n, types + 1) probabilities, empty first.
         truth: (n,) right answers.
     """
-    filled = truth > 0
-    empties = np.sort(shares[filled & (shares.argmax(axis=1) == 0), 0])[::-1]
-    allowed = math.floor(most * int(filled.sum()))
-    wanted = float(empties[allowed]) + 1e-6 if len(empties) > allowed else 0.0
+    said = shares.argmax(axis=1)
+    empty, wrong = said == 0, said != truth
+    return {
+        LEAST_EMPTY: _least(shares.max(axis=1)[empty & wrong], settings.most_called_empty, int((truth > 0).sum())),
+        LEAST_FILLED: _least(shares.max(axis=1)[~empty & wrong], settings.most_misnamed, len(truth)),
+    }
+
+
+def _least(wrongly: NDArray[np.float32], most: float, count: int) -> float:
+    allowed, sure = math.floor(most * count), np.sort(wrongly)[::-1]
+    wanted = float(sure[allowed]) + 1e-6 if len(sure) > allowed else 0.0
     return min(max(wanted, LEAST_LEGAL), MOST_LEGAL)
 
 
@@ -107,27 +110,13 @@ def _trained(
     rng, types = np.random.default_rng([seed, 1]), tuple(product.parts)
     network = HoleNet(len(types), settings.widths, settings.hidden)
     network(torch.zeros(2, 3, CROP_PX, CROP_PX))  # the lazy layer learns its width
-    optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
-    squares, batches = squares_m(bench, product), max(1, len(plates) // settings.batch)
+    squares = squares_m(bench, product)
 
-    def losses(epoch: int) -> Iterator[Tensor]:
-        torch.manual_seed(seed * 100_003 + epoch)
-        for chosen in np.array_split(rng.permutation(len(plates))[: batches * settings.batch], batches):
-            yield _loss(network, [plates[index] for index in chosen], squares, types, settings, rng)
+    def loss(chosen: list[Plate]) -> Tensor:
+        return _loss(network, chosen, squares, types, settings, rng)
 
-    identity = f"{data_hash(plates)} {settings.model_dump_json()} {seed}"
-    kept = Checkpoint(checkpoint, identity)
-    fit(
-        network,
-        optimiser,
-        losses,
-        settings.epochs,
-        batches,
-        largest_gradient=5.0,
-        rng=rng,
-        checkpoint=kept,
-        quiet=quiet,
-    )
+    kept = Checkpoint(checkpoint, f"{data_hash(plates)} {settings.model_dump_json()} {seed}")
+    fit_examples(network, plates, loss, settings, rng, checkpoint=kept, quiet=quiet)
     return network
 
 
@@ -139,7 +128,7 @@ def _loss(
     settings: HoleTraining,
     rng: np.random.Generator,
 ) -> Tensor:
-    crops = np.concatenate([_recoloured(_seen(plate, squares, settings, rng), rng) for plate in plates])
+    crops = np.concatenate([_seen(plate, squares, settings, rng) for plate in plates])
     truth, upright, covered = _truth(plates, types)
     kinds, up, hidden = network(torch.from_numpy(crops))
     bare = 1 - covered
@@ -153,20 +142,18 @@ def _loss(
 
 
 def _seen(plate: Plate, squares: Array, settings: HoleTraining, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Crops by a camera that is believed a little elsewhere than it is."""
+    """Crops in another light, by a camera that is believed a little elsewhere than it is; mirrored or not."""
     x, y, z = rng.normal(0, settings.off_m, 3)
     a, b, c = (float(value) for value in rng.normal(0, settings.off_rad / 2, 3))
     turn = math.sqrt(max(0.0, 1 - a * a - b * b - c * c)), a, b, c
     believed = plate.world_from_camera @ Pose((float(x), float(y), float(z)), turn)
-    return hole_crops(plate.image, plate.camera, believed, squares)
-
-
-def _recoloured(crops: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
-    """Another exposure, white balance and noise for one image; each crop mirrored or not."""
-    gains = np.exp(rng.normal(0, 0.15) + rng.normal(0, 0.06, 3)).astype(np.float32)
-    noise = rng.normal(0, rng.uniform(0, 0.02), crops.shape).astype(np.float32)
-    levels = np.clip((crops + np.float32(0.5)) * gains[:, np.newaxis, np.newaxis] + noise, 0, 1) - np.float32(0.5)
-    return np.ascontiguousarray(levels[..., ::-1] if rng.random() < 0.5 else levels, np.float32)
+    pixels = plate.camera.project(believed, squares.reshape(-1, 3))
+    left, top = np.clip(np.floor(pixels.min(axis=0)).astype(int) - MARGIN_PX, 0, None)
+    right, bottom = np.ceil(pixels.max(axis=0)).astype(int) + MARGIN_PX
+    image = plate.image.copy()
+    image[top:bottom, left:right] = spoiled(image[top:bottom, left:right], rng, mean_level(plate.image))
+    crops = hole_crops(image, plate.camera, believed, squares)
+    return np.ascontiguousarray(crops[..., ::-1] if rng.random() < 0.5 else crops, np.float32)
 
 
 def _truth(plates: Sequence[Plate], types: tuple[str, ...]) -> tuple[Tensor, Tensor, Tensor]:
@@ -182,7 +169,7 @@ def _answers(network: HoleNet, plates: Sequence[Plate], bench: Bench, product: P
     logits, truths = [], []
     with torch.no_grad():
         for plate in plates:
-            crops = hole_crops(plate.image, plate.camera, plate.world_from_camera, squares)
+            crops = hole_crops(levelled(plate.image), plate.camera, plate.world_from_camera, squares)
             kinds, _, hidden = network(torch.from_numpy(crops))
             logits.append(kinds[hidden < 0])
             truths.append(_truth([plate], types)[0][hidden < 0])

@@ -1,4 +1,4 @@
-"""Training images of the centre net: turned, scaled and recoloured at random, with the maps that it is to give."""
+"""Training images of the centre net: turned, scaled and lit at random, with the maps that it is to give."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
+from learned.exposure import levelled, spoiled
 from learned.parts.dataset import UNKNOWN, Label, Scene
 from learned.parts.maps import (
     AXIS,
@@ -27,7 +28,6 @@ from learned.parts.maps import (
 
 NEAREST = 1  # cells around a middle that learn to point at it
 LEAST_SHOWN = 0.03  # share of its box; less of a thing is neither right nor wrong
-GREY_SHARE = 0.1
 SPREAD_OF_BOX, LEAST_SPREAD = 0.09, 0.9  # of the heat around a middle, in boxes and in cells
 
 
@@ -49,7 +49,7 @@ class Sample:
 
 
 def sample(scene: Scene, types: tuple[str, ...], floor_m: float, rng: np.random.Generator | None) -> Sample:
-    """A training image; without a generator the image as it is.
+    """A training image; without a generator the image as it is, levelled.
 
     Args:
         floor_m: height of the tray's floor.
@@ -61,8 +61,7 @@ def sample(scene: Scene, types: tuple[str, ...], floor_m: float, rng: np.random.
         turn = _random_turn(turn, rng)
     seen = cv2.warpAffine(scene.image, turn, INPUT_PX, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     image = np.asarray(seen, np.uint8)
-    if rng is not None:
-        image = recoloured(image, rng)
+    image = levelled(image) if rng is None else spoiled(image, rng)
     columns, rows = CELLS
     heat = np.zeros((len(types) + 1, rows, columns), np.float32)
     further, weights = np.zeros((2, FURTHER, rows, columns), np.float32)
@@ -70,20 +69,6 @@ def sample(scene: Scene, types: tuple[str, ...], floor_m: float, rng: np.random.
         _draw(label, turn, types, floor_m, heat, further, weights)
     planes = image.transpose(2, 0, 1).astype(np.float32) / 255 - 0.5
     return Sample(planes.astype(np.float32), heat, further, weights)
-
-
-def recoloured(image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Another exposure, white balance and noise; seldom without colour."""
-    levels = image.astype(np.float32)
-    if rng.random() < GREY_SHARE:
-        levels[:] = levels.mean(axis=2, keepdims=True)
-    levels *= np.exp(rng.normal(0, 0.15) + rng.normal(0, 0.06, 3)).astype(np.float32)
-    if rng.random() < 0.4:
-        levels += rng.normal(0, rng.uniform(1, 7), levels.shape).astype(np.float32)
-    if rng.random() < 0.3:
-        levels = cv2.GaussianBlur(levels, (0, 0), float(rng.uniform(0.4, 1.1))).astype(np.float32)
-    bright: NDArray[np.uint8] = np.clip(levels, 0, 255).astype(np.uint8)
-    return bright
 
 
 def _random_turn(turn: Array, rng: np.random.Generator) -> Array:

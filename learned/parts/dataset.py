@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,16 +9,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
 from cell.interfaces.solid import Solid
+from learned.stills import Still, load_stills, pose_of
 
 UNKNOWN = "unknown"
-FILE = "objects.jsonl"
 AXIS_M = 0.01  # way along a part's x axis that is projected
 
 
@@ -54,74 +50,31 @@ class Label:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """One image with everything in it.
+class Scene(Still):
+    """One image of a tray with everything in it."""
 
-    Attributes:
-        log: the tray it shows; images of one tray belong together.
-        image: (height, width, 3) RGB.
-        camera, world_from_camera: the true lens, and where it truly was.
-        believed: world_from_camera as the controller was told.
-    """
-
-    log: str
-    image: NDArray[np.uint8]
-    camera: CameraModel
-    world_from_camera: Pose
-    believed: Pose
     labels: tuple[Label, ...]
 
 
 def load_scenes(folders: Sequence[Path], product: Product) -> list[Scene]:
-    """All scenes of some folders.
+    """All images of some folders.
 
     Raises:
         InputError: a file is missing or wrong; the message names file and line.
     """
-    return [scene for folder in folders for scene in _load(folder, product)]
 
+    def labelled(still: Still, row: dict[str, Any]) -> Scene:
+        seen = [entry for entry in row["parts"] if entry["whole_box_px"]]
+        labels = tuple(_label(entry, still.camera, still.world_from_camera, product) for entry in seen)
+        return Scene(**vars(still), labels=labels)
 
-def data_hash(scenes: Sequence[Scene]) -> str:
-    """Hash of images and labels."""
-    told = hashlib.sha256()
-    for scene in scenes:
-        told.update(scene.image.tobytes())
-        told.update(repr([(label.part, label.pose) for label in scene.labels]).encode())
-    return told.hexdigest()
-
-
-def _load(folder: Path, product: Product) -> list[Scene]:
-    path = folder / FILE
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    scenes = []
-    for number, line in enumerate(lines[1:], start=2):
-        try:
-            scenes.append(_scene(folder, json.loads(line), product))
-        except (KeyError, TypeError, ValueError) as error:
-            what = f"no {error} in it" if isinstance(error, KeyError) else str(error)
-            raise InputError(f"{path}:{number}: not a row of `cell data objects`: {what}") from None
-    return scenes
-
-
-def _scene(folder: Path, row: dict[str, Any], product: Product) -> Scene:
-    read = cv2.imread(str(folder / row["file"]), cv2.IMREAD_COLOR)
-    if read is None:
-        raise ValueError(f"{folder / row['file']} is no image")
-    image = np.ascontiguousarray(read[..., ::-1], np.uint8)
-    true = row["true_camera"]
-    camera = CameraModel(image.shape[1], image.shape[0], true["focal_px"], true["distortion_k1"], true["distortion_k2"])
-    pose = _pose(true)
-    labels = tuple(_label(entry, camera, pose, product) for entry in row["parts"] if entry["whole_box_px"])
-    return Scene(row["log"], image, camera, pose, _pose(row["world_from_camera"]), labels)
+    return load_stills(folders, "objects", labelled)
 
 
 def _label(entry: dict[str, Any], camera: CameraModel, world_from_camera: Pose, product: Product) -> Label:
     left, top, right, bottom = (float(value) for value in entry["whole_box_px"])
     outline = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-    pose = _pose(entry["world_from_part"])
+    pose = pose_of(entry["world_from_part"])
     centre, axis = outline.mean(axis=0), np.zeros(2)
     if entry["part"] != UNKNOWN:
         kind = product.parts[entry["part"]]
@@ -141,9 +94,3 @@ def surface_of(kind: PartType) -> Array:
     peg = Solid(solid="cylinder", size_m=(diameter, diameter, length), centre_m=(0.0, 0.0, -length / 2))
     points: Array = np.concatenate([solid.points() for solid in (*kind.solids, peg)])
     return points
-
-
-def _pose(entry: dict[str, Any]) -> Pose:
-    x, y, z = entry["position_m"]
-    w, a, b, c = entry["quaternion_wxyz"]
-    return Pose((x, y, z), (w, a, b, c))

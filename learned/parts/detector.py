@@ -15,6 +15,7 @@ from cell.interfaces.errors import DeviceFault
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
+from learned.exposure import levelled
 from learned.onnx_model import Network, OnnxModel
 from learned.parts.crops import crop_of
 from learned.parts.dataset import UNKNOWN, surface_of
@@ -80,6 +81,7 @@ class CentrePartDetector:
             raise DeviceFault(f"{frame.camera} camera", what)
         if not self._looks_down(frame.world_from_camera):
             return ()
+        frame = replace(frame, image=levelled(frame.image))
         maps = self._centre.run({"image": network_input(frame.image)})
         features = maps["features"][0]
         found = [self._scaled(peak) for peak in peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE)]

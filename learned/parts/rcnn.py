@@ -17,11 +17,12 @@ from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 
 from cell.interfaces.product import Product
+from learned.exposure import levelled, spoiled
 from learned.fitting import Checkpoint, fit
-from learned.parts.augment import recoloured
-from learned.parts.dataset import UNKNOWN, Scene, data_hash
+from learned.parts.dataset import UNKNOWN, Scene
 from learned.parts.evaluate import IOU, LEAST_SHOWN, average_precision
 from learned.parts.maps import INPUT_PX, network_input, overlap
+from learned.stills import data_hash
 
 BACKBONES = ("resnet101", "resnet50", "resnet18", "mobilenet")
 ANCHORS_PX, RATIOS = ((32,), (64,), (128,), (256,), (512,)), (0.5, 1.0, 2.0)  # as the paper and torchvision
@@ -76,7 +77,7 @@ def train_rcnn(
     def losses(_: int) -> Iterator[Tensor]:
         for _ in range(max(1, settings.steps // rounds)):
             chosen = [scenes[int(index)] for index in rng.integers(len(scenes), size=settings.batch)]
-            images = [torch.from_numpy(network_input(recoloured(scene.image, rng))[0] + 0.5) for scene in chosen]
+            images = [torch.from_numpy(network_input(spoiled(scene.image, rng))[0] + 0.5) for scene in chosen]
             yield sum(network(images, [targets(scene, types) for scene in chosen]).values())
 
     identity = f"{data_hash(scenes)} {settings} {seed}"
@@ -104,7 +105,7 @@ def score_rcnn(network: nn.Module, scenes: Sequence[Scene], product: Product) ->
     network.eval()
     for scene in scenes:
         with torch.no_grad():
-            answer = network([torch.from_numpy(network_input(scene.image)[0] + 0.5)])[0]
+            answer = network([torch.from_numpy(network_input(levelled(scene.image))[0] + 0.5)])[0]
         truth = targets(scene, types)
         for kind in counts:
             true = truth["boxes"][truth["labels"] == kind].numpy().astype(float)

@@ -1,44 +1,38 @@
-"""Settings of the trained part detector (section `perception.parts` of the configuration) and of its training."""
+"""Settings of the training of the part detector."""
 
 from __future__ import annotations
 
 from pydantic import Field
 
-from cell.interfaces.model import Model
+from learned.schedule import Schedule
 
 
-class CentreTraining(Model):
+class CentreTraining(Schedule):
     """Training of the centre net.
 
     Attributes:
         widths: channels at a half, a quarter, an eighth and a sixteenth of the input.
         features: channels of the features that are read at a peak.
-        epochs, batch, peak_rate, weight_decay: of AdamW with a one-cycle schedule.
     """
 
     widths: tuple[int, int, int, int] = (16, 32, 64, 96)
-    features: int = Field(default=40, ge=8, le=256)
+    features: int = Field(default=32, ge=8, le=256)
     epochs: int = Field(default=8, ge=1, le=1000)
     batch: int = Field(default=8, ge=1, le=256)
     peak_rate: float = Field(default=2.5e-3, gt=0, le=1)
-    weight_decay: float = Field(default=1e-4, ge=0, le=1)
 
 
-class PoseTraining(Model):
+class PoseTraining(Schedule):
     """Training of the pose net.
 
     Attributes:
         widths: channels at a half, a quarter and an eighth of the crop.
         hidden: width of the layer that all answers are read from.
         off_m, off_rad: standard deviations of what it learns to correct.
-        epochs, batch, peak_rate, weight_decay: of AdamW with a one-cycle schedule.
     """
 
     widths: tuple[int, int, int] = (24, 40, 64)
     hidden: int = Field(default=96, ge=8, le=1024)
     off_m: float = Field(default=0.004, gt=0, le=0.02)
     off_rad: float = Field(default=0.12, gt=0, le=0.5)
-    epochs: int = Field(default=10, ge=1, le=1000)
     batch: int = Field(default=32, ge=1, le=1024)
-    peak_rate: float = Field(default=2e-3, gt=0, le=1)
-    weight_decay: float = Field(default=1e-4, ge=0, le=1)

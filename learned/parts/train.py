@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +11,18 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from cell.interfaces.product import Product
-from learned.fitting import Checkpoint, fit
+from learned.exposure import mean_level, spoiled
+from learned.fitting import Checkpoint, fit_examples
 from learned.onnx_model import ModelCard
-from learned.parts.augment import recoloured, sample
+from learned.parts.augment import sample
 from learned.parts.crops import CROP_PX, PLANES, crop_of
-from learned.parts.dataset import UNKNOWN, Label, Scene, data_hash
+from learned.parts.dataset import UNKNOWN, Label, Scene
 from learned.parts.detector import CENTRE_KIND, POSE_KIND, pose_file
 from learned.parts.maps import HEIGHT, INPUT_PX, UPRIGHT
 from learned.parts.networks import CentreAnswer, CentreNet, PoseNet
 from learned.parts.settings import CentreTraining, PoseTraining
+from learned.schedule import Schedule
+from learned.stills import data_hash
 from learned.torch_model import TorchModel, write_weights
 
 CENTRE_OUTPUTS, POSE_OUTPUTS = ("heat", "further", "features"), ("corrections", "kinds")
@@ -58,32 +61,17 @@ def train_centre(
     torch.manual_seed(seed)
     rng, types = np.random.default_rng([seed, 1]), tuple(product.parts)
     network = CentreNet(len(types), settings.widths, settings.features)
-    optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
-    batches = max(1, len(scenes) // settings.batch)
 
-    def losses(_: int) -> Iterator[Tensor]:
-        order = rng.permutation(len(scenes))
-        for chosen in np.array_split(order[: batches * settings.batch], batches):
-            samples = [sample(scenes[index], types, floor_m, rng) for index in chosen]
-            image, heat, further, weights = (
-                torch.from_numpy(np.stack([getattr(one, name) for one in samples]))
-                for name in ("image", "heat", "further", "weights")
-            )
-            yield centre_loss(network(image), heat, further, weights)
+    def loss(chosen: list[Scene]) -> Tensor:
+        samples = [sample(scene, types, floor_m, rng) for scene in chosen]
+        image, heat, further, weights = (
+            torch.from_numpy(np.stack([getattr(one, name) for one in samples]))
+            for name in ("image", "heat", "further", "weights")
+        )
+        return centre_loss(network(image), heat, further, weights)
 
-    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
-    kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
-    fit(
-        network,
-        optimiser,
-        losses,
-        settings.epochs,
-        batches,
-        largest_gradient=5.0,
-        rng=rng,
-        checkpoint=kept,
-        quiet=quiet,
-    )
+    kept = _checkpoint(checkpoint, scenes, settings, seed)
+    fit_examples(network, scenes, loss, settings, rng, checkpoint=kept, quiet=quiet)
     return network
 
 
@@ -102,29 +90,18 @@ def train_pose(
     rng, types = np.random.default_rng([seed, 2]), tuple(product.parts)
     network = PoseNet(len(types), settings.widths, settings.hidden)
     network(torch.zeros(2, PLANES, *reversed(CROP_PX)))  # the lazy layer learns its width
-    optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
     things = [(scene, label) for scene in scenes for label in scene.labels]
-    batches = max(1, len(things) // settings.batch)
 
-    def losses(_: int) -> Iterator[Tensor]:
-        order = rng.permutation(len(things))
-        for chosen in np.array_split(order[: batches * settings.batch], batches):
-            yield _pose_loss(network, [pose_sample(things[index], product, floor_m, settings, rng) for index in chosen])
+    def loss(chosen: list[tuple[Scene, Label]]) -> Tensor:
+        return _pose_loss(network, [pose_sample(thing, product, floor_m, settings, rng) for thing in chosen])
 
-    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
-    kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
-    fit(
-        network,
-        optimiser,
-        losses,
-        settings.epochs,
-        batches,
-        largest_gradient=5.0,
-        rng=rng,
-        checkpoint=kept,
-        quiet=quiet,
-    )
+    kept = _checkpoint(checkpoint, scenes, settings, seed)
+    fit_examples(network, things, loss, settings, rng, checkpoint=kept, quiet=quiet)
     return network
+
+
+def _checkpoint(path: Path | None, scenes: Sequence[Scene], settings: Schedule, seed: int) -> Checkpoint | None:
+    return None if path is None else Checkpoint(path, f"{data_hash(scenes)} {settings.model_dump_json()} {seed}")
 
 
 PoseSample = tuple[NDArray[np.float32], int, NDArray[np.float32]]
@@ -160,7 +137,8 @@ def pose_sample(
     place = np.array([x + off[0] * cosine - off[1] * sine, y + off[0] * sine + off[1] * cosine, middle_m])
     crop = crop_of(scene.image, scene.camera, scene.world_from_camera, place, turned)
     levels = np.rint((crop[:3].transpose(1, 2, 0) + 0.5) * 255).clip(0, 255).astype(np.uint8)
-    crop[:3] = recoloured(levels, rng).transpose(2, 0, 1).astype(np.float32) / 255 - 0.5
+    levels = spoiled(levels, rng, mean_level(scene.image))
+    crop[:3] = levels.transpose(2, 0, 1).astype(np.float32) / 255 - 0.5
     wanted = np.array([-off[0] * CENTIMETRE, -off[1] * CENTIMETRE, -off_rad], np.float32)
     return crop, types.index(name) if stands else len(types), wanted
 

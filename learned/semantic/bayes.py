@@ -66,11 +66,19 @@ class BayesPosterior:
         counted = confusions is not None and len(layout.positions) <= MOST_POSITIONS
         self._counted = ConfusionLikelihood(layout, confusions) if counted and confusions else None
 
-    def __call__(self, edges: Floats) -> Posterior:
-        """Posterior for the edges (n, m)."""
+    def __call__(self, edges: Floats, seen: Floats | None = None) -> Posterior:
+        """Posterior for the edges (n, m).
+
+        Args:
+            seen: (n, m) the edges with the detector's doubts; counts where confusions are known.
+        """
         usual = Likelihood(*self._uniform(edges), self._wanted, self._prior)
         if self._counted is None:
             return posterior(edges, usual, self._unknown, self._none)
         return posterior(
-            edges, Likelihood(*self._counted(edges), self._wanted, self._prior), self._unknown, self._none, usual
+            edges,
+            Likelihood(*self._counted(edges if seen is None else seen), self._wanted, self._prior),
+            self._unknown,
+            self._none,
+            usual,
         )

@@ -163,29 +163,41 @@ class ConfusionLikelihood:
         self.likelihoods = lru_cache(maxsize=CACHED)(self._likelihoods)
 
     def __call__(self, edges: Floats) -> tuple[Floats, Floats]:
-        """Likelihood (z,) of the edges (n, m), and (z, m) that together with each slot being open."""
-        return self.likelihoods(tuple(np.flatnonzero(edges).tolist()))
+        """Likelihood (z,) of the edges (n, m), and (z, m) that together with each slot being open.
 
-    def _likelihoods(self, reports: tuple[int, ...]) -> tuple[Floats, Floats]:
+        Args:
+            edges: 1 for what was reported; where the detector was in doubt, the shares of the parts at that position.
+        """
+        places = np.flatnonzero(edges.sum(axis=0))
+        return self.likelihoods(tuple((int(p), *(round(float(share), 3) for share in edges[:, p])) for p in places))
+
+    def _likelihoods(self, reports: tuple[tuple[float, ...], ...]) -> tuple[Floats, Floats]:
         goals, m = self._actions.shape
         state = np.zeros((goals, 2**m + 1))
         state[:, 0] = 1.0
-        for chance in self._chances(np.array(reports, dtype=int)):
+        for chance in self._chances(reports):
             state[:, :-1] = np.einsum("gsp,gp->gs", state[:, self._before], chance)
         every: Floats = state[:, :-1] / comb(m, len(reports))
         return every.sum(axis=1), every @ self._still
 
-    def _chances(self, reports: Ints) -> Floats:
-        """(k, z, m) probability that a slot is reported as each of the k reports, the others' positions being taken."""
+    def _chances(self, reports: tuple[tuple[float, ...], ...]) -> Floats:
+        """(k, z, m) probability that a slot is reported as each of the k reports, the others' positions being taken.
+
+        Each report is its position, and how probable the detector found each part there: the mean of their chances.
+        """
         places = np.arange(self._wrong.shape[1]) % self._m
         found = []
-        for number, report in enumerate(reports):
-            others = np.delete(reports, number) % self._m
+        for number, (place, *shares) in enumerate(reports):
+            others = [other[0] for index, other in enumerate(reports) if index != number]
             possible = self._wrong * ~np.isin(places, others)
             total = np.maximum(possible.sum(axis=1), 1e-12)
-            column = self._wrong.sum(axis=1) * possible[:, report] / total
-            column[report] = self._right[report] if total[report] > 1e-12 else 1.0
-            found.append(column[self._actions])
+            mean = np.zeros(len(places))
+            for part, share in enumerate(shares):
+                report = part * self._m + int(place)
+                column = self._wrong.sum(axis=1) * possible[:, report] / total
+                column[report] = self._right[report] if total[report] > 1e-12 else 1.0
+                mean += share * column
+            found.append(mean[self._actions])
         return np.array(found)
 
 

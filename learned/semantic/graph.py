@@ -88,6 +88,15 @@ class Layout:
             edges[self.parts.index(part), self.positions.index(position)] = 1.0
         return edges
 
+    def doubted(self, state: AssemblyState) -> Floats:
+        """Edges (n, m) in which a position whose part is in doubt has the shares of the types that it may be."""
+        edges = self.encode(state)
+        for position, told in state.doubts.items():
+            shares = np.array([max(0.0, told.get(part, 0.0)) for part in self.parts], np.float32)
+            if position in state.placed and 0 < shares.sum() < np.inf:
+                edges[:, self.positions.index(position)] = shares / shares.sum()
+        return edges
+
     def state(self, seen: Ints) -> AssemblyState:
         """The state of one row (m,) of part types, EMPTY where nothing is."""
         filled = zip(self.positions, seen, strict=True)

@@ -103,7 +103,7 @@ class BayesPlanner:
 
     def plan(self, state: AssemblyState) -> AssemblyPlan:
         layout, edges = self.layout, self.layout.encode(state)
-        found = as_told(self._posterior(edges), layout, edges, state.told_goal)
+        found = as_told(self._posterior(edges, layout.doubted(state)), layout, edges, state.told_goal)
         return _assemble(layout, edges, _answer(layout, edges, found, layout.wanted, _by_quantity(layout, edges)))
 
 
@@ -178,7 +178,7 @@ class FactoredPlanner(LearnedPlanner):
         if self._counted is None:
             believed = posterior(edges, alike, self._unknown, none)
         else:
-            believed = posterior(edges, self._confused(edges, alike), self._unknown, none, alike)
+            believed = posterior(edges, self._confused(edges, layout.doubted(state), alike), self._unknown, none, alike)
         following = _by_quantity(layout, edges)
         following[: len(found["goals"])] = found["following"]
         believed = as_told(believed, layout, edges, state.told_goal)
@@ -200,10 +200,10 @@ class FactoredPlanner(LearnedPlanner):
             usual,
         )
 
-    def _confused(self, edges: Floats, alike: Likelihood) -> Likelihood:
+    def _confused(self, edges: Floats, seen: Floats, alike: Likelihood) -> Likelihood:
         """The same under confusions: habits and noise are taken as independent, so that the ratio of noises counts."""
         assert self._counted is not None
-        counted, uniform = self._counted(edges), self._uniform(edges)
+        counted, uniform = self._counted(seen), self._uniform(edges)
         goals, still_open = (some / np.maximum(other, 1e-300) for some, other in zip(counted, uniform, strict=True))
         return replace(alike, goals=alike.goals * goals, still_open=alike.still_open * still_open)
 

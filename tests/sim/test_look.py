@@ -33,7 +33,7 @@ def test_nominal_is_one_look() -> None:
     assert look_range("nominal").draw(5) == NOMINAL == Look()
 
 
-@pytest.mark.parametrize("name", ["varied", "hard"])
+@pytest.mark.parametrize("name", ["varied", "hard", "wide"])
 def test_every_drawn_value_is_within_its_range(name: str) -> None:
     for seed in range(20):
         drawn = look_range(name).draw(seed).model_dump()
@@ -117,4 +117,4 @@ def test_an_unknown_look_is_refused_with_the_legal_ones(name: str) -> None:
 
 
 def test_the_presets_are_the_shipped_files() -> None:
-    assert presets() == ["nominal", "hard", "varied"]
+    assert presets() == ["nominal", "hard", "varied", "wide"]

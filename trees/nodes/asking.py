@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from py_trees.common import Status
 
@@ -225,5 +226,5 @@ class WaitWhilePaused(CellNode):
 
 def tell_goal(node: AskWhichGoal | HearOperator, state: AssemblyState, goal: str) -> None:
     """Write into the state of the assembly what a person said of its goal."""
-    node.state.set(AssemblyState(state.placed, goal))
+    node.state.set(replace(state, told_goal=goal))
     node.services.journal.note("belief", told=goal)

@@ -78,7 +78,7 @@ class UpdateGraph(CellNode):
                 self.feedback_message = f"in doubt: {action}, {action.confidence:.2f}"
                 return Status.SUCCESS
             if action.position not in state.placed:
-                self.state.set(state.with_placement(action.part, action.position))
+                self.state.set(state.with_placement(action.part, action.position, _shares(action)))
                 self.services.show(help_request=None)
                 told = {"posterior": dict(action.posterior)} if action.posterior else {}
                 self.services.journal.note("belief", edge=[action.part, action.position], source="action", **told)
@@ -115,9 +115,15 @@ class ReconcileGraph(CellNode):
                 if hole.part is not None:
                     placed[position] = hole.part
                 self.services.journal.note("belief", edge=[hole.part, position], source="seen hole")
+        doubts = {
+            position: shares
+            for position, shares in state.doubts.items()
+            if position in self._said and position in placed
+        }
         if placed != dict(state.placed):
-            self.state.set(replace(state, placed=placed))
             self.services.show(help_request=None)
+        if placed != dict(state.placed) or doubts != dict(state.doubts):
+            self.state.set(replace(state, placed=placed, doubts=doubts))
         return Status.SUCCESS
 
     def _hear(self, action: Action | None) -> None:
@@ -196,6 +202,12 @@ class AssemblyFinished(CellNode):
             return Status.FAILURE
         self.services.show(message="the bracket is assembled", help_request=None)
         return Status.SUCCESS
+
+
+def _shares(action: Action) -> dict[str, float]:
+    """How probable each type is at the position of an assembly; empty where the detector does not say."""
+    end = f" at {action.position}"
+    return {name.removesuffix(end): share for name, share in action.posterior.items() if name.endswith(end)}
 
 
 def _same(one: Action, other: Action) -> bool:

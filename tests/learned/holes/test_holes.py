@@ -19,7 +19,12 @@ CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
 TYPES = tuple(PRODUCT.parts)
 CARD = ModelCard(
-    kind="holes.plate", vocabulary={"parts": TYPES}, data_sha256="", command="", seed=0, config={"least_sure": 0.9}
+    kind="holes.plate",
+    vocabulary={"parts": TYPES},
+    data_sha256="",
+    command="",
+    seed=0,
+    config={"least_empty": 0.9, "least_filled": 0.9},
 )
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from cell.configuration import load_configuration, load_product
 from learned.holes.dataset import Hole, Plate
-from learned.holes.reader import LEAST_SURE, HoleNetwork
+from learned.holes.reader import LEAST_EMPTY, LEAST_FILLED, HoleNetwork
 from learned.onnx_model import OnnxModel
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
@@ -45,7 +45,7 @@ def test_a_short_training_reads_what_it_was_shown(tmp_path: Path) -> None:
     scores = train_holes(plates, BENCH, PRODUCT, out, 0, settings)
     assert scores["validation_right"] > 0.9
     network = OnnxModel.load(out, "holes.plate")
-    assert 0.8 <= float(str(network.card.config[LEAST_SURE])) < 1
+    assert all(0.6 <= float(str(network.card.config[key])) < 1 for key in (LEAST_EMPTY, LEAST_FILLED))
     readings = HoleNetwork(BENCH, PRODUCT, network).read(plates[0].image, BENCH.overhead.mount.pose)
     said = {name: reading.part for name, reading in readings.items() if reading is not None}
     truth = {hole.position: hole.part for hole in plates[0].holes}
@@ -53,6 +53,7 @@ def test_a_short_training_reads_what_it_was_shown(tmp_path: Path) -> None:
 
 
 def test_no_more_filled_holes_than_allowed_are_called_empty() -> None:
+    from learned.holes.settings import HoleTraining
     from learned.holes.train import LEAST_LEGAL, least_sure
 
     rng = np.random.default_rng(0)
@@ -60,8 +61,9 @@ def test_no_more_filled_holes_than_allowed_are_called_empty() -> None:
     empty = np.concatenate([rng.uniform(0.9, 1.0, 500), rng.uniform(0.0, 0.96, 1000)]).astype(np.float32)
     shares = np.column_stack([empty, 1 - empty])
     for most in (0.0005, 0.002, 0.01):
-        least = least_sure(shares, truth, most)
+        least = least_sure(shares, truth, HoleTraining(most_called_empty=most))[LEAST_EMPTY]
         called_empty = (truth == 1) & (empty >= least) & (empty > 0.5)
         assert called_empty.mean() <= most
         assert least >= LEAST_LEGAL
-    assert least_sure(np.array([[0.1, 0.9]], np.float32), np.array([1]), 0.001) == LEAST_LEGAL
+    found = least_sure(np.array([[0.1, 0.9]], np.float32), np.array([1]), HoleTraining())
+    assert set(found.values()) == {LEAST_LEGAL}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import permutations
 from math import comb
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.interfaces.errors import InputError
+from cell.interfaces.planning import AssemblyState
 from learned.semantic.bayes import BayesPosterior, UniformLikelihood
 from learned.semantic.confusions import PATTERNS, ConfusionLikelihood, Confusions, confirmed_reports
 from learned.semantic.evaluate import Answers, coverage
@@ -54,7 +56,9 @@ def test_the_likelihood_is_that_of_listing_all_ways(pattern: str) -> None:
         edges = np.zeros((3, 6), np.float32)
         edges[tuple(zip(*seen, strict=True))] = 1.0
         found, still_open = likelihood(edges)
-        chance = likelihood._chances(np.flatnonzero(edges))
+        chance = likelihood._chances(
+            tuple((p, *edges[:, p].tolist()) for p in np.flatnonzero(edges.any(axis=0)).tolist())
+        )
         total, opened = np.zeros(3), np.zeros((3, 6))
         for slots in permutations(range(6), len(seen)):
             share = np.prod([chance[r, :, slot] for r, slot in enumerate(slots)], axis=0) / comb(6, len(seen))
@@ -62,6 +66,20 @@ def test_the_likelihood_is_that_of_listing_all_ways(pattern: str) -> None:
             opened += share[:, None] * np.array([slot not in slots for slot in range(6)])
         assert np.allclose(found, total)
         assert np.allclose(still_open, opened)
+
+
+def test_a_detector_in_doubt_counts_as_the_mean_of_what_it_may_have_seen() -> None:
+    confusions = Confusions.of(LAYOUT, "uniform", 0.05)
+    sure, other = (AssemblyState({"p1": LAYOUT.parts[0], "p2": part}) for part in LAYOUT.parts[:2])
+    likelihood = ConfusionLikelihood(LAYOUT, confusions)
+    doubt = replace(sure, doubts={"p2": {LAYOUT.parts[0]: 0.6, LAYOUT.parts[1]: 0.4}})
+    found = likelihood(LAYOUT.doubted(doubt))[0]
+    apart = [likelihood(LAYOUT.encode(state))[0] for state in (sure, other)]
+    assert np.allclose(found, 0.6 * apart[0] + 0.4 * apart[1], rtol=2e-3)
+    for kind in ("bayes", "factored"):
+        planner = load_semantic_planner(kind, WEIGHTS, DEFAULT, confusions=confusions)
+        belief, doubted = (max(planner.plan(state).goal_belief.values()) for state in (sure, doubt))
+        assert doubted < belief or belief < 0.5
 
 
 def test_uniform_confusions_are_nearly_the_closed_form() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from py_trees.common import Status
 
 from cell.interfaces.perception import Action, HoleView
@@ -50,6 +52,31 @@ def test_only_a_finished_assembly_action_sets_an_edge() -> None:
         node.action.entry.value = SeenAction(action, 0.0)  # type: ignore[union-attr]
         assert node.update() is Status.SUCCESS
         assert dict(node.state.get().placed) == edges
+
+
+def test_the_doubt_of_an_action_stays_until_its_hole_shows_the_part() -> None:
+    at = services()
+    shares = {"o1": 0.7, "o2": 0.3}
+    action = replace(PLACED, posterior={f"{part} at p2": share for part, share in shares.items()} | {"screw": 0.0})
+    update, reconcile = UpdateGraph("update"), ReconcileGraph("reconcile")
+    state, doubts = AssemblyState({}), []
+    for node in (update, reconcile):
+        node.setup(services=at)
+    for number in range(3):
+        see(
+            at,
+            float(number),
+            holes=EMPTY_HOLES | ({"p2": HoleView("o1", 1.0, number)} if number == 2 else {}),
+            action=action,
+        )
+        update.action.entry.value = SeenAction(action, 0.0)  # type: ignore[union-attr]
+        for one in (update, reconcile):
+            one.state.entry.value = state  # type: ignore[union-attr]
+            one.update()
+            state = one.state.get()
+        doubts.append(dict(state.doubts))
+    assert dict(state.placed) == {"p2": "o1"}
+    assert doubts == [{"p2": shares}, {"p2": shares}, {}]
 
 
 def test_the_graph_follows_what_holes_look_like_for_a_while() -> None:

@@ -1,0 +1,86 @@
+"""How much processor time each detector of a configuration takes for a frame, and where that is kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cell.configuration import Configuration, Perception
+from cell.interfaces.perception import Frame
+from cell.interfaces.product import Product
+from cell.running.detectors import LATENCY_SCORE, NO_CARD, Detectors, part_finder
+from learned.bench_watcher import DetectorChain
+from learned.onnx_model import CARD_KEY, ModelCard, save_onnx
+
+WATCHING = {"hands": "track", "holes": "read", "actions": "detect"}
+WARM_UP = 5  # frames that do not count
+
+
+def watching_s(configuration: Configuration, product: Product, frames: Iterable[Frame]) -> dict[str, list[float]]:
+    """Processor seconds of each overhead detector for each frame, and those of all that is done with it ("frame")."""
+    cv2.setNumThreads(1)
+    made = Detectors(configuration.bench, product, configuration.perception)
+    spent: dict[str, list[float]] = {name: [] for name in (*WATCHING, "frame")}
+    parts: list[Any] = [_Timed(made.make(name), method, spent[name]) for name, method in WATCHING.items()]
+    watch = _timed(DetectorChain(configuration.bench, product, *parts).watch, spent["frame"])
+    for frame in frames:
+        watch(frame)
+    return {name: values[WARM_UP:] for name, values in spent.items()}
+
+
+def finding_s(configuration: Configuration, product: Product, frames: Iterable[Frame]) -> list[float]:
+    """Processor seconds of the part detector for each wrist frame."""
+    cv2.setNumThreads(1)
+    spent: list[float] = []
+    find = _timed(part_finder(configuration.bench, product, configuration.perception), spent)
+    for frame in frames:
+        find(frame)
+    return spent[WARM_UP:]
+
+
+def p95_ms(seconds: list[float]) -> float:
+    """The 95th percentile, in ms."""
+    return float(np.percentile(seconds, 95)) * 1e3
+
+
+def note(perception: Perception, found: Mapping[str, float]) -> list[Path]:
+    """Write p95 [ms] by detector onto the cards of the trained ones; returns the files."""
+    import onnx
+
+    written = []
+    for name, value in found.items():
+        if perception.chosen(name).kind in NO_CARD:
+            continue
+        path = perception.weights(name)
+        model = onnx.load(path)
+        card = next(entry.value for entry in model.metadata_props if entry.key == CARD_KEY)
+        read = ModelCard.model_validate_json(card)
+        save_onnx(model, path, read.model_copy(update={"scores": read.scores | {LATENCY_SCORE: round(value, 2)}}))
+        written.append(path)
+    return written
+
+
+class _Timed:
+    """A detector whose one method is timed."""
+
+    def __init__(self, inner: Any, method: str, spent: list[float]) -> None:
+        self._inner = inner
+        setattr(self, method, _timed(getattr(inner, method), spent))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+
+def _timed(call: Callable[..., Any], spent: list[float]) -> Callable[..., Any]:
+    def timed(*arguments: Any) -> Any:
+        began_s = time.process_time()
+        answer = call(*arguments)
+        spent.append(time.process_time() - began_s)
+        return answer
+
+    return timed

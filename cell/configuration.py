@@ -314,6 +314,14 @@ def simulated(configuration: Configuration, look: str | None = None, person: str
     return configuration.model_copy(update={"devices": devices})
 
 
+def detected_by(configuration: Configuration, kind: str | None) -> Configuration:
+    """The same cell with all detectors of one kind, classical or learned; None leaves the configured ones."""
+    if kind is None:
+        return configuration
+    chosen = {"kind": kind, **dict.fromkeys(LEARNED_KINDS)}
+    return configuration.model_copy(update={"perception": configuration.perception.model_copy(update=chosen)})
+
+
 def for_shift(configuration: Configuration, brackets: int) -> Configuration:
     """The same cell for many brackets in a row: more time, a part of the log for each, and a person who goes on.
 

@@ -1,8 +1,7 @@
-"""`cell train actions`, `cell eval actions` and `cell eval system`."""
+"""`cell train actions` and `cell eval actions`."""
 
 from __future__ import annotations
 
-import json
 import re
 import subprocess
 import sys
@@ -130,42 +129,6 @@ def evaluate(
         tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
         told = {"look": look, "person": person, "first_seed": first_seed, "recordings": recordings, "tracker": tracker}
         print_json({**told, "kinds": found})
-
-
-def system(
-    perception: Annotated[
-        str | None, typer.Option(help="classical or learned for all detectors; by default as configured.")
-    ] = None,
-    look: Annotated[str, typer.Option(help="nominal, varied, hard, or a look file.")] = "varied",
-    person: Annotated[str, typer.Option(help="Who assembles: a person's name or file.")] = "careful",
-    goals: Annotated[list[int] | None, typer.Option(help="How many goals are possible; may be repeated.")] = None,
-    runs: Annotated[int, typer.Option(min=1, help="Assemblies for each number of goals.")] = 4,
-    first_seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the first assembly; tests begin at 900000.")
-    ] = 900_000,
-    out: Annotated[Path | None, typer.Option(help="File to which a line of JSON is added for each assembly.")] = None,
-    config: ConfigOption = CONFIGURATION,
-    as_json: JsonOption = False,
-) -> None:
-    """Whole assemblies: how often actions are detected, guidance is right, and the product is, by number of goals."""
-    from cell.evaluating.system import evaluate_system, table_1
-
-    if perception not in (None, "classical", "learned"):
-        raise InputError(f"--perception {perception}: legal: classical, learned")
-    rows = []
-    for row in evaluate_system(config, perception, look, person, goals or [3], range(first_seed, first_seed + runs)):
-        rows.append(row)
-        console().print(row, highlight=False)
-        if out is not None:
-            with out.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(row) + "\n")
-    found = table_1(rows)
-    for count, scores in found.items():
-        title = f"{count} goals, look {look}, person {person}, perception {perception or 'as configured'}"
-        console().print(table(title, {name: _words(value) for name, value in scores.items()}))
-    if as_json:
-        told = {"look": look, "person": person, "perception": perception, "first_seed": first_seed, "runs": runs}
-        print_json({**told, "goals": found})
 
 
 def budget_s(words: str) -> float:

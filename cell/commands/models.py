@@ -11,6 +11,7 @@ from cell.commands import grasp as grasp_commands
 from cell.commands import hands as hand_commands
 from cell.commands import noise as noise_commands
 from cell.commands import semantic as semantic_commands
+from cell.commands import system as system_commands
 from cell.commands import things, worlds
 from cell.commands import train as train_commands
 
@@ -31,7 +32,8 @@ eval_app.command("cameras")(things.evaluate_cameras)
 train_app.command("noise")(noise_commands.train)
 train_app.command("actions")(action_commands.train)
 eval_app.command("actions")(action_commands.evaluate)
-eval_app.command("system")(action_commands.system)
+eval_app.command("system")(system_commands.system)
+eval_app.command("latency")(system_commands.latency)
 for command in (worlds.actions, worlds.hands, worlds.holes, worlds.plates, worlds.objects):
     data_app.command(command.__name__)(command)
 

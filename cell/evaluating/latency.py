@@ -48,7 +48,7 @@ def p95_ms(seconds: list[float]) -> float:
     return float(np.percentile(seconds, 95)) * 1e3
 
 
-def note(perception: Perception, found: Mapping[str, float]) -> list[Path]:
+def note_latencies(perception: Perception, found: Mapping[str, float]) -> list[Path]:
     """Write p95 [ms] by detector onto the cards of the trained ones; returns the files."""
     import onnx
 

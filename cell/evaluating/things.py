@@ -117,6 +117,12 @@ def score_calibration(task: Task, seeds: Sequence[int]) -> dict[str, float]:
     }
 
 
+def tray_frames(configuration: Configuration, product: Product, seeds: Sequence[int]) -> list[Frame]:
+    """What the wrist camera sees of one tray for each seed."""
+    scenes = _trays(Task(configuration, product, ""), seeds, mixed=True)
+    return [Frame("wrist", number, 0.0, scene.image, scene.believed) for number, scene in enumerate(scenes)]
+
+
 def _trays(task: Task, seeds: Sequence[int], mixed: bool) -> list[Scene]:
     settings = task.configuration.devices.simulation
     with tempfile.TemporaryDirectory(prefix="cell-eval-") as name:

@@ -60,7 +60,7 @@ SIGNALS: dict[Signal, str] = {
     "bench_stale": "the newest view of the bench is older than 0.35 s, or there is none yet",
     "bench_in_the_future": "the view of the bench has a time stamp that is still to come",
     "camera_unhealthy": "the overhead image is dark, bright, frozen, discoloured, blurred, or its landmarks moved",
-    "camera_moved": "the overhead camera sees the holes more than 10 mm off, at the start or once a minute",
+    "camera_moved": "a camera sees holes or tray more than 10 mm off, at the start or once a minute",
     "hand_unknown": "the hand vanished inside the view without leaving by its edge",
     "hand_near": "the hand is nearer than the protective distance at full speed: the share of speed is computed",
     "hand_too_near": "the hand is nearer than the protective distance at the slow speed",

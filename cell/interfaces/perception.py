@@ -218,12 +218,14 @@ class PartsView:
     Attributes:
         detections: parts that stand.
         others: parts that lie and things of no type ("unknown"), as far as the detector tells them.
+        calibration: what is wrong with the camera's calibration, in words; empty where nothing is known to be.
     """
 
     sequence: int
     time_s: float
     detections: tuple[PartDetection, ...]
     others: tuple[PartDetection, ...] = ()
+    calibration: str = ""
 
 
 class HandTracker(Protocol):

@@ -169,7 +169,8 @@ def _health(seen: Observation, _: Command, __: Memory) -> Sign | None:
 
 
 def _camera_moved(seen: Observation, _: Command, __: Memory) -> Sign | None:
-    return Sign(seen.bench.calibration) if seen.bench is not None and seen.bench.calibration else None
+    told = [view.calibration for view in (seen.bench, seen.parts) if view is not None and view.calibration]
+    return Sign("; ".join(told)) if told else None
 
 
 def _hand_unknown(seen: Observation, _: Command, __: Memory) -> Sign | None:

@@ -7,6 +7,7 @@ bench, product and the file of weights; a new kind is one more line in TRAINED.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from cell.interfaces.perception import (
 from cell.interfaces.product import Product
 from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
 from learned.bench_watcher import DetectorChain
+from learned.calibration.check import TrayCheck
 from learned.classical.detectors import ClassicalDetectors
 from learned.onnx_model import OnnxModel
 
@@ -86,12 +88,14 @@ def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Cal
 def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:
     """What answers wrist frames."""
     detector: PartDetector = Detectors(bench, product, perception).make("parts")
+    check = TrayCheck(bench)
 
     def find(frame: Frame) -> PartsView:
-        place = bench.wrist.told(frame.world_from_camera)
-        found = detector.detect(Frame(frame.camera, frame.sequence, frame.time_s, frame.image, place))
+        placed = replace(frame, world_from_camera=bench.wrist.told(frame.world_from_camera))
+        found = detector.detect(placed)
         known = tuple(one for one in found if one.upright and one.part in product.parts)
-        return PartsView(frame.sequence, frame.time_s, known, tuple(one for one in found if one not in known))
+        others = tuple(one for one in found if one not in known)
+        return PartsView(frame.sequence, frame.time_s, known, others, check.judge(placed))
 
     return find
 

@@ -1,6 +1,8 @@
-"""Looks at the start and once a minute whether the overhead camera still hangs where its calibration says."""
+"""Looks at the start and once a minute whether the cameras still hang where their calibration says."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample
@@ -8,6 +10,7 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.calibration.landmarks import PlateModel
 from learned.calibration.solve import Fit, Shot, fit_camera, holes_off_m
+from learned.calibration.tray import tray_off_m
 
 EVERY_S, AGAIN_S = 60.0, 0.5  # between checks, and between looks of one check
 LOOKS = 3  # that must agree, and that a check takes
@@ -73,3 +76,31 @@ class CalibrationCheck:
             self._due_s, self._off_m, self._looks = frame.time_s + EVERY_S, [], 0
         else:
             self._due_s = frame.time_s + AGAIN_S
+
+
+class TrayCheck:
+    """Judges the frames of the wrist camera in their order; one that does not show the tray's rim well says nothing."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._due_s = 0.0
+        self._off_m: list[float] = []
+        self._words = ""
+
+    def judge(self, frame: Frame) -> str:
+        """What is wrong with the calibration, in words; empty where nothing is known to be.
+
+        Args:
+            frame: its `world_from_camera` is that of the calibration.
+        """
+        if frame.time_s < self._due_s or self._words:
+            return self._words
+        off = tray_off_m(frame.image, frame.world_from_camera, self._bench)
+        if off is not None:
+            self._off_m.append(float(np.linalg.norm(off)))
+        if len(self._off_m) == LOOKS:
+            if min(self._off_m) > MOST_OFF_M:
+                off_mm = 1e3 * sorted(self._off_m)[LOOKS // 2]
+                self._words = f"the wrist camera sees the tray {off_mm:.0f} mm off; run `cell calibrate`"
+            self._due_s, self._off_m = frame.time_s + EVERY_S, []
+        return self._words

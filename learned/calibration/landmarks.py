@@ -26,29 +26,22 @@ DARK = (0.45, 0.8)  # shares of the plate's level: surely of a hole, whose walls
 
 
 @dataclass(frozen=True)
-class PlateModel:
-    """The plate in the world.
+class Rectangle:
+    """Something with four straight edges in the world.
 
     Attributes:
         edges_m: (n, 3) points on its upper edges.
-        outwards: (n, 3) unit vectors out of the plate.
-        sides: (n,) which of the four edges each is on.
-        holes_m: (m, 3) middles of the holes on the plate's upper side.
-        radius_m: of a hole.
+        outwards: (n, 3) unit vectors out of it.
+        sides: (n,) which edge each is on: 0 and 1 lie across its x axis, at the lesser x first; 2 and 3 across y.
     """
 
     edges_m: Array
     outwards: Array
     sides: NDArray[np.int64]
-    holes_m: Array
-    radius_m: float
 
     @staticmethod
-    def of(bench: Bench, product: Product) -> PlateModel:
-        """The plate of a product on a bench."""
-        plate, pose = product.bracket, bench.bracket.pose
-        holes = np.array(list(plate.holes_m.values()))
-        low, high = holes.min(axis=0) - plate.margin_m, holes.max(axis=0) + plate.margin_m
+    def between(low: Array, high: Array, pose: Pose) -> Rectangle:
+        """With corners (2,) in the plane z = 0 of a pose."""
         points: list[Array] = []
         normals: list[Array] = []
         sides: list[NDArray[np.int64]] = []
@@ -62,12 +55,32 @@ class PlateModel:
                 points.append(edge)
                 normals.append(normal)
                 sides.append(np.full(count, len(sides)))
+        outwards = np.concatenate(normals) @ pose.rotation.T
+        return Rectangle(pose.transform(np.concatenate(points)), outwards, np.concatenate(sides))
+
+
+@dataclass(frozen=True)
+class PlateModel(Rectangle):
+    """The plate in the world.
+
+    Attributes:
+        holes_m: (m, 3) middles of the holes on the plate's upper side.
+        radius_m: of a hole.
+    """
+
+    holes_m: Array
+    radius_m: float
+
+    @staticmethod
+    def of(bench: Bench, product: Product) -> PlateModel:
+        """The plate of a product on a bench."""
+        plate, pose = product.bracket, bench.bracket.pose
+        holes = np.array(list(plate.holes_m.values()))
+        low, high = holes.min(axis=0) - plate.margin_m, holes.max(axis=0) + plate.margin_m
+        edges = Rectangle.between(low, high, pose)
         middles = np.column_stack([holes, np.zeros(len(holes))])
         radius = max(part.peg_diameter_m for part in product.parts.values()) / 2 + plate.hole_clearance_m
-        outwards = np.concatenate(normals) @ pose.rotation.T
-        return PlateModel(
-            pose.transform(np.concatenate(points)), outwards, np.concatenate(sides), pose.transform(middles), radius
-        )
+        return PlateModel(**vars(edges), holes_m=pose.transform(middles), radius_m=radius)
 
 
 @dataclass(frozen=True)
@@ -106,22 +119,10 @@ _Found = tuple[Array, Array, Array]
 
 def _edges(grey: NDArray[np.float32], camera: CameraModel, eye: Pose, plate: PlateModel, reach_px: float) -> _Found:
     """Where the grey level changes most across each point of an edge; points off their edge's line are left out."""
-    height, width = grey.shape
-    start = camera.project(eye, plate.edges_m)
-    step = camera.project(eye, plate.edges_m + 0.002 * plate.outwards) - start
-    unit = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
-    way = np.array(eye.position_m) - plate.edges_m
-    hidden = (way * plate.outwards).sum(axis=1) < SIDE_SEEN * np.linalg.norm(way, axis=1)
-    margin = reach_px + 2
-    inside = (start > margin).all(axis=1) & (start[:, 0] < width - 1 - margin) & (start[:, 1] < height - 1 - margin)
-    chosen = np.flatnonzero(hidden & inside)
+    found = profiles(grey, camera, eye, plate, reach_px)
+    chosen, slopes, offsets = found.chosen, np.abs(found.slopes), found.offsets_px
     if not len(chosen):
         return np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2))
-    offsets = np.arange(-reach_px, reach_px + STEP_PX, STEP_PX)
-    places = start[chosen, np.newaxis] + offsets[np.newaxis, :, np.newaxis] * unit[chosen, np.newaxis]
-    columns, rows = (places[..., axis].astype(np.float32) for axis in (0, 1))
-    profile = cv2.remap(grey, columns, rows, cv2.INTER_LINEAR)
-    slopes = np.abs(np.gradient(cv2.GaussianBlur(profile, (0, 0), sigmaX=SMOOTH, sigmaY=0.01), axis=1))
     best = slopes.argmax(axis=1)
     at = offsets[best] + STEP_PX * _between(slopes, best)
     clear = slopes[np.arange(len(best)), best] > LEAST_SLOPE
@@ -130,7 +131,53 @@ def _edges(grey: NDArray[np.float32], camera: CameraModel, eye: Pose, plate: Pla
         own = clear & (plate.sides[chosen] == side)
         clear[own] = _on_a_line(np.flatnonzero(own).astype(float), at[own])
     kept = chosen[clear]
-    return plate.edges_m[kept], start[kept] + at[clear, np.newaxis] * unit[kept], unit[kept]
+    unit = found.outwards_px[clear]
+    return plate.edges_m[kept], found.start_px[clear] + at[clear, np.newaxis] * unit, unit
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """How much the grey level changes across points of edges that are in view.
+
+    Attributes:
+        chosen: (k,) which of the rectangle's points.
+        start_px, outwards_px: (k, 2) where they are supposed to be seen, and the unit vector out of the rectangle.
+        offsets_px: (o,) places along it.
+        slopes: (k, o) how much brighter it gets there, grey levels a step.
+    """
+
+    chosen: NDArray[np.int64]
+    start_px: Array
+    outwards_px: Array
+    offsets_px: Array
+    slopes: NDArray[np.float32]
+
+
+def profiles(
+    grey: NDArray[np.float32], camera: CameraModel, eye: Pose, rectangle: Rectangle, reach_px: float
+) -> Profiles:
+    """Across the edges of a rectangle, up to `reach_px` to both sides; edges whose lower side may be seen are left out.
+
+    Args:
+        eye: world_from_camera.
+    """
+    height, width = grey.shape
+    start = camera.project(eye, rectangle.edges_m)
+    step = camera.project(eye, rectangle.edges_m + 0.002 * rectangle.outwards) - start
+    unit = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
+    way = np.array(eye.position_m) - rectangle.edges_m
+    hidden = (way * rectangle.outwards).sum(axis=1) < SIDE_SEEN * np.linalg.norm(way, axis=1)
+    margin = reach_px + 2
+    inside = (start > margin).all(axis=1) & (start[:, 0] < width - 1 - margin) & (start[:, 1] < height - 1 - margin)
+    chosen = np.flatnonzero(hidden & inside)
+    offsets: Array = np.arange(-reach_px, reach_px + STEP_PX, STEP_PX, dtype=float)
+    places = start[chosen, np.newaxis] + offsets[np.newaxis, :, np.newaxis] * unit[chosen, np.newaxis]
+    columns, rows = (places[..., axis].astype(np.float32) for axis in (0, 1))
+    if not len(chosen):
+        return Profiles(chosen, start[:0], unit[:0], offsets, np.zeros((0, len(offsets)), np.float32))
+    profile = cv2.remap(grey, columns, rows, cv2.INTER_LINEAR)
+    slopes = np.gradient(cv2.GaussianBlur(profile, (0, 0), sigmaX=SMOOTH, sigmaY=0.01), axis=1)
+    return Profiles(chosen, start[chosen], unit[chosen], offsets, slopes)
 
 
 def _between(slopes: NDArray[np.float32], best: NDArray[np.int64]) -> Array:

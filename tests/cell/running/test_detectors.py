@@ -15,7 +15,15 @@ from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.running import detectors
-from cell.running.detectors import TRAINED, Detectors, bench_watcher, check_detectors
+from cell.running.detectors import (
+    BESIDE_S,
+    TRAINED,
+    UNKNOWN_LATENCY_S,
+    Detectors,
+    bench_watcher,
+    check_detectors,
+    latency_s,
+)
 from learned.classical.action_detector import ClassicalActionDetector
 from learned.classical.hand_tracker import ClassicalHandTracker
 from learned.onnx_model import OnnxModel
@@ -85,6 +93,15 @@ def test_weights_stand_beside_the_configuration(tmp_path: Path) -> None:
     (tmp_path / "wrong.yaml").write_text(text.replace("kind: classical", "kind: guesses"))
     with pytest.raises(InputError, match="perception"):
         load_configuration(tmp_path / "wrong.yaml")
+
+
+def test_answers_come_as_late_as_the_cards_of_the_detectors_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    noted = {"hands": 3.0, "holes": 1.0, "actions": 2.0}
+    monkeypatch.setattr(detectors, "_noted_ms", lambda _, task: noted.get(task))
+    learned = Perception(kind="learned")
+    assert latency_s(learned, "hands", "holes", "actions") == pytest.approx(0.006 + BESIDE_S)
+    assert latency_s(learned, "parts") == UNKNOWN_LATENCY_S
+    assert latency_s(Perception(kind="learned", latency_s=0.2), "parts") == 0.2
 
 
 def test_every_task_has_a_trained_default() -> None:

@@ -13,8 +13,9 @@ from cell.configuration import load_configuration, load_product
 from cell.interfaces.bench import Calibration, CameraCalibration, CameraSetup, Mount
 from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
-from learned.calibration.check import EVERY_S, WORLD, CalibrationCheck, trouble
+from learned.calibration.check import EVERY_S, LOOKS, WORLD, CalibrationCheck, TrayCheck, trouble
 from learned.calibration.solve import Shot, fit_camera, holes_off_m
+from learned.calibration.tray import tray_off_m
 from sim.data.sight import true_camera
 from sim.look import Look, MountError, Mounts
 from sim.photographer import Exposure, Photographer, SensorSetup
@@ -77,6 +78,26 @@ def test_a_camera_that_is_pushed_during_the_run_is_noticed_within_a_minute_and_n
         assert check.judge(at(pushed, EVERY_S + 2 + number), OVER_PLATE) == ""
     told = [check.judge(at(pushed, EVERY_S + 30 + number), None) for number in range(5)]
     assert "run `cell calibrate`" in told[-1]
+
+
+@pytest.mark.parametrize("shift_m", [0.0, 0.004, 0.02])
+@pytest.mark.parametrize("azimuth_rad", [0.0, 1.2])
+def test_the_wrist_camera_is_judged_by_the_rim_of_the_tray(shift_m: float, azimuth_rad: float) -> None:
+    look = Look(mounts=Mounts(wrist=MountError(shift_m=shift_m, shift_azimuth_rad=azimuth_rad)))
+    world = build_world(PRODUCT, BENCH, None, None, None, look)
+    world.set_arm(BENCH.arm_look_rad)
+    photographer = Photographer(world.model, {"wrist": SensorSetup(BENCH.wrist, look.camera, np.random.default_rng(1))})
+    check = TrayCheck(BENCH)
+    told = []
+    for number in range(LOOKS):
+        exposure = Exposure("wrist", number, 3.0 * number, world.camera_pose("wrist"), (visible_poses(world.data),))
+        told.append(check.judge(photographer.take(exposure)))
+    off = tray_off_m(photographer.take(exposure).image, exposure.world_from_camera, BENCH)
+    photographer.close()
+    assert off is not None
+    assert float(np.linalg.norm(off)) == pytest.approx(shift_m, abs=0.001)
+    assert told[:-1] == [""] * (LOOKS - 1)
+    assert ("run `cell calibrate`" in told[-1]) == (shift_m > 0.01)
 
 
 OVER_PLATE = HandSample(0.0, (240, 100, 330, 260), (0.72, 0.1), (0.8, 0.1))

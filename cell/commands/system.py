@@ -1,0 +1,145 @@
+"""`cell eval system` and `cell eval latency`: all detectors of a configuration together."""
+
+from __future__ import annotations
+
+import json
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json, table
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from cell.configuration import Configuration
+
+KINDS = ("classical", "learned")
+CAMERAS = ("calibrated", "believed")
+
+KindOption = Annotated[
+    str | None, typer.Option(help="classical or learned for all detectors; by default as configured.")
+]
+
+
+def system(
+    perception: KindOption = None,
+    look: Annotated[str, typer.Option(help="nominal, varied, hard, or a look file.")] = "varied",
+    person: Annotated[str, typer.Option(help="Who assembles: a person's name or file.")] = "careful",
+    goals: Annotated[list[int] | None, typer.Option(help="How many goals are possible; may be repeated.")] = None,
+    runs: Annotated[int, typer.Option(min=1, help="Assemblies for each number of goals.")] = 4,
+    first_seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the first assembly; tests begin at 900000.")
+    ] = 900_000,
+    cameras: Annotated[
+        str, typer.Option(help="calibrated, as by `cell calibrate` in each look, or believed, as the bench file says.")
+    ] = "calibrated",
+    out: Annotated[
+        Path | None, typer.Option(help="File that keeps a line of JSON for each assembly; what is in it is not run.")
+    ] = None,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Whole assemblies: how often actions are detected, guidance is right, and the product is, by number of goals.
+
+    Interrupted, it prints the table of what was run; with the same --out it goes on there.
+    """
+    from cell.configuration import detected_by, load_configuration, simulated
+    from cell.evaluating.system import evaluate_system, table_1
+
+    if perception not in (None, *KINDS):
+        raise InputError(f"--perception {perception}: legal: {', '.join(KINDS)}")
+    if cameras not in CAMERAS:
+        raise InputError(f"--cameras {cameras}: legal: {', '.join(CAMERAS)}")
+    configuration = detected_by(simulated(load_configuration(config), look, person), perception)
+    told = {"look": look, "person": person, "perception": configuration.perception.words, "cameras": cameras}
+    wanted = [(count, seed) for seed in range(first_seed, first_seed + runs) for count in goals or [3]]
+    rows = [] if out is None else _kept(out, told, wanted)
+    done = {(row["goals"], row["seed"]) for row in rows}
+    left = [one for one in wanted if one not in done]
+    try:
+        for row in evaluate_system(configuration, config, left, calibrated=cameras == "calibrated"):
+            rows.append(row)
+            console().print(row, highlight=False)
+            if out is not None:
+                with out.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps(told | row) + "\n")
+    except KeyboardInterrupt:
+        console().print(f"interrupted after {len(rows)} of {len(wanted)} assemblies")
+    found = table_1(rows)
+    for count, scores in found.items():
+        title = f"{count} goals, look {look}, person {person}, perception {told['perception']}, cameras {cameras}"
+        console().print(table(title, {name: _words(value) for name, value in scores.items()}))
+    if as_json:
+        print_json({**told, "first_seed": first_seed, "runs": runs, "goals": found})
+
+
+def latency(
+    perception: KindOption = None,
+    look: Annotated[str, typer.Option(help="nominal, varied, hard, or a look file.")] = "varied",
+    frames: Annotated[int, typer.Option(min=20, help="Of the overhead camera, in a row.")] = 200,
+    trays: Annotated[int, typer.Option(min=10, help="Images of the wrist camera.")] = 30,
+    first_seed: Annotated[int, typer.Option(min=0, help="Of the assembly, and of the first tray.")] = 800_000,
+    note: Annotated[
+        bool, typer.Option("--note", help="Write the 95th percentiles onto the cards of the trained detectors.")
+    ] = False,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """How much processor time the detectors take for a frame, on one thread.
+
+    In lock-step simulation answers come as late as the model cards tell (`perception.latency_s`).
+    """
+    import numpy as np
+
+    from cell.commands.frame_sources import open_source
+    from cell.configuration import detected_by, load_configuration, load_product, simulated
+    from cell.evaluating.latency import finding_s, note_latencies, watching_s
+    from cell.evaluating.things import tray_frames
+
+    configuration: Configuration = detected_by(simulated(load_configuration(config), look), perception)
+    product = load_product(configuration, config)
+    overhead = configuration.bench.overhead
+    source = open_source(f"sim:{first_seed}", "overhead", configuration, product, overhead.mount.pose)
+    spent = watching_s(configuration, product, islice(source.frames, frames))
+    seeds = range(first_seed, first_seed + trays)
+    spent["parts"] = finding_s(configuration, product, tray_frames(configuration, product, seeds))
+    found = {
+        name: {f"p{percent}_ms": round(1e3 * float(np.percentile(values, percent)), 2) for percent in (50, 95)}
+        for name, values in spent.items()
+    }
+    rows = {name: f"{each['p50_ms']} / {each['p95_ms']} ms" for name, each in found.items()}
+    console().print(table(f"median / 95 %, {configuration.perception.words}, {look}", rows))
+    if note:
+        slow = {name: found[name]["p95_ms"] for name in ("hands", "holes", "actions", "parts")}
+        for path in note_latencies(configuration.perception, slow):
+            console().print(f"noted in {path}", highlight=False)
+    if as_json:
+        print_json({"look": look, "perception": configuration.perception.words, **found})
+
+
+def _kept(path: Path, told: dict[str, str], wanted: list[tuple[int, int]]) -> list[dict[str, Any]]:
+    """Rows of the same look, person, detectors and cameras that a file holds already.
+
+    Raises:
+        InputError: it holds something else.
+    """
+    if not path.exists():
+        return []
+    rows = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        try:
+            row = json.loads(line)
+            alike = all(row[name] == value for name, value in told.items())
+            if alike and (row["goals"], row["seed"]) in wanted:
+                rows.append(row)
+        except (ValueError, KeyError, TypeError):
+            raise InputError(f"{path}:{number}: not a row of `cell eval system`; choose another --out") from None
+    return rows
+
+
+def _words(value: object) -> str:
+    if isinstance(value, dict) and "share" in value:
+        return f"{value['share']:.3f} of {value['n']} ({value['low']:.3f} - {value['high']:.3f})"
+    return str(value)

@@ -1,0 +1,79 @@
+"""Whole assemblies are counted right, and what was run is not run again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.commands import system as commands
+from cell.commands.main import main
+from cell.evaluating import system
+from cell.evaluating.system import table_1
+
+ROW = {"end": "finished", "correct": True, "placed": 4, "told": 4, "told_right": 4, "allowed": 2, "allowed_right": 2}
+
+
+def row(goals: int, seed: int, **changes: Any) -> dict[str, Any]:
+    return {"goals": goals, "seed": seed, **ROW, "contradictions": 0, **changes}
+
+
+def test_the_table_counts_by_number_of_goals() -> None:
+    found = table_1([row(3, 1), row(3, 2, correct=False, end="timeout", told=6, told_right=3), row(1, 1)])
+    assert list(found) == ["1", "3"]
+    assert (found["3"]["AD"]["share"], found["3"]["AD"]["n"]) == (7 / 8, 8)
+    assert found["3"]["false_per_100"] == 37.5
+    assert found["3"]["SC"]["share"] == 0.5
+    assert found["3"]["not_finished"] == 1
+    assert "SC .918" in found["3"]["paper"]
+    assert "paper" not in found["1"]
+
+
+def test_what_a_file_holds_is_not_run_again_and_an_interrupted_table_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[list[tuple[int, int]]] = []
+
+    def evaluate(_: object, __: object, wanted: list[tuple[int, int]], **___: object) -> Any:
+        asked.append(wanted)
+        for number, (goals, seed) in enumerate(wanted):
+            if number == 3:
+                raise KeyboardInterrupt
+            yield row(goals, seed)
+
+    monkeypatch.setattr(system, "evaluate_system", evaluate)
+    out = tmp_path / "rows.jsonl"
+    words = [
+        "eval",
+        "system",
+        "--perception",
+        "learned",
+        "--look",
+        "nominal",
+        "--goals",
+        "1",
+        "--goals",
+        "3",
+        "--runs",
+        "3",
+        "--out",
+        str(out),
+    ]
+    for _ in range(2):
+        assert main([*words, "--json"]) == 0
+    assert [len(wanted) for wanted in asked] == [6, 3]
+    assert asked[1] == [(3, 900_001), (1, 900_002), (3, 900_002)]
+    found = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert found["goals"]["3"]["assemblies"] == 3
+    assert main([*words, "--cameras", "believed"]) == 0  # rows of other cameras do not count
+    assert len(asked[2]) == 6
+    out.write_text("{}\n")
+    assert main(words) == 2
+
+
+def test_cameras_and_detectors_must_be_legal() -> None:
+    assert main(["eval", "system", "--cameras", "good"]) == 2
+    assert main(["eval", "system", "--perception", "good"]) == 2
+    assert commands.CAMERAS == ("calibrated", "believed")

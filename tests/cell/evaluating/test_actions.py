@@ -52,7 +52,15 @@ def test_an_observer_keeps_each_told_placement_once() -> None:
 
 
 def test_table_1_has_a_row_for_each_number_of_goals() -> None:
-    row = {"told_right": 5, "placed": 6, "told": 6, "allowed_right": 2, "allowed": 2, "correct": True}
+    row = {
+        "told_right": 5,
+        "placed": 6,
+        "told": 6,
+        "allowed_right": 2,
+        "allowed": 2,
+        "correct": True,
+        "end": "finished",
+    }
     found = table_1([{**row, "goals": 1, "contradictions": 0}, {**row, "goals": 3, "contradictions": 1}])
     assert list(found) == ["1", "3"]
     assert found["3"]["AD"]["share"] == pytest.approx(0.8333)

@@ -47,8 +47,8 @@ class ImageHealth:
     """Judges the frames of one camera in their order."""
 
     def __init__(self, bench: Bench, product: Product) -> None:
-        self._edges = _edges_m(bench, product)
-        self._view = View(bench.overhead.model, bench.overhead.mount.pose)
+        view = View(bench.overhead.model, bench.overhead.mount.pose)
+        self._edges = [_across_px(view, edge) for edge in _edges_m(bench, product)]
         self._baseline: list[_Figures] = []
         self._before: NDArray[np.uint8] | None = None
         self._same = self._moved = self._astray = 0
@@ -81,7 +81,7 @@ class ImageHealth:
 
     def _shifted(self, grey: NDArray[np.uint8]) -> str:
         """Whether the plate stands elsewhere in the image than the calibration says."""
-        offsets = [_offset_px(self._view, edge, grey) for edge in self._edges]
+        offsets = [_offset_px(places, grey) for places in self._edges]
         shifts = [px for px in (_shift_px(*offsets[:2]), _shift_px(*offsets[2:])) if px is not None]
         near, whole_px = max(shifts, default=0.0), self._since_start_px(grey)
         self._moved = self._moved + 1 if near > MOVED_PX else 0
@@ -190,9 +190,9 @@ def _absolute(small: NDArray[np.uint8]) -> str:
 
 
 def _figures(small: NDArray[np.uint8], grey: NDArray[np.uint8]) -> _Figures:
-    levels = small.reshape(-1, 3).astype(np.float32) + 1.0
-    ratios = np.log(levels[:, (0, 2)] / levels[:, 1:2])
-    red, blue = np.median(ratios, axis=0)
+    levels = small.astype(np.float32) + 1.0
+    green = levels[..., 1]
+    red, blue = (np.log(np.median(levels[..., channel] / green)) for channel in (0, 2))
     sharpness = float(np.percentile(np.abs(cv2.Laplacian(grey, cv2.CV_16S)[::2]), 99.5))
     return _Figures(float(levels.mean()), float(red), float(blue), sharpness)
 
@@ -214,14 +214,23 @@ def _edges_m(bench: Bench, product: Product) -> list[tuple[Array, Array]]:
     return edges
 
 
-def _offset_px(view: View, edge: tuple[Array, Array], grey: NDArray[np.uint8]) -> float | None:
-    """How far out of the plate its edge is seen, in pixels; None where no edge is seen."""
+def _across_px(view: View, edge: tuple[Array, Array]) -> NDArray[np.intp]:
+    """Pixels (SIDE_SAMPLES, 2 SEARCH_PX + 1, 2) across an edge of the plate, out of it."""
     points, outwards = edge
     start = view.pixels(points)
     step = view.pixels(points + 0.01 * outwards) - start
     unit = step / np.linalg.norm(step, axis=1, keepdims=True)
     reach = np.arange(-SEARCH_PX, SEARCH_PX + 1)
-    places = np.rint(start[:, None, :] + reach[None, :, None] * unit[:, None, :]).astype(int)
+    places: NDArray[np.intp] = np.rint(start[:, None, :] + reach[None, :, None] * unit[:, None, :]).astype(np.intp)
+    return places
+
+
+def _offset_px(places: NDArray[np.intp], grey: NDArray[np.uint8]) -> float | None:
+    """How far out of the plate its edge is seen, in pixels; None where no edge is seen.
+
+    Args:
+        places: the pixels across it.
+    """
     height, width = grey.shape
     if (places < 0).any() or (places[..., 0] >= width).any() or (places[..., 1] >= height).any():
         return None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import struct
 from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
@@ -18,6 +19,7 @@ from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Footer, Statistics, SummaryOffset
 from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
 
 from cell.interfaces.errors import LogError
 from cell.log.reading.mcap_file import Message, read_mcap
@@ -40,6 +42,7 @@ class IndexedLog:
         """
         given = [paths] if isinstance(paths, Path) else list(paths)
         self.paths = files_of(given[0]) if len(given) == 1 else given
+        self._summaries: dict[tuple[Path, int], Summary] = {}  # by path and size: an index takes longer than an answer
 
     def messages(
         self,
@@ -57,11 +60,46 @@ class IndexedLog:
         span = _nanoseconds(from_s), _nanoseconds(until_s) + 1
         paths = parts_within(self.paths, from_s, until_s)
         for path in reversed(paths) if reverse else paths:
-            yield from _of_file(path, span, topics, reverse)
+            yield from self._of_file(path, span, topics, reverse)
 
     def newest(self, topic: str, time_s: float, back_s: float = 5.0) -> Message | None:
         """The last message of a topic up to a time; None where there is none in so many seconds before it."""
         return next(self.messages(max(0.0, time_s - back_s), time_s, (topic,), reverse=True), None)
+
+    def _of_file(
+        self, path: Path, span: tuple[int, int], topics: Collection[str] | None, reverse: bool
+    ) -> Iterator[Message]:
+        try:
+            with path.open("rb") as stream:
+                reader = self._reader(path, stream)
+                if _outside(reader, span):
+                    return
+                found = reader.iter_messages(topics, starting_at=span[0], ending_before=span[1], reverse=reverse)
+                for _, channel, message in found:
+                    yield Message(channel.topic, channel.message_encoding, message.log_time, message.data)
+        except OSError as error:
+            raise LogError(path, f"cannot be read: {error.strerror or error}") from None
+        except _NoIndexError:
+            yield from _unindexed(path, span, topics, reverse)
+        except (McapError, ValueError) as error:
+            raise LogError(path, f"is damaged where it is needed: {error}") from None
+
+    def _reader(self, path: Path, stream: BinaryIO) -> _Reader:
+        """Of an open file, with its index.
+
+        Raises:
+            _NoIndexError: the file ends before it.
+        """
+        key = path, os.fstat(stream.fileno()).st_size
+        try:
+            reader = _Reader(stream, self._summaries.get(key))
+            summary = reader.get_summary()
+        except (McapError, struct.error, ValueError, OSError):
+            raise _NoIndexError from None
+        if summary is None:
+            raise _NoIndexError
+        self._summaries[key] = summary
+        return reader
 
 
 def parts_within(paths: Sequence[Path], from_s: float, until_s: float) -> list[Path]:
@@ -109,37 +147,25 @@ def _statistics(path: Path) -> Statistics | None:
     return None
 
 
-def _of_file(path: Path, span: tuple[int, int], topics: Collection[str] | None, reverse: bool) -> Iterator[Message]:
-    try:
-        with path.open("rb") as stream:
-            if _begins_after(stream, span):
-                return
-            reader = SeekingReader(stream, validate_crcs=True)
-            found = reader.iter_messages(topics, starting_at=span[0], ending_before=span[1], reverse=reverse)
-            for _, channel, message in found:
-                yield Message(channel.topic, channel.message_encoding, message.log_time, message.data)
-    except OSError as error:
-        raise LogError(path, f"cannot be read: {error.strerror or error}") from None
-    except _NoIndexError:
-        yield from _unindexed(path, span, topics, reverse)
-    except (McapError, ValueError) as error:
-        raise LogError(path, f"is damaged where it is needed: {error}") from None
-
-
 class _NoIndexError(Exception):
     """The file ends before its index."""
 
 
-def _begins_after(stream: BinaryIO, span: tuple[int, int]) -> bool:
+class _Reader(SeekingReader):
+    """A reader that may know the file's index already."""
+
+    def __init__(self, stream: BinaryIO, summary: Summary | None) -> None:
+        super().__init__(stream, validate_crcs=True)
+        self._summary = summary
+
+
+def _outside(reader: _Reader, span: tuple[int, int]) -> bool:
     """Whether nothing of the span is in the file, by its statistics.
 
     Raises:
         _NoIndexError: it has none.
     """
-    try:
-        summary = SeekingReader(stream).get_summary()
-    except (McapError, struct.error, ValueError, OSError):
-        raise _NoIndexError from None
+    summary = reader.get_summary()
     if summary is None or summary.statistics is None or not summary.chunk_indexes:
         raise _NoIndexError
     counted = summary.statistics

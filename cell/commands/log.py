@@ -119,6 +119,9 @@ def query(
 def diff(
     one: Annotated[Path, typer.Argument(metavar="A", help="Log.")],
     other: Annotated[Path, typer.Argument(metavar="B", help="Log to compare with.")],
+    html: Annotated[
+        Path | None, typer.Option("--html", help="Also write a page: why first, both side by side.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Compare what two logs saw and decided, tick by tick; 0 where all is the same, 1 where it differs."""
@@ -126,9 +129,12 @@ def diff(
 
     logs = read([one]), read([other])
     unfinished = "; ".join(log.unfinished for log in logs if log.unfinished)
-    return tell_comparison(
-        question.diff(*logs), unfinished, as_json, (one.name, other.name) if one.name != other.name else ("A", "B")
-    )
+    names, found = (one.name, other.name) if one.name != other.name else ("A", "B"), question.diff(*logs)
+    if html is not None:
+        from cell.log.telling.diff_page import write_diff
+
+        write_diff(*logs, found, names, html)
+    return tell_comparison(found, unfinished, as_json, names)
 
 
 @log_app.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -101,12 +102,22 @@ class HoldsNeededPart(CellNode):
 
 
 class AwaitPosition(CellNode):
-    """Wait until the guard lets the part in the gripper into some position; fails once none is left for it."""
+    """Wait until the guard lets the part in the gripper into some position; fails once none is left for it.
+
+    While the hand is near the way there it waits, too, but not for ever: a hand may rest there.
+    """
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")
     part = InputPort(Part, "type of the part in the gripper")
+    clear_m = InputPort(float, "how far the hand must be from the way to it", default=0.0)
+    patience_s = InputPort(float, "how long the hand is waited for", default=5.0)
     position = OutputPort(Hole, "where it will be put")
+
+    _sure_since_s: float | None = None
+
+    def initialise(self) -> None:
+        self._sure_since_s = None
 
     def update(self) -> Status:
         part, state, plan = self.part.get(), self.state.get(), self.plan.get()
@@ -114,6 +125,10 @@ class AwaitPosition(CellNode):
             self.feedback_message = f"no {part} to be placed"
             return Status.FAILURE
         position, reason = sure_position(self.services, plan, state, part)
+        if position is None:
+            self._sure_since_s = None
+        elif self._waits_for_hand(position):
+            position, reason = None, f"the hand is near the way to {position}"
         if position is None:
             if reason != self.feedback_message:
                 self.feedback_message = reason
@@ -124,6 +139,12 @@ class AwaitPosition(CellNode):
         self.services.show(message=f"bringing {part} to {position}")
         self.feedback_message = f"{part} to {position}"
         return Status.SUCCESS
+
+    def _waits_for_hand(self, position: str) -> bool:
+        now_s = self.services.observation.time_s
+        self._sure_since_s = now_s if self._sure_since_s is None else self._sure_since_s
+        near = _clear_m(self.services, position) < self.clear_m.get()
+        return near and now_s - self._sure_since_s < self.patience_s.get()
 
 
 class RecallTray(CellNode):
@@ -176,9 +197,14 @@ def sure_position(services: Services, plan: AssemblyPlan, state: AssemblyState, 
 
 def _ease(services: Services, position: str) -> tuple[float, float]:
     """How clear of the hand the way to a position is [m], then how short [-m]."""
+    length_m = float(np.linalg.norm(hole_on_bench_m(services, position) - np.array(services.tool_on_bench_m())))
+    return min(CLEAR_M, round(_clear_m(services, position), 2)), -length_m
+
+
+def _clear_m(services: Services, position: str) -> float:
+    """Least distance of the hand from the way of the tool to a position; infinite where no hand is seen."""
     bench = services.observation.bench
-    tool_m, hole_m = np.array(services.tool_on_bench_m()), hole_on_bench_m(services, position)
-    length_m = float(np.linalg.norm(hole_m - tool_m))
     if bench is None or bench.hand is None:
-        return CLEAR_M, -length_m
-    return min(CLEAR_M, round(distance_m(bench.hand.palm_m, tool_m, hole_m), 2)), -length_m
+        return math.inf
+    way = np.array(services.tool_on_bench_m()), hole_on_bench_m(services, position)
+    return min(distance_m(point, *way) for point in (bench.hand.palm_m, bench.hand.fingertips_m))

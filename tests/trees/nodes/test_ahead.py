@@ -105,6 +105,21 @@ def test_a_position_that_the_person_is_filling_is_theirs() -> None:
     assert node.position.entry.value == "p1"  # type: ignore[union-attr]
 
 
+def test_a_hand_near_every_way_is_waited_for_but_not_for_ever() -> None:
+    at = services()
+    node = waiter(at)
+    node.clear_m.entry.value, node.patience_s.entry.value = 0.25, 2.0
+    node.initialise()
+    answers = []
+    for time_s in (1.0, 2.9, 3.1):
+        see(at, time_s, hand=hand_at(*hole_m("p1")), action=TRANSIT)
+        answers.append(node.update())
+    assert answers == [Status.RUNNING, Status.RUNNING, Status.SUCCESS]
+    node.initialise()
+    see(at, 4.0, hand=hand_at(1.2, 0.5), action=TRANSIT)
+    assert node.update() is Status.SUCCESS
+
+
 def test_a_part_waits_until_the_guard_is_sure_and_fails_where_nothing_is_left_for_it() -> None:
     at = services()
     node = waiter(at)

@@ -135,7 +135,7 @@ def one_bracket(folder: Path, seed: int) -> Kept:
             kept.tick(record)
             super().tick(record)
 
-    cell.run.McapRecorder = Keeping  # type: ignore[misc, attr-defined]
+    cell.run.McapRecorder = Keeping  # type: ignore[attr-defined]
     options = RunOptions(seed=seed, log=folder / "one.mcap", one_process=True)
     outcome = run(options, Console(quiet=True)).outcome
     size = (folder / "one.mcap").stat().st_size

@@ -133,9 +133,9 @@ def _asked_with(one: Log, other: Log) -> Iterator[tuple[str, str, str]]:
 def _changed_files(one: Log, other: Log, names: tuple[str, str]) -> Iterator[tuple[str, Sequence[str]]]:
     """Attached files that differ, as unified differences."""
     for name in dict.fromkeys((*one.attachments, *other.attachments)):
-        texts = [log.attachments.get(name, b"").decode("utf-8", "replace").splitlines() for log in (one, other)]
-        if texts[0] != texts[1]:
-            yield name, list(difflib.unified_diff(*texts, *names, lineterm="", n=1))[:MOST_LINES]
+        was, now = (log.attachments.get(name, b"").decode("utf-8", "replace").splitlines() for log in (one, other))
+        if was != now:
+            yield name, list(difflib.unified_diff(was, now, *names, lineterm="", n=1))[:MOST_LINES]
 
 
 def _outcomes(one: Log, other: Log) -> Iterator[tuple[str, str, str]]:

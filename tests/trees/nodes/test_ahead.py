@@ -108,7 +108,8 @@ def test_a_position_that_the_person_is_filling_is_theirs() -> None:
 def test_a_hand_near_every_way_is_waited_for_but_not_for_ever() -> None:
     at = services()
     node = waiter(at)
-    node.clear_m.entry.value, node.patience_s.entry.value = 0.25, 2.0
+    node.clear_m.entry.value = 0.25  # type: ignore[union-attr]
+    node.patience_s.entry.value = 2.0  # type: ignore[union-attr]
     node.initialise()
     answers = []
     for time_s in (1.0, 2.9, 3.1):

@@ -11,15 +11,16 @@ import ctypes
 import itertools
 import multiprocessing
 import os
-import pickle
 import signal
+import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 import cv2
@@ -57,7 +58,7 @@ class RenderProcess:
             model: the compiled cell.
             sensors: by the camera's name.
         """
-        context = multiprocessing.get_context("spawn")
+        context: Any = multiprocessing.get_context("fork" if _may_fork() else "spawn")
         self._setups = {camera: sensor.setup for camera, sensor in sensors.items()}
         self._slots = {
             camera: context.RawArray(ctypes.c_uint8, SLOTS * _size(setup)) for camera, setup in self._setups.items()
@@ -68,14 +69,11 @@ class RenderProcess:
         self._numbers = itertools.count()
         self.hurried = False
         self._taken: dict[tuple[str, int], Future[Any]] = {}  # by camera and slot
-        compiled = pickle.dumps(model)
-        shared = context.RawArray(ctypes.c_uint8, len(compiled))
-        memoryview(shared).cast("B")[:] = compiled
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_serve, args=(theirs, shared, dict(sensors), self._slots), name=NAME, daemon=True
-        )
-        self._process.start()
+        given = theirs, self._pipe, model, dict(sensors), self._slots
+        self._process: BaseProcess = context.Process(target=_serve, args=given, name=NAME, daemon=True)
+        with _one_cv2_thread():
+            self._process.start()
         theirs.close()
         self._receiver = threading.Thread(target=self._receive, name=NAME, daemon=True)
         self._receiver.start()
@@ -160,8 +158,32 @@ class RenderProcess:
             future.set_result(result)
 
 
-def _serve(pipe: Connection, compiled: Any, sensors: Mapping[str, SensorSetup], slots: Slots) -> None:
+def _may_fork() -> bool:
+    """Whether the process can begin as a copy of this one, which saves it all imports.
+
+    A copy has no threads but one, and graphics that have been used do not live on in it.
+    """
+    egl = sys.modules.get("mujoco.egl")
+    unused = egl is not None and egl.EGL_DISPLAY is None
+    return sys.platform == "linux" and unused and threading.active_count() == 1
+
+
+@contextmanager
+def _one_cv2_thread() -> Iterator[None]:
+    """A copy of this process would wait for OpenCV's threads, which it has not got."""
+    count = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(count)
+
+
+def _serve(
+    pipe: Connection, theirs: Connection, model: mujoco.MjModel, sensors: Mapping[str, SensorSetup], slots: Slots
+) -> None:
     """The process: works off exposures, detectors to build and frames to look at, in their order."""
+    theirs.close()  # else the controller's death would not end the pipe
     # Signals often go to all processes of a group: this one lives until the controller has stopped the arm.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -169,7 +191,7 @@ def _serve(pipe: Connection, compiled: Any, sensors: Mapping[str, SensorSetup], 
     cv2.setNumThreads(1)
     os.environ.setdefault("LP_NUM_THREADS", "0")
     try:
-        worker = _Worker(pickle.loads(bytes(compiled)), sensors, slots)
+        worker = _Worker(model, sensors, slots)
         while True:
             key, job = pipe.recv()
             pipe.send((key, worker.work(key, job)))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import pickle
+import select
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 
 import numpy as np
 import pytest
@@ -20,9 +23,11 @@ from sim.look import Camera
 from sim.photographer import Photographer, SensorSetup
 from sim.render_process import SLOTS, RenderProcess
 from sim.world import World, build_world
+from tests import ROOT
 
 FRAMES = 2 * SLOTS + 1
 PERIOD_S = 0.2
+PATIENCE_S = 30.0
 
 
 def build_brightness() -> Callable[[Frame], tuple[int, int]]:
@@ -92,6 +97,39 @@ def test_a_hosted_detector_reads_the_frames_that_it_is_sent(world: World, bench:
     answers = [begin(frame) for frame in frames]
     expected = [(frame.sequence, int(frame.image.sum())) for frame in frames]
     assert [answer() for answer in answers] == expected
+
+
+COPIED = """
+import signal, sys
+from cell.configuration import load_configuration, load_product
+from sim.render_process import RenderProcess, _may_fork
+from sim.world import build_world
+from tests.sim.test_render_process import sensors
+configuration = load_configuration()
+world = build_world(load_product(configuration), configuration.bench)
+assert _may_fork()
+process = RenderProcess(world.model, sensors(configuration.bench))
+assert not _may_fork()  # it reads the process's answers in a thread
+print(process.process_id, flush=True)
+signal.pause()
+"""
+
+
+def test_a_copy_of_the_controllers_process_ends_with_it() -> None:
+    controller = subprocess.Popen([sys.executable, "-c", COPIED], stdout=subprocess.PIPE, cwd=ROOT)
+    assert controller.stdout is not None
+    copy = os.pidfd_open(int(controller.stdout.readline()))
+    try:
+        assert select.select([copy], [], [], 0) == ([], [], [])
+        controller.kill()
+        assert select.select([copy], [], [], PATIENCE_S)[0] == [copy]
+    finally:
+        controller.kill()
+        with suppress(ProcessLookupError):
+            signal.pidfd_send_signal(copy, signal.SIGKILL)
+        os.close(copy)
+        controller.stdout.close()
+        controller.wait()
 
 
 def test_what_a_detector_says_about_the_users_files_comes_back(process: RenderProcess) -> None:

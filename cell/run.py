@@ -27,6 +27,7 @@ from cell.interfaces.files import shipped
 from cell.interfaces.observation import Observation
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
+from cell.log.reading.left_off import read_left_off, world_of
 from cell.observer import Level, Observer, Outcome
 from cell.recording.recorder import McapRecorder
 from cell.recording.scene import CellModel
@@ -99,15 +100,16 @@ def run(options: RunOptions, console: Console) -> RunResult:
         tree = options.load(product)
         log = log_path(options, configuration.log)
         check_detectors(configuration.bench, product, configuration.perception)
-        return _run(
-            options,
-            Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration)),
-            log,
-            console,
-        )
+        tally = BracketTally()
+        left_off = None
+        if options.resume is not None:
+            left_off = read_left_off(options.resume, product, lambda tick: tally.add(tick.time_s, tick.notes))
+            options = replace(options, world=options.world or world_of(options.resume))
+        planners, faults = load_planners(configuration, product), load_faults(configuration)
+        return _run(options, Files(configuration, product, tree, planners, faults, left_off), tally, log, console)
 
 
-def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunResult:
+def _run(options: RunOptions, files: Files, tally: BracketTally, log: Path, console: Console) -> RunResult:
     configuration, product = files.configuration, files.product
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     with ExitStack() as stack:
@@ -140,7 +142,8 @@ def _run(options: RunOptions, files: Files, log: Path, console: Console) -> RunR
             stack.callback(live.abandon)
             console.print(f"live: ws://127.0.0.1:{live.port} (layout: {LAYOUT})", highlight=False)
         moments, fluency = Moments(), Fluency(lambda seen: _tool_on_bench_m(motion, seen))
-        counts = Counts(RunStatistics(), _lateness(files, devices, alarm), fluency, BracketTally())
+        lateness = _lateness(files, devices, alarm)
+        counts = Counts(RunStatistics(), lateness, fluency, tally, tally.missing(len(devices.finished())))
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
         observers: tuple[Observer, ...] = (recorder, progress, moments, *counts.observers)
         monitor = _open_monitor(
@@ -221,6 +224,7 @@ def drive(
             devices.clock,
             controller.journal,
             controller.observe(),
+            files.left_off,
         )
         tree.setup(services, TickClock(services))
         return controller.run(tree, services)

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration
 from cell.interfaces.judgement import FaultTable
+from cell.interfaces.left_off import LeftOff
 from cell.interfaces.product import Product
 from cell.running.node_library import node_registry
 from cell.running.services import Planners
@@ -43,6 +44,7 @@ class RunOptions:
         pixels: render what the cameras see; without, a simulated cell's hands, holes and parts come from the truth.
         one_process: simulate, render and detect in this process, as where many runs go on side by side.
         world: address of a world that `cell world` opened; None for one of the run's own.
+        resume: log of a run that was broken off; this one goes on with its work.
         brackets: how many are made one after the other; None for one bracket, 0 for until the run is stopped.
     """
 
@@ -67,6 +69,7 @@ class RunOptions:
     orders: Iterable[str] | None = None
     brackets: int | None = None
     world: Path | None = None
+    resume: Path | None = None
     max_duration_s: float | None = None
     images: bool = True
     pixels: bool = True
@@ -98,10 +101,15 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class Files:
-    """Everything that was read before any device was opened."""
+    """Everything that was read before any device was opened.
+
+    Attributes:
+        left_off: of the run that this one goes on with.
+    """
 
     configuration: Configuration
     product: Product
     tree: Tree
     planners: Planners
     faults: FaultTable
+    left_off: LeftOff | None = None

@@ -17,12 +17,18 @@ from cell.running.statistics import RunStatistics
 
 @dataclass(frozen=True)
 class Counts:
-    """Observers that count what a summary tells."""
+    """Observers that count what a summary tells.
+
+    Attributes:
+        tally: knows the brackets of a run that this one goes on with, too.
+        judged_before: brackets that were judged at this bench before the first one of the tally.
+    """
 
     statistics: RunStatistics
     lateness: Lateness
     fluency: Fluency
     tally: BracketTally
+    judged_before: int = 0
 
     @property
     def observers(self) -> tuple[Observer, ...]:
@@ -31,7 +37,9 @@ class Counts:
     def job(self, devices: Devices) -> dict[str, object]:
         """How the job was done; of a shift bracket by bracket."""
         done = devices.report()
-        shift = self.tally.report([*devices.finished(), done])
+        judged = [*devices.finished(), done]
+        unknown: list[dict[str, object]] = [{}] * -self.judged_before
+        shift = self.tally.report([*unknown, *judged[max(0, self.judged_before) :]])
         return {**done, **self.statistics.report(), **self.fluency.report(), **shift}
 
 

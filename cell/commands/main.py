@@ -177,6 +177,9 @@ def run(
         typer.Option(min=0, help="A shift: so many brackets one after the other; 0: until it is stopped."),
     ] = None,
     world_address: WorldOption = None,
+    resume: Annotated[
+        Path | None, typer.Option(help="Go on with the work of this log, whose run was broken off.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Assemble one product, or a shift of them."""
@@ -206,6 +209,7 @@ def run(
         entries=entries_of(entries),
         brackets=brackets,
         world=world_address,
+        resume=resume,
         page_port=page_port if page else None,
         orders=typed_lines(sys.stdin.fileno()) if orders else None,
     )

@@ -320,7 +320,7 @@ def _open(path: Path, settings: LogSettings, context: foxglove.Context, heading:
 def _next_bracket(record: TickRecord) -> bool:
     """Whether a bracket begins that is not the first one."""
     return any(
-        topic == "bracket" and fields.get("edge") == "begin" and fields.get("number") != 1
+        topic == "bracket" and fields.get("edge") == "begin" and fields.get("number") != 1 and "resumed" not in fields
         for topic, fields in record.notes
     )
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
+
+NOTHING: Mapping[str, float] = {}
 
 
 @dataclass
@@ -44,10 +47,17 @@ class BracketTally:
         """Images are not counted."""
 
     def tick(self, record: TickRecord) -> None:
-        now_s = record.observation.time_s
-        for topic, fields in record.notes:
+        display = record.command.display
+        self.add(record.observation.time_s, record.notes, {} if display is None else display.goal_belief)
+
+    def add(
+        self, now_s: float, notes: Iterable[tuple[str, Mapping[str, Any]]], belief: Mapping[str, float] = NOTHING
+    ) -> None:
+        """One tick, of this run or of the one that it goes on with."""
+        for topic, fields in notes:
             if topic == "bracket" and fields["edge"] == "begin":
-                self.brackets.append(Bracket(int(str(fields["number"])), now_s, now_s))
+                if self._open is None or self._open.number != fields["number"]:
+                    self.brackets.append(Bracket(int(str(fields["number"])), now_s, now_s))
             elif topic == "bracket" and self._open is not None:
                 self._open.end_s = now_s
                 self._open.finished = bool(fields["finished"])
@@ -55,7 +65,7 @@ class BracketTally:
                 self.brackets[-1].help_requests += 1
         if (now := self._open) is not None:
             now.end_s = now_s
-            if record.command.display is not None and (belief := record.command.display.goal_belief):
+            if belief:
                 now.inferred_goal = max(belief, key=lambda goal: belief[goal])
 
     def message(self, time_s: float, level: Level, text: str) -> None:
@@ -80,6 +90,14 @@ class BracketTally:
             "unfinished": sum(row["correct"] is not True and row["finished"] is not True for row in rows),
             "asked": sum(one.help_requests for one in self.brackets),
         }
+
+    def missing(self, judged: int) -> int:
+        """How many brackets were judged before the first one here; less than 0 where that was at another bench.
+
+        A bracket is judged when it is taken away, which is about when it is over.
+        """
+        begun, over = len(self.brackets), sum(one.finished is not None for one in self.brackets)
+        return -over if judged < over - 1 else max(0, judged - begun)
 
     @property
     def _open(self) -> Bracket | None:

@@ -11,6 +11,7 @@ from cell.configuration import Configuration
 from cell.interfaces.clock import Clock
 from cell.interfaces.errors import InputError, ModelError, SettingError
 from cell.interfaces.journal import Journal
+from cell.interfaces.left_off import LeftOff
 from cell.interfaces.observation import Observation
 from cell.interfaces.planning import GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
@@ -100,9 +101,14 @@ def make_services(
     clock: Clock,
     journal: Journal,
     observation: Observation,
+    left_off: LeftOff | None = None,
 ) -> Services:
-    """What the nodes of a tree work with."""
-    return Services(
+    """What the nodes of a tree work with.
+
+    Args:
+        left_off: of a run that was broken off and that this one goes on with.
+    """
+    services = Services(
         product=planners.known,
         bench=configuration.bench,
         clock=clock,
@@ -116,7 +122,12 @@ def make_services(
         observation=observation,
         teach=_teacher(configuration, planners.known),
         learn=learner(configuration, planners),
+        left_off=left_off,
+        held_part=None if left_off is None else left_off.held_part,
     )
+    for parts in left_off.finished if left_off is not None else ():
+        services.learn(services, parts)
+    return services
 
 
 def _teacher(configuration: Configuration, product: Product) -> Callable[[str, tuple[str, ...]], str] | None:

@@ -14,6 +14,7 @@ from cell.interfaces.clock import Clock
 from cell.interfaces.command import Command, Display
 from cell.interfaces.errors import ModelError
 from cell.interfaces.journal import Journal
+from cell.interfaces.left_off import LeftOff
 from cell.interfaces.observation import Observation
 from cell.interfaces.operator import Question, QuestionKind
 from cell.interfaces.perception import PartDetection, PartsView
@@ -45,6 +46,8 @@ class Services:
         put_down: what the robot stood elsewhere in this run; no camera looks there.
         reasons: why the robot could not get a part, and how often, since it asked last; the last one is the newest.
         learn: tells the planners how a bracket was finished, so that they know its goal from then on.
+        left_off: what a run that was broken off knew, until this one has gone on with it; None for a new beginning.
+        brackets: how many were begun in this run.
         tray_seen_s: when that was seen; None where it is not known, as something else was moved or a grasp failed.
     """
 
@@ -68,6 +71,8 @@ class Services:
     teach: Callable[[str, tuple[str, ...]], str] | None = None
     reasons: Counter[str] = field(default_factory=Counter)
     learn: Callable[[Services, tuple[str, ...]], str | None] = lambda *_: None
+    left_off: LeftOff | None = None
+    brackets: int = 0
     _asked: int = 0
     tray_seen_s: float | None = None
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from py_trees.common import Status
 
+from cell.interfaces.left_off import LeftOff
 from cell.interfaces.operator import Question
 from cell.interfaces.planning import AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
@@ -14,7 +15,11 @@ LEAST_PLACED_N = 3  # a bracket with fewer parts whose holes look empty again wa
 
 
 class WaitForEmptyBracket(CellNode):
-    """Ask for an empty bracket, and wait until every hole is seen empty."""
+    """Ask for an empty bracket, and wait until every hole is seen empty.
+
+    The first bracket of a run may be one that was begun before: with the log of a run that was broken off, or where
+    only some holes are filled.
+    """
 
     persistent = ("_empty_s",)
 
@@ -28,6 +33,9 @@ class WaitForEmptyBracket(CellNode):
         services = self.services
         view = services.observation.bench
         filled = filled_holes(self)
+        if view is not None and filled is not None and self._goes_on(filled):
+            self.feedback_message = f"goes on with the bracket that is there: {' '.join(filled) or 'still empty'}"
+            return Status.SUCCESS
         if view is None or filled is None or filled:
             self._empty_s = None
             self.feedback_message = f"still there: {' '.join(filled)}" if filled else "not all holes were seen yet"
@@ -44,18 +52,28 @@ class WaitForEmptyBracket(CellNode):
             self.services.withdraw(self._question)
             self._question = None
 
+    def _goes_on(self, filled: list[str]) -> bool:
+        services = self.services
+        if services.brackets:
+            return False
+        under_way = services.left_off is not None and services.left_off.bracket > 0 and not services.left_off.ended
+        return under_way or 0 < len(filled) < len(services.product.positions)
+
 
 class BeginBracket(CellNode):
-    """Count the brackets, and begin with an assembly graph without edges."""
+    """Count the brackets, and begin with an assembly graph without edges, or where a run was broken off."""
 
     number = InOutPort(int, "which bracket of the shift this is, from 1")
     state = OutputPort(AssemblyState, "what is placed so far")
 
     def update(self) -> Status:
-        number = self.number.get() + 1
+        left, self.services.left_off = self.services.left_off or LeftOff(), None
+        resumed = left.bracket > 0 and not left.ended
+        number = left.bracket if resumed else max(self.number.get(), left.bracket) + 1
         self.number.set(number)
-        self.state.set(AssemblyState({}))
-        self.services.journal.note("bracket", number=number, edge="begin")
+        self.state.set(left.state if resumed else AssemblyState({}))
+        self.services.brackets += 1
+        self.services.journal.note("bracket", number=number, edge="begin", **({"resumed": True} if resumed else {}))
         self.services.show(message=f"bracket {number}", help_request=None)
         self.feedback_message = f"bracket {number}"
         return Status.SUCCESS

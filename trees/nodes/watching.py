@@ -25,12 +25,18 @@ class SeenAction:
 
 
 class StartGraph(CellNode):
-    """Begin with an assembly graph without edges; after an edit of the running tree, go on with the graph so far."""
+    """Begin with an assembly graph without edges.
+
+    After an edit of the running tree, or where a run was broken off, go on with the graph so far.
+    """
 
     state = OutputPort(AssemblyState, "what is placed so far")
 
     def update(self) -> Status:
-        kept = self.state.entry.value if self.state.carried and self.state.entry else AssemblyState({})
+        left, self.services.left_off = self.services.left_off, None
+        kept = AssemblyState({}) if left is None else left.state
+        if self.state.carried and self.state.entry:
+            kept = self.state.entry.value
         self.state.set(kept)
         self.feedback_message = f"goes on with {len(kept.placed)} parts" if kept.placed else ""
         return Status.SUCCESS

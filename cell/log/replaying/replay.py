@@ -18,6 +18,7 @@ from cell.interfaces.command import Command
 from cell.interfaces.errors import InputError, LogError
 from cell.interfaces.journal import ListJournal
 from cell.interfaces.judgement import SIGNALS, Action, FaultTable, Judgement
+from cell.interfaces.left_off import LeftOff
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml
 from cell.log.reading.reader import Log, LoggedTick
@@ -101,6 +102,7 @@ class Replay:
             ManualClock(log.ticks[0].time_s),
             self._journal,
             log.ticks[0].observation,
+            LeftOff.of(json.loads(log.metadata["left_off"])) if "left_off" in log.metadata else None,
         )
         read = [fields for tick in log.ticks for topic, fields in tick.notes if topic == "file"]
         self._services.files = LoggedFiles(read)

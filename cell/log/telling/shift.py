@@ -128,7 +128,8 @@ def _waits_for(tick: LoggedTick, asked: list[Any]) -> str:
 
 
 def _note(topic: str, fields: Any, tick: LoggedTick, found: list[BracketRow]) -> None:
-    if topic == "bracket" and fields["edge"] == "begin":
+    going_on = bool(found) and found[-1].finished is None and found[-1].number == fields.get("number")
+    if topic == "bracket" and fields["edge"] == "begin" and not going_on:
         found.append(BracketRow(fields["number"], tick.time_s, tick.time_s))
     if not found or found[-1].finished is not None:
         return

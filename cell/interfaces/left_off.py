@@ -1,0 +1,43 @@
+"""Where a run was left off, for one that goes on with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from cell.interfaces.planning import AssemblyState
+
+
+@dataclass(frozen=True)
+class LeftOff:
+    """What a controller knew that no camera sees, when it was gone.
+
+    Attributes:
+        placed, told_goal: as in AssemblyState, of the bracket that was worked on.
+        bracket: number of the last bracket that was begun; 0 outside of a shift.
+        ended: that bracket was ended.
+        held_part: type of the part that was picked last; whether it is still held, the gripper tells.
+        finished: what stood in brackets whose goal was learned, type by position in the product's order.
+    """
+
+    placed: Mapping[str, str] = field(default_factory=dict)
+    told_goal: str | None = None
+    bracket: int = 0
+    ended: bool = False
+    held_part: str | None = None
+    finished: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def state(self) -> AssemblyState:
+        """The assembly graph of the bracket that is there; empty where that was ended."""
+        return AssemblyState({}) if self.ended else AssemblyState(dict(self.placed), self.told_goal)
+
+    def plain(self) -> dict[str, Any]:
+        """For a log."""
+        return asdict(self)
+
+    @classmethod
+    def of(cls, plain: Mapping[str, Any]) -> LeftOff:
+        """From a log."""
+        return cls(**{**plain, "finished": tuple(tuple(parts) for parts in plain["finished"])})

@@ -18,6 +18,7 @@ from cell.interfaces.truth import TruthEvent
 from sim import hand, palette
 from sim.world import World
 
+KEPT = 1000  # contacts, of a shift with many more
 APART_S = 0.3  # what touches again within this time is the same contact
 SKIN, FLESH, PART, FINGER = 1, 2, 4, 8
 
@@ -51,7 +52,7 @@ class ContactMonitor:
     """Looks at every contact in the physics, as often as it is asked to observe.
 
     Attributes:
-        contacts: those that are over, in order.
+        contacts: those that are over, in order; of very many the newest that were told.
 
     Args:
         driven_rad_s: how fast the arm's joints are driven now, (6,).
@@ -64,7 +65,8 @@ class ContactMonitor:
         self._codes = np.array([self._code(geom) for geom in range(world.model.ngeom)], dtype=np.uint8)
         self._tool = int(world.model.body("tool").id)
         self._now: Contact | None = None
-        self._told = 0
+        self._told = self._forgotten = 0
+        self._worst: tuple[float, ...] = (0.0, 0.0, 0.0)  # of those forgotten: speed, relative speed, force
         self._begun: list[TruthEvent] = []
         self.contacts: list[Contact] = []
 
@@ -90,18 +92,27 @@ class ContactMonitor:
         """Keys of `cell run --json`."""
         found = self.all()
         return {
-            "contacts": len(found),
-            "contact_speed_m_s": round(max((one.speed_m_s for one in found), default=0.0), 3),
-            "contact_relative_m_s": round(max((one.relative_m_s for one in found), default=0.0), 3),
-            "contact_force_n": round(max((one.force_n for one in found), default=0.0), 1),
+            "contacts": self._forgotten + len(found),
+            "contact_speed_m_s": round(max((self._worst[0], *(one.speed_m_s for one in found))), 3),
+            "contact_relative_m_s": round(max((self._worst[1], *(one.relative_m_s for one in found))), 3),
+            "contact_force_n": round(max((self._worst[2], *(one.force_n for one in found))), 1),
         }
 
     def news(self) -> list[TruthEvent]:
         """Contacts that began or ended since the last call."""
         begun, self._begun = self._begun, []
         ended = self.contacts[self._told :]
+        self._forget(self.contacts[:-KEPT])
         self._told = len(self.contacts)
         return begun + [TruthEvent(one.end_s, "contact", {"edge": "end", **vars(one)}) for one in ended]
+
+    def _forget(self, oldest: list[Contact]) -> None:
+        """Keep of these only how many there were, and the worst."""
+        del self.contacts[: len(oldest)]
+        self._forgotten += len(oldest)
+        for one in oldest:
+            speeds = (one.speed_m_s, one.relative_m_s, one.force_n)
+            self._worst = tuple(max(pair) for pair in zip(self._worst, speeds, strict=True))
 
     def _code(self, geom: int) -> int:
         model = self._model

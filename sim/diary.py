@@ -29,8 +29,13 @@ class ActionEvent:
         return TruthEvent(self.time_s, "action", fields)
 
 
+KEPT = 1000  # of each sort; a shift has many more
+
+
 class Diary:
     """Collects what happens at the time that it was told last.
+
+    Of what `news` told only the newest is kept, so that a shift of many hours needs no more memory than one bracket.
 
     Attributes:
         time_s: now.
@@ -62,5 +67,6 @@ class Diary:
     def news(self) -> list[TruthEvent]:
         """Actions and acts since the last call, in order."""
         actions, acts = self.actions[self._told[0] :], self.acts[self._told[1] :]
+        del self.actions[:-KEPT], self.acts[:-KEPT]
         self._told = len(self.actions), len(self.acts)
         return sorted([*(action.truth() for action in actions), *acts], key=lambda event: event.time_s)

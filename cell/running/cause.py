@@ -7,6 +7,8 @@ from collections.abc import Iterable
 
 from trees.engine.node import FAILURE, StatusChange
 
+KEPT = 200  # reasons whose counts are remembered
+
 
 class FailureCause:
     """Follows the status changes of a run; the deepest cause is the last failure that has a reason.
@@ -23,7 +25,13 @@ class FailureCause:
         for change in changes:
             if change.new is FAILURE and change.old is not FAILURE and change.feedback:
                 self._last = change
-                self._counts[change.uid, change.feedback] += 1
+                self._count(change.uid, change.feedback)
+
+    def _count(self, uid: int, feedback: str) -> None:
+        """One more; of the reasons that came long ago nobody will ask."""
+        self._counts[uid, feedback] = self._counts.pop((uid, feedback), 0) + 1
+        if len(self._counts) > KEPT:
+            del self._counts[next(iter(self._counts))]
 
     def __str__(self) -> str:
         """Like "FindPart: no o9 in the tray (16 times)"; empty where nothing failed with a reason."""

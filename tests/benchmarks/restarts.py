@@ -87,8 +87,8 @@ class Trial:
             controllers.join()
             return self._row(lines)
         finally:
-            with suppress(ProcessLookupError, AttributeError):
-                self._controller.kill()  # type: ignore[union-attr]
+            if self._controller is not None:
+                self._controller.kill()
             cell.close()
 
     def _controllers(self, address: Path, lines: list[dict[str, Any]], server: WorldServer) -> None:

@@ -7,12 +7,14 @@ from typing import Any
 
 from py_trees.common import Status
 
+from cell.interfaces.left_off import LeftOff
 from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import AssemblyState
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, see, services
 from trees.nodes.services import Services
 from trees.nodes.shift import BeginBracket, BracketTaken, EndBracket, ShiftIsOver, WaitForEmptyBracket
+from trees.nodes.watching import StartGraph
 from trees.testing import alone
 
 G0 = PRODUCT.goal_placements("g0")
@@ -93,3 +95,47 @@ def test_enough_is_what_the_operator_wants() -> None:
     for wanted, status in ((None, Status.FAILURE), (4, Status.FAILURE), (3, Status.SUCCESS), (0, Status.SUCCESS)):
         to.observation = replace(to.observation, operator=OperatorState(brackets=wanted))
         assert node.execute() is status
+
+
+def test_a_shift_that_begins_with_a_bracket_half_full_goes_on_with_it_but_only_the_first_time() -> None:
+    to = services()
+    node: Any = alone(WaitForEmptyBracket("wait"), to)
+    half = {**EMPTY_HOLES, "p1": FULL["p1"]}
+    see(to, 0.0, holes=half)
+    assert node.execute() is Status.SUCCESS
+    assert not to.display.questions
+    to.brackets = 1
+    see(to, 1.0, holes=half)
+    assert node.execute() is Status.RUNNING
+    assert [question.kind for question in to.display.questions] == ["bracket"]
+
+
+def test_a_resumed_shift_goes_on_with_its_bracket_and_keeps_counting() -> None:
+    to = services(left_off=LeftOff(placed={"p1": "o1"}, told_goal="g0", bracket=3))
+    wait: Any = alone(WaitForEmptyBracket("wait"), to)
+    see(to, 0.0)
+    assert wait.execute() is Status.SUCCESS, "nothing stood in it yet, and it was begun"
+    node: Any = alone(BeginBracket("begin"), to, number=0)
+    assert node.execute() is Status.SUCCESS
+    assert (node.number.get(), node.state.entry.value) == (3, AssemblyState({"p1": "o1"}, "g0"))
+    assert notes(to) == [{"number": 3, "edge": "begin", "resumed": True}]
+    assert node.execute() is Status.SUCCESS
+    assert (node.number.get(), node.state.entry.value) == (4, AssemblyState({}))
+
+
+def test_a_shift_that_was_left_between_two_brackets_begins_the_next_one() -> None:
+    to = services(left_off=LeftOff(placed=dict(G0), bracket=3, ended=True))
+    wait: Any = alone(WaitForEmptyBracket("wait"), to)
+    see(to, 0.0, holes=FULL)
+    assert wait.execute() is Status.RUNNING
+    node: Any = alone(BeginBracket("begin"), to, number=0)
+    assert node.execute() is Status.SUCCESS
+    assert (node.number.get(), node.state.entry.value) == (4, AssemblyState({}))
+
+
+def test_an_assembly_that_was_left_begins_with_its_graph() -> None:
+    to = services(left_off=LeftOff(placed={"p2": "o2"}))
+    node: Any = alone(StartGraph("start"), to)
+    assert node.execute() is Status.SUCCESS
+    assert node.state.entry.value == AssemblyState({"p2": "o2"})
+    assert to.left_off is None

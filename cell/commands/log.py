@@ -116,6 +116,24 @@ def query(
 
 
 @log_app.command()
+def nodes(
+    log: LogArgument,
+    from_s: FromOption = 0.0,
+    until_s: UntilOption = float("inf"),
+    as_json: JsonOption = False,
+) -> None:
+    """Say of every node of the tree how often it was ticked, how long it ran and how it ended."""
+    from cell.log.telling.node_statistics import node_statistics, statistics_lines
+
+    found = node_statistics(read(log), from_s, until_s)
+    if as_json:
+        for node in found:
+            tell_json(vars(node))
+    else:
+        say(*statistics_lines(found))
+
+
+@log_app.command()
 def diff(
     one: Annotated[Path, typer.Argument(metavar="A", help="Log.")],
     other: Annotated[Path, typer.Argument(metavar="B", help="Log to compare with.")],

@@ -24,6 +24,7 @@ from cell.commands.new import new_app
 from cell.commands.replay import replay
 from cell.commands.schema import schema
 from cell.commands.see import see
+from cell.commands.show import MONITOR_PORT, NodesOption, PortOption, monitor, show, write
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
 from cell.commands.world import WorldOption, world
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 TREE = own_or_shipped("trees", "ahead.xml", "assemble.xml")
 SHIFT_TREE = own_or_shipped("trees", "shift.xml")
 BAD_INPUT, SAFE_STOP = 2, 3
-MONITOR_PORT = 1667
 LIVE_PORT = 8765
 PAGE_PORT = 8780
 
@@ -67,6 +67,8 @@ app.command()(replay)
 app.command()(report)
 app.command()(schema)
 app.command()(see)
+app.command()(show)
+app.command()(monitor)
 app.command()(sweep)
 app.command()(compare)
 app.command()(world)
@@ -100,12 +102,6 @@ LookOption = Annotated[
     str | None,
     typer.Option(help="What the simulation looks like: nominal, varied, hard, PRESET:SECTION or a look file."),
 ]
-NodesOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--nodes", help="File, folder or package with nodes of your own; CELL_NODES names some for every command."
-    ),
-]
 BesideOption = Annotated[
     list[Path] | None,
     typer.Option("--also", help="Further tree files, or folders with them, whose trees may be named."),
@@ -115,7 +111,6 @@ EntriesOption = Annotated[
     typer.Option("--set", help="NAME=VALUE: an entry of the main tree; or a YAML file with several."),
 ]
 DoctorJsonOption = Annotated[bool, typer.Option("--json", help="One line of JSON instead.")]
-PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -236,14 +231,6 @@ def _list_run(log: Path) -> None:
 
 
 @app.command()
-def monitor(port: PortOption = MONITOR_PORT) -> None:
-    """Watch the tree of a `cell run --monitor` that runs on this machine."""
-    from cell.viewing.live_view import live_view
-
-    live_view(port, console())
-
-
-@app.command()
 def check(
     files: Annotated[list[Path], typer.Argument(help="Tree files.")],
     config: Annotated[
@@ -289,29 +276,6 @@ def _product(config: Path | None) -> Product | None:
 
 
 @app.command()
-def show(
-    file: Annotated[Path, typer.Argument(help="Tree file.")],
-    svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
-    png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
-    own_nodes: NodesOption = None,
-) -> None:
-    """Print the trees of a file, or draw them."""
-    from cell.running.node_library import node_registry
-    from trees.views.show import show_file
-
-    if svg is None and png is None:
-        sys.stdout.write(show_file(file, node_registry(more=own_nodes or ())))
-        return
-    from trees.views.picture import picture, to_png
-
-    drawing = picture(file, node_registry(more=own_nodes or ()))
-    if svg is not None:
-        _write(svg, drawing.encode())
-    if png is not None:
-        _write(png, to_png(drawing))
-
-
-@app.command()
 def nodes(
     style: Annotated[
         NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
@@ -325,7 +289,7 @@ def nodes(
 
     registry = node_registry(more=own_nodes or ())
     if groot is not None:
-        _write(groot, palette.groot_model(registry).encode())
+        write(groot, palette.groot_model(registry).encode())
         return
     writers: Mapping[NodeFormat, Callable[[], str]] = {
         NodeFormat.text: lambda: palette.palette_text(registry),
@@ -353,13 +317,6 @@ def _problem_data(problem: Problem) -> dict[str, object]:
     place = problem.place
     where = {"file": str(place.file), "line": place.line, "column": place.column}
     return {**where, "what": problem.what, "legal": problem.legal}
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _complain(text: str, status: int) -> int:

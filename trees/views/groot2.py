@@ -78,6 +78,10 @@ class StatusBoard:
         """Uid and status of every node."""
         return b"".join(_STATUS.pack(uid, code) for uid, code in enumerate(self._codes, 1))
 
+    def codes(self) -> dict[int, int]:
+        """Status of every node by uid."""
+        return dict(enumerate(self._codes, 1))
+
     def record(self, time_s: float) -> None:
         """Begin to keep transitions; their times count from now."""
         self._began_s = time_s

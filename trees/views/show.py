@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cell.interfaces.errors import InputError
-from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS
+from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 from trees.engine.tree import Tree
 from trees.files.library import Library, read_library
 from trees.files.loader import in_order
@@ -14,7 +14,7 @@ from trees.files.registry import Registry
 from trees.files.structure import check_structure, node_tag
 from trees.files.xml_file import Element
 
-MARKS = {IDLE: " ", RUNNING: "*", SUCCESS: "+", FAILURE: "x"}
+MARKS = {IDLE: " ", RUNNING: "*", SUCCESS: "+", FAILURE: "x", SKIPPED: "-"}
 
 
 def show_file(path: Path, registry: Registry) -> str:
@@ -28,7 +28,7 @@ def show_file(path: Path, registry: Registry) -> str:
 
 
 def show_tree(tree: Tree) -> str:
-    """A loaded tree with the status and feedback of every node: * running, + success, x failure."""
+    """A loaded tree with the status and feedback of every node: * running, + success, x failure, - skipped."""
     lines = []
     waiting = [(tree.root, "", "")]
     while waiting:

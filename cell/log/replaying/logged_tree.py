@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,21 +24,37 @@ PRODUCT, CONFIGURATION = "product.yaml", "configuration.yaml"
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
-def logged_tree(log: Log) -> Tree:
+def logged_tree(log: Log, more: Iterable[str] = ()) -> Tree:
     """Load it with the nodes of this version.
+
+    Args:
+        more: files or packages with further nodes.
 
     Raises:
         LogError: the log holds no tree.
         InputError: this version cannot load it.
     """
-    name = log.metadata.get("tree")
-    files = {Path(one).name: text for one, text in log.attachments.items() if one.startswith(FOLDER)}
-    if name is None or name not in files:
+    name = f"{FOLDER}{log.metadata.get('tree')}"
+    files = {one: text for one, text in log.attachments.items() if one.startswith(FOLDER)}
+    if name not in files:
         raise LogError(log.path, f"holds no tree; it holds: {', '.join(log.attachments) or 'nothing'}")
     with tempfile.TemporaryDirectory(prefix="cell-tree-") as folder:
-        for file, text in files.items():
-            (Path(folder) / file).write_bytes(text)
-        return load_tree(Path(folder) / name, node_registry())
+        write_files(log, files, Path(folder))
+        return load_tree(Path(folder) / name, node_registry(more=more))
+
+
+def write_files(log: Log, files: Mapping[str, bytes], folder: Path) -> None:
+    """Put attachments of a log into a folder, in folders of their own as their names say.
+
+    Raises:
+        LogError: a name leads out of the folder.
+    """
+    for name, content in files.items():
+        target = (folder / name).resolve()
+        if not target.is_relative_to(folder.resolve()):
+            raise LogError(log.path, f"has an attachment that leads out of its folder: {name}")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
 
 
 def logged_bench(log: Log) -> Bench:

@@ -23,6 +23,7 @@ from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml
 from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.compare import Comparison, Decisions, Difference, decided, differences, logged
+from cell.log.replaying.logged_tree import write_files
 from cell.recording.identity import what_changed
 from cell.running.controller import STOPPED, STOPPING, withhold
 from cell.running.node_library import node_registry
@@ -195,7 +196,7 @@ class Replay:
     def _exchange(self, texts: Mapping[str, str]) -> None:
         """Let an edited tree take over as it did in the run."""
         with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
-            _write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
+            write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
             following = _tree(self.log, Path(folder), node_registry())
         take_over(self.tree, following, self._services, self._clock)
         self.tree, self._hooks = following, Hooks(following, _nobody)
@@ -252,16 +253,7 @@ def _unpack(log: Log, folder: Path) -> None:
     for needed in ("configuration.yaml", "product.yaml", f"tree/{log.metadata['tree']}"):
         if needed not in log.attachments:
             raise LogError(log.path, f"has no attachment {needed}; it has: {', '.join(log.attachments) or 'none'}")
-    _write_files(log, log.attachments, folder)
-
-
-def _write_files(log: Log, files: Mapping[str, bytes], folder: Path) -> None:
-    for name, content in files.items():
-        target = (folder / name).resolve()
-        if not target.is_relative_to(folder.resolve()):
-            raise LogError(log.path, f"has an attachment that leads out of its folder: {name}")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(content)
+    write_files(log, log.attachments, folder)
 
 
 def _with_weights(log: Log, configuration: Configuration, changes: Changes) -> Configuration:

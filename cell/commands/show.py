@@ -1,0 +1,131 @@
+"""`cell show` and `cell monitor`: trees as they stand in a file, as they ran in a log, or as they run now."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cell.commands.terminal import console
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from cell.log.telling.tree_at import TreeAt
+
+MONITOR_PORT = 1667
+LOGS = (".mcap",)
+
+PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
+NodesOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--nodes", help="File, folder or package with nodes of your own; CELL_NODES names some for every command."
+    ),
+]
+
+
+def show(
+    source: Annotated[
+        Path | None, typer.Argument(metavar="[FILE]", help="Tree file, or log of a run (MCAP); none with --running.")
+    ] = None,
+    at_s: Annotated[
+        float, typer.Option("--at", help="Time in a log in [s]; by default the last tick of the tree.")
+    ] = math.inf,
+    running: Annotated[bool, typer.Option("--running", help="The tree of a `cell run --monitor` on this machine.")] = (
+        False
+    ),
+    port: PortOption = MONITOR_PORT,
+    svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
+    own_nodes: NodesOption = None,
+) -> None:
+    """Print the trees of a file, or draw them; of a log or a running cell with what every node does."""
+    if (source is None) != running:
+        raise InputError("name a tree file or a log, or say --running")
+    if source is not None and source.suffix not in LOGS:
+        if not math.isinf(at_s):
+            raise InputError("--at goes with a log")
+        _show_file(source, svg, png, own_nodes or ())
+        return
+    shown = _monitored(port) if source is None else _logged(source, at_s, own_nodes or ())
+    if svg is None and png is None:
+        _tell(shown)
+        return
+    from trees.views.picture import running_picture
+
+    _draw(running_picture(shown.xml, shown.statuses, shown.said), svg, png)
+
+
+def monitor(
+    port: PortOption = MONITOR_PORT,
+) -> None:
+    """Watch the tree of a `cell run --monitor` that runs on this machine."""
+    from cell.viewing.live_view import live_view
+
+    live_view(port, console())
+
+
+def _show_file(file: Path, svg: Path | None, png: Path | None, own_nodes: Iterable[str]) -> None:
+    from cell.running.node_library import node_registry
+
+    registry = node_registry(more=own_nodes)
+    if svg is None and png is None:
+        from trees.views.show import show_file
+
+        sys.stdout.write(show_file(file, registry))
+    else:
+        from trees.views.picture import picture
+
+        _draw(picture(file, registry), svg, png)
+
+
+def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:
+    from cell.commands.log_terminal import read
+    from cell.log.telling.tree_at import tree_at
+
+    return tree_at(read([log]), at_s, own_nodes)
+
+
+def _monitored(port: int) -> TreeAt:
+    from cell.log.telling.tree_at import TreeAt
+    from cell.viewing.live_view import MonitorClient
+
+    client = MonitorClient(port)
+    try:
+        return TreeAt(client.tree(), client.statuses(), client.said(), math.nan)
+    finally:
+        client.close()
+
+
+def _tell(shown: TreeAt) -> None:
+    from cell.viewing.tree_lines import lines_of
+
+    when = "" if math.isnan(shown.time_s) else f" at {shown.time_s:.2f} s"
+    name = next(shown.xml.iter("BehaviorTree")).get("ID", "")
+    lines = [line.text().plain for line in lines_of(shown.xml, shown.statuses, shown.said)]
+    sys.stdout.writelines(f"{line}\n" for line in [f"{name}{when}", *lines])
+
+
+def _draw(drawing: str, svg: Path | None, png: Path | None) -> None:
+    from trees.views.picture import to_png
+
+    if svg is not None:
+        write(svg, drawing.encode())
+    if png is not None:
+        write(png, to_png(drawing))
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file that the person asked for.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -30,7 +30,7 @@ def with_changes(log: Log, *ticks: list[tuple[str, object, object]]) -> Log:
         made = [StatusChange(path, int(path.split()[0]), old, new, f"{new.name}") for path, old, new in changes]  # type: ignore[arg-type, attr-defined]
         return replace(tick, changes=tuple(made))
 
-    return replace(log, ticks=[changed(*pair) for pair in zip(log.ticks, ticks, strict=False)])
+    return replace(log, ticks=tuple(changed(*pair) for pair in zip(log.ticks, ticks, strict=False)))
 
 
 def test_every_result_of_a_node_is_counted(assembly_log: Log) -> None:
@@ -44,7 +44,8 @@ def test_every_result_of_a_node_is_counted(assembly_log: Log) -> None:
     )
     job, leaf, other = node_statistics(log)
     period_s = log.ticks[1].time_s - log.ticks[0].time_s
-    assert (job.ticks, job.halted, job.running_s) == (4, 1, pytest.approx(4 * period_s))
+    assert (job.ticks, job.halted) == (4, 1)
+    assert job.running_s == pytest.approx(4 * period_s)
     assert (leaf.ticks, leaf.success, leaf.failure, leaf.reason) == (3, 1, 1, "FAILURE")
     assert leaf.running_s == pytest.approx(period_s)
     assert (other.skipped, other.halted) == (1, 1)

@@ -8,9 +8,11 @@ from torch import Tensor
 from torch.nn import functional as F
 
 MIX_SHARE, BLUR_SHARE, GAMMA_SHARE, COVER_SHARE, DARK_SHARE = 0.6, 0.5, 0.4, 0.3, 0.5
-LARGEST_NOISE = 0.07
-DARKEST = 0.3  # of the light: noise counts more in the dark
-BLURS = 3  # passes of 3 x 3 pixels
+NEGATIVE_SHARE = 0.15  # of images whose bright and dark are swapped: a dark hand over a bright table
+LARGEST_NOISE = 0.08
+COARSE_SHARE = 0.3  # of images whose noise is as coarse as two pixels: what JPEG leaves of it
+DARKEST = 0.15  # of the light: noise counts more in the dark
+BLURS = 4  # passes of 3 x 3 pixels
 GAMMA = 0.35  # standard deviation of its logarithm
 COVER = (0.08, 0.3)  # sides of what covers a piece, as shares of the image's
 
@@ -25,6 +27,8 @@ def varied(images: Tensor, rng: np.random.Generator, largest_noise: float = LARG
     amount = rng.uniform(0.0, 1.0, count) * (rng.random(count) < MIX_SHARE)
     mixing = _mixing(amount, rng)
     images = torch.einsum("nij,njhw->nihw", mixing, images).clamp(0.0, 1.0)
+    negative = torch.from_numpy(rng.random(count) < NEGATIVE_SHARE)[:, None, None, None]
+    images = torch.where(negative, 1.0 - images, images)
     gamma = np.exp(rng.normal(0.0, GAMMA, count) * (rng.random(count) < GAMMA_SHARE))
     images = (images + 1e-4) ** _each(gamma)
     softness = rng.uniform(0.0, BLURS, count) * (rng.random(count) < BLUR_SHARE)
@@ -33,6 +37,8 @@ def varied(images: Tensor, rng: np.random.Generator, largest_noise: float = LARG
         images = images + _each(np.clip(softness - passed, 0.0, 1.0)) * (soft - images)
     images = images * _each(np.where(rng.random(count) < DARK_SHARE, rng.uniform(DARKEST, 1.0, count), 1.0))
     noise = torch.from_numpy(rng.standard_normal(images.shape, dtype=np.float32))
+    coarse = torch.from_numpy(rng.random(count) < COARSE_SHARE)
+    noise[coarse] = F.avg_pool2d(F.pad(noise[coarse], (0, 1, 0, 1)), 2, 1) * 2.0
     images = (images + _each(largest_noise * rng.random(count) ** 1.5) * noise).clamp(0.0, 1.0)
     _cover(images, rng)
     return images, torch.from_numpy(amount.astype(np.float32))

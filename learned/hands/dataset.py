@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.pose import Array
+from learned.classical.box_model import View
 from learned.hands.regions import POINTS, REGION_PX, Image, Regions, centre_of
 
 ROWS = "hands.jsonl"
@@ -34,12 +36,14 @@ class HandData:
         centres: (hands, 3): frame, and centre of a hand as shares of the image.
         unsure: (hands, 3) the same of hands that may be found or not.
         patches: (n, 144, 144, 3) about hands, then about empty places.
-        points: (n, 6, 2) shares of the middle region of a patch; not a number where there is none.
+        points: (n, 8, 2) shares of the middle region of a patch; not a number where there is none.
         boxes: (n, 4) shares: left, top, right, bottom.
         facts: (n, 3) 0 or 1: there is a hand, a left one, the one that works.
         heights_m: (n, 2) of palm and pinch.
+        log_angles: (n,) apparent size: logarithm of the length from palm to wrist over the distance from the camera.
         held: (n,) 0 for nothing, else 1 + number of the type.
         places: (n, 2) of the patch in the image.
+        palm_lengths_m: (hands,) from palm to wrist.
     """
 
     small: NDArray[np.uint8]
@@ -50,8 +54,10 @@ class HandData:
     boxes: NDArray[np.float32]
     facts: NDArray[np.float32]
     heights_m: NDArray[np.float32]
+    log_angles: NDArray[np.float32]
     held: NDArray[np.int64]
     places: NDArray[np.float32]
+    palm_lengths_m: Array
     sha256: str
 
 
@@ -101,10 +107,12 @@ def load_hands(folder: Path, setup: CameraSetup, types: Sequence[str], seed: int
         InputError: it is no such folder, is damaged, or was made for another camera or product.
     """
     regions, rng = Regions.of(setup), np.random.default_rng([seed, 5])
+    view = View(setup.model, setup.mount.pose)
     small: list[Image] = []
     centres: list[list[float]] = []
     unsure: list[list[float]] = []
     samples: list[tuple[Any, ...]] = []
+    lengths_m: list[float] = []
     for frame, row in enumerate(rows_of(folder)):
         image = read_image(row["file"])
         if image.shape[:2] != (setup.height_px, setup.width_px):
@@ -115,10 +123,11 @@ def load_hands(folder: Path, setup: CameraSetup, types: Sequence[str], seed: int
             sure = hand["visible"] >= LEAST_VISIBLE and bool(_inside(centre, setup, EDGE_PX))
             (centres if sure else unsure).append([frame, *((centre + 0.5) / regions.size_px)])
             if sure:
-                samples.append(_sample(regions, image, centre, hand, types))
-        samples += [_sample(regions, image, place, None, types) for place in _empty(regions, hands, rng)]
+                samples.append(_sample(regions, view, image, centre, hand, types))
+                lengths_m.append(palm_length_m(hand))
+        samples += [_sample(regions, view, image, place, None, types) for place in _empty(regions, hands, rng)]
     columns = [np.stack(column) for column in zip(*samples, strict=True)]
-    patches, points, boxes, facts, heights_m, held, places = columns
+    patches, points, boxes, facts, heights_m, log_angles, held, places = columns
     digest = hashlib.sha256((folder / ROWS).read_bytes()).hexdigest()
     return HandData(
         np.stack(small),
@@ -129,20 +138,28 @@ def load_hands(folder: Path, setup: CameraSetup, types: Sequence[str], seed: int
         boxes,
         facts,
         heights_m,
+        log_angles,
         held,
         places,
+        np.array(lengths_m),
         digest,
     )
 
 
+def palm_length_m(hand: dict[str, Any]) -> float:
+    """From the middle of the palm to that of the wrist."""
+    return math.dist(hand["points_m"]["palm"], hand["points_m"]["wrist"])
+
+
 def _sample(
-    regions: Regions, image: Image, centre: Array, hand: dict[str, Any] | None, types: Sequence[str]
+    regions: Regions, view: View, image: Image, centre: Array, hand: dict[str, Any] | None, types: Sequence[str]
 ) -> tuple[Any, ...]:
     """One row of the reader's arrays."""
     patch, place = regions.cut(image, centre, PATCH_PX), regions.place(centre).astype(np.float32)
     points, box = np.full((len(POINTS), 2), np.nan, np.float32), np.zeros(4, np.float32)
     if hand is None:
-        return patch, points, box, np.zeros(3, np.float32), np.zeros(2, np.float32), np.int64(0), place
+        nothing = np.zeros(3, np.float32), np.zeros(2, np.float32), np.float32(0), np.int64(0)
+        return patch, points, box, *nothing, place
     for index, name in enumerate(POINTS):
         if name in hand["points_px"]:
             points[index] = regions.inside(np.array(hand["points_px"][name]), centre)
@@ -150,7 +167,9 @@ def _sample(
     facts = np.array([1.0, hand["side"] == "left", hand["acting"]], np.float32)
     heights = np.array([hand["points_m"][name][2] for name in ("palm", "pinch")], np.float32)
     held = np.int64(0 if hand["held_part"] is None else 1 + list(types).index(hand["held_part"]))
-    return patch, points, box, facts, heights, held, place
+    away_m = float(view.depths(np.array([hand["points_m"]["palm"]]))[0])
+    log_angle = np.float32(math.log(palm_length_m(hand) / away_m))
+    return patch, points, box, facts, heights, log_angle, held, place
 
 
 def _centre(hand: dict[str, Any]) -> Array:

@@ -11,7 +11,10 @@ from torch.nn import functional as F
 from learned.hands.regions import CELL_PX, FINDER_PX, POINTS, REGION_PX
 
 HEAT_PX = REGION_PX // 4
+FACTS = 13  # numbers about one hand, beside what it holds
+USUAL_HEIGHT_ERROR_M, USUAL_LOG_ANGLE, USUAL_ANGLE_ERROR = 0.02, -3.0, 0.02
 LEAST_CONTRAST = 0.04  # of an image that is normalised
+HIDDEN = 128  # of the layer from which facts are told
 
 
 class Found(NamedTuple):
@@ -26,9 +29,13 @@ class Read(NamedTuple):
 
     Attributes:
         present, left, acting: (n,) probabilities.
-        points: (n, 6, 2) shares, of POINTS.
+        points: (n, 8, 2) shares, of POINTS.
         box: (n, 4) shares: left, top, right, bottom.
-        heights_m: (n, 2) of palm and pinch over the table.
+        heights_m: (n, 2) of palm and pinch over the table, by what is around the hand.
+        height_errors_m: (n, 2) how wrong these are, on average.
+        log_angle: (n,) logarithm of the angle [rad] under which the camera sees the length from palm to wrist, or
+            would if it lay across the view: apparent size.
+        angle_error: (n,) how wrong that is, on average.
         held: (n, 1 + types) probabilities: nothing, then the types of parts.
     """
 
@@ -38,6 +45,9 @@ class Read(NamedTuple):
     points: Tensor
     box: Tensor
     heights_m: Tensor
+    height_errors_m: Tensor
+    log_angle: Tensor
+    angle_error: Tensor
     held: Tensor
 
 
@@ -83,11 +93,13 @@ class Reader(nn.Module):
         self.fine = _conv(48, 48)
         self.heat = nn.Conv2d(48, len(POINTS), 1)
         self.facts = nn.Sequential(
-            nn.Linear(96 + 48 + 2 * len(POINTS) + 2 + 48 * len(POINTS), 96), nn.ReLU(), nn.Linear(96, 9 + 1 + types)
+            nn.Linear(96 + 48 + 2 * len(POINTS) + 2 + 48 * len(POINTS), HIDDEN),
+            nn.ReLU(),
+            nn.Linear(HIDDEN, FACTS + 1 + types),
         )
 
     def raw(self, region: Tensor, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Points (n, 6, 2), facts (n, 10 + types) before their sigmoids, and the heatmaps (n, 6, 24, 24)."""
+        """Points (n, 8, 2), facts (n, FACTS + 1 + types) as they come, and the heatmaps (n, 8, 24, 24)."""
         stem = self.stem(normalised(region))
         middle = self.middle(stem)
         deep = self.deep(middle)
@@ -100,20 +112,46 @@ class Reader(nn.Module):
 
     def forward(self, region: Tensor, place: Tensor) -> Read:
         points, facts, _ = self.raw(region, place)
-        likely = torch.sigmoid(facts[:, :3])
+        told = split_facts(facts)
+        likely = torch.sigmoid(told.likely)
         return Read(
             likely[:, 0],
             likely[:, 1],
             likely[:, 2],
             points,
-            *split_facts(facts)[1:3],
-            torch.softmax(facts[:, 9:], dim=1),
+            told.box,
+            told.heights_m,
+            told.height_errors_m,
+            told.log_angle,
+            told.angle_error,
+            torch.softmax(told.held, dim=1),
         )
 
 
-def split_facts(facts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Logits of present, left, acting (n, 3); box (n, 4); heights in [m] (n, 2); logits of what is held."""
-    return facts[:, :3], facts[:, 3:7] + facts.new_tensor([0.2, 0.1, 0.8, 0.9]), 0.1 + 0.1 * facts[:, 7:9], facts[:, 9:]
+class Facts(NamedTuple):
+    """What the last layer tells, in units: `likely` (present, left, acting) and `held` are logits."""
+
+    likely: Tensor
+    box: Tensor
+    heights_m: Tensor
+    height_errors_m: Tensor
+    log_angle: Tensor
+    angle_error: Tensor
+    held: Tensor
+
+
+def split_facts(facts: Tensor) -> Facts:
+    """Facts of the numbers (n, FACTS + 1 + types) that the last layer gives."""
+    errors = torch.exp(facts[:, 9:12].clamp(-3.0, 2.0))
+    return Facts(
+        facts[:, :3],
+        facts[:, 3:7] + facts.new_tensor([0.2, 0.1, 0.8, 0.9]),
+        0.1 + 0.1 * facts[:, 7:9],
+        USUAL_HEIGHT_ERROR_M * errors[:, :2],
+        USUAL_LOG_ANGLE + 0.2 * facts[:, 12],
+        USUAL_ANGLE_ERROR * errors[:, 2],
+        facts[:, FACTS:],
+    )
 
 
 def attended(heat: Tensor, features: Tensor) -> Tensor:

@@ -13,6 +13,20 @@ Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
+class ApparentSize:
+    """What one image tells of a hand's size; errors are mean absolute ones.
+
+    Attributes:
+        log_angle: logarithm of the angle [rad] under which the camera sees the length from palm to wrist.
+        height_errors_m: of `Reading.heights_m`, which tell of the size together with the angle.
+    """
+
+    log_angle: float
+    angle_error: float
+    height_errors_m: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class Reading:
     """One hand in one image.
 
@@ -20,7 +34,8 @@ class Reading:
         confidence, left, acting: probabilities that it is a hand, a left one, the one that works.
         points_px: (2,) column and row by name: palm, pinch, thumb, index, wrist; held where something is held.
         box_px: (left, top, right, bottom).
-        heights_m: of palm and pinch over the table.
+        heights_m: of palm and pinch over the table, by this image alone.
+        size: how large it looks and how sure all that is, where the network tells it.
         held_part: type of what is held; None where nothing is held, or where it is of no known type.
     """
 
@@ -31,6 +46,7 @@ class Reading:
     box_px: Box
     heights_m: tuple[float, float]
     held_part: str | None = None
+    size: ApparentSize | None = None
 
     @property
     def centre_px(self) -> Array:

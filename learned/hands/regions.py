@@ -18,7 +18,7 @@ FINDER_PX = (160, 120)  # (width, height) of the whole image as the finder sees 
 CELL_PX = 8  # of the finder's answer, in its image
 REGION_PX = 96  # side of a region as the reader sees it
 REGION_M, REGION_HEIGHT_M = 0.32, 0.10
-POINTS = ("palm", "pinch", "thumb", "index", "wrist", "held")
+POINTS = ("palm", "pinch", "thumb", "index", "wrist", "radial", "ulnar", "held")
 
 Image = NDArray[np.uint8]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,9 +10,11 @@ import cv2
 import numpy as np
 
 from cell.interfaces.bench import Bench, CameraSetup
+from cell.interfaces.errors import ModelError
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.hands.reading import Reading
+from learned.hands.height import PalmLength
+from learned.hands.reading import ApparentSize, Reading
 from learned.hands.regions import POINTS, Image, Regions, planes
 from learned.hands.tracking import LEAST_CONFIDENCE, HandTracks
 from learned.onnx_model import OnnxModel
@@ -35,7 +38,8 @@ def slim_tracker(bench: Bench, product: Product, path: Path) -> HandTracks:
     Raises:
         ModelError: the file, or the one beside it, cannot be used.
     """
-    return HandTracks(bench, SlimReader(bench.overhead, tuple(product.parts), path))
+    reader = SlimReader(bench.overhead, tuple(product.parts), path)
+    return HandTracks(bench, reader, reader.palm_length)
 
 
 class SlimReader:
@@ -49,6 +53,8 @@ class SlimReader:
         self._regions = Regions.of(setup)
         self._finder = OnnxModel.load(finder_file(path), FINDER_KIND)
         self._reader = OnnxModel.load(path, READER_KIND)
+        if "log_angle" not in self._reader.outputs:
+            raise ModelError(f"{path}: an older version trained it; train it again with: cell train hands")
         known = self._reader.card.vocabulary.get("parts", ())
         self._types: tuple[str | None, ...] = known if known == types else (None,) * len(known)
 
@@ -98,7 +104,18 @@ class SlimReader:
             box_px=(left, top, right, bottom),
             heights_m=(max(0.0, float(answer["heights_m"][0])), max(0.0, float(answer["heights_m"][1]))),
             held_part=None if kind == 0 else self._types[kind - 1],
+            size=ApparentSize(
+                float(answer["log_angle"]),
+                float(answer["angle_error"]),
+                (float(answer["height_errors_m"][0]), float(answer["height_errors_m"][1])),
+            ),
         )
+
+    @property
+    def palm_length(self) -> PalmLength:
+        """What is known of a person's hand before it was seen: what training saw."""
+        length_m, spread = (float(str(self._reader.card.config[name])) for name in ("palm_length_m", "palm_spread"))
+        return PalmLength(math.log(length_m), spread**2)
 
 
 def _apart(point: Array, others: Sequence[Array], least_px: float) -> bool:

@@ -13,6 +13,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
+from learned.hands.height import PalmLength, heights_m
 from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Regions
 
@@ -26,6 +27,7 @@ FORMER_S, LATTER = (
     0.35,
 )  # smoothing (see `_Smooth`): time constant of a hand at rest, and speed [m/s] that halves it
 
+OF_PALM = ("palm", "wrist", "radial", "ulnar")  # points that are as high as it
 VELOCITY_FRAMES = 4  # over which the velocity of a palm is told
 
 Point = tuple[float, float]
@@ -83,8 +85,9 @@ class _Track:
 class HandTracks:
     """Follows the hands that a reader sees (HandTracker)."""
 
-    def __init__(self, bench: Bench, reader: HandReader) -> None:
+    def __init__(self, bench: Bench, reader: HandReader, palm_length: PalmLength | None = None) -> None:
         self._setup, self._reader = bench.overhead, reader
+        self._palm_length = palm_length or PalmLength(0.0, 1.0)
         self._near_px = NEAR_SHARE * Regions.of(bench.overhead).side_px
         self._tracks: list[_Track] = []
         self._works: _Track | None = None
@@ -107,7 +110,7 @@ class HandTracks:
         self._assign(readings, now_s)
         seen = [one for one in self._tracks if one.seen_s == now_s]
         self._choose(seen)
-        samples = {id(one): _sample(one, view, frame) for one in seen}
+        samples = {id(one): _sample(one, view, frame, heights_m(one.reading, view, self._palm_length)) for one in seen}
         self._others = tuple(samples[id(one)] for one in seen if one is not self._works)
         return samples.get(id(self._works))
 
@@ -139,13 +142,12 @@ class HandTracks:
         self._works = best
 
 
-def _sample(track: _Track, view: View, frame: Frame) -> HandSample:
-    """A hand in the world."""
+def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float]) -> HandSample:
+    """A hand in the world, by the heights of palm and fingertips."""
     reading = track.reading
-    palm_m, pinch_m = reading.heights_m
-    heights = {name: palm_m if name in ("palm", "wrist") else pinch_m for name in reading.points_px}
+    of_name = {name: heights[0 if name in OF_PALM else 1] for name in reading.points_px}
     world = {
-        name: np.array([*view.on_plane(pixel[np.newaxis], heights[name])[0], heights[name]])
+        name: np.array([*view.on_plane(pixel[np.newaxis], of_name[name])[0], of_name[name]])
         for name, pixel in reading.points_px.items()
     }
     smooth = _smoothed(track, world, frame.time_s)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from learned.hands.slim import FINDER_KIND, READER_KIND, finder_file
 from learned.onnx_model import ModelCard
 from learned.torch_model import TorchModel, write_weights
 
-EPOCHS = 20
+EPOCHS = 10
 BATCH = 32
 LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-2
 LARGEST_GRADIENT = 5.0
@@ -35,7 +36,8 @@ WEIGHTS = {
     "points": 10.0,
     "heat": 0.1,
     "box": 2.0,
-    "heights": 10.0,
+    "heights": 0.2,
+    "angle": 0.2,
     "present": 1.0,
     "side": 0.5,
     "acting": 0.5,
@@ -44,6 +46,8 @@ WEIGHTS = {
 FINDER_NOISE = 0.03  # its images are made small, which averages noise
 NOTHING_WEIGHT = 0.4  # of hands that hold nothing
 TOLERANCE = 1e-3  # of scores, shares and metres: deep sums of 32-bit numbers differ by a few 1e-5
+SCALED_SHARE, LARGEST_SCALE = 0.5, 1.2  # of hands that are made larger or smaller, and by how much
+PALM_SPREAD = 0.1  # standard deviation of the logarithm of a palm's length, among people and not only in training
 MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
 
 
@@ -90,6 +94,8 @@ def train_hands(
             "batch": BATCH,
             "frames": len(training.data.small),
             "hands": int(_hands(training.data)),
+            "palm_length_m": round(float(np.median(training.data.palm_lengths_m)), 4),
+            "palm_spread": PALM_SPREAD,
         },
         vocabulary={"parts": types},
         data_sha256=training.data.sha256,
@@ -174,19 +180,20 @@ def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -
 
 
 def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generator) -> dict[str, Tensor]:
-    """Regions that do not quite sit on their hands, half of them mirrored, with what is true of them."""
-    shifts = np.clip(rng.normal(0.0, SHIFT_PX / 2.5, (len(rows), 2)).round(), -SHIFT_PX, SHIFT_PX).astype(int)
-    cuts = [
-        data.patches[row, SHIFT_PX + y : SHIFT_PX + y + REGION_PX, SHIFT_PX + x : SHIFT_PX + x + REGION_PX]
-        for row, (x, y) in zip(rows, shifts, strict=True)
-    ]
+    """Regions that do not quite sit on their hands, of other sizes, half of them mirrored; what is true of them."""
+    shifts = np.clip(rng.normal(0.0, SHIFT_PX / 2.5, (len(rows), 2)).round(), -SHIFT_PX, SHIFT_PX)
+    logs = rng.uniform(-1.0, 1.0, len(rows)) * (rng.random(len(rows)) < SCALED_SHARE) * np.log(LARGEST_SCALE)
+    scales = np.exp(logs).astype(np.float32)
+    cuts = [_scaled(data.patches[row], *place) for row, *place in zip(rows, scales, shifts, strict=True)]
     moved = (shifts / REGION_PX).astype(np.float32)
+    points, boxes = (shares - 0.5 for shares in (data.points[rows], data.boxes[rows]))
     arrays = {
         "region": planes(np.stack(cuts)),
-        "points": data.points[rows] - moved[:, np.newaxis],
-        "box": data.boxes[rows] - np.tile(moved, 2),
+        "points": (points - moved[:, np.newaxis]) * scales[:, np.newaxis, np.newaxis] + 0.5,
+        "box": (boxes - np.tile(moved, 2)) * scales[:, np.newaxis] + 0.5,
         "facts": data.facts[rows],
         "heights": data.heights_m[rows],
+        "angle": data.log_angles[rows] + logs.astype(np.float32),
         "held": data.held[rows],
         "place": data.places[rows],
     }
@@ -194,6 +201,15 @@ def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generat
     batch["region"], mixed = varied(batch["region"], rng)
     batch["paint"] = mixed < MIXED
     return mirrored(batch, torch.from_numpy(rng.random(len(rows)) < 0.5))
+
+
+def _scaled(patch: NDArray[np.uint8], scale: float, shift_px: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """The region about the middle of a patch, shifted (right, down), and seen so much larger."""
+    corner = (PATCH_PX - 1) / 2 + shift_px - (REGION_PX - 1) / 2 / scale
+    back = np.array([[1 / scale, 0.0, corner[0]], [0.0, 1 / scale, corner[1]]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    cut = cv2.warpAffine(patch, back, (REGION_PX, REGION_PX), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return cut.astype(np.uint8, copy=False)
 
 
 def mirrored(batch: dict[str, Tensor], chosen: Tensor) -> dict[str, Tensor]:
@@ -214,21 +230,22 @@ def mirrored(batch: dict[str, Tensor], chosen: Tensor) -> dict[str, Tensor]:
 def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
     """The weighted sum of all losses; only presence where there is no hand."""
     points, facts, heat = network.raw(batch["region"], batch["place"])
-    logits, box, heights, held = split_facts(facts)
+    told = split_facts(facts)
     hand = batch["facts"][:, 0] > 0
     known = ((batch["points"] > 0) & (batch["points"] < 1)).all(dim=2) & hand[:, None]
     wanted = torch.nan_to_num(batch["points"])
-    likely = F.binary_cross_entropy_with_logits(logits, batch["facts"], reduction="none")
+    likely = F.binary_cross_entropy_with_logits(told.likely, batch["facts"], reduction="none")
     typed = hand & batch["paint"]
     terms = {
         "points": _mean((points - wanted).abs().sum(dim=2), known),
         "heat": _mean(-(heat_target(wanted) * F.log_softmax(heat.flatten(2), dim=2)).sum(dim=2), known),
-        "box": _mean((box - batch["box"].clamp(-0.2, 1.2)).abs().mean(dim=1), hand),
-        "heights": _mean((heights - batch["heights"]).abs().mean(dim=1), hand),
+        "box": _mean((told.box - batch["box"].clamp(-0.2, 1.2)).abs().mean(dim=1), hand),
+        "heights": _mean(_unlikely(told.heights_m - batch["heights"], told.height_errors_m).mean(dim=1), hand),
+        "angle": _mean(_unlikely(told.log_angle - batch["angle"], told.angle_error), hand),
         "present": likely[:, 0].mean(),
         "side": _mean(likely[:, 1], hand),
         "acting": _mean(likely[:, 2], hand),
-        "held": _mean(F.cross_entropy(held, batch["held"], reduction="none") * _rarity(batch["held"]), typed),
+        "held": _mean(F.cross_entropy(told.held, batch["held"], reduction="none") * _rarity(batch["held"]), typed),
     }
     return torch.stack([WEIGHTS[name] * term for name, term in terms.items()]).sum()
 
@@ -239,6 +256,11 @@ def heat_target(points: Tensor) -> Tensor:
     away = ((points[..., None] * HEAT_PX - middles) / HEAT_SPREAD).pow(2)  # (n, k, 2, s)
     logits = -(away[:, :, 1, :, None] + away[:, :, 0, None, :]) / 2
     return torch.softmax(logits.flatten(2), dim=2)
+
+
+def _unlikely(wrong: Tensor, error: Tensor) -> Tensor:
+    """Minus the logarithm of the probability of being so wrong (Laplace), where the mean error is told."""
+    return wrong.abs() / error + error.log()
 
 
 def _rarity(held: Tensor) -> Tensor:

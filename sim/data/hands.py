@@ -24,9 +24,9 @@ from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Pr
 from sim.studio import ScenePoses, show_poses
 from sim.world import World
 
-FRAMES = 10  # of each recording
+FRAMES = 16  # of each recording
 EVERY_STRETCH = 45  # frames in which the arm stands still, where all are written
-POINTS = ("palm", "pinch", "thumb", "index", "wrist", "held")
+POINTS = ("palm", "pinch", "thumb", "index", "wrist", "radial", "ulnar", "held")  # radial: the thumb's edge of the palm
 BLOCKS_M = 0.02  # what is nearer to the camera than a point by more hides it
 PARKED_SHARE = 0.3  # of stretches in which the arm is out of the way
 ARM_TRIES = 20
@@ -138,12 +138,15 @@ class _HandModel:
             return None
         centres = poses[GEOM_POSITIONS]
         thumb, index = (self._tip(poses, geom) for geom in (self.thumb, self.index))
+        across = self._across(poses, thumb)
         points = {
             "palm": centres[self.palm],
             "pinch": moment.fingertips_m if self.acting else (thumb + index) / 2,
             "thumb": thumb,
             "index": index,
             "wrist": centres[self.wrist],
+            "radial": centres[self.palm] + across,
+            "ulnar": centres[self.palm] - across,
         } | ({"held": centres[part].mean(axis=0)} if len(part) else {})
         pixels = projection.pixels(poses, np.array(list(points.values())))
         return HandTruth(
@@ -165,6 +168,11 @@ class _HandModel:
         nearest = min((index for index, one in enumerate(bodies) if one.part == held), key=lambda index: away[index])
         model = self.world.model
         return np.flatnonzero((model.geom_bodyid == bodies[nearest].body) & (model.geom_group < 3))
+
+    def _across(self, poses: ScenePoses, thumb: Array) -> Array:
+        """From the middle of the palm to its edge at the thumb's side."""
+        half: Array = poses[GEOM_TURNS][self.palm].reshape(3, 3)[:, 1] * self.world.model.geom_size[self.palm][1]
+        return half if half @ (thumb - poses[GEOM_POSITIONS][self.palm]) > 0 else -half
 
     def _tip(self, poses: ScenePoses, geom: int) -> Array:
         """The end of a finger's last bone that is away from the palm."""

@@ -32,7 +32,8 @@ pytestmark = pytest.mark.torch
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
 SETUP, TYPES = BENCH.overhead, tuple(PRODUCT.parts)
-SHAPE = {"palm": (0, 20), "pinch": (0, -20), "thumb": (-8, -18), "index": (8, -22), "wrist": (2, 40), "held": (0, -30)}
+SHAPE = {"palm": (0, 20), "pinch": (0, -20), "thumb": (-8, -18), "index": (8, -22), "wrist": (2, 40), "radial": (-9, 19), "ulnar": (9, 21)}
+SHAPE["held"] = (0, -30)
 
 
 def hand(x: float, y: float, held: str | None = None, visible: float = 1.0) -> dict[str, Any]:
@@ -44,7 +45,7 @@ def hand(x: float, y: float, held: str | None = None, visible: float = 1.0) -> d
         "held_part": held,
         "visible": visible,
         "points_px": points,
-        "points_m": dict.fromkeys(points, (0.7, 0.1, 0.12)),
+        "points_m": dict.fromkeys(points, (0.7, 0.1, 0.12)) | {"wrist": (0.76, 0.1, 0.12)},
     }
 
 

@@ -1,0 +1,83 @@
+"""How high a hand is, from two opinions: what is around it, and how large it looks once the person's hand is known.
+
+People's hands differ by a tenth, which in one image looks like 13 cm of height. But a person keeps the same hand: where
+the surroundings tell its height well (fingers at a hole, a hand on the table), its length follows from its apparent
+size, and later its height from its length.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cell.interfaces.pose import Array
+from learned.classical.box_model import View
+from learned.hands.reading import Reading
+
+LAPLACE = math.sqrt(2)  # standard deviation of a Laplace distribution, over its mean absolute error
+ALIKE_FRAMES = 10  # so many frames in a row err alike, and count as one
+FORGETS = 2e-6  # variance of the logarithm that is added with each frame: another person may come
+HIGH_M = 0.3  # any two heights tell how distance goes with height
+BEND_M = 0.006  # standard deviation of how much higher the palm is than the fingertips
+
+
+@dataclass
+class PalmLength:
+    """What is known of the length from a person's palm to the wrist: a normal distribution of its logarithm in [m]."""
+
+    log_m: float
+    variance: float
+    largest: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.largest = self.variance
+
+    def learn(self, log_m: float, variance: float) -> None:
+        """One more measurement, whose neighbours in time err alike."""
+        self.variance = min(self.largest, self.variance + FORGETS)
+        gain = self.variance / (self.variance + ALIKE_FRAMES * variance)
+        self.log_m += gain * (log_m - self.log_m)
+        self.variance *= 1 - gain
+
+
+def heights_m(reading: Reading, view: View, length: PalmLength) -> tuple[float, float]:
+    """Heights of palm and fingertips over the table; learns the length from what the reading is sure of."""
+    palm_m, tips_m = reading.heights_m
+    if reading.size is None:
+        return palm_m, tips_m
+    nearer = _Depths(view, reading.points_px["palm"])
+    palm_sd, tips_sd = (LAPLACE * error for error in reading.size.height_errors_m)
+    angle_sd = LAPLACE * reading.size.angle_error
+    # By the fingertips, too: at a hole they are known better than the palm.
+    around_m, around_sd = _mean((palm_m, palm_sd), (palm_m, math.hypot(tips_sd, BEND_M)))
+    away_m = nearer.away_m(around_m)
+    length.learn(reading.size.log_angle + math.log(away_m), angle_sd**2 + (around_sd / away_m) ** 2)
+    far_m = math.exp(length.log_m - reading.size.log_angle)
+    by_size = nearer.height_m(far_m), far_m * math.sqrt(angle_sd**2 + length.variance)
+    height_m, sd = _mean((palm_m, palm_sd), by_size)
+    tips, _ = _mean((tips_m, tips_sd), (height_m + tips_m - palm_m, math.hypot(sd, BEND_M)))
+    return max(0.0, height_m), max(0.0, tips)
+
+
+class _Depths:
+    """Distance from the camera's image plane and height over the table, along the line of sight of one pixel."""
+
+    def __init__(self, view: View, pixel: Array) -> None:
+        points = [[*view.on_plane(pixel[np.newaxis], height_m)[0], height_m] for height_m in (0.0, HIGH_M)]
+        self._table_m, high_m = (float(depth) for depth in view.depths(np.array(points)))
+        self._each_m = (high_m - self._table_m) / HIGH_M
+
+    def away_m(self, height_m: float) -> float:
+        return self._table_m + self._each_m * height_m
+
+    def height_m(self, away_m: float) -> float:
+        return (away_m - self._table_m) / self._each_m
+
+
+def _mean(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    """Two measurements (value, standard deviation) as one."""
+    weights = one[1] ** -2, other[1] ** -2
+    total = sum(weights)
+    return (weights[0] * one[0] + weights[1] * other[0]) / total, total**-0.5

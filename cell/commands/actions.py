@@ -2,42 +2,45 @@
 
 from __future__ import annotations
 
-import re
-import subprocess
-import sys
-import tempfile
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from cell.commands.budget import seconds as budget_s
+from cell.commands.made_data import make_data
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
 from cell.commands.weights import need_torch, new_weights
 from cell.interfaces.errors import InputError
 
-DATA_S = 1.7  # processor time of a recording
-DATA_SHARE = 0.4  # of a budget
+DATA_S = 1.5  # processor time of a recording
+DATA_SHARE = 0.6  # of a budget
+PIECE = 100  # recordings that are made at once: an interrupted training goes on with the next piece
 VALIDATION_SEED, VALIDATION_SHARE = 800_000, 0.1
 
 KindsOption = Annotated[list[str] | None, typer.Option("--kind", help="slim, paper or classical; may be repeated.")]
 
 
 def train(
-    kind: Annotated[str, typer.Option(help="slim, paper, cnn_lstm, hand or track.")] = "slim",
+    kind: Annotated[str, typer.Option(help="slim, paper, cnn_lstm, hand, lrcn or track.")] = "slim",
     data: Annotated[
         list[Path] | None, typer.Option(help="Folder of `cell data actions` or `cell data --from`; may be repeated.")
     ] = None,
     validation: Annotated[Path | None, typer.Option(help="Another such folder, for the scores.")] = None,
     look: Annotated[str, typer.Option(help="Of recordings that are made where no --data is given.")] = "varied",
     budget: Annotated[str, typer.Option(help="Processor time for data and training, as in 30m or 90s.")] = "20m",
-    epochs: Annotated[int, typer.Option(min=1, help="Passes through the data, as far as the budget goes.")] = 24,
+    epochs: Annotated[int, typer.Option(min=1, help="Passes through the data, as far as the budget goes.")] = 14,
     share: Annotated[float, typer.Option(min=0.05, max=1, help="Of VGG16's channels, where it is used.")] = 1.0,
     out: Annotated[Path | None, typer.Option(help="File to write; beside --config by default.")] = None,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Train a detector of actions; makes its own recordings by the simulated person unless --data is given."""
+    """Train a detector of actions; makes its own recordings by the simulated person unless --data is given.
+
+    They are kept beside the weights; interrupted and begun again, it goes on where it was.
+    """
     need_torch()
     from cell.configuration import load_configuration, load_product
     from learned.actions.dataset import load_segments
@@ -49,14 +52,13 @@ def train(
     if bool(data) != bool(validation):
         raise InputError("--data and --validation go together: scores on what was learned from say nothing")
     path, seconds = out or new_weights("actions", kind, config), budget_s(budget)
-    with tempfile.TemporaryDirectory(prefix="cell-actions-") as folder:
-        if not data or validation is None:
-            data, validation = _recordings(Path(folder), look, config, seconds)
-            seconds *= 1 - DATA_SHARE
-        learned, kept = load_segments(data, task.classes), load_segments([validation], task.classes)
+    command = _command(kind, data, validation, look, budget, epochs, share, seed)
+    if not data or validation is None:
+        data, validation = _recordings(path, look, config, seconds, frames=kind == "lrcn")
+        seconds *= 1 - DATA_SHARE
+    learned, kept = load_segments(data, task.classes), load_segments([validation], task.classes)
     console().print(f"{len(learned)} segments to learn from, {len(kept)} for the scores")
     settings = ActionTraining(epochs=epochs, share=share)
-    command = f"cell train actions --kind {kind} --seed {seed}"
     scores = train_actions(
         task, learned, kept, path, kind, settings=settings, budget_s=seconds, seed=seed, command=command, quiet=False
     )
@@ -131,30 +133,38 @@ def evaluate(
         print_json({**told, "kinds": found})
 
 
-def budget_s(words: str) -> float:
-    """Seconds of "90s", "30m" or "2h".
+def _command(
+    kind: str,
+    data: list[Path] | None,
+    validation: Path | None,
+    look: str,
+    budget: str,
+    epochs: int,
+    share: float,
+    seed: int,
+) -> str:
+    """What makes the same weights again."""
+    words = ["cell", "train", "actions", "--kind", kind, "--budget", budget, "--epochs", str(epochs)]
+    words += ["--share", str(share)] if share != 1 else []
+    words += [word for folder in data or () for word in ("--data", str(folder))]
+    words += ["--validation", str(validation)] if validation is not None else ["--look", look]
+    return shlex.join([*words, "--seed", str(seed)])
 
-    Raises:
-        InputError: it is none of these.
-    """
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", words)
-    if match is None or float(match[1]) <= 0:
-        raise InputError(f"--budget {words}: legal: a number and s, m or h, as in 30m")
-    return float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2]]
 
-
-def _recordings(folder: Path, look: str, config: Path, seconds: float) -> tuple[list[Path], Path]:
-    """Make recordings to learn from and for the scores, in a process of their own: torch and OpenGL do not mix."""
+def _recordings(
+    weights: Path, look: str, config: Path, seconds: float, *, frames: bool = False
+) -> tuple[list[Path], Path]:
+    """Make recordings to learn from and for the scores."""
     count = max(4, int(DATA_SHARE * seconds / DATA_S))
     kept = max(2, int(VALIDATION_SHARE * count))
-    made = [folder / "train", folder / "validation"]
-    for path, first, number in zip(made, (0, VALIDATION_SEED), (count, kept), strict=True):
-        options = {"--look": look, "--first-seed": first, "--recordings": number, "--out": path, "--config": config}
-        words = [str(word) for option in options.items() for word in option]
-        done = subprocess.run([sys.executable, "-m", "cell", "data", "actions", "--thin", *words], check=False)
-        if done.returncode:
-            raise InputError(f"cell data actions ended with status {done.returncode}")
-    return made[:1], made[1]
+    validation = weights.with_suffix(".validation")
+    pieces = {weights.with_suffix(".data") / f"{first:06d}": first for first in range(0, count, PIECE)}
+    numbers = [min(PIECE, count - first) for first in pieces.values()]
+    firsts = [*pieces.values(), VALIDATION_SEED]
+    for path, first, number in zip([*pieces, validation], firsts, [*numbers, kept], strict=True):
+        options = {"--look": look, "--recordings": number, "--first-seed": first, "--config": config}
+        make_data("actions", path, options, "--thin", *(["--frames"] if frames else []))
+    return list(pieces), validation
 
 
 def _words(value: object) -> str:

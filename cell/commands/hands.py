@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,6 +44,7 @@ def train(
 ) -> None:
     """Train the small hand tracker on simulated frames, and score it on frames that it never saw."""
     from cell.commands.budget import seconds
+    from cell.commands.made_data import make_data
     from cell.commands.weights import need_torch, new_weights
     from cell.configuration import load_configuration, load_product
 
@@ -63,7 +62,8 @@ def train(
         ),
     }
     for folder, first_seed, recordings in made.values():
-        _make_data(folder, first_seed, recordings, config)
+        options = {"--look": "varied", "--recordings": recordings, "--first-seed": first_seed, "--config": config}
+        make_data("hands", folder, options)
     from learned.hands.score import score_readings
     from learned.hands.slim import SlimReader
     from learned.hands.train import train_hands
@@ -91,23 +91,6 @@ def _command(budget: str, epochs: int, seed: int, data: Path | None) -> str:
     return shlex.join(
         ["cell", "train", "hands", "--budget", budget, "--epochs", str(epochs), "--seed", str(seed), *given]
     )
-
-
-def _make_data(folder: Path, first_seed: int, recordings: int, config: Path) -> None:
-    """In a process of its own: torch and software OpenGL do not live in one.
-
-    Raises:
-        InputError: the data could not be made; what the command said is in the message.
-    """
-    if (folder / "manifest.json").exists():
-        console().print(f"data: {folder}, made before")
-        return
-    words = ["data", "hands", "--look", "varied", "--recordings", str(recordings), "--first-seed", str(first_seed)]
-    words += ["--config", str(config), "--out", str(folder)]
-    console().print(f"cell {shlex.join(words)}", highlight=False)
-    done = subprocess.run([sys.executable, "-m", "cell", *words], stderr=subprocess.PIPE, text=True, check=False)
-    if done.returncode:
-        raise InputError(f"training data could not be made: {done.stderr.strip().splitlines()[-1]}")
 
 
 def evaluate(

@@ -28,6 +28,7 @@ SteelOption = Annotated[float, typer.Option(min=0, max=1, help="Share of recordi
 ThinOption = Annotated[
     bool, typer.Option("--thin", help="For training: only some of the segments of classes that are frequent.")
 ]
+FramesOption = Annotated[bool, typer.Option("--frames", help="Whole frames of each segment, too, made small.")]
 PhysicsOption = Annotated[bool, typer.Option("--physics", help="Move hand and parts by physics: slower, with slips.")]
 
 
@@ -39,11 +40,14 @@ def actions(
     first_seed: FirstSeedOption = 0,
     physics: PhysicsOption = False,
     thin: ThinOption = False,
+    frames: FramesOption = False,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
     """Segments of 45 frames: the hand's track, a crop of the hand, and what it did."""
-    _from_assemblies("actions", out, look, person, recordings, first_seed, physics, config, as_json, thin=thin)
+    _from_assemblies(
+        "actions", out, look, person, recordings, first_seed, physics, config, as_json, thin=thin, frames=frames
+    )
 
 
 def hands(
@@ -155,6 +159,7 @@ def _from_assemblies(
     as_json: bool,
     steel_share: float = 0.0,
     thin: bool = False,
+    frames: bool = False,
 ) -> None:
     from cell.configuration import load_configuration, load_product, simulated
     from sim.data.actions import Source, write_holes, write_segments
@@ -166,7 +171,7 @@ def _from_assemblies(
     product, bench = load_product(configuration, config), configuration.bench
     simulation = configuration.devices.simulation
     writers: dict[str, Callable[[Source, DataFolder], None]] = {
-        "actions": partial(write_segments, thin=thin),
+        "actions": partial(write_segments, thin=thin, frames=frames),
         "hands": partial(write_hands, every=physics),
         "holes": write_holes,
     }
@@ -178,7 +183,7 @@ def _from_assemblies(
         return assembly.moments[-1].time_s
 
     command = f"cell data {what} --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"
-    command += " --thin" * thin + " --physics" * physics
+    command += " --thin" * thin + " --frames" * frames + " --physics" * physics
     command += f" --steel-share {steel_share:g}" if steel_share else ""
     _write(command, (out, recordings, first_seed, as_json), one)
 

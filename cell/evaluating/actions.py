@@ -21,6 +21,7 @@ from learned.actions.dataset import load_segments
 from learned.actions.detector import TrainedActionDetector
 from learned.actions.evaluate import answers
 from learned.actions.segments import SegmentReader
+from learned.actions.settings import WHOLE_FRAMES
 from learned.bench_watcher import DetectorChain
 from learned.onnx_model import OnnxModel
 from learned.scores import wilson
@@ -140,7 +141,7 @@ def evaluate_segments(
         folder = DataFolder(Path(made) / "segments", "cell eval actions")
         for seed in seeds:
             assembly = record(product, configuration.bench, configuration.devices.simulation, seed)
-            write_segments(Source(assembly, product, configuration.bench), folder)
+            write_segments(Source(assembly, product, configuration.bench), folder, frames=kind in WHOLE_FRAMES)
         segments = load_segments([Path(made) / "segments"], classes)
     found: dict[str, Any] = {}
     controls = {"": {}, "blank_crop": {"blank": True}, "shuffled_track": {"shuffle_seed": 0}}
@@ -213,8 +214,8 @@ class _TrueTracker:
 
 
 def _sample(hand: Mapping[str, Any]) -> HandSample:
-    tips, palm = tuple(hand["fingertips_m"]), tuple(hand["palm_m"])
-    return HandSample(hand["time_s"], tuple(hand["box_px"]), tips, palm, hand["held_part"])
+    told: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in hand.items()}
+    return HandSample(**told)
 
 
 def _count(tally: Tally, assembly: Assembly, watcher: _Watcher, classes: Classes) -> None:

@@ -1,7 +1,8 @@
 """Hand trackers against the simulator's truth: frames in stretches, so that a tracker may follow, over many looks.
 
-Errors are told twice: on the bench as the controller believes the camera to hang, and by the image alone, as if it hung
-exactly there (`image`): the first minus the second is what calibration is for.
+Errors are told three times: on the bench as the controller believes the camera to hang; by the image alone, as if it
+hung exactly there (`image`): the first minus the second is what calibration is for; and along the table alone, as if
+the hand's height was known, too (`plane`).
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def evaluate_hands(
     """Scores by tracker, all on the same frames.
 
     Args:
-        trackers: makes a new tracker for each stretch of frames, by name.
+        trackers: makes a new tracker for each recording, by name; between stretches of frames it sees nothing.
         stretches: of STRETCH_FRAMES frames, in each recording.
         only: which persons: a key of ONLY.
     """
@@ -85,8 +86,8 @@ def evaluate_hands(
             record(product, configuration.bench, settings, seed, physics=physics), product, configuration.bench
         )
         of_seed = {name: Tally() for name in trackers}
+        running = {name: make() for name, make in trackers.items()}
         for frames in _stretches(source, stretches, seed):
-            running = {name: make() for name, make in trackers.items()}
             for seen_frame, hands in frames:
                 view = View.of(configuration.bench.overhead.model, seen_frame)
                 for name, tracker in running.items():
@@ -130,7 +131,12 @@ def _measure(tally: Tally, view: View, hand: HandTruth, sample: HandSample) -> N
     for name, told in (("palm", sample.palm_m), ("tips", sample.fingertips_m)):
         point = "palm" if name == "palm" else "pinch"
         tally.add(f"{name}_mm", 1e3 * math.dist(told, hand.points_m[point][:2]))
-        tally.add(f"{name}_image_mm", 1e3 * math.dist(told, _by_image(view, hand, point)[:2]))
+        by_image = _by_image(view, hand, point)
+        tally.add(f"{name}_image_mm", 1e3 * math.dist(told, by_image[:2]))
+        height_m = sample.height_m if name == "palm" else sample.fingertips_height_m
+        if height_m is not None:
+            same_height = view.on_plane(view.pixels(np.array([[*told, height_m]])), hand.points_m[point][2])[0]
+            tally.add(f"{name}_plane_mm", 1e3 * math.dist(same_height, by_image[:2]))
     if sample.height_m is not None:
         tally.add("height_mm", 1e3 * abs(sample.height_m - hand.points_m["palm"][2]))
     if sample.side is not None:

@@ -1,4 +1,4 @@
-"""The part of an overhead image around the fingertips, as action detectors look at it."""
+"""What action detectors look at: the part of an overhead image around the fingertips, or whole frames made small."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import CameraSetup
+from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
 
 WINDOW_M = 0.24  # side of the square
 TIPS_HEIGHT_M = 0.10  # typical, of fingertips over the table
 AT_HOLE_M = 0.05  # fingertips so near to a hole, along the bench, may work at it
+FRAME_PX = (80, 60)  # (width, height) of whole frames that are made small
+EVERY_FRAMES = 3  # of a segment's frames, those that are seen whole
 
 
 def window_px(camera: CameraSetup) -> int:
@@ -27,6 +30,18 @@ def hand_window(image: NDArray[np.uint8], tips_px: tuple[float, float], side_px:
     if x0 < x1 and y0 < y1:
         window[y0 - top : y1 - top, x0 - left : x1 - left] = image[y0:y1, x0:x1]
     return window
+
+
+def small_frame(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A whole frame, (60, 80, 3)."""
+    import cv2
+
+    return np.asarray(cv2.resize(image, FRAME_PX, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def seen_frames(end: int) -> range:
+    """Of a segment whose last frame has this number, the numbers of those that are seen whole."""
+    return range(end - SEGMENT_FRAMES + EVERY_FRAMES, end + 1, EVERY_FRAMES)
 
 
 def last_at_hole(fingertips_m: Array, holes_m: Array) -> int | None:

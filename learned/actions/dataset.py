@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.errors import InputError, Place, Problem
-from cell.interfaces.hand_window import last_at_hole
+from cell.interfaces.hand_window import FRAME_PX, last_at_hole
 from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
 from learned.actions.classes import Classes
-from learned.actions.segments import CROP_PX, Floats, Images, SegmentReader
+from learned.actions.segments import (
+    CROP_PX,
+    HEIGHT,
+    OPENING,
+    PALM,
+    TIPS,
+    UNKNOWN_HAND,
+    Floats,
+    Images,
+    SegmentReader,
+    opening_m,
+)
+from learned.actions.settings import WHOLE_FRAMES
 
 KEPT_PX = 80  # side of what is kept of a window: what networks see, and room to shift it
 
@@ -28,9 +41,11 @@ class Segments:
     """n labelled segments.
 
     Attributes:
-        tips_m, palms_m: (n, SEGMENT_FRAMES, 2) on the bench; NaN where no hand was seen.
+        tracks_m: (n, SEGMENT_FRAMES, 6), see `points`; NaN where no hand was seen, or where nobody knows.
         windows: (windows, KEPT_PX, KEPT_PX, 3) uint8; the first one is black.
         crops: (n, 2) which window is the hand's, and that of the last moment at a hole; 0 for none.
+        frames: (frames, 60, 80, 3) uint8, whole frames; none where the folder has none.
+        seen: (n, k) which of the frames are seen; k is 0 where there are none.
         classes: (n,) by number.
         released: (n,) whether the fingers of an assembly have opened.
         guarded: (n,) whether a change of class is so near that nobody could name it.
@@ -38,10 +53,11 @@ class Segments:
         sha256: of all of it.
     """
 
-    tips_m: Array
-    palms_m: Array
+    tracks_m: Array
     windows: Images
     crops: NDArray[np.int64]
+    frames: Images
+    seen: NDArray[np.int64]
     classes: NDArray[np.int64]
     released: NDArray[np.bool_]
     guarded: NDArray[np.bool_]
@@ -59,6 +75,8 @@ class Variation:
     Attributes:
         bias_m, noise_m: standard deviation of the track, of a whole segment and of each frame.
         scale: of the track about the bracket's middle, as of a hand whose height is not known.
+        height_bias_m, height_noise_m, opening_noise_m: of the fingertips' height, and of how far they are apart.
+        flat: share of segments for which the tracker tells neither.
         lost: share of frames in which the hand is not seen.
         shift_px: of the crops, in window pixels.
         gain: of brightness and of each colour channel.
@@ -68,6 +86,10 @@ class Variation:
     bias_m: float = 0.005
     noise_m: float = 0.0025
     scale: float = 0.015
+    height_bias_m: float = 0.015
+    height_noise_m: float = 0.006
+    opening_noise_m: float = 0.003
+    flat: float = 0.1
     lost: float = 0.03
     shift_px: float = 2.5
     gain: float = 0.12
@@ -94,17 +116,46 @@ def load_segments(folders: Sequence[Path], classes: Classes) -> Segments:
                 digest.update(windows[-1].tobytes())
             crops[number, column] = 0 if file is None else index[file]
         digest.update(row.line.encode())
+    frames, seen = _whole_frames(rows)
     return Segments(
-        tips_m=np.array([row.tips_m for row in rows]),
-        palms_m=np.array([row.palms_m for row in rows]),
+        tracks_m=np.array([row.track_m for row in rows]),
         windows=np.array(windows),
         crops=crops,
+        frames=frames,
+        seen=seen,
         classes=np.array([row.number for row in rows]),
         released=np.array([row.released for row in rows]),
         guarded=np.array([row.guarded for row in rows]),
         logs=tuple(row.log for row in rows),
         sha256=digest.hexdigest(),
     )
+
+
+def asked(
+    kind: str,
+    segments: Segments,
+    chosen: NDArray[np.int64],
+    reader: SegmentReader,
+    rng: np.random.Generator | None = None,
+    variation: Variation | None = None,
+) -> dict[str, NDArray[Any]]:
+    """What a kind of network is asked about k segments, by the names of its inputs; varied by the rng, if any.
+
+    Raises:
+        InputError: it looks at whole frames, and there are none.
+    """
+    if kind not in WHOLE_FRAMES:
+        track, crops = inputs_of(segments, chosen, reader, rng, variation)
+        return {"track": track, "crops": crops}
+    if not segments.seen.size:
+        raise InputError(
+            f"{kind} looks at whole frames, and the data have none; make them with: cell data actions --frames"
+        )
+    frames = segments.frames[segments.seen[chosen]]
+    if rng is not None:
+        gains = np.exp(rng.normal(0.0, (variation or Variation()).gain, (len(chosen), 1, 1, 1, 3)))
+        frames = np.clip(frames * gains, 0, 255).astype(np.uint8)
+    return {"frames": frames}
 
 
 def inputs_of(
@@ -118,10 +169,10 @@ def inputs_of(
     tracks, crops = [], np.zeros((len(chosen), 2, CROP_PX, CROP_PX, 3), np.uint8)
     variation = variation or Variation()
     for row, number in enumerate(chosen):
-        tips, palms = segments.tips_m[number], segments.palms_m[number]
+        told = segments.tracks_m[number]
         if rng is not None:
-            tips, palms = _varied_track(tips, palms, reader, rng, variation)
-        tracks.append(reader.track(tips, palms, last_at_hole(tips, reader.holes_m)))
+            told = _varied_track(told, reader, rng, variation)
+        tracks.append(reader.track(told, last_at_hole(told[:, TIPS], reader.holes_m)))
         if rng is not None and rng.random() < variation.blank:
             continue
         gain = None if rng is None else np.exp(rng.normal(0, variation.gain) + rng.normal(0, variation.gain / 2, 3))
@@ -141,8 +192,8 @@ class _Row:
     released: bool
     guarded: bool
     files: tuple[Path | None, Path | None]
-    tips_m: Array
-    palms_m: Array
+    frames: tuple[Path, ...]
+    track_m: Array
 
 
 def _rows(folder: Path, classes: Classes) -> Iterator[_Row]:
@@ -179,7 +230,6 @@ def _row(folder: Path, row: dict[str, Any], line: str, label: dict[str, Any], cl
     hands = row["hands"]
     if len(hands) != SEGMENT_FRAMES:
         raise ValueError(f"{len(hands)} frames; {SEGMENT_FRAMES} are needed")
-    nowhere = [float("nan")] * 2
     files = tuple(folder / row[key] if row.get(key) else None for key in ("hand_crop", "hole_crop"))
     return _Row(
         log=row["log"],
@@ -188,9 +238,15 @@ def _row(folder: Path, row: dict[str, Any], line: str, label: dict[str, Any], cl
         released=bool(label.get("released")),
         guarded=bool(row.get("guarded")),
         files=(files[0], files[1]),
-        tips_m=np.array([nowhere if hand is None else hand["fingertips_m"] for hand in hands], float),
-        palms_m=np.array([nowhere if hand is None else hand["palm_m"] for hand in hands], float),
+        frames=tuple(folder / name for name in row.get("frames", ())),
+        track_m=np.array([UNKNOWN_HAND if hand is None else _told(hand) for hand in hands], float),
     )
+
+
+def _told(hand: dict[str, Any]) -> tuple[float, ...]:
+    height_m = hand.get("fingertips_height_m")
+    apart_m = opening_m(hand.get("thumb_m"), hand.get("index_m"))
+    return (*hand["fingertips_m"], *hand["palm_m"], math.nan if height_m is None else height_m, apart_m)
 
 
 def _parsed(path: Path, at: int, line: str) -> dict[str, Any]:
@@ -203,34 +259,51 @@ def _parsed(path: Path, at: int, line: str) -> dict[str, Any]:
     return found
 
 
+def _whole_frames(rows: Sequence[_Row]) -> tuple[Images, NDArray[np.int64]]:
+    """All whole frames once, and which of them each row sees."""
+    index: dict[Path, int] = {}
+    if any(len(row.frames) != len(rows[0].frames) for row in rows):
+        raise InputError("some of the segments have whole frames and others have none: make them all with --frames")
+    seen = [[index.setdefault(file, len(index)) for file in row.frames] for row in rows]
+    frames = [_image(file) for file in index]
+    if any(frame.shape != (*FRAME_PX[::-1], 3) for frame in frames):
+        raise InputError(f"whole frames of segments must have {FRAME_PX[0]} x {FRAME_PX[1]} pixels")
+    return np.array(frames, np.uint8).reshape(-1, *FRAME_PX[::-1], 3), np.array(seen, np.int64)
+
+
 def _kept(file: Path) -> Images:
     """The middle of a window, in RGB."""
-    image = cv2.imread(str(file))
-    if image is None:
-        raise InputError(f"{file}: no image")
-    window = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    window = _image(file)
     if window.shape[0] != window.shape[1]:
         raise InputError(f"{file}: {window.shape[1]} x {window.shape[0]} pixels; a square is needed")
     side = round(CROP_PX * 1.5)
     if window.shape[0] != side:  # another camera's scale
-        window = cv2.resize(window, (side, side), interpolation=cv2.INTER_AREA)
+        window = np.asarray(cv2.resize(window, (side, side), interpolation=cv2.INTER_AREA), np.uint8)
     edge = (side - KEPT_PX) // 2
     return np.asarray(window[edge : edge + KEPT_PX, edge : edge + KEPT_PX], np.uint8)
 
 
-def _varied_track(
-    tips: Array, palms: Array, reader: SegmentReader, rng: np.random.Generator, variation: Variation
-) -> tuple[Array, Array]:
+def _image(file: Path) -> Images:
+    """A file in RGB."""
+    image = cv2.imread(str(file))
+    if image is None:
+        raise InputError(f"{file}: no image")
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _varied_track(told: Array, reader: SegmentReader, rng: np.random.Generator, variation: Variation) -> Array:
     """As a tracker and a camera that hangs elsewhere could have told it."""
     middle_m = reader.holes_m.mean(axis=0)
     scale, bias = rng.normal(1.0, variation.scale), rng.normal(0.0, variation.bias_m, 2)
-    lost = rng.random(len(tips)) < variation.lost
-    varied = []
-    for places in (tips, palms):
-        moved = (places - middle_m) * scale + middle_m + bias + rng.normal(0.0, variation.noise_m, places.shape)
-        moved[lost] = np.nan
-        varied.append(moved)
-    return varied[0], varied[1]
+    each = [variation.noise_m] * 4 + [variation.height_noise_m, variation.opening_noise_m]
+    varied = told + rng.normal(0.0, 1.0, told.shape) * each
+    for columns in (TIPS, PALM):
+        varied[:, columns] = (varied[:, columns] - middle_m) * scale + middle_m + bias
+    varied[:, HEIGHT] += rng.normal(0.0, variation.height_bias_m)
+    varied[rng.random(len(told)) < variation.lost] = np.nan
+    if rng.random() < variation.flat:
+        varied[:, [HEIGHT, OPENING]] = np.nan
+    return varied
 
 
 def _crop(

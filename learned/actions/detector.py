@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.errors import ModelError
 from cell.interfaces.perception import Action, HoleView, Segment
 from cell.interfaces.product import Product
 from learned.actions.classes import Classes
 from learned.actions.evaluate import Floats, softmax
 from learned.actions.events import EventSettings, Placement, PlacementEvents, SteadyKind
-from learned.actions.segments import SegmentReader
+from learned.actions.segments import TRACK_FEATURES, SegmentReader
+from learned.actions.settings import WHOLE_FRAMES
 from learned.onnx_model import OnnxModel
 
 LEAST_TOLD = 0.005  # classes less probable than this are not listed in an action's posterior
@@ -32,6 +34,7 @@ class TrainedActionDetector:
         network.require_vocabulary("parts", self._classes.parts)
         network.require_vocabulary("positions", self._classes.positions)
         self._network = network
+        self._whole_frames = network.card.kind.removeprefix("actions.") in WHOLE_FRAMES
         self._reader = SegmentReader(bench, product)
         settings = EventSettings.model_validate(network.card.config.get("events", {}))
         self._report_s = settings.report_s
@@ -56,8 +59,11 @@ class TrainedActionDetector:
 
     def posterior(self, segment: Segment) -> tuple[Floats, float]:
         """(classes,) how probable each class is, and that the fingers have opened."""
-        asked = self._reader.read(segment)
-        found = self._network.run({"track": asked.track[np.newaxis], "crops": asked.crops[np.newaxis]})
+        if self._whole_frames:
+            found = self._network.run({"frames": self._reader.frames(segment)[np.newaxis]})
+        else:
+            asked = self._reader.read(segment)
+            found = self._network.run({"track": asked.track[np.newaxis], "crops": asked.crops[np.newaxis]})
         return softmax(found["logits"][0]), float(1.0 / (1.0 + np.exp(-found["released"][0])))
 
     def _finished(self, placed: Placement) -> Action:
@@ -78,4 +84,7 @@ def load_actions(bench: Bench, product: Product, weights: Path, kind: str = "sli
     Raises:
         ModelError: the file is missing, damaged, of another kind, or was trained for another product.
     """
-    return TrainedActionDetector(bench, product, OnnxModel.load(weights, f"actions.{kind}"))
+    network = OnnxModel.load(weights, f"actions.{kind}")
+    if network.card.config.get("track_features") != TRACK_FEATURES:
+        raise ModelError(f"{weights}: an older version trained it; train it again with: cell train actions")
+    return TrainedActionDetector(bench, product, network)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from learned.actions.classes import Classes
-from learned.actions.dataset import Segments, Variation, inputs_of
+from learned.actions.dataset import Segments, Variation, asked
 from learned.actions.segments import SegmentReader
 from learned.onnx_model import Network
 
 BATCH = 64
-TRACKER = Variation(shift_px=1.5, gain=0.0, blank=0.0)  # what a tracker adds to segments that are not trained on
+TIME_AXIS = {"track": 2, "frames": 1}
+# What a tracker adds to segments that are not trained on.
+TRACKER = Variation(shift_px=1.5, gain=0.0, blank=0.0, flat=0.0)
 Floats = NDArray[np.float64]
 
 
@@ -36,13 +40,21 @@ def answers(
     noise = None if noise_seed is None else np.random.default_rng(noise_seed)
     for begin in range(0, len(segments), BATCH):
         chosen = np.arange(begin, min(begin + BATCH, len(segments)))
-        track, crops = inputs_of(segments, chosen, reader, noise, TRACKER)
+        inputs = asked(network.card.kind.removeprefix("actions."), segments, chosen, reader, noise, TRACKER)
         if rng is not None:
-            track = rng.permuted(track, axis=2)
-        found = network.run({"track": track, "crops": np.zeros_like(crops) if blank else crops})
+            inputs |= {name: _shuffled(values, name, rng) for name, values in inputs.items() if name in TIME_AXIS}
+        if blank:
+            inputs |= {name: np.zeros_like(values) for name, values in inputs.items() if name != "track"}
+        found = network.run(inputs)
         posteriors.append(softmax(found["logits"]))
         released.append(1.0 / (1.0 + np.exp(-found["released"].astype(float))))
     return np.concatenate(posteriors), np.concatenate(released)
+
+
+def _shuffled(values: NDArray[Any], name: str, rng: np.random.Generator) -> NDArray[Any]:
+    """Each segment's frames in another order."""
+    axis = TIME_AXIS[name]
+    return np.stack([rng.permutation(one, axis=axis - 1) for one in values])
 
 
 def softmax(logits: NDArray[np.float32]) -> Floats:

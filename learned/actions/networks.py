@@ -6,6 +6,8 @@ time as its feature axis. All answer logits over the classes, and one of "the fi
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor, nn
 
@@ -143,6 +145,27 @@ class ActionNet(nn.Module):
         return logits, released
 
 
+class Lrcn(nn.Module):
+    """VGG16 on whole frames, an LSTM over time, its answers averaged (Donahue 2015), as in the paper's baseline.
+
+    Args:
+        share: of VGG16's channels.
+    """
+
+    def __init__(self, share: float, parts: int, positions: int, cells: int = 256) -> None:
+        super().__init__()
+        self.frame = Vgg16(share)
+        self.lstm = nn.LSTM(self.frame.width, cells, batch_first=True)
+        self.head = Head(cells, parts, positions)
+
+    def forward(self, frames: Tensor) -> tuple[Tensor, Tensor]:
+        """As ActionNet, of frames (n, t, height, width, 3), uint8."""
+        images = frames.permute(0, 1, 4, 2, 3).float() / 127.5 - 1.0
+        features = self.frame(images.flatten(0, 1)).unflatten(0, (-1, frames.shape[1]))
+        logits, released = self.head(self.lstm(features)[0].mean(dim=1))
+        return logits, released
+
+
 class PlainLstm(nn.Module):
     """An LSTM over time, as in the paper's baseline CNN + LSTM."""
 
@@ -156,21 +179,23 @@ class PlainLstm(nn.Module):
         return found
 
 
-def build(kind: str, parts: int, positions: int, share: float = 1.0) -> ActionNet:
+def build(kind: str, parts: int, positions: int, share: float = 1.0) -> ActionNet | Lrcn:
     """The network of a kind of detector.
 
     Args:
-        kind: slim; paper; cnn_lstm (plain LSTM instead of LSTM-FCN); hand (the crop alone); track (the track alone).
+        kind: slim; paper; cnn_lstm (plain LSTM instead of LSTM-FCN); hand (the crop alone); lrcn (whole frames);
+            track (the track alone).
         share: of VGG16's channels.
 
     Raises:
         KeyError: there is no such kind.
     """
-    makers = {
+    makers: dict[str, Callable[[], ActionNet | Lrcn]] = {
         "slim": lambda: ActionNet(SlimTrack(), SmallCnn(), (0, 1), parts, positions),
         "paper": lambda: ActionNet(LstmFcn(64, (128, 256, 128)), Vgg16(share), (0,), parts, positions),
         "cnn_lstm": lambda: ActionNet(PlainLstm(), Vgg16(share), (0,), parts, positions),
         "hand": lambda: ActionNet(None, Vgg16(share), (0,), parts, positions),
+        "lrcn": lambda: Lrcn(share, parts, positions),
         "track": lambda: ActionNet(SlimTrack(), None, (), parts, positions),
     }
     return makers[kind]()

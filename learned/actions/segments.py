@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,15 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.hand_window import TIPS_HEIGHT_M, hand_window, last_at_hole, window_px
+from cell.interfaces.hand_window import (
+    TIPS_HEIGHT_M,
+    hand_window,
+    last_at_hole,
+    seen_frames,
+    small_frame,
+    window_px,
+)
 from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segment
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 
 SCALE_M = 0.2  # track coordinates are told in this length
+HEIGHTS_M, LEAST_M = 0.1, 0.02  # heights over the table, too, so much more of them: zero says that nobody knows
 CROP_PX = 64  # side of what networks see: the middle two thirds of a window
 WINDOW_CROP = 2 / 3
-TRACK_FEATURES = 6
+TRACK_FEATURES = 8
+TIPS, PALM, HEIGHT, OPENING = slice(0, 2), slice(2, 4), 4, 5  # columns of a track
+UNKNOWN_HAND = (np.nan,) * 6
 
 Images = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -28,7 +39,8 @@ class Inputs:
     """What a network is asked about one segment.
 
     Attributes:
-        track: (TRACK_FEATURES, SEGMENT_FRAMES) fingertips x, y, palm x, y, whether it was seen, frames since a hole.
+        track: (TRACK_FEATURES, SEGMENT_FRAMES) fingertips x, y, palm x, y, whether it was seen, frames since a hole,
+            height of the fingertips and how far they are apart; these two are 0 where the tracker does not tell them.
         crops: (2, CROP_PX, CROP_PX, 3) uint8: the hand now, and where it was last at a hole; black where there is none.
         at_hole: index in the segment of the second crop; None where the hand was at no hole.
     """
@@ -53,30 +65,38 @@ class SegmentReader:
         """Inputs of the last SEGMENT_FRAMES frames; a shorter segment counts as if nothing was seen before."""
         missing = SEGMENT_FRAMES - len(segment.hands)
         hands: list[HandSample | None] = [*([None] * missing), *segment.hands]
-        tips, palms = points(hands)
-        at_hole = last_at_hole(tips, self.holes_m)
+        told = points(hands)
+        at_hole = last_at_hole(told[:, TIPS], self.holes_m)
         crops = np.zeros((2, CROP_PX, CROP_PX, 3), np.uint8)
         for crop, index in zip(crops, (SEGMENT_FRAMES - 1, at_hole), strict=True):
             hand = None if index is None else hands[index]
             if index is not None and hand is not None:
                 crop[:] = middle(self._window(segment.frames[index - missing], hand))
-        return Inputs(self.track(tips, palms, at_hole), crops, at_hole)
+        return Inputs(self.track(told, at_hole), crops, at_hole)
 
-    def track(self, tips_m: Array, palms_m: Array, at_hole: int | None) -> Floats:
-        """Features (TRACK_FEATURES, n) of fingertips and palms (n, 2) on the bench, NaN where no hand was seen."""
-        seen = ~np.isnan(tips_m[:, 0])
-        found = np.zeros((TRACK_FEATURES, len(tips_m)), np.float32)
+    def frames(self, segment: Segment) -> Images:
+        """Every third whole frame (k, 60, 80, 3), made small; a shorter segment counts as if it had stood still."""
+        missing = SEGMENT_FRAMES - len(segment.frames)
+        numbers = (max(0, index - missing) for index in seen_frames(SEGMENT_FRAMES - 1))
+        return np.stack([small_frame(segment.frames[number].image) for number in numbers])
+
+    def track(self, told_m: Array, at_hole: int | None) -> Floats:
+        """Features (TRACK_FEATURES, n) of a track (n, 6), see `points`."""
+        seen = ~np.isnan(told_m[:, 0])
+        found = np.zeros((TRACK_FEATURES, len(told_m)), np.float32)
         if seen.any():
-            filled = _last_seen(seen)
-            for row, places in ((0, tips_m), (2, palms_m)):
-                found[row : row + 2] = (((places - self._middle_m) @ self._turn) / SCALE_M)[filled].T
+            filled = told_m[_last_seen(seen)]
+            for row, columns in ((0, TIPS), (2, PALM)):
+                found[row : row + 2] = (((filled[:, columns] - self._middle_m) @ self._turn) / SCALE_M).T
+            for row, column in ((6, HEIGHT), (7, OPENING)):
+                found[row] = np.nan_to_num((filled[:, column] + LEAST_M) / HEIGHTS_M)
         found[4] = seen
-        found[5] = 1.0 if at_hole is None else (len(tips_m) - 1 - at_hole) / len(tips_m)
+        found[5] = 1.0 if at_hole is None else (len(told_m) - 1 - at_hole) / len(told_m)
         return found
 
     def _window(self, frame: Frame, hand: HandSample) -> Images:
         """The window around the fingertips as the tracker has put them on the bench."""
-        height_m = TIPS_HEIGHT_M if hand.height_m is None else hand.height_m
+        height_m = TIPS_HEIGHT_M if hand.fingertips_height_m is None else hand.fingertips_height_m
         place = np.array([[*hand.fingertips_m, height_m]])
         column, row = self._bench.overhead.model.project(frame.world_from_camera, place)[0]
         return hand_window(frame.image, (float(column), float(row)), self._side_px)
@@ -89,12 +109,22 @@ def holes_on_bench(bench: Bench, product: Product) -> Array:
     return found
 
 
-def points(hands: Sequence[HandSample | None]) -> tuple[Array, Array]:
-    """Fingertips and palms (n, 2) in [m], NaN where no hand was seen."""
-    nowhere = (np.nan, np.nan)
-    tips = np.array([nowhere if hand is None else hand.fingertips_m for hand in hands], float).reshape(-1, 2)
-    palms = np.array([nowhere if hand is None else hand.palm_m for hand in hands], float).reshape(-1, 2)
-    return tips, palms
+def points(hands: Sequence[HandSample | None]) -> Array:
+    """A track (n, 6) in [m]: fingertips and palm on the bench, height of the fingertips, how far they are apart.
+
+    NaN where no hand was seen, or where the tracker does not tell.
+    """
+    return np.array([UNKNOWN_HAND if hand is None else _point(hand) for hand in hands], float).reshape(-1, 6)
+
+
+def _point(hand: HandSample) -> tuple[float, ...]:
+    height_m = math.nan if hand.fingertips_height_m is None else hand.fingertips_height_m
+    return (*hand.fingertips_m, *hand.palm_m, height_m, opening_m(hand.thumb_m, hand.index_m))
+
+
+def opening_m(thumb_m: Sequence[float] | None, index_m: Sequence[float] | None) -> float:
+    """How far the tips (x, y) of thumb and index finger are apart; not a number where that is not told."""
+    return math.nan if thumb_m is None or index_m is None else math.dist(thumb_m, index_m)
 
 
 def middle(window: Images, shift_px: tuple[int, int] = (0, 0)) -> Images:

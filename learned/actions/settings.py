@@ -6,7 +6,8 @@ from pydantic import Field
 
 from cell.interfaces.model import Model
 
-TRAINABLE = ("slim", "paper", "cnn_lstm", "hand", "track")
+TRAINABLE = ("slim", "paper", "cnn_lstm", "hand", "lrcn", "track")
+WHOLE_FRAMES = ("lrcn",)  # kinds that look at whole frames instead of track and crops
 
 
 class ActionTraining(Model):

@@ -15,10 +15,10 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from learned.actions.classes import Classes
-from learned.actions.dataset import Segments, inputs_of
+from learned.actions.dataset import Segments, asked
 from learned.actions.evaluate import answers, class_scores
-from learned.actions.networks import ActionNet, build
-from learned.actions.segments import SegmentReader
+from learned.actions.networks import ActionNet, Lrcn, build
+from learned.actions.segments import TRACK_FEATURES, SegmentReader
 from learned.actions.settings import TRAINABLE, ActionTraining
 from learned.fitting import Checkpoint, fit
 from learned.onnx_model import ModelCard, OnnxModel
@@ -70,7 +70,7 @@ def train_actions(
     classes, reader = task.classes, SegmentReader(task.bench, task.product)
     torch.manual_seed(seed)
     network = build(kind, len(classes.parts), len(classes.positions), settings.share)
-    learner = _Learner(network, learned, reader, settings, np.random.default_rng([seed, 1]))
+    learner = _Learner(kind, network, learned, reader, settings, np.random.default_rng([seed, 1]))
     if budget_s is not None:
         affordable = int(budget_s / (learner.step_s() * learner.batches))
         settings = settings.model_copy(update={"epochs": max(1, min(settings.epochs, affordable))})
@@ -89,7 +89,7 @@ def train_actions(
     )
     card = ModelCard(
         kind=f"actions.{kind}",
-        config={"network": kind, **settings.model_dump(mode="json")},
+        config={"network": kind, "track_features": TRACK_FEATURES, **settings.model_dump(mode="json")},
         vocabulary={"parts": classes.parts, "positions": classes.positions},
         data_sha256=learned.sha256,
         command=command,
@@ -97,8 +97,8 @@ def train_actions(
     )
     network.eval()
     model = TorchModel(network, ("logits", "released"), card)
-    track, crops = inputs_of(validation, np.arange(min(8, len(validation))), reader)
-    samples: list[Inputs] = [{"track": track[:2], "crops": crops[:2]}, {"track": track, "crops": crops}]
+    some = asked(kind, validation, np.arange(min(8, len(validation))), reader)
+    samples: list[Inputs] = [{name: values[:2] for name, values in some.items()}, some]
 
     def score() -> dict[str, float]:
         written = OnnxModel.load(out, card.kind)
@@ -111,7 +111,8 @@ def train_actions(
 class _Learner:
     """Draws batches, varied anew in each epoch."""
 
-    network: ActionNet
+    kind: str
+    network: ActionNet | Lrcn
     segments: Segments
     reader: SegmentReader
     settings: ActionTraining
@@ -141,8 +142,8 @@ class _Learner:
         return (time.process_time() - began_s) / SPEED_STEPS
 
     def _loss(self, chosen: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> Tensor:
-        track, crops = inputs_of(self.segments, chosen, self.reader, self.rng)
-        logits, released = self.network(torch.from_numpy(track), torch.from_numpy(crops))
+        inputs = asked(self.kind, self.segments, chosen, self.reader, self.rng)
+        logits, released = self.network(*(torch.from_numpy(values) for values in inputs.values()))
         wanted = torch.from_numpy(self.segments.classes[chosen])
         loss = nn.functional.cross_entropy(logits, wanted, label_smoothing=0.02)
         placing = wanted < logits.shape[1] - 3

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.hand_window import hand_window, last_at_hole, window_px
+from cell.interfaces.hand_window import hand_window, last_at_hole, seen_frames, small_frame, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from sim.data.folder import DataFolder
 from sim.data.recording import CAMERA, Assembly, Moment
-from sim.data.sight import Masks, Projection
+from sim.data.sight import Masks, Projection, fingertip
 from sim.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
 STRIDE_FRAMES = 15  # a segment a second
@@ -50,11 +50,12 @@ class Source:
         return found
 
 
-def write_segments(source: Source, folder: DataFolder, *, thin: bool = False) -> None:
+def write_segments(source: Source, folder: DataFolder, *, thin: bool = False, frames: bool = False) -> None:
     """Rows of segments.jsonl, and the window of the hand at the end of each and where it was last at a hole.
 
     Args:
         thin: only some of the segments that are no assembly, drawn by chance, so that classes are less unequal.
+        frames: every third whole frame of each segment, too, made small.
     """
     assembly = source.assembly
     hands = hands_of(source)
@@ -73,6 +74,7 @@ def write_segments(source: Source, folder: DataFolder, *, thin: bool = False) ->
                 "end_s": round(moment.time_s, 4),
                 "truth": asdict(label),
                 "guarded": assembly.guarded[end],
+                **({"frames": [camera.small(index, folder) for index in seen_frames(end)]} if frames else {}),
                 "hole_crop": None if at_hole is None else camera.write(begin + at_hole, folder),
                 "hand_crop": None if window[-1] is None else camera.write(end, folder),
                 "holes": {position: part for position, (part, _) in holes_of(source, moment).items()},
@@ -91,6 +93,7 @@ class _Windows:
         self._projection = Projection(source.assembly.world, CAMERA, source.bench.overhead, source.assembly.look)
         self._side_px = window_px(source.bench.overhead)
         self._written: dict[int, str] = {}
+        self._small: dict[int, str] = {}
 
     def write(self, index: int, folder: DataFolder) -> str:
         """The file of the window at a moment."""
@@ -102,6 +105,14 @@ class _Windows:
             name = f"crops/{self._source.name}-{exposure.sequence:06d}-hand.png"
             self._written[index] = folder.image(name, hand_window(image, (column, row), self._side_px))
         return self._written[index]
+
+    def small(self, index: int, folder: DataFolder) -> str:
+        """The file of the whole frame of a moment, made small."""
+        if index not in self._small:
+            exposure = self._source.assembly.moments[index].exposure
+            name = f"frames/{self._source.name}-{exposure.sequence:06d}.jpg"
+            self._small[index] = folder.image(name, small_frame(self._photographer.take(exposure).image))
+        return self._small[index]
 
     def close(self) -> None:
         self._photographer.close()
@@ -196,6 +207,8 @@ def hands_of(source: Source) -> list[dict[str, Any] | None]:
             and model.geom_group[index] < 3
         ]
     )
+    digits = {"thumb_m": model.body("hand_thumb").id, "index_m": model.body("hand_index").id}
+    bones = {name: int(np.flatnonzero(model.geom_bodyid == body)[0]) for name, body in digits.items()}
     pieces = {name: np.flatnonzero(model.geom_bodyid == body) for name, body in bodies.items()}
     found: list[dict[str, Any] | None] = []
     for moment, held in zip(assembly.moments, assembly.held, strict=True):
@@ -213,9 +226,15 @@ def hands_of(source: Source) -> list[dict[str, Any] | None]:
                 "fingertips_m": [round(float(value), 5) for value in moment.fingertips_m[:2]],
                 "palm_m": [round(float(value), 5) for value in moment.palm_m[:2]],
                 "held_part": held,
+                "fingertips_height_m": round(float(moment.fingertips_m[2]), 5),
+                **{name: _xy(fingertip(model, poses, bone, moment.palm_m)) for name, bone in bones.items()},
             }
         )
     return found
+
+
+def _xy(point: Array) -> list[float]:
+    return [round(float(value), 5) for value in point[:2]]
 
 
 def _nearest(assembly: Assembly, moment: Moment, part: str) -> str:

@@ -20,7 +20,7 @@ from cell.interfaces.pose import Array
 from sim.data.actions import Source
 from sim.data.folder import DataFolder
 from sim.data.recording import CAMERA, Moment
-from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection
+from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection, fingertip
 from sim.studio import ScenePoses, show_poses
 from sim.world import World
 
@@ -137,7 +137,8 @@ class _HandModel:
         if box is None:
             return None
         centres = poses[GEOM_POSITIONS]
-        thumb, index = (self._tip(poses, geom) for geom in (self.thumb, self.index))
+        palm_m = centres[self.palm]
+        thumb, index = (fingertip(self.world.model, poses, bone, palm_m) for bone in (self.thumb, self.index))
         across = self._across(poses, thumb)
         points = {
             "palm": centres[self.palm],
@@ -173,13 +174,6 @@ class _HandModel:
         """From the middle of the palm to its edge at the thumb's side."""
         half: Array = poses[GEOM_TURNS][self.palm].reshape(3, 3)[:, 1] * self.world.model.geom_size[self.palm][1]
         return half if half @ (thumb - poses[GEOM_POSITIONS][self.palm]) > 0 else -half
-
-    def _tip(self, poses: ScenePoses, geom: int) -> Array:
-        """The end of a finger's last bone that is away from the palm."""
-        along = poses[GEOM_TURNS][geom].reshape(3, 3)[:, 2] * self.world.model.geom_size[geom][1]
-        ends: Array = poses[GEOM_POSITIONS][geom] + np.array([along, -along])
-        farthest: Array = ends[np.linalg.norm(ends - poses[GEOM_POSITIONS][self.palm], axis=1).argmax()]
-        return farthest
 
     def _visible(self, poses: ScenePoses, own: NDArray[np.int64], projection: Projection, data: mujoco.MjData) -> float:
         model, eye = self.world.model, poses[CAMERA_POSITIONS][projection.camera]

@@ -24,6 +24,14 @@ CAMERA_POSITIONS, CAMERA_TURNS = VISIBLE.index("cam_xpos"), VISIBLE.index("cam_x
 Box = tuple[int, int, int, int]
 
 
+def fingertip(model: mujoco.MjModel, poses: ScenePoses, bone: int, palm_m: Array) -> Array:
+    """The end of a finger's last bone (a capsule's geom) that is away from the palm, (3,)."""
+    along = poses[GEOM_TURNS][bone].reshape(3, 3)[:, 2] * model.geom_size[bone][1]
+    ends: Array = poses[GEOM_POSITIONS][bone] + np.array([along, -along])
+    farthest: Array = ends[np.linalg.norm(ends - palm_m, axis=1).argmax()]
+    return farthest
+
+
 class Projection:
     """The true camera of a look: its own mount and lens, not those that the controller believes in.
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from cell.configuration import load_configuration, load_product
-from cell.interfaces.hand_window import window_px
+from cell.interfaces.hand_window import FRAME_PX, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES
 from learned.actions.segments import holes_on_bench
 
@@ -20,11 +20,17 @@ HOLES_M = holes_on_bench(BENCH, PRODUCT)
 COLOURS = {"o1": (20, 20, 200), "o2": (190, 60, 20), "o3": (40, 130, 25)}
 
 
-def write_folder(path: Path, count: int, seed: int, key: str = "truth") -> Path:
-    """Segments of every assembly and of hands that stay away; `key` "detected" writes them as a log gives them."""
+def write_folder(path: Path, count: int, seed: int, key: str = "truth", *, whole: bool = False) -> Path:
+    """Segments of every assembly and of hands that stay away; `key` "detected" writes them as a log gives them.
+
+    Args:
+        whole: each sees whole frames, too, all of them the same one.
+    """
     rng = np.random.default_rng(seed)
     (path / "crops").mkdir(parents=True)
-    rows = [_row(path, number, rng, key) for number in range(count)]
+    seen = {"frames": ["whole.jpg"] * 15} if whole else {}
+    cv2.imwrite(str(path / "whole.jpg"), np.full((*FRAME_PX[::-1], 3), 70, np.uint8))
+    rows = [seen | _row(path, number, rng, key) for number in range(count)]
     lines = [{"format": "cell.segments", "version": 1, "source": "test"}, *rows]
     (path / "segments.jsonl").write_text("\n".join(json.dumps(line) for line in lines) + "\n")
     return path

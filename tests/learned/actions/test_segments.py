@@ -58,8 +58,11 @@ def test_track_is_told_in_the_bracket_s_frame_and_goes_on_where_no_hand_is_seen(
     assert found.shape[1] == SEGMENT_FRAMES
     assert found[4].tolist() == [1.0] * 44 + [0.0]
     assert np.array_equal(found[:4, -1], found[:4, -2])
-    moved = READER.track(READER.holes_m, READER.holes_m, None)
+    known = np.full((len(READER.holes_m), 2), (0.08, 0.03))
+    moved = READER.track(np.hstack([READER.holes_m, READER.holes_m, known]), None)
     assert np.abs(moved[:2]).max() == pytest.approx(1.0, abs=0.01)  # the outer holes are 0.2 m from the middle
+    assert moved[6:, 0] == pytest.approx([1.0, 0.5])
+    assert not found[6:].any()  # this tracker tells no heights
 
 
 def test_short_and_empty_segments_have_inputs() -> None:

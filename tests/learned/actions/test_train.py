@@ -49,17 +49,30 @@ def test_slim_learns_and_its_file_answers_in_a_detector(tmp_path: Path) -> None:
         load_actions(BENCH, PRODUCT, out, "paper")
 
 
-@pytest.mark.parametrize("kind", ["paper", "cnn_lstm", "hand", "track"])
+@pytest.mark.parametrize("kind", ["paper", "cnn_lstm", "hand", "lrcn", "track"])
 def test_every_network_is_trained_and_exported_within_its_budget(tmp_path: Path, kind: str) -> None:
     from learned.actions.dataset import load_segments
+    from learned.actions.detector import load_actions
     from learned.actions.settings import ActionTraining
     from learned.actions.train import Task, train_actions
 
-    learned = load_segments([write_folder(tmp_path / "train", 16, 1)], CLASSES)
+    learned = load_segments([write_folder(tmp_path / "train", 16, 1, whole=True)], CLASSES)
     settings = ActionTraining(epochs=50, batch=8, share=0.1)
     out = tmp_path / "net.onnx"
     scores = train_actions(Task(BENCH, PRODUCT), learned, learned, out, kind, settings=settings, budget_s=0.01)
     assert 0.0 <= scores["accuracy"] <= 1.0
+    detector = load_actions(BENCH, PRODUCT, out, kind)
+    detector.detect(placing(1), {})
+    assert detector.last_posterior.sum() == pytest.approx(1.0)
+
+
+def test_whole_frames_are_asked_for_where_they_are_missing(tmp_path: Path) -> None:
+    from learned.actions.dataset import load_segments
+    from learned.actions.train import Task, train_actions
+
+    learned = load_segments([write_folder(tmp_path / "train", 8, 1)], CLASSES)
+    with pytest.raises(InputError, match="--frames"):
+        train_actions(Task(BENCH, PRODUCT), learned, learned, tmp_path / "net.onnx", "lrcn")
 
 
 def test_unknown_kinds_are_refused(tmp_path: Path) -> None:

@@ -32,7 +32,15 @@ pytestmark = pytest.mark.torch
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
 SETUP, TYPES = BENCH.overhead, tuple(PRODUCT.parts)
-SHAPE = {"palm": (0, 20), "pinch": (0, -20), "thumb": (-8, -18), "index": (8, -22), "wrist": (2, 40), "radial": (-9, 19), "ulnar": (9, 21)}
+SHAPE = {
+    "palm": (0, 20),
+    "pinch": (0, -20),
+    "thumb": (-8, -18),
+    "index": (8, -22),
+    "wrist": (2, 40),
+    "radial": (-9, 19),
+    "ulnar": (9, 21),
+}
 SHAPE["held"] = (0, -30)
 
 

@@ -27,6 +27,13 @@ def student(numbers: Sequence[float]) -> tuple[float, float]:
     return fmean(numbers), float(t.ppf(0.975, len(numbers) - 1)) * stdev(numbers) / math.sqrt(len(numbers))
 
 
+def latencies(times_s: Sequence[float]) -> dict[str, float]:
+    """Median and 95 % of how long answers took, in [ms], as model cards have them."""
+    import numpy as np
+
+    return {f"latency_ms_p{percent}": 1e3 * float(np.percentile(times_s, percent)) for percent in (50, 95)}
+
+
 class ScoreCounter:
     """Counts what was right of how many, by name."""
 

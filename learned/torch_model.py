@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import JsonValue
 from torch import nn
 
 from cell.interfaces.errors import ModelError
@@ -49,6 +50,7 @@ def write_weights(
     *,
     any_rows: bool = False,
     tolerance: float = TOLERANCE,
+    told: Mapping[str, JsonValue] | None = None,
 ) -> dict[str, float]:
     """Export a network to `out`, compare the file with torch, score it, and write the scores onto its card.
 
@@ -57,6 +59,7 @@ def write_weights(
         score: scores of the planner that reads `out`.
         any_rows: inputs may have any number of rows.
         tolerance: by which outputs of file and network may differ.
+        told: what else the card's config says; read after `score`, which may fill it.
 
     Returns:
         The scores.
@@ -75,7 +78,8 @@ def write_weights(
             if difference > tolerance:
                 raise ModelError(f"{out}: output {name} differs from torch by {difference:.1e}, more than {tolerance}")
     scores = score()
-    save_onnx(program, out, model.card.model_copy(update={"scores": scores}))
+    config = {**model.card.config, **(told or {})}
+    save_onnx(program, out, model.card.model_copy(update={"scores": scores, "config": config}))
     return scores
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from learned.actions.segments import SegmentReader
 from learned.onnx_model import Network
 
 BATCH = 64
+TIMED = 200  # answers whose time is taken
 TIME_AXIS = {"track": 2, "frames": 1}
 # What a tracker adds to segments that are not trained on.
 TRACKER = Variation(shift_px=1.5, gain=0.0, blank=0.0, flat=0.0)
@@ -49,6 +51,16 @@ def answers(
         posteriors.append(softmax(found["logits"]))
         released.append(1.0 / (1.0 + np.exp(-found["released"].astype(float))))
     return np.concatenate(posteriors), np.concatenate(released)
+
+
+def times_s(network: Network, segments: Segments, reader: SegmentReader) -> list[float]:
+    """Processor time of answers to single segments."""
+    found = []
+    for number in range(min(TIMED, len(segments))):
+        began_s = time.process_time()
+        network.run(asked(network.card.kind.removeprefix("actions."), segments, np.array([number]), reader))
+        found.append(time.process_time() - began_s)
+    return found
 
 
 def _shuffled(values: NDArray[Any], name: str, rng: np.random.Generator) -> NDArray[Any]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from pydantic import JsonValue
 from torch import Tensor, nn
 
 from cell.interfaces.bench import Bench
@@ -16,12 +17,13 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from learned.actions.classes import Classes
 from learned.actions.dataset import Segments, asked
-from learned.actions.evaluate import answers, class_scores
+from learned.actions.evaluate import answers, class_scores, confusion, times_s
 from learned.actions.networks import ActionNet, Lrcn, build
 from learned.actions.segments import TRACK_FEATURES, SegmentReader
 from learned.actions.settings import TRAINABLE, ActionTraining
 from learned.fitting import Checkpoint, fit
 from learned.onnx_model import ModelCard, OnnxModel
+from learned.scores import latencies
 from learned.torch_model import Inputs, TorchModel, write_weights
 
 SPEED_STEPS = 5  # after which the time of a step is known
@@ -100,11 +102,18 @@ def train_actions(
     some = asked(kind, validation, np.arange(min(8, len(validation))), reader)
     samples: list[Inputs] = [{name: values[:2] for name, values in some.items()}, some]
 
+    told: dict[str, JsonValue] = {}
+
     def score() -> dict[str, float]:
         written = OnnxModel.load(out, card.kind)
-        return class_scores(validation, answers(written, validation, reader)[0], classes)
+        posterior, _ = answers(written, validation, reader, noise_seed=0)
+        told["confusion"] = {
+            "classes": list(classes.names),
+            "counts": confusion(validation, posterior, classes).tolist(),
+        }
+        return class_scores(validation, posterior, classes) | latencies(times_s(written, validation, reader))
 
-    return write_weights(model, out, samples, score, any_rows=True)
+    return write_weights(model, out, samples, score, any_rows=True, told=told)
 
 
 @dataclass

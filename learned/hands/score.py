@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from cell.interfaces.pose import Array
 from learned.classical.box_model import View
 from learned.hands.dataset import read_image, rows_of
 from learned.hands.reading import HandReader, Reading
-from learned.scores import ScoreCounter
+from learned.scores import ScoreCounter, latencies
 
 FOUND_M = 0.06
 LEAST_VISIBLE, EDGE_PX = 0.5, 8.0
@@ -19,7 +20,7 @@ SURE = 0.5
 
 
 def score_readings(reader: HandReader, bench: Bench, folder: Path) -> dict[str, float]:
-    """Shares of hands found, of sides, roles and parts right, and errors by the image alone, in [mm].
+    """Shares of hands found, of sides, roles and parts right, errors by the image alone [mm], processor time [ms].
 
     Args:
         folder: of `cell data hands`.
@@ -27,9 +28,13 @@ def score_readings(reader: HandReader, bench: Bench, folder: Path) -> dict[str, 
     view = View(bench.overhead.model, bench.overhead.mount.pose)
     size = np.array([bench.overhead.width_px, bench.overhead.height_px])
     counter = ScoreCounter()
+    times_s: list[float] = []
     errors: dict[str, list[float]] = {name: [] for name in ("palm", "pinch", "index", "height")}
     for row in rows_of(folder):
-        readings = [one for one in reader.read(read_image(row["file"]), ()) if one.confidence >= SURE]
+        image, began_s = read_image(row["file"]), time.process_time()
+        read = reader.read(image, ())
+        times_s.append(time.process_time() - began_s)
+        readings = [one for one in read if one.confidence >= SURE]
         palms = [_xy(view, one, "palm") for one in readings]
         true = 0
         for hand in row["hands"]:
@@ -62,7 +67,7 @@ def score_readings(reader: HandReader, bench: Bench, folder: Path) -> dict[str, 
         if values
         for percent in (50, 95)
     }
-    return counter.scores() | told
+    return counter.scores() | told | latencies(times_s)
 
 
 def _xy(view: View, reading: Reading, name: str) -> Array:

@@ -74,6 +74,9 @@ def evaluate(
     kind: KindsOption = None,
     look: Annotated[str, typer.Option(help="nominal, varied, hard, or a look file.")] = "varied",
     person: Annotated[str, typer.Option(help="Who assembles: a person's name or file.")] = "varied",
+    pace: Annotated[
+        float | None, typer.Option(min=0.2, max=5, help="How fast the person moves: 2 for twice the usual speed.")
+    ] = None,
     recordings: Annotated[int, typer.Option(min=1, help="How many assemblies.")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="Of seeds in a row; tests begin at 900000.")] = 900_000,
     true_track: Annotated[bool, typer.Option("--true-track", help="A tracker without error.")] = False,
@@ -90,11 +93,11 @@ def evaluate(
 ) -> None:
     """Let detectors of actions watch whole assemblies, tracker in the loop, and compare with the truth."""
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.actions import evaluate_actions, evaluate_segments
+    from cell.evaluating.actions import at_pace, evaluate_actions, evaluate_segments
     from learned.actions.classes import Classes
     from sim.data.splits import seeds
 
-    configuration = simulated(load_configuration(config), look, person)
+    configuration = at_pace(simulated(load_configuration(config), look, person), pace)
     product = load_product(configuration, config)
     kinds = kind or [configuration.perception.chosen("actions").kind]
     if weights is not None and len(kinds) != 1:
@@ -104,7 +107,8 @@ def evaluate(
         if kinds == ["classical"] or len(kinds) != 1:
             raise InputError("--quick asks one trained --kind about single segments; classical ones need every frame")
         scores = evaluate_segments(configuration, product, kinds[0], wanted, weights)
-        print_json({"look": look, "person": person, "first_seed": first_seed, "recordings": recordings, **scores})
+        told = {"look": look, "person": person, "pace": pace, "first_seed": first_seed, "recordings": recordings}
+        print_json({**told, **scores})
         return
     tallies = evaluate_actions(
         configuration,
@@ -129,7 +133,8 @@ def evaluate(
         console().print(table(f"{name}, look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})", rows))
     if as_json:
         tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
-        told = {"look": look, "person": person, "first_seed": first_seed, "recordings": recordings, "tracker": tracker}
+        told = {"look": look, "person": person, "pace": pace, "first_seed": first_seed, "recordings": recordings}
+        told["tracker"] = tracker
         print_json({**told, "kinds": found})
 
 

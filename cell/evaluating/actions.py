@@ -90,6 +90,16 @@ def share(right: int, count: int) -> dict[str, float | int]:
     return {"share": round(right / max(1, count), 4), "n": count, "low": round(low, 4), "high": round(high, 4)}
 
 
+def at_pace(configuration: Configuration, pace: float | None) -> Configuration:
+    """The same cell with a person who moves so many times as fast; None leaves the person's own pace."""
+    if pace is None:
+        return configuration
+    devices = configuration.devices
+    person = devices.simulation.person.model_copy(update={"pace": (pace, pace)})
+    simulation = devices.simulation.model_copy(update={"person": person})
+    return configuration.model_copy(update={"devices": devices.model_copy(update={"simulation": simulation})})
+
+
 def evaluate_actions(
     configuration: Configuration,
     product: Product,

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.errors import ModelError
 from cell.interfaces.perception import Action, HoleView, Segment
 from cell.interfaces.product import Product
 from learned.actions.classes import Classes
-from learned.actions.evaluate import Floats, softmax
+from learned.actions.evaluate import Floats, known_features, softmax
 from learned.actions.events import EventSettings, Placement, PlacementEvents, SteadyKind
-from learned.actions.segments import TRACK_FEATURES, SegmentReader
+from learned.actions.segments import SegmentReader
 from learned.actions.settings import WHOLE_FRAMES
 from learned.onnx_model import OnnxModel
 
@@ -63,7 +62,8 @@ class TrainedActionDetector:
             found = self._network.run({"frames": self._reader.frames(segment)[np.newaxis]})
         else:
             asked = self._reader.read(segment)
-            found = self._network.run({"track": asked.track[np.newaxis], "crops": asked.crops[np.newaxis]})
+            track = known_features(self._network.card, asked.track[np.newaxis])
+            found = self._network.run({"track": track, "crops": asked.crops[np.newaxis]})
         return softmax(found["logits"][0]), float(1.0 / (1.0 + np.exp(-found["released"][0])))
 
     def _finished(self, placed: Placement) -> Action:
@@ -84,7 +84,4 @@ def load_actions(bench: Bench, product: Product, weights: Path, kind: str = "sli
     Raises:
         ModelError: the file is missing, damaged, of another kind, or was trained for another product.
     """
-    network = OnnxModel.load(weights, f"actions.{kind}")
-    if network.card.config.get("track_features") != TRACK_FEATURES:
-        raise ModelError(f"{weights}: an older version trained it; train it again with: cell train actions")
-    return TrainedActionDetector(bench, product, network)
+    return TrainedActionDetector(bench, product, OnnxModel.load(weights, f"actions.{kind}"))

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from learned.actions.classes import Classes
 from learned.actions.dataset import Segments, Variation, asked
 from learned.actions.segments import SegmentReader
-from learned.onnx_model import Network
+from learned.onnx_model import ModelCard, Network
 
 BATCH = 64
+FIRST_FEATURES = 6  # of cards that do not say how many
 TIMED = 200  # answers whose time is taken
 TIME_AXIS = {"track": 2, "frames": 1}
 # What a tracker adds to segments that are not trained on.
@@ -43,6 +44,8 @@ def answers(
     for begin in range(0, len(segments), BATCH):
         chosen = np.arange(begin, min(begin + BATCH, len(segments)))
         inputs = asked(network.card.kind.removeprefix("actions."), segments, chosen, reader, noise, TRACKER)
+        if "track" in inputs:
+            inputs["track"] = known_features(network.card, inputs["track"])
         if rng is not None:
             inputs |= {name: _shuffled(values, name, rng) for name, values in inputs.items() if name in TIME_AXIS}
         if blank:
@@ -58,7 +61,10 @@ def times_s(network: Network, segments: Segments, reader: SegmentReader) -> list
     found = []
     for number in range(min(TIMED, len(segments))):
         began_s = time.process_time()
-        network.run(asked(network.card.kind.removeprefix("actions."), segments, np.array([number]), reader))
+        inputs = asked(network.card.kind.removeprefix("actions."), segments, np.array([number]), reader)
+        if "track" in inputs:
+            inputs["track"] = known_features(network.card, inputs["track"])
+        network.run(inputs)
         found.append(time.process_time() - began_s)
     return found
 
@@ -67,6 +73,11 @@ def _shuffled(values: NDArray[Any], name: str, rng: np.random.Generator) -> NDAr
     """Each segment's frames in another order."""
     axis = TIME_AXIS[name]
     return np.stack([rng.permutation(one, axis=axis - 1) for one in values])
+
+
+def known_features(card: ModelCard, track: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Of the features of tracks (n, features, frames) those that a network was trained with: old ones know fewer."""
+    return track[:, : int(str(card.config.get("track_features", FIRST_FEATURES)))]
 
 
 def softmax(logits: NDArray[np.float32]) -> Floats:

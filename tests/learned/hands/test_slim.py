@@ -28,6 +28,14 @@ def test_hands_are_found_read_and_told_apart(look: str) -> None:
     assert scores["others_imagined"] < 0.1
 
 
+def test_most_hands_are_found_in_looks_beyond_those_of_training() -> None:
+    configuration = simulated(load_configuration(), "hard", "varied")
+    product = load_product(configuration)
+    trackers = {"slim": lambda: slim_tracker(configuration.bench, product, FILE)}
+    scores = evaluate_hands(configuration, product, trackers, [SEED], stretches=2, physics=False)["slim"]
+    assert scores["found"] > 0.7
+
+
 def test_the_other_hand_is_not_the_one_that_works() -> None:
     configuration = simulated(load_configuration(), "nominal", "varied")
     product = load_product(configuration)

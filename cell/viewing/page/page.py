@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import Frame
+from cell.interfaces.perception import Frame, PendingFrame
 from cell.interfaces.product import Product
 from cell.observer import Level, Outcome, TickRecord
 from cell.viewing.page.server import PageServer
@@ -15,6 +16,7 @@ from cell.viewing.page.state import PageState
 from trees.engine.tree import Tree
 
 DEFAULT_PORT = 8780
+KEPT_FRAMES = 8  # that detectors have not answered yet
 EVERY_S = 0.1  # of wall time, between two states
 
 
@@ -44,6 +46,7 @@ class OperatorPage:
         self._server.still(self._state.still())
         self._published_s = float("-inf")
         self._last: TickRecord | None = None
+        self._frames: deque[Frame] = deque(maxlen=KEPT_FRAMES)
 
     @property
     def address(self) -> str:
@@ -62,7 +65,7 @@ class OperatorPage:
 
     def frame(self, frame: Frame) -> None:
         if frame.camera == "overhead":
-            self._server.show(frame.sequence, frame.image)
+            self._frames.append(frame)
 
     def tick(self, record: TickRecord) -> None:
         self._state.take(record)
@@ -70,8 +73,19 @@ class OperatorPage:
         now_s = time.monotonic()
         if now_s - self._published_s >= EVERY_S and (self._server.watched or self._published_s < 0):
             self._published_s = now_s
+            self._show_frame(record)
             self._server.still(self._state.still())
             self._server.publish(self._state.now(record))
+
+    def _show_frame(self, record: TickRecord) -> None:
+        """The image in which the hand was found; where nothing was found for long, the newest."""
+        view = record.observation.bench
+        found = [frame for frame in self._frames if view is not None and frame.sequence == view.sequence]
+        ready = [frame for frame in self._frames if not isinstance(frame, PendingFrame) or frame.ready]
+        if not found and view is not None and self._frames and view.sequence > self._frames[0].sequence:
+            return
+        for frame in (found or ready)[-1:]:
+            self._server.show(frame.sequence, frame.image)
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         self._state.say(time_s, level, text)

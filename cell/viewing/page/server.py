@@ -12,6 +12,7 @@ import json
 import secrets
 import socket
 import threading
+from collections import deque
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, cast
@@ -35,6 +36,7 @@ LOOPBACK = "127.0.0.1"
 BODY_BYTES = 4096
 SLOW_S = 5.0  # a client that takes nothing for so long is dropped
 CLIENTS_N = 16
+KEPT_IMAGES = 4  # a client asks for the one that a state speaks of a moment later
 JPEG_QUALITY = 75
 STOP_S = 3.0
 HEADERS = {
@@ -65,7 +67,7 @@ class PageServer:
         self.token = secrets.token_urlsafe(24)
         self._still = self._state = b"{}"
         self._number = 0
-        self._image: tuple[int, Image] | None = None
+        self._images: deque[tuple[int, Image]] = deque(maxlen=KEPT_IMAGES)
         self._jpeg: tuple[int, bytes] = (-1, b"")
         self._news: set[asyncio.Event] = set()
         self._closing = False
@@ -114,7 +116,8 @@ class PageServer:
 
     def show(self, sequence: int, image: Image) -> None:
         """The newest camera image; encoded when somebody asks for it."""
-        self._image = sequence, image
+        if not self._images or self._images[-1][0] != sequence:
+            self._images.append((sequence, image))
 
     def close(self) -> None:
         """Tell clients that it is over, and end; harmless when repeated."""
@@ -139,10 +142,12 @@ class PageServer:
     async def _page(self, _: Request) -> Response:
         return Response((STATIC / "page.html").read_bytes(), media_type="text/html")
 
-    async def _camera(self, _: Request) -> Response:
-        image = self._image
-        if image is None:
+    async def _camera(self, request: Request) -> Response:
+        """The image with the number that is asked for, or the newest."""
+        images, wanted = list(self._images), request.query_params.get("sequence", "")
+        if not images:
             return Response(status_code=204)
+        image = next((one for one in images if str(one[0]) == wanted), images[-1])
         if self._jpeg[0] != image[0]:
             self._jpeg = image[0], await asyncio.to_thread(_encoded, image[1])
         return Response(self._jpeg[1], media_type="image/jpeg", headers={"Cache-Control": "no-store"})

@@ -186,9 +186,11 @@ class PageState:
 
     def _hand(self, view: BenchView | None) -> dict[str, object]:
         if view is None:
-            return {"action": "", "unknown": "no view of the bench yet", "box": None, "track": [], "held": None}
+            unknown = "no view of the bench yet"
+            return {"sequence": -1, "action": "", "unknown": unknown, "box": None, "track": [], "held": None}
         hand = view.hand
         return {
+            "sequence": view.sequence,
             "action": str(view.action),
             "unknown": view.hand_unknown or view.health,
             "box": None if hand is None else list(hand.box_px),

@@ -19,6 +19,7 @@ if (location.hash) {
 }
 const $ = (id) => document.getElementById(id);
 let still = null; // what does not change with the ticks
+let seen = null; // the hand, as it was told last
 let points = []; // of the belief over time
 let planned = ""; // type of the part that the robot asks for or fetches next
 let front = "";
@@ -133,6 +134,13 @@ function asked(question) {
 }
 
 function showBench({ hand }) {
+  seen = hand;
+  const held = hand.held ? `, ${title(hand.held)}` : "";
+  $("action").textContent = hand.unknown || (hand.box ? `${S.hand}: ${hand.action}${held}` : S.noHand);
+}
+
+// What was found in the picture that is drawn, not in a newer one.
+function showMarks(hand) {
   $("overlay").setAttribute("viewBox", `0 0 ${still.image_px.join(" ")}`);
   const line = { fill: "none", stroke: "#ffdc00", "stroke-width": 3 };
   const marks = [];
@@ -142,8 +150,7 @@ function showBench({ hand }) {
     marks.push(make("rect", { ...line, x, y, width: right - x, height: bottom - y }));
   }
   $("overlay").replaceChildren(...marks);
-  const held = hand.held ? `, ${title(hand.held)}` : "";
-  $("action").textContent = hand.unknown || (hand.box ? `${S.hand}: ${hand.action}${held}` : S.noHand);
+  $("overlay").dataset.sequence = hand.sequence;
 }
 
 function showBracket({ bracket }) {
@@ -156,7 +163,8 @@ function showBracket({ bracket }) {
     const robot = one.who === "robot";
     const who = one.placed ? (robot ? S.placedByRobot : S.placedByPerson) : robot ? S.nextHere : S.remains;
     const next = !one.placed && robot ? "next" : null;
-    return make("li", { class: next }, make("b", {}, one.position), `${title(one.part)}: ${who}`);
+    const words = one.part ? `${title(one.part)}: ${who}` : S.notKnown;
+    return make("li", { class: next }, make("b", {}, one.position), words);
   });
   $("holes").replaceChildren(...rows);
 }
@@ -260,13 +268,15 @@ async function watchCamera() {
   const camera = $("camera");
   camera.setAttribute("aria-label", S.bench);
   try {
-    const answer = await fetch("camera.jpg");
+    const hand = seen;
+    const answer = await fetch(hand ? `camera.jpg?sequence=${hand.sequence}` : "camera.jpg");
     if (answer.status === 200) {
       const image = await createImageBitmap(await answer.blob());
       [camera.width, camera.height] = [image.width, image.height];
       camera.getContext("2d").drawImage(image, 0, 0);
+      if (hand) showMarks(hand);
     }
-    setTimeout(watchCamera, 120);
+    setTimeout(watchCamera, 80);
   } catch {
     setTimeout(watchCamera, 1000);
   }

@@ -33,6 +33,7 @@ export const STRINGS = {
   placedByRobot: "placed by the robot",
   placedByPerson: "placed by you",
   remains: "still to be placed",
+  notKnown: "not known yet",
   nextHere: "the robot brings it next",
   bracketNumber: "bracket",
   of: "of",

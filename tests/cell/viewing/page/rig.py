@@ -95,6 +95,11 @@ class PageRig:
             TickRecord(seen, "RUNNING", (), notes, command, SentCommand(), 0.001, False, None, self.judgement)
         )
 
+    def look(self, sequence: int) -> None:
+        """One more tick, in which the detectors' answer to a frame is there."""
+        seen = Observation(sequence, 0.0, STANDING, EMPTY_GRIPPER, replace(self.view, sequence=sequence))
+        self.page.tick(TickRecord(seen, "RUNNING", (), (), Command(), SentCommand(), 0.001, False))
+
     def request(
         self, method: str, path: str, body: bytes | None = None, headers: Mapping[str, str] | None = None
     ) -> tuple[int, str]:

@@ -166,7 +166,7 @@ def test_it_shows_what_the_cell_sees_believes_and_does(visitor: Visitor) -> None
     assert re.search(r"g1\s+85 %", page.inner_text("#bars"))
     assert "moving to look" in page.inner_text("#does")
     assert "hold: the hand is too near" in page.inner_text("#lines")
-    assert page.evaluate("document.querySelector('#overlay rect').getAttribute('width')") == "90"
+    visitor.until("document.querySelector('#overlay rect')?.getAttribute('width') === '90'")
     assert page.evaluate("document.querySelectorAll('#history polyline').length") == 4
     page.uncheck("#leaf")
     rig.tick()

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import socket
 import time
 from collections.abc import Iterator
 
+import cv2
+import numpy as np
 import pytest
 
 from cell.interfaces.errors import InputError
 from cell.interfaces.operator import OperatorOrder
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Pose
 from cell.viewing.page import server
 from cell.viewing.page.page import OperatorPage
 from tests.cell.viewing.page.rig import HELP, PageRig
@@ -153,3 +158,30 @@ def test_states_are_small(rig: PageRig) -> None:
         rig.tick(("belief", {"edge": ["o1", "p1"], "source": "action"}))
     assert len(rig.page._server._state) < 20_000
     assert json.loads(rig.page._server._state)["bracket"][0]["placed"] is True
+
+
+def test_the_picture_is_the_one_in_which_the_hand_was_found(rig: PageRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Detectors answer some frames later: the box must not lie on a newer image."""
+    monkeypatch.setattr("cell.viewing.page.page.EVERY_S", 0.0)
+    monkeypatch.setattr(server.PageServer, "watched", True)
+    for sequence in range(6):
+        image = np.full((48, 64, 3), 20 * sequence, np.uint8)
+        rig.page.frame(Frame("overhead", sequence, 0.066 * sequence, image, Pose((0.0, 0.0, 1.0))))
+        if sequence >= 3:
+            rig.look(sequence - 3)
+    assert json.loads(rig.page._server._state)["hand"]["sequence"] == 2
+    assert brightness(rig, "/camera.jpg") == pytest.approx(40, abs=3)
+    assert brightness(rig, "/camera.jpg?sequence=1") == pytest.approx(20, abs=3)
+    assert brightness(rig, "/camera.jpg?sequence=999") == pytest.approx(40, abs=3), "unknown: the newest"
+
+
+def brightness(rig: PageRig, path: str) -> float:
+    """Mean of the picture that the server sends."""
+    connection = http.client.HTTPConnection("127.0.0.1", rig.page.port, timeout=10)
+    try:
+        connection.request("GET", path)
+        image = cv2.imdecode(np.frombuffer(connection.getresponse().read(), np.uint8), 1)
+        assert image is not None
+        return float(image.mean())
+    finally:
+        connection.close()

@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all check bench pictures train-deps hands constraints doctor clean .venv/browser
+.PHONY: help run test test-all check bench pictures train-deps hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -35,6 +35,7 @@ help:
 	@echo "make test-all   the tests and the long experiments"
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
+	@echo "make readers    .venv-readers: LeRobot and Rerun, which open the exports of logs in 'make test-all' (0.6 GB)"
 	@echo "make pictures   docs: the pictures, and the page of all keys"
 	@echo "make constraints  newest versions of all packages into constraints.txt"
 	@echo "make doctor     what is missing on this machine"
@@ -73,6 +74,19 @@ train-deps: .venv/tests
 hands: .venv/tests
 	$(BIN)/cell hands fetch
 
+# Readers of the formats that logs are exported to; torch is that of .venv. LeRobot asks for older packages than these
+# work with, so what it needs for reading is named here.
+readers: .venv/tests
+	$(BIN)/uv venv --quiet --python $(BIN)/python .venv-readers
+	$(uv_settings) $(BIN)/uv pip install --quiet --python .venv-readers/bin/python --no-deps lerobot==0.4.4 \
+	  accelerate==1.* torchcodec==0.17.* rerun-sdk==0.41.*
+	$(uv_settings) $(BIN)/uv pip install --quiet --python .venv-readers/bin/python av datasets==5.* deepdiff draccus \
+	  einops huggingface-hub imageio jsonlines 'numpy<2.4' packaging pandas psutil pyarrow safetensors
+	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" > \
+	  $$(.venv-readers/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/zz_torch.pth
+	@ldconfig -p | grep -q libavcodec || if [ "$$(id -u)" = 0 ]; then $(APT) ffmpeg >/dev/null; \
+	  else echo "ffmpeg is missing: sudo apt-get install -y ffmpeg"; exit 2; fi
+
 # The ranges of pyproject.toml hold; what they allow is pinned by name and version, without addresses.
 constraints: .venv/uv
 	{ echo '# All packages, pinned. Made by: make constraints'; \
@@ -81,7 +95,7 @@ constraints: .venv/uv
 	mv constraints.new constraints.txt
 
 clean:
-	rm -rf .venv build *.egg-info
+	rm -rf .venv .venv-readers build *.egg-info
 
 # Debian's python3 comes without ensurepip.
 .venv/uv:

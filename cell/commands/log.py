@@ -37,6 +37,8 @@ class ExportFormat(StrEnum):
     notes = "notes"
     btlog = "btlog"
     video = "video"
+    rerun = "rerun"
+    lerobot = "lerobot"
 
 
 log_app = typer.Typer(no_args_is_help=True, help="Question and compare logs.")
@@ -180,14 +182,31 @@ def export_log(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; beside the log by default.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a log for other tools: a table of ticks, transitions for Groot2, or a video of the overhead camera."""
+    """Write a log for other tools: tables, transitions for Groot2, a video, MCAP for Rerun, a LeRobot data set.
+
+    For lerobot several logs may be named: each is an episode.
+    """
     from cell.log.telling.export import export
 
+    if to is ExportFormat.lerobot:
+        from cell.log.training.lerobot import write_lerobot
+
+        folder = out or beside(log, ".lerobot")
+        rows = write_lerobot([read([path]) for path in log], folder)
+        _tell_export(folder, "rows", rows, as_json)
+        return
     tables = {ExportFormat.transitions, ExportFormat.notes}
-    ending = ".mp4" if to is ExportFormat.video else f".{to.value}.parquet" if to in tables else f".{to.value}"
+    endings = {ExportFormat.video: ".mp4", ExportFormat.rerun: ".rerun.mcap"}
+    ending = endings.get(to, f".{to.value}.parquet" if to in tables else f".{to.value}")
     target = out or beside(log, ending)
     count = export(read(log), to.value, target)
-    what = {ExportFormat.btlog: "transitions", ExportFormat.video: "frames"}.get(to, "rows")
+    what = {ExportFormat.btlog: "transitions", ExportFormat.video: "frames", ExportFormat.rerun: "lines"}.get(
+        to, "rows"
+    )
+    _tell_export(target, what, count, as_json)
+
+
+def _tell_export(target: Path, what: str, count: int, as_json: bool) -> None:
     if as_json:
         tell_json({"file": str(target), what: count})
     else:

@@ -19,6 +19,7 @@ from cell.interfaces.errors import InputError, LogError
 from cell.log.reading.frames import Frames
 from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.logged_tree import logged_tree
+from cell.log.telling.for_rerun import write_for_rerun
 from cell.log.telling.tables import notes, transitions
 from cell.running.node_library import node_registry
 from trees.views.groot2 import StatusBoard, tree_xml
@@ -31,7 +32,7 @@ BAR_PX, LINE_PX = 44, 18
 
 
 def export(log: Log, style: str, path: Path) -> int:
-    """Write a log as "csv", "parquet", "transitions", "notes", "btlog" or "video"; returns rows or frames.
+    """Write a log as "csv", "parquet", "transitions", "notes", "btlog", "video" or "rerun"; returns rows or frames.
 
     Raises:
         LogError: the log does not hold what the format needs.
@@ -46,6 +47,7 @@ def export(log: Log, style: str, path: Path) -> int:
         "notes": lambda log, path: _parquet(list(notes(log)), path),
         "btlog": _btlog,
         "video": _video,
+        "rerun": write_for_rerun,
     }
     try:
         return writers[style](log, path)

@@ -1,0 +1,300 @@
+"""Logs as a LeRobotDataset v3: an episode for each log, rows at the overhead camera's rate, the images as video.
+
+The format is that of Hugging Face's LeRobot (https://huggingface.co/docs/lerobot/lerobot-dataset-v3). A row has what
+the arm measured and what was commanded then: the joints that the followed trajectory asks for one row later, and the
+gripper's goal.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import orjson
+
+from cell.interfaces.bench import JOINTS
+from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.pose import Array
+from cell.log.reading.frames import CAMERA, Frames
+from cell.log.reading.reader import Log
+
+VERSION, CHUNK = "v3.0", 1000
+VIDEO = "observation.images.overhead"
+STATE = (*(f"{joint}_rad" for joint in JOINTS), "opening_m")
+PIXELS_EVERY = 10  # frames between two whose pixels count for the statistics
+PATHS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+
+
+@dataclass
+class Episode:
+    """The rows of one log.
+
+    Attributes:
+        states, actions: (rows, 7) joints and opening, measured and asked for.
+        times_s: of the log's clock.
+        task: in words.
+        success: the bracket is right.
+    """
+
+    times_s: Array
+    states: Array
+    actions: Array
+    task: str
+    success: bool
+    pixels: list[Array] = field(default_factory=list)
+
+
+def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
+    """Write a data set; returns how many rows it has.
+
+    Raises:
+        InputError: the folder is there already or cannot be written, or pyarrow is missing.
+        LogError: a log has fewer than two overhead images or no tick.
+    """
+    if folder.exists():
+        raise InputError(f"{folder}: is there already; name a new folder")
+    rates = {round(_rate_hz(log)) for log in logs}
+    if len(rates) > 1:
+        raise InputError(f"the logs have images at {sorted(rates)} a second; a data set has one rate")
+    rate_hz = rates.pop()
+    try:
+        episodes, size = [], (0, 0)
+        for number, log in enumerate(logs):
+            episode = rows_of(log, rate_hz)
+            size = _write_video(log, episode, rate_hz, folder / "videos" / VIDEO / _file(number, ".mp4"))
+            episodes.append(episode)
+        _write_tables(episodes, rate_hz, folder)
+        _write_json(_info(episodes, rate_hz, size), folder / "meta" / "info.json")
+        _write_json(_statistics(episodes, rate_hz), folder / "meta" / "stats.json")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    return sum(len(episode.times_s) for episode in episodes)
+
+
+def rows_of(log: Log, rate_hz: float) -> Episode:
+    """Rows at a constant rate from the first overhead image to the last tick."""
+    ticks = log.ticks
+    starts = np.array([tick.time_s for tick in ticks])
+    first_s = max(_image_times_s(log)[0], float(starts[0]))
+    count = int((starts[-1] - first_s) * rate_hz) + 1
+    times_s = first_s + np.arange(count) / rate_hz
+    at = np.clip(np.searchsorted(starts, times_s + 1e-9, side="right") - 1, 0, len(ticks) - 1)
+    measured = np.array([[*tick.observation.arm.positions_rad, tick.observation.gripper.opening_m] for tick in ticks])
+    asked = _asked(log, measured)
+    later = np.minimum(np.searchsorted(starts, times_s + 1 / rate_hz + 1e-9, side="right") - 1, len(ticks) - 1)
+    result = {name: orjson.loads(value) for name, value in log.result.items()}
+    goal = result.get("goal") or log.metadata.get("goal", "")
+    task = f"Help a person to assemble {log.metadata.get('product', 'a product')} {goal}".strip()
+    return Episode(times_s, measured[at], asked[later], task, result.get("correct") is True)
+
+
+def _asked(log: Log, measured: Array) -> Array:
+    """Joints and opening that were asked for at each tick: (ticks, 7).
+
+    A trajectory is followed at the share of speed that the supervisor allowed; after its end the arm stays there.
+    """
+    asked = measured.copy()
+    joints, opening = measured[0, :6], measured[0, 6]
+    trajectory: tuple[Array, Array] | None = None
+    path_s = 0.0
+    for place, tick in enumerate(log.ticks):
+        period_s = tick.time_s - log.ticks[place - 1].time_s if place else 0.0
+        path_s += period_s * tick.observation.share
+        command = tick.command or {}
+        follow = command.get("sent_follow") or (command.get("follow") if command.get("sent_as_asked") else None)
+        if follow:
+            trajectory, path_s = (np.array(follow["times_s"]), np.array(follow["positions_rad"])), 0.0
+        elif command.get("stop_arm"):
+            trajectory, joints = None, measured[place, :6]
+        if gripper := command.get("sent_gripper"):
+            opening = float(gripper["opening_m"])
+        if trajectory is not None:
+            times_s, points = trajectory
+            joints = np.array([np.interp(path_s, times_s, column) for column in points.T])
+        asked[place] = [*joints, opening]
+    return asked
+
+
+def _write_video(log: Log, episode: Episode, rate_hz: float, path: Path) -> tuple[int, int]:
+    """One frame a row; returns (height, width)."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    frames, writer, size = Frames(log), None, (0, 0)
+    for row, time_s in enumerate(episode.times_s):
+        jpeg = next(frame.jpeg for frame in frames.newest(float(time_s)) if frame.camera == "overhead")
+        image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise LogError(log.path, f"the overhead image at {time_s:.3f} s cannot be decoded")
+        if writer is None:
+            size = image.shape[0], image.shape[1]
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate_hz, (size[1], size[0]))
+            if not writer.isOpened():
+                raise InputError(f"{path}: the video cannot be written")
+        writer.write(image)
+        if row % PIXELS_EVERY == 0:
+            episode.pixels.append(np.asarray(image[::4, ::4, ::-1], np.float64).reshape(-1, 3) / 255.0)
+    assert writer is not None
+    writer.release()
+    return size
+
+
+def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> None:
+    arrow, parquet = _arrow()
+    tasks = list(dict.fromkeys(episode.task for episode in episodes))
+    first, about = 0, []
+    for number, episode in enumerate(episodes):
+        count = len(episode.times_s)
+        target = folder / "data" / _file(number, ".parquet")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        parquet.write_table(_rows(arrow, episode, number, first, tasks.index(episode.task), rate_hz), target)
+        place = {"chunk_index": number // CHUNK, "file_index": number % CHUNK}
+        video = {**place, "from_timestamp": 0.0, "to_timestamp": count / rate_hz}
+        about.append(
+            {
+                "episode_index": number,
+                "tasks": [episode.task],
+                "length": count,
+                "dataset_from_index": first,
+                "dataset_to_index": first + count,
+                **{f"data/{name}": value for name, value in place.items()},
+                **{f"videos/{VIDEO}/{name}": value for name, value in video.items()},
+                **{f"meta/episodes/{name}": 0 for name in place},
+            }
+        )
+        first += count
+    target = folder / "meta" / "episodes" / _file(0, ".parquet")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    parquet.write_table(arrow.Table.from_pylist(about), target)
+    parquet.write_table(_task_table(arrow, tasks), folder / "meta" / "tasks.parquet")
+
+
+def _rows(arrow: Any, episode: Episode, number: int, first: int, task: int, rate_hz: float) -> Any:
+    count = len(episode.times_s)
+    last = np.arange(count) == count - 1
+    vectors = arrow.list_(arrow.float32(), len(STATE))
+    columns = {
+        "observation.state": arrow.array(list(episode.states.astype(np.float32)), vectors),
+        "action": arrow.array(list(episode.actions.astype(np.float32)), vectors),
+        "next.done": arrow.array(last, arrow.bool_()),
+        "next.success": arrow.array(last & episode.success, arrow.bool_()),
+        "timestamp": arrow.array((np.arange(count) / rate_hz).astype(np.float32)),
+        "frame_index": arrow.array(np.arange(count, dtype=np.int64)),
+        "episode_index": arrow.array(np.full(count, number, np.int64)),
+        "index": arrow.array(np.arange(first, first + count, dtype=np.int64)),
+        "task_index": arrow.array(np.full(count, task, np.int64)),
+    }
+    return arrow.table(columns)
+
+
+def _task_table(arrow: Any, tasks: Sequence[str]) -> Any:
+    """Numbers of tasks; their words are the index of the pandas table that readers expect."""
+    index = "__index_level_0__"
+    number = {"pandas_type": "int64", "numpy_type": "int64", "metadata": None}
+    words = {"pandas_type": "unicode", "numpy_type": "object", "metadata": None}
+    pandas = {
+        "index_columns": [index],
+        "column_indexes": [],
+        "columns": [
+            {"name": "task_index", "field_name": "task_index", **number},
+            {"name": None, "field_name": index, **words},
+        ],
+        "pandas_version": "2.0.0",
+    }
+    table = arrow.table({"task_index": arrow.array(range(len(tasks)), arrow.int64()), index: list(tasks)})
+    return table.replace_schema_metadata({b"pandas": json.dumps(pandas).encode()})
+
+
+def _info(episodes: Sequence[Episode], rate_hz: float, size: tuple[int, int]) -> dict[str, Any]:
+    vector = {"dtype": "float32", "shape": [len(STATE)], "names": list(STATE)}
+    video = {
+        "video.height": size[0],
+        "video.width": size[1],
+        "video.codec": "mpeg4",
+        "video.pix_fmt": "yuv420p",
+        "video.is_depth_map": False,
+        "video.fps": rate_hz,
+        "video.channels": 3,
+        "has_audio": False,
+    }
+    flag, whole = {"dtype": "bool", "shape": [1], "names": None}, {"dtype": "int64", "shape": [1], "names": None}
+    return {
+        "codebase_version": VERSION,
+        "robot_type": "ur10",
+        "total_episodes": len(episodes),
+        "total_frames": sum(len(episode.times_s) for episode in episodes),
+        "total_tasks": len({episode.task for episode in episodes}),
+        "chunks_size": CHUNK,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": rate_hz,
+        "splits": {"train": f"0:{len(episodes)}"},
+        "data_path": f"data/{PATHS}.parquet",
+        "video_path": f"videos/{{video_key}}/{PATHS}.mp4",
+        "features": {
+            "observation.state": vector,
+            "action": vector,
+            VIDEO: {"dtype": "video", "shape": [*size, 3], "names": ["height", "width", "channels"], "info": video},
+            "next.done": flag,
+            "next.success": flag,
+            "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+            **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), whole),
+        },
+    }
+
+
+def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
+    """By which training normalises: least, largest, mean and spread of each column, of pixels by channel."""
+    lengths = [len(episode.times_s) for episode in episodes]
+    times_s = np.concatenate([np.arange(length) / rate_hz for length in lengths])
+    pixels = np.concatenate([rows for episode in episodes for rows in episode.pixels])
+    told = {
+        "observation.state": _spread(np.concatenate([episode.states for episode in episodes])),
+        "action": _spread(np.concatenate([episode.actions for episode in episodes])),
+        "timestamp": _spread(times_s[:, np.newaxis]),
+    }
+    image = {name: [[[one]] for one in values] for name, values in _spread(pixels).items() if name != "count"}
+    return {**told, VIDEO: {**image, "count": [sum(len(episode.pixels) for episode in episodes)]}}
+
+
+def _spread(values: Array) -> dict[str, list[float]]:
+    return {
+        "min": values.min(axis=0).tolist(),
+        "max": values.max(axis=0).tolist(),
+        "mean": values.mean(axis=0).tolist(),
+        "std": values.std(axis=0).tolist(),
+        "count": [len(values)],
+    }
+
+
+def _image_times_s(log: Log) -> list[float]:
+    return [message.time_ns / 1e9 for message in log.messages if message.topic == f"{CAMERA}overhead"]
+
+
+def _rate_hz(log: Log) -> float:
+    times_s = _image_times_s(log)
+    if len(times_s) < 2 or not log.ticks:
+        raise LogError(
+            log.path, f"holds {len(times_s)} overhead images and {len(log.ticks)} ticks; an episode needs both"
+        )
+    return (len(times_s) - 1) / (times_s[-1] - times_s[0])
+
+
+def _file(number: int, ending: str) -> str:
+    return PATHS.format(chunk_index=number // CHUNK, file_index=number % CHUNK) + ending
+
+
+def _write_json(content: dict[str, Any], path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=2), encoding="utf-8")
+
+
+def _arrow() -> tuple[Any, Any]:
+    try:
+        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise InputError("a data set needs pyarrow; install it with: .venv/bin/pip install -e '.[parquet]'") from None

@@ -1,0 +1,127 @@
+"""Exports for Rerun and LeRobot: what they hold, and that the official readers open them (`make readers`)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as parquet
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from cell.commands.main import main
+from cell.interfaces.errors import InputError
+from cell.log.reading.reader import Log
+from cell.log.telling.for_rerun import write_for_rerun
+from cell.log.training.lerobot import VIDEO, write_lerobot
+from tests import ROOT
+
+READERS = ROOT / ".venv-readers" / "bin" / "python"
+needs_readers = pytest.mark.skipif(not READERS.exists(), reason="make readers")
+
+
+@pytest.fixture(scope="module")
+def data_set(assembly_log: Log, tray_log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("lerobot") / "set"
+    write_lerobot([assembly_log, tray_log], folder)
+    return folder
+
+
+def rows(folder: Path, episode: int) -> dict[str, list[Any]]:
+    table: dict[str, list[Any]] = parquet.read_table(folder / f"data/chunk-000/file-{episode:03d}.parquet").to_pydict()
+    return table
+
+
+def test_an_episode_has_a_row_for_each_frame_time(data_set: Path, assembly_log: Log) -> None:
+    info = json.loads((data_set / "meta/info.json").read_text())
+    assert (info["codebase_version"], info["total_episodes"], info["fps"]) == ("v3.0", 2, 15)
+    counts = [len(rows(data_set, episode)["index"]) for episode in (0, 1)]
+    assert sum(counts) == info["total_frames"]
+    assert counts[0] == pytest.approx(15 * assembly_log.ticks[-1].time_s, abs=3)
+    assert rows(data_set, 1)["index"] == list(range(counts[0], sum(counts)))
+    first = rows(data_set, 0)["observation.state"][0]
+    assert np.allclose(first[:6], assembly_log.ticks[0].observation.arm.positions_rad)
+    assert set(rows(data_set, 0)) | {VIDEO} == set(info["features"])
+    about = parquet.read_table(data_set / "meta/episodes/chunk-000/file-000.parquet").to_pydict()
+    assert about["length"] == counts
+    assert about[f"videos/{VIDEO}/to_timestamp"][0] == pytest.approx(counts[0] / 15)
+
+
+def test_actions_are_where_the_arm_is_about_to_be(data_set: Path) -> None:
+    table = rows(data_set, 1)
+    states, actions = np.array(table["observation.state"])[:, :6], np.array(table["action"])[:, :6]
+
+    def off_rad(rows_later: int) -> float:
+        at = np.arange(5, len(states) - 5)
+        return float(np.mean(np.abs(actions[at] - states[at + rows_later]).max(axis=1)))
+
+    best = min(range(-5, 6), key=off_rad)
+    assert 0 <= best <= 2
+    assert off_rad(best) < 0.5 * off_rad(-3)
+    assert off_rad(best) < 0.5 * off_rad(5)
+
+
+def test_a_folder_that_is_there_is_left_alone(data_set: Path, assembly_log: Log) -> None:
+    with pytest.raises(InputError, match="is there already"):
+        write_lerobot([assembly_log], data_set)
+
+
+def test_decisions_are_lines_that_rerun_shows(assembly_log: Log, tmp_path: Path) -> None:
+    path = tmp_path / "log.rerun.mcap"
+    count = write_for_rerun(assembly_log, path)
+    texts: dict[str, list[str]] = {}
+    encodings = set()
+    with path.open("rb") as stream:
+        for _, channel, message, line in make_reader(
+            stream, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            encodings.add(channel.message_encoding)
+            assert message.log_time > 1e18, "times are dates"
+            if channel.topic.startswith("/decisions/"):
+                texts.setdefault(channel.topic, []).append(line.message)
+    assert encodings == {"protobuf"}
+    assert sum(map(len, texts.values())) == count
+    changes = sum(len(tick.changes) for tick in assembly_log.ticks)
+    assert sum(len(told) for topic, told in texts.items() if "/nodes/" in topic) == changes
+    assert any("arm at park" in one for topic, told in texts.items() if "MoveTo" in topic for one in told)
+    assert any("guard" in one for one in texts["/decisions/verdict"])
+
+
+def test_the_command_takes_several_logs_for_a_data_set(
+    assembly_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "set"
+    logs = [str(assembly_log.path)] * 2
+    assert main(["log", "export", *logs, "--to", "lerobot", "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["rows"] == json.loads((out / "meta/info.json").read_text())["total_frames"]
+
+
+@needs_readers
+@pytest.mark.slow
+def test_lerobot_opens_the_data_set(data_set: Path) -> None:
+    told = opened("lerobot", data_set)
+    assert (told["episodes"], told["shape"]) == (2, [3, 360, 480])
+    assert told["rows"] == sum(len(rows(data_set, episode)["index"]) for episode in (0, 1))
+    assert all(0.1 < one < 0.9 for one in told["bright"])
+    assert np.allclose(told["state"][0], rows(data_set, 0)["observation.state"][0])
+
+
+@needs_readers
+@pytest.mark.slow
+def test_rerun_opens_the_log_and_shows_decisions_as_text(assembly_log: Log, tmp_path: Path) -> None:
+    path = tmp_path / "log.rerun.mcap"
+    write_for_rerun(assembly_log, path)
+    told = opened("rerun", path)
+    assert told["text"]
+    assert told["words"] > 0
+
+
+def opened(what: str, path: Path) -> Any:
+    command = [str(READERS), str(Path(__file__).with_name("open_exports.py")), what, str(path)]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True, env={"HF_HUB_OFFLINE": "1"})
+    return json.loads(answer.stdout.splitlines()[-1])

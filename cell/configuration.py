@@ -77,7 +77,7 @@ class Perception(Model):
         classical: settings of that kind.
     """
 
-    kind: Literal["classical", "learned"] = "classical"
+    kind: Literal["classical", "learned"] = "learned"
     hands: DetectorSettings | None = None
     actions: DetectorSettings | None = None
     holes: DetectorSettings | None = None

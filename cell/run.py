@@ -36,7 +36,7 @@ from cell.run_options import Files, Pace, RunOptions
 from cell.run_result import Counts, summary_of
 from cell.running.brackets import BracketTally
 from cell.running.controller import Controller
-from cell.running.detectors import check_detectors, lock_step, worker_processes
+from cell.running.detectors import check_detectors, fitting, lock_step, worker_processes
 from cell.running.finished import FinishedBrackets
 from cell.running.fluency import Fluency
 from cell.running.injection import Injection, Injections
@@ -99,6 +99,10 @@ def run(options: RunOptions, console: Console) -> RunResult:
         product = load_product(configuration, options.configuration)
         tree = options.load(product)
         log = log_path(options, configuration.log)
+        perception, told = fitting(configuration.perception, product)
+        configuration = configuration.model_copy(update={"perception": perception})
+        if told:
+            console.print(told, highlight=False)
         check_detectors(configuration.bench, product, configuration.perception)
         tally = BracketTally()
         left_off = None

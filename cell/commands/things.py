@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-import shlex
-import subprocess
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cell.commands.detectors import (
+    BudgetOption,
+    DataOption,
+    LookOption,
+    OutOption,
+    TestSeedOption,
+    WeightsOption,
+    how_to_use,
+    made,
+)
 from cell.commands.terminal import (
     CONFIGURATION,
     ConfigOption,
     JsonOption,
     SeedOption,
-    console,
     report_scores,
 )
 from cell.interfaces.errors import InputError
@@ -42,15 +48,7 @@ class Cameras(StrEnum):
     true = "true"
 
 
-BudgetOption = Annotated[str, typer.Option(help="Processor time for data and training, as in 90s, 30m or 2h.")]
-DataOption = Annotated[
-    list[Path] | None, typer.Option("--data", help="Folder to learn from; may be repeated. Made anew by default.")
-]
-OutOption = Annotated[Path | None, typer.Option("--out", "-o", help="File of weights; beside --config by default.")]
 EpochsOption = Annotated[int | None, typer.Option(min=1, help="How often each image is seen; by the budget else.")]
-LookOption = Annotated[str, typer.Option(help="What it looks like: nominal, varied, hard, or a file.")]
-TestSeedOption = Annotated[int, typer.Option(min=0, help="Of seeds in a row; tests begin at 900000.")]
-WeightsOption = Annotated[Path | None, typer.Option(help="Weights; the shipped ones by default.")]
 CamerasOption = Annotated[
     Cameras, typer.Option(help="Mounts and lenses that are believed: calibrated in each look, of the bench file, true.")
 ]
@@ -74,8 +72,8 @@ def train_holes(
     need_torch()
     budget_s, weights = seconds(budget), out or new_weights("holes", "plate", config)
     looks = max(4, int(HOLES_SHARE * budget_s / LOOK_S))
-    options = ["--stills", str(STILLS)]
-    folders = data or _made("plates", looks, options, ["--person", "varied"], weights, config)
+    options = ["--stills", str(STILLS), "--person", "varied"]
+    folders = data or _made("plates", looks, options, weights, config)
     from learned.holes.dataset import load_plates
     from learned.holes.settings import HoleTraining
     from learned.holes.train import train_holes as train
@@ -88,6 +86,7 @@ def train_holes(
     command = f"cell train holes --budget {budget} --epochs {settings.epochs} --seed {seed}"
     scores = train(plates, configuration.bench, product, weights, seed, settings, command=command, quiet=False)
     report_scores(f"hole reader in {weights}", scores, as_json)
+    how_to_use("holes", "plate", weights, config)
 
 
 def train_parts(
@@ -112,7 +111,7 @@ def train_parts(
         raise InputError(f"--kind {kind}: there is no such one; legal: centre, rcnn")
     budget_s, weights = seconds(budget), out or new_weights("parts", "centre", config)
     trays = max(4, int(PARTS_SHARE * budget_s / TRAY_S))
-    folders = data or _made("objects", trays, ["--views", str(VIEWS), "--mixed"], [], weights, config)
+    folders = data or _made("objects", trays, ["--views", str(VIEWS), "--mixed"], weights, config)
     from learned.parts.dataset import load_scenes
     from learned.parts.train import train_parts as train
 
@@ -129,6 +128,7 @@ def train_parts(
     floor_m = configuration.bench.tray.centre_m[2]
     scores = train(scenes, product, floor_m, weights, seed, epochs=times, command=command, quiet=False)
     report_scores(f"part detector in {weights}", scores, as_json)
+    how_to_use("parts", "centre", weights, config)
 
 
 def _rcnn(
@@ -217,25 +217,10 @@ def _task(
     return Task(configuration, product, kind, weights, cameras.value, float(steel))
 
 
-def _made(what: str, count: int, options: list[str], more: list[str], weights: Path, config: Path) -> list[Path]:
-    """Folders of data, made in processes of their own: torch and software OpenGL do not live in one.
-
-    Raises:
-        InputError: the data could not be made; what the command said is in the message.
-    """
-    folders = []
-    for look, (share, first_seed) in LOOKS.items():
-        recordings = max(1, round(share * count))
-        folder = weights.with_suffix(f".{what}-{look}")
-        folders.append(folder)
-        if (folder / "manifest.json").exists():
-            console().print(f"data: {folder}, made before")
-            continue
-        words = ["data", what, "--look", look, "--recordings", str(recordings), "--first-seed", str(first_seed)]
-        words += [*options, *more, "--config", str(config), "--out", str(folder)]
-        words += ["--steel-share", str(STEEL_SHARE)]
-        console().print(f"cell {shlex.join(words)}", highlight=False)
-        done = subprocess.run([sys.executable, "-m", "cell", *words], stderr=subprocess.PIPE, text=True, check=False)
-        if done.returncode:
-            raise InputError(f"training data could not be made: {done.stderr.strip().splitlines()[-1]}")
-    return folders
+def _made(what: str, count: int, options: list[str], weights: Path, config: Path) -> list[Path]:
+    """Folders of data, one for each look."""
+    more = [*options, "--steel-share", str(STEEL_SHARE)]
+    return [
+        made(what, weights.with_suffix(f".{what}-{look}"), look, max(1, round(share * count)), seed, config, more)
+        for look, (share, seed) in LOOKS.items()
+    ]

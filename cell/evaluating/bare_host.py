@@ -10,8 +10,9 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
 from cell.interfaces.perception import Frame, PartsView
 from cell.interfaces.product import Product
-from cell.running.detectors import Detectors, bench_watcher
+from cell.running.detectors import bench_watcher
 from learned.bench_watcher import DetectorChain
+from learned.classical.detectors import ClassicalDetectors
 from sim.bare_sight import BareSight
 from sim.cell import SimCell
 from sim.settings import SimSettings
@@ -38,7 +39,7 @@ class BareHost:
         return submit
 
     def _watch(self, bench: Any, product: Any, perception: Any) -> Callable[[Frame], object]:
-        actions = Detectors(bench, product, perception).make("actions")
+        actions = ClassicalDetectors(bench, product, perception.classical).actions()  # others look at images
         return DetectorChain(bench, product, self._sight, self._sight, actions).watch
 
     def _find(self, frame: Frame) -> PartsView:

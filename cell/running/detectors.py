@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import Perception
+from cell.configuration import LEARNED_KINDS, Perception
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import ModelError, SettingError
@@ -124,6 +124,34 @@ class Detectors:
             return maker(self._bench, self._product, self._perception.weights(task))
         except ModelError as error:
             raise SettingError((("perception", task), str(error))) from error
+
+
+def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
+    """The detectors that this product can have, and what people should know of it; empty where there is nothing.
+
+    Detectors that are chosen all at once as `learned` know the part types and positions that their weights were trained
+    for. For another product they are classical, until somebody trains them. One that is chosen by itself stays.
+
+    Raises:
+        SettingError: weights cannot be read.
+    """
+    if perception.kind != "learned":
+        return perception, ""
+    wanted = {"parts": tuple(product.parts), "positions": product.positions}
+    for task, kind in LEARNED_KINDS.items():
+        if getattr(perception, task) is not None:
+            continue
+        try:
+            path = perception.weights(task)
+            known = OnnxModel.load(path, f"{task}.{kind}").card.vocabulary
+        except ModelError as error:
+            raise SettingError((("perception", "kind"), str(error))) from error
+        for use, words in wanted.items():
+            if known.get(use, words) != words:
+                told = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"
+                what = f"perception is classical: {told}; `cell train {task}` trains detectors for it"
+                return perception.model_copy(update={"kind": "classical"}), what
+    return perception, ""
 
 
 def check_detectors(bench: Bench, product: Product, perception: Perception) -> None:

@@ -22,6 +22,7 @@ from cell.running.detectors import (
     Detectors,
     bench_watcher,
     check_detectors,
+    fitting,
     latency_s,
 )
 from learned.classical.action_detector import ClassicalActionDetector
@@ -61,9 +62,11 @@ def test_a_trained_tracker_works_beside_classical_detectors(monkeypatch: pytest.
         return Found(weights)
 
     monkeypatch.setitem(detectors.TRAINED, "hands", {"ideal": maker})
-    perception = Perception.model_validate({"hands": {"kind": "ideal", "weights": "/some/file.onnx"}})
+    perception = Perception.model_validate(
+        {"kind": "classical", "hands": {"kind": "ideal", "weights": "/some/file.onnx"}}
+    )
     assert isinstance(Detectors(BENCH, PRODUCT, perception).make("actions"), ClassicalActionDetector)
-    assert isinstance(Detectors(BENCH, PRODUCT, Perception()).make("hands"), ClassicalHandTracker)
+    assert isinstance(Detectors(BENCH, PRODUCT, Perception(kind="classical")).make("hands"), ClassicalHandTracker)
     image = np.full((BENCH.overhead.height_px, BENCH.overhead.width_px, 3), 90, np.uint8)
     view = bench_watcher(BENCH, PRODUCT, perception)(Frame("overhead", 3, 0.2, image, Pose((0.0, 0.0, 1.0))))
     assert view.hand is not None
@@ -87,12 +90,26 @@ def test_unknown_kinds_and_weights_that_do_not_fit_are_told_together(monkeypatch
 
 def test_weights_stand_beside_the_configuration(tmp_path: Path) -> None:
     text = DEFAULT_CONFIGURATION.read_text()
-    text = text.replace("  latency_s:", "  parts: {kind: centre, weights: mine.onnx}\n  latency_s:")
+    text = text.replace("  kind: learned", "  kind: learned\n  parts: {kind: centre, weights: mine.onnx}\n #")
     (tmp_path / "cell.yaml").write_text(text)
     assert load_configuration(tmp_path / "cell.yaml").perception.weights("parts") == tmp_path / "mine.onnx"
-    (tmp_path / "wrong.yaml").write_text(text.replace("kind: classical", "kind: guesses"))
+    (tmp_path / "wrong.yaml").write_text(text.replace("kind: learned", "kind: guesses"))
     with pytest.raises(InputError, match="perception"):
         load_configuration(tmp_path / "wrong.yaml")
+
+
+def test_a_product_that_no_weights_know_is_seen_by_colour_and_that_is_said() -> None:
+    learned = Perception(kind="learned")
+    assert fitting(learned, PRODUCT) == (learned, "")
+    first, *others = PRODUCT.parts.items()
+    other = PRODUCT.model_copy(update={"parts": {"valve": first[1], **dict(others)}})
+    found, told = fitting(learned, other)
+    assert found.kind == "classical"
+    assert "knows the parts o1, o2, o3, and this product has valve, o2, o3" in told
+    assert "cell train hands" in told
+    own = {task: {"kind": kind} for task, kind in LEARNED_KINDS.items()}
+    chosen = Perception.model_validate({"kind": "learned", **own})
+    assert fitting(chosen, other) == (chosen, "")  # what was chosen by itself is checked, not replaced
 
 
 def test_answers_come_as_late_as_the_cards_of_the_detectors_tell(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,4 +141,4 @@ def test_every_network_that_a_detector_opens_is_one_that_the_log_names(
     Detectors(BENCH, PRODUCT, perception).make(task)
     assert opened
     assert set(opened) == set(perception.networks(task).values())
-    assert Perception().networks(task) == {}
+    assert Perception(kind="classical").networks(task) == {}

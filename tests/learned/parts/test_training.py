@@ -79,10 +79,11 @@ def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
     assert losses[1] < losses[0]
 
 
-@pytest.mark.slow
-def test_faster_rcnn_takes_a_step_and_is_scored() -> None:
+def test_faster_rcnn_takes_a_step_and_is_scored(tmp_path: Path) -> None:
     from learned.parts.rcnn import RcnnTraining, score_rcnn, train_rcnn
 
-    network = train_rcnn(SCENES, PRODUCT, 0, RcnnTraining("mobilenet", steps=2, batch=2))
+    checkpoint = tmp_path / "rcnn.checkpoint"
+    network = train_rcnn(SCENES, PRODUCT, 0, RcnnTraining("mobilenet", steps=2, batch=2), checkpoint=checkpoint)
+    assert not checkpoint.exists()  # it is for what was interrupted
     scores = score_rcnn(network, SCENES[:2], PRODUCT)
     assert 0 <= scores["map_50_95"] <= scores["map_50"] <= 1

@@ -166,3 +166,8 @@ def goal_answer(question: Question, wanted: Mapping[str, str]) -> str:
 def help_answer(by_hand: bool) -> str:
     """What a person says who helps."""
     return PLACED_BY_HAND if by_hand else HELP_GIVEN
+
+
+def choice_answer(question: Question, done: bool) -> str:
+    """The first answer of a tree's own question where what it asks for is done, else the last."""
+    return question.answers[0 if done else -1].value

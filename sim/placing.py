@@ -9,7 +9,7 @@ import numpy as np
 from cell.interfaces.pose import Array
 from sim.diary import Diary
 from sim.handwork import MOST_YAW_RAD, Handwork, Script, fold_yaw
-from sim.person import Person, drawn, happens
+from sim.person import Order, Person, drawn, happens
 from sim.worker_sight import GRASPABLE_TILT_RAD, SeenPart, Sight
 
 BEHIND_BRACKET_M = 0.26  # where the hand waits with a part while the arm is over the bracket
@@ -55,6 +55,12 @@ class Placing:
     def handed(self, position: str) -> bool:
         """Whether the robot holds out what belongs there, and the hole is empty."""
         return self._sight.handed(self._wanted[position]) is not None and self._sight.in_hole(position) is None
+
+    def left(self, position: str) -> SeenPart | None:
+        """What belongs there and lies before the bracket, where the robot puts down what it brings."""
+        lying = self._sight.left(self._wanted[position])
+        empty = self._sight.in_hole(position) is None
+        return lying if lying is not None and empty and _graspable(lying) else None
 
     def complete(self) -> bool:
         """Whether every position has its part, as it should sit."""
@@ -110,6 +116,9 @@ class Placing:
         """The part that is fetched: the right one, seldom a wrong one or one from the tray."""
         if (theirs := self._sight.handed(self._wanted[position])) is not None:
             return theirs
+        if (brought := self.left(position)) is not None:
+            self._diary.note("brought", part=brought.part)
+            return brought
         right = next(filter(_graspable, self._sight.spares(self._wanted[position])))
         if self._happens(self._person.lapses.wrong_part):
             others = [name for name in set(self._wanted.values()) if name != self._wanted[position]]
@@ -191,3 +200,24 @@ class Placing:
 
 def _graspable(seen: SeenPart) -> bool:
     return seen.tilt_rad < GRASPABLE_TILT_RAD and abs(fold_yaw(seen.pose.yaw_rad)) < MOST_YAW_RAD
+
+
+def positions_in_order(
+    order: Order, wanted: Mapping[str, str], rng: np.random.Generator, chance: np.random.Generator
+) -> list[str]:
+    """All positions in the order in which a person fills them.
+
+    Args:
+        wanted: type of the part by position.
+    """
+    names = list(wanted)
+    if order == "any":
+        orders: tuple[Order, ...] = ("random", "positions", "reversed", "parts")
+        order = orders[int(chance.integers(len(orders)))]
+    if order == "random":
+        return [names[index] for index in rng.permutation(len(names))]
+    if order == "parts":
+        types = sorted(set(wanted.values()))
+        turn = {types[index]: place for place, index in enumerate(chance.permutation(len(types)))}
+        return sorted(names, key=lambda name: turn[wanted[name]])
+    return names[::-1] if order == "reversed" else names

@@ -6,9 +6,8 @@ the bench as it is; parts are carried by friction alone.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,19 +17,20 @@ from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from sim.diary import ActionEvent, Diary
-from sim.errands import Errands, Replies, goal_answer, help_answer
+from sim.errands import Errands, Replies, choice_answer, goal_answer, help_answer
 from sim.hand import Hand, hand_rest_m
-from sim.handwork import ARCH_M, RELAXED_GAP_M, Handwork, ScrewMotion, Script
+from sim.handwork import ARCH_M, RELAXED_GAP_M, Handwork, Script
 from sim.intrusion import Intrusion, Sequel
-from sim.person import Order, Person, drawn, happens
-from sim.placing import Placing
+from sim.person import Person, drawn, happens
+from sim.placing import Placing, positions_in_order
+from sim.screwing import Screwing
 from sim.stock import Stock
+from sim.waiting import Waiting
 from sim.worker_sight import Sight, WorkerWorld
 
 AT_REST_M = 0.02
 ASKS_AGAIN_S = 6.0  # how long the person waits for a part that only the robot can bring
 SEEN_S = 6.0  # how long the person waits for the cell to see the empty bracket
-TOOL_RADIUS_M = 0.003  # a tool that sits on a screw does not leave it
 OVER = object()
 PUNCTUATION = str.maketrans(",.;:()", "      ")
 
@@ -84,10 +84,11 @@ class Worker:
         self._work = Handwork(self.hand, self._sight, product, person, rng, self._chance)
         self._diary.note("person", pace=self._work.pace)
         self._rest_m = np.array(hand_rest_m(bench))
-        self._unscrewed = 0
-        self._begin(wanted)
         self._request: str | None = None
         self._answered: str | None = None
+        self._waiting = Waiting(self._work, self._sight, person.robot, self._chance, self._diary, lambda: self._asked)
+        self._screwing = Screwing(self._work, self._sight, person, rng, self._chance, self._diary)
+        self._begin(wanted)
         self._around, self._replies, self._errands = around, None, None
         if around is not None:
             self._replies = Replies(person.shift, around.rng)
@@ -100,7 +101,7 @@ class Worker:
                 around.rng,
                 self._diary,
                 self._change_job,
-                self._polite,
+                self._waiting.polite,
             )
         self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._diary.note)
         self._intruding: Script | None = None
@@ -167,27 +168,6 @@ class Worker:
             return False
         return self._chance.random() < often / 60 * dt_s
 
-    def _polite(self) -> bool:
-        """Whether the person waits for the arm this time."""
-        polite = happens(self._person.robot.waits, self._chance)
-        if not polite:
-            self._diary.note("does not wait")
-        return polite
-
-    def _positions_in_order(self, order: Order) -> list[str]:
-        """All positions in the order in which this person fills them."""
-        names = list(self._wanted)
-        if order == "any":
-            orders: tuple[Order, ...] = ("random", "positions", "reversed", "parts")
-            order = orders[int(self._chance.integers(len(orders)))]
-        if order == "random":
-            return [names[index] for index in self._rng.permutation(len(names))]
-        if order == "parts":
-            types = sorted(set(self._wanted.values()))
-            turn = {types[index]: place for place, index in enumerate(self._chance.permutation(len(types)))}
-            return sorted(names, key=lambda name: turn[self._wanted[name]])
-        return names[::-1] if order == "reversed" else names
-
     def _assemble(self) -> Script:
         self._diary.begin("idle")
         while True:
@@ -203,16 +183,18 @@ class Worker:
                 continue
             self.done = False
             placed = yield from self._placing.fill(position)
-            if placed and self._wants_to_screw():
-                yield from self._screw(position)
+            if placed and self._screwing.wanted():
+                yield from self._screwing.screw(position)
                 yield from self._go_to_rest()
-                yield from self._wait_for_robot_to_begin()
+                yield from self._waiting.begins()
 
     def _begin(self, wanted: Mapping[str, str]) -> None:
         """From now on, this is to be built."""
         self._wanted = wanted
-        self._order = self._positions_in_order(self._person.order)
-        self._placing = Placing(self._work, self._sight, self._person, wanted, self._chance, self._diary, self._polite)
+        self._order = positions_in_order(self._person.order, wanted, self._rng, self._chance)
+        self._placing = Placing(
+            self._work, self._sight, self._person, wanted, self._chance, self._diary, self._waiting.polite
+        )
         self._idle_since_s = self._diary.time_s
 
     @property
@@ -240,6 +222,19 @@ class Worker:
                     yield from self._errands.help(question.part)
                     yield from self._go_to_rest()
                 self._replies.answer(question, help_answer(by_hand))
+            elif question.kind == "choice":
+                brought = yield from self._take_brought()
+                self._replies.answer(question, choice_answer(question, brought))
+
+    def _take_brought(self) -> Generator[None, None, bool]:
+        """Put what the robot laid before the bracket into its hole; returns whether nothing of it is left there."""
+        lying = {part: seen for part in set(self._wanted.values()) if (seen := self._sight.left(part)) is not None}
+        for position in self._order:
+            if self._placing.left(position) is not None:
+                yield from self._placing.fill(position)
+                yield from self._go_to_rest()
+                lying.pop(self._wanted[position], None)
+        return not lying
 
     def _can_place(self, part: str) -> bool:
         return any(self._wanted[name] == part and self._placing.possible(name) for name in self._order)
@@ -261,15 +256,16 @@ class Worker:
         if asked or (self._around.goes_on and idle_s > self._person.shift.gives_up_s):
             yield from self._errands.change_bracket()
             yield from self._go_to_rest()
-            yield from self._wait_while(lambda: self._replies is not None and self._replies.stands("bracket"), SEEN_S)
+            replies = self._replies
+            yield from self._waiting.while_true(lambda: replies.stands("bracket"), SEEN_S)
 
     def _ask_for_part(self) -> Script:
         """A part is missing that only the robot can bring: screw once more, which is how it is asked for one."""
         placed = [name for name in self._order if self._sight.in_hole(name) is not None]
         if placed:
-            yield from self._screw(placed[int(self._chance.integers(len(placed)))])
+            yield from self._screwing.screw(placed[int(self._chance.integers(len(placed)))])
             yield from self._go_to_rest()
-            yield from self._wait_for_robot_to_begin()
+            yield from self._waiting.begins()
 
     def _next_position(self) -> str | None:
         """The next in the person's order that can be filled; one that a help request names comes first."""
@@ -284,36 +280,6 @@ class Worker:
         """Whether a part is between the closed fingers."""
         return self._work.pinches(body)
 
-    def _wants_to_screw(self) -> bool:
-        habits = self._person.screw
-        self._unscrewed += 1
-        wants = self._unscrewed >= habits.unscrewed_limit
-        wants = self._rng.random() < habits.probability or wants
-        self._unscrewed = 0 if wants else self._unscrewed
-        return wants
-
-    def _screw(self, position: str) -> Script:
-        seen = self._sight.in_hole(position)
-        if seen is None:
-            return
-        habits = self._person.screw
-        motion = ScrewMotion(
-            duration_s=drawn(habits.duration_s, self._rng),
-            rate_hz=drawn(habits.rate_hz, self._rng),
-            radius_m=drawn(habits.radius_m, self._rng),
-            yaw_rad=drawn(habits.yaw_rad, self._rng),
-        )
-        tool = happens(habits.tool, self._chance)
-        if tool:
-            motion = replace(motion, radius_m=min(motion.radius_m, TOOL_RADIUS_M))
-            self._diary.note("tool", position=position)
-        polite = happens(self._person.robot.waits, self._chance)
-        yield from self._work.reach_over(seen, drawn(habits.height_m, self._rng), tool=tool)
-        self._diary.begin("screw")
-        yield from self._work.screw(motion, stop=lambda: polite and self._sight.arm_over_bracket)
-        self._diary.begin("transit")
-        yield from self._work.back_off()
-
     def _go_to_rest(self) -> Script:
         if float(np.linalg.norm(self._work.position_m - self._rest_m)) > AT_REST_M:
             self._diary.begin("transit")
@@ -323,29 +289,12 @@ class Worker:
     def _pause(self) -> Script:
         yield from self._work.wait(drawn(self._person.pause_s, self._rng))
 
-    def _wait_for_robot_to_begin(self) -> Script:
-        yield from self._wait_while(lambda: self._sight.arm_parked and not self._asked, self._person.robot.begins_s)
-
     def _let_robot_work(self) -> Script:
         """Rest while the arm moves or is not parked; go on if it just stands there or asks for help."""
-        if self._sight.arm_parked or not self._polite():
+        if self._sight.arm_parked or not self._waiting.polite():
             return
         yield from self._go_to_rest()
-        still_s = 0.0
-        while not self._sight.arm_parked and still_s < self._person.robot.stands_s:
-            if any(self._placing.handed(name) for name in self._order):
-                return
-            if self._asked and not self._sight.arm_over_bracket:
-                return
-            busy = self._sight.arm_moving or self._sight.arm_over_bracket
-            still_s = 0.0 if busy else still_s + self._work.dt_s
-            yield
-
-    def _wait_while(self, condition: Callable[[], bool], longest_s: float = math.inf) -> Script:
-        waited_s = 0.0
-        while condition() and waited_s < longest_s:
-            waited_s += self._work.dt_s
-            yield
+        yield from self._waiting.works(lambda: any(self._placing.handed(name) for name in self._order))
 
     @property
     def _asked(self) -> bool:

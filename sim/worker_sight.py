@@ -118,6 +118,11 @@ class Sight:
         ]
         return sorted(lying, key=lambda one: -one.pose.position_m[0])
 
+    def left(self, part: str) -> SeenPart | None:
+        """A part of a type on the table between person and bracket, where the robot puts down what it brings."""
+        lying = (one for one in self._of_type(part) if self._before_bracket(np.array(one.pose.position_m)))
+        return next(lying, None)
+
     def handed(self, part: str) -> SeenPart | None:
         """A part of a type that the arm holds still, out to the person."""
         if self._tool is None or self.arm_moving:
@@ -140,9 +145,12 @@ class Sight:
         near_bin = any(
             np.linalg.norm(position_m - np.array(bin_m)) < OWN_BIN_M for bin_m in self._bench.bins_m.values()
         )
+        return bool(near_bin or self._before_bracket(position_m))
+
+    def _before_bracket(self, position_m: Array) -> bool:
         off = position_m - np.array(self.bracket_m)
-        before_bracket = BEFORE_BRACKET_M[0] < off[0] < BEFORE_BRACKET_M[1] and abs(off[1]) < BESIDE_BRACKET_M
-        return bool(near_bin or (before_bracket and position_m[2] < LYING_M))
+        near = BEFORE_BRACKET_M[0] < off[0] < BEFORE_BRACKET_M[1] and abs(off[1]) < BESIDE_BRACKET_M
+        return bool(near and position_m[2] < LYING_M)
 
     @property
     def has_arm(self) -> bool:

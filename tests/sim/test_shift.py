@@ -11,7 +11,7 @@ import pytest
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Answer, OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
-from cell.interfaces.pose import Pose
+from cell.interfaces.pose import Array, Pose
 from sim.cell import SimCell
 from sim.jobs import NOT_LISTED, Jobs
 from sim.person import Person, ShiftHabits
@@ -24,6 +24,7 @@ SETTINGS = SimSettings(overlap=False, shift=True, person=Person(shift=QUICK))
 G1 = product().goal_placements("g1")
 HELP = Question(1, "help", "no o3", part="o3", answers=(Answer("done", ""), Answer("placed", "")))
 EMPTY_PLEASE = Question(2, "bracket", "the bracket is finished")
+TAKE_IT = Question(4, "choice", "take it", answers=(Answer("taken", ""), Answer("not needed", "")))
 WHICH = Question(3, "goal", "which?", answers=(Answer("g0", "", product().goal_placements("g0")), Answer("g1", "", G1)))
 
 
@@ -53,6 +54,10 @@ def put_goal(cell: SimCell) -> None:
     for number, (position, part) in enumerate(G1.items()):
         x, y = product().bracket.holes_m[position]
         cell.world.place(left[part].pop(-(number % 2)), bench().bracket.pose @ Pose((x, y, 0.0)))
+
+
+def holes_m() -> list[Array]:
+    return [bench().bracket.pose.transform(np.array([x, y, 0.0])) for x, y in product().bracket.holes_m.values()]
 
 
 def in_tray(cell: SimCell) -> Counter[str]:
@@ -88,6 +93,31 @@ def test_help_sets_the_part_into_the_tray_and_says_so(cell: SimCell) -> None:
         pressed = person(cell).pressed()
     assert [(order.kind, order.value, order.question) for order in pressed] == [("answer", "done", 1)]
     assert in_tray(cell)["o3"] == 1
+
+
+def test_what_the_robot_puts_down_before_the_bracket_is_taken_when_asked(cell: SimCell) -> None:
+    brought = next(body for body in cell.world.bodies if body.part == "o2" and body.owner == "robot")
+    cell.world.place(brought, Pose((0.86, -0.16, product().parts["o2"].peg_length_m)))
+    person(cell).show(Display(questions=(TAKE_IT,)))
+    pressed: list[OperatorOrder] = []
+    while not pressed and cell.world.time_s < 20:
+        settle(cell, cell.world.time_s + 0.1)
+        pressed = person(cell).pressed()
+    assert pressed == [OperatorOrder("answer", "taken", TAKE_IT.number)]
+    assert [act.fields["part"] for act in person(cell).acts if act.fields.get("act") == "brought"] == ["o2"]
+    assert any(np.linalg.norm(cell.world.data.xpos[brought.body] - hole) < 0.003 for hole in holes_m())
+
+
+def test_what_nobody_needs_is_left_where_the_robot_put_it(cell: SimCell) -> None:
+    put_goal(cell)
+    brought = [body for body in cell.world.bodies if body.part == "o1"][2]  # neither first nor last: not in the bracket
+    cell.world.place(brought, Pose((0.86, -0.16, product().parts["o1"].peg_length_m)))
+    person(cell).show(Display(questions=(TAKE_IT,)))
+    pressed: list[OperatorOrder] = []
+    while not pressed and cell.world.time_s < 20:
+        settle(cell, cell.world.time_s + 0.1)
+        pressed = person(cell).pressed()
+    assert pressed == [OperatorOrder("answer", "not needed", TAKE_IT.number)]
 
 
 def test_a_person_who_lacks_a_part_screws_again_and_again_until_somebody_asks(cell: SimCell) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from sim.gripper_node import GripperNode
 from sim.hand import add_hand
 from sim.hardware import HARDWARE
 from sim.jobs import Jobs
+from sim.look import Look
 from sim.person import Storage
 from sim.photographer import Photographer, SensorSetup
 from sim.render_process import RenderProcess
@@ -33,7 +35,7 @@ from sim.stock import Stock
 from sim.storage import lay_out
 from sim.tray_truth import resting_event, resting_parts
 from sim.worker import Around, Worker
-from sim.world import build_world
+from sim.world import World, build_world
 
 
 class EmptyPanel:
@@ -44,6 +46,34 @@ class EmptyPanel:
 
     def alarm(self, text: str) -> None:
         """Nothing happens."""
+
+
+class _Chance(NamedTuple):
+    """A generator of its own for each purpose, so that none changes what another draws.
+
+    Attributes:
+        person: motions, and the order of work.
+        habits: what not every person does, and where their parts lie.
+        overhead, wrist: the sensors' noise.
+        overhead_delivery, wrist_delivery: late and lost frames.
+        stock: errands, answers, and how trays are filled again.
+    """
+
+    jobs: np.random.Generator
+    clutter: np.random.Generator
+    person: np.random.Generator
+    overhead: np.random.Generator
+    wrist: np.random.Generator
+    habits: np.random.Generator
+    overhead_delivery: np.random.Generator
+    wrist_delivery: np.random.Generator
+    arm: np.random.Generator
+    stock: np.random.Generator
+
+    @classmethod
+    def of(cls, seed: int) -> _Chance:
+        """Those of a run."""
+        return cls(*map(np.random.default_rng, np.random.SeedSequence(seed).spawn(len(cls._fields))))
 
 
 class SimCell:
@@ -77,66 +107,58 @@ class SimCell:
         overlap: bool = False,
         rendered: bool = True,
     ) -> None:
-        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(10)]
-        self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, streams[0])
+        chance = _Chance.of(seed)
+        self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, chance.jobs)
         self._job = self._jobs.next()
         self._finished: list[dict[str, object]] = []
-        if clutter is None:
-            clutter = sample_clutter(product, bench.tray, full_set(product), streams[1], settings.clutter)
         self.look = settings.look.draw(seed)
-        person = settings.person
-        layout = lay_out(product, bench, person.storage if worker else Storage(), streams[5])
-        scene = (*layout.parts, *clutter) if worker else tuple(clutter)
-        hand = partial(add_hand, bench=bench, person=self.look.person, habits=person) if worker else None
-        self.world = build_world(product, bench, scene, settings.physics, hand, self.look, layout.bins)
-        self.stock = Stock(self.world, product, bench, settings.clutter, streams[9])
-        around = Around(self.stock, self._change, settings.shift, streams[9])
-        wanted = self._job.placements
+        if clutter is None:
+            clutter = sample_clutter(product, bench.tray, full_set(product), chance.clutter, settings.clutter)
+        self.world = _world(product, bench, settings, self.look, clutter, chance.habits, worker)
+        self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
+        around = Around(self.stock, self._change, settings.shift, chance.stock)
+        wanted, person = self._job.placements, settings.person
         self.worker = (
-            Worker(self.world, product, bench, person, wanted, streams[2], streams[5], around) if worker else None
+            Worker(self.world, product, bench, person, wanted, chance.person, chance.habits, around) if worker else None
         )
         self.world.settle()
         self._resting = [resting_event(one) for one in resting_parts(self.world)]
-        hardware = settings.hardware
-        self.arm = SimArm(self.world, trailing_s=hardware.trailing_s)
-        arm: SimArm | SensedArm = self.arm
-        if hardware != HARDWARE["ideal"]:
-            arm = SensedArm(self.arm, hardware, settings.physics.control_period_s, streams[8])
+        self.arm = SimArm(self.world, trailing_s=settings.hardware.trailing_s)
+        arm = _sensed(self.arm, settings, chance.arm)
         self.gripper_node = GripperNode(self.world, can_interface, can_channel)
+        self.signal_node = None if settings.signals is None else SignalNode(settings.signals)
         self.score = Score(self.world, self._job)
         self.contacts = ContactMonitor(self.world, lambda: self.arm.driven_rad_s) if worker else None
         sensors = {
-            "overhead": SensorSetup(bench.overhead, self.look.camera, streams[3]),
-            "wrist": SensorSetup(bench.wrist, self.look.camera, streams[4]),
+            "overhead": SensorSetup(bench.overhead, self.look.camera, chance.overhead),
+            "wrist": SensorSetup(bench.wrist, self.look.camera, chance.wrist),
         }
         beside = RenderProcess(self.world.model, sensors) if overlap and rendered else None
         self.sight = None if rendered else bare_sight(self.world, sensors, hand=worker)
         self._photographer = self.sight or beside or Photographer(self.world.model, sensors)
-        deliveries = [Delivery(self.look.camera, hardware.camera_latency_s, stream) for stream in streams[6:8]]
-        overhead = SimCamera("overhead", bench.overhead, self.world, self._photographer.take, deliveries[0])
-        wrist = SimCamera("wrist", bench.wrist, self.world, self._photographer.take, deliveries[1])
-        self.signal_node = None if settings.signals is None else SignalNode(settings.signals)
-        actors: list[Actor] = [arm, self.gripper_node, self.stock]
-        if self.signal_node is not None:
-            actors.append(self.signal_node)
-        if self.worker is not None:
-            actors.append(self.worker)
+        latency_s = settings.hardware.camera_latency_s
+        overhead, wrist = (
+            SimCamera(name, setup, self.world, self._photographer.take, Delivery(self.look.camera, latency_s, rng))
+            for name, setup, rng in (
+                ("overhead", bench.overhead, chance.overhead_delivery),
+                ("wrist", bench.wrist, chance.wrist_delivery),
+            )
+        )
+        nodes = [node for node in (self.signal_node, self.worker) if node is not None]
         samplers: list[Observer] = [self.arm, *([self.contacts] if self.contacts is not None else [])]
-        clock = SimClock(self.world, actors, [self.score, overhead, wrist], samplers)
-        panel = self.worker or EmptyPanel()
+        actors: list[Actor] = [arm, self.gripper_node, self.stock, *nodes]
         self.devices = Devices(
-            clock,
+            SimClock(self.world, actors, [self.score, overhead, wrist], samplers),
             overhead,
             wrist,
             arm,
-            panel,
+            self.worker or EmptyPanel(),
             self.report,
             self.close,
             self.truth,
             host=beside,
             pressed=self.worker.pressed if self.worker is not None else tuple,
             finished=lambda: self._finished,
-            free_running=self._run_freely,
         )
 
     def report(self) -> dict[str, object]:
@@ -167,6 +189,29 @@ class SimCell:
         if self.signal_node is not None:
             self.signal_node.close()
         self._photographer.close()
+
+
+def _world(
+    product: Product,
+    bench: Bench,
+    settings: SimSettings,
+    look: Look,
+    clutter: Sequence[ScenePart],
+    rng: np.random.Generator,
+    worker: bool,
+) -> World:
+    """Bench and parts, with the hand where a person is; `rng` says where the person's parts lie."""
+    layout = lay_out(product, bench, settings.person.storage if worker else Storage(), rng)
+    scene = (*layout.parts, *clutter) if worker else tuple(clutter)
+    hand = partial(add_hand, bench=bench, person=look.person, habits=settings.person) if worker else None
+    return build_world(product, bench, scene, settings.physics, hand, look, layout.bins)
+
+
+def _sensed(arm: SimArm, settings: SimSettings, rng: np.random.Generator) -> SimArm | SensedArm:
+    """The arm as the controller has it: through joint sensors and a network, unless these are ideal."""
+    if settings.hardware == HARDWARE["ideal"]:
+        return arm
+    return SensedArm(arm, settings.hardware, settings.physics.control_period_s, rng)
 
 
 def open_cell(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cell.interfaces.perception import Frame, HandSample, HoleView, PartDetection
 from cell.interfaces.pose import Array
-from sim.hand import PALM_M, WRIST
+from sim.hand_shapes import PALM_M, WRIST
 from sim.photographer import Exposure, Photographer, SensorSetup
 from sim.studio import visible_poses
 from sim.tray_truth import resting_parts

@@ -13,6 +13,7 @@ import numpy as np
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array
+from sim import hand_shapes as shapes
 from sim import palette
 from sim.look import NOMINAL, Appearance
 from sim.person import PERSONS, Person
@@ -20,8 +21,6 @@ from sim.person import PERSONS, Person
 CAREFUL = PERSONS["careful"]
 SPECULAR = 0.1
 PALM_BEHIND_TIPS_M = 0.105  # the rest position of the bench file is that of the palm's middle
-PALM_M = (0.108, 0.037, 0.050)
-TIP_RADIUS_M = 0.0075
 TIP_REACH_M = 0.0135  # the tips end this far ahead of the hand frame's origin
 MAX_GAP_M = 0.11
 
@@ -53,43 +52,12 @@ FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever i
 }
 FOREARM_TOUCH = {**FLESH_TOUCH, "conaffinity": FOREARM_CONAFFINITY}
 
-Segment = tuple[tuple[float, float, float], tuple[float, float, float], float]  # from, to, radius in [m]
-
-# Thumb and index finger, written for a closed pinch; each slides outwards along y.
-THUMB: tuple[Segment, ...] = (
-    ((-0.006, -0.0075, 0.0), (0.012, -0.0075, 0.0), TIP_RADIUS_M),
-    ((0.012, -0.0080, 0.001), (0.050, -0.020, 0.020), 0.0090),
-    ((0.050, -0.020, 0.020), (0.105, 0.010, 0.042), 0.0120),
-)
-LONG_THUMB_M = 0.127
-INDEX: tuple[Segment, ...] = (
-    ((-0.006, 0.0075, 0.0), (0.012, 0.0075, 0.0), TIP_RADIUS_M),
-    ((0.012, 0.0078, 0.001), (0.036, 0.012, 0.030), 0.0080),
-    ((0.036, 0.012, 0.030), (0.072, 0.010, 0.048), 0.0090),
-    ((0.022, 0.0225, 0.006), (0.036, 0.028, 0.032), 0.0075),  # the middle finger, close beside
-    ((0.034, 0.028, 0.032), (0.072, 0.032, 0.050), 0.0090),
-)
-BACK: tuple[Segment, ...] = (
-    ((0.076, 0.008, 0.049), (0.090, 0.066, 0.050), 0.0115),  # knuckles
-    ((0.085, 0.012, 0.049), (0.135, 0.026, 0.052), 0.0130),  # heel of the thumb
-    ((0.068, -0.010, 0.034), (0.100, 0.014, 0.044), 0.0110),  # web of the thumb
-    ((0.092, 0.064, 0.050), (0.140, 0.050, 0.053), 0.0120),  # outer edge of the palm
-)
-CURL_AXIS_M = (0.086, 0.060, 0.051)  # the knuckles that ring and little finger bend at
-FINGERS: tuple[Segment, ...] = (
-    ((0.046, 0.054, 0.020), (0.052, 0.054, 0.042), 0.0080),  # ring finger
-    ((0.052, 0.054, 0.042), (0.082, 0.054, 0.052), 0.0085),
-    ((0.062, 0.070, 0.024), (0.066, 0.070, 0.042), 0.0070),  # little finger
-    ((0.066, 0.070, 0.042), (0.090, 0.068, 0.050), 0.0075),
-)
 TOOL_AWAY_M = 1.6
 TOOL_FRICTION = (0.3, 0.005, 0.0001)  # metal on metal
 TOOL = (  # from, to, radius in [m], colour
     ((0.0, 0.0, -0.065), (0.0, 0.0, 0.0), 0.003, (0.5, 0.5, 0.52)),
     ((0.0, 0.0, 0.0), (0.02, 0.0, 0.06), 0.011, (0.75, 0.55, 0.1)),
 )
-SLEEVE: Segment = ((0.205, 0.058, 0.072), (0.400, 0.110, 0.140), 0.036)
-WRIST: Segment = ((0.135, 0.042, 0.054), (0.205, 0.058, 0.072), 0.027)
 
 
 def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.person, habits: Person = CAREFUL) -> None:
@@ -104,13 +72,13 @@ def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.per
     if habits.grip.tilts:
         for name, axis in zip(WRIST_JOINTS, ((0, -1, 0), (1, 0, 0)), strict=True):
             hand.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, armature=0.004)
-    _add_ellipsoid(hand, PALM_M, (0.048, 0.043, 0.018), mass_kg=0.3)
-    for segment in BACK:
+    _add_ellipsoid(hand, shapes.PALM_M, shapes.PALM_RADII_M, mass_kg=0.3)
+    for segment in shapes.BACK:
         _add_capsule(hand, segment, mass_kg=0.02)
     _add_fingers(hand, habits.grip.curls)
-    _add_capsule(hand, WRIST, mass_kg=0.2, forearm=True)
-    _add_capsule(hand, SLEEVE, mass_kg=0.2, forearm=True, material="hand_sleeve")
-    for name, outwards, segments in ((DIGITS[0], -1, _thumb(habits.grip.thumb_m)), (DIGITS[1], 1, INDEX)):
+    _add_capsule(hand, shapes.WRIST, mass_kg=0.2, forearm=True)
+    _add_capsule(hand, shapes.SLEEVE, mass_kg=0.2, forearm=True, material="hand_sleeve")
+    for name, outwards, segments in ((DIGITS[0], -1, shapes.thumb(habits.grip.thumb_m)), (DIGITS[1], 1, shapes.INDEX)):
         digit = hand.add_body(name=name, gravcomp=1)
         digit.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, outwards, 0))
         for segment in segments:
@@ -132,9 +100,9 @@ def _add_fingers(hand: mujoco.MjsBody, curls: bool) -> None:
     body = hand
     if curls:
         body = hand.add_body(name="hand_fingers", gravcomp=1)
-        axis = {"axis": (0, -1, 0), "pos": CURL_AXIS_M, "armature": 0.001}
+        axis = {"axis": (0, -1, 0), "pos": shapes.CURL_AXIS_M, "armature": 0.001}
         body.add_joint(name=CURL_JOINT, type=mujoco.mjtJoint.mjJNT_HINGE, **axis)
-    for segment in FINGERS:
+    for segment in shapes.FINGERS:
         _add_capsule(body, segment, mass_kg=0.02)
 
 
@@ -148,17 +116,6 @@ def _add_tool(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
         _add_skin(tool, shape, HAND_N_M)
     motor = spec.add_actuator(name="hand_tool", target="hand_tool", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     motor.set_to_position(kp=100.0, dampratio=1.0)
-
-
-def _thumb(length_m: float) -> tuple[Segment, ...]:
-    """The thumb; a shorter one ends earlier, and meets the palm there."""
-    share = length_m / LONG_THUMB_M
-    if share == 1:
-        return THUMB
-    tip, middle, root = THUMB
-    start, knuckle, end = (np.array(point) for point in (middle[0], middle[1], root[1]))
-    bent, foot = (tuple(float(x) for x in start + share * (point - start)) for point in (knuckle, end))
-    return tip, (middle[0], bent, middle[2]), (bent, foot, root[2])  # type: ignore[return-value]
 
 
 def hand_rest_m(bench: Bench) -> tuple[float, float, float]:
@@ -239,7 +196,7 @@ class Hand:
 
 
 def _add_capsule(
-    body: mujoco.MjsBody, segment: Segment, *, mass_kg: float, forearm: bool = False, material: str = "hand_skin"
+    body: mujoco.MjsBody, segment: shapes.Segment, *, mass_kg: float, forearm: bool = False, material: str = "hand_skin"
 ) -> None:
     start, end, radius_m = segment
     shape = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": (*start, *end), "size": (radius_m, 0, 0)}

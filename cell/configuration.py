@@ -15,7 +15,7 @@ from cell.interfaces.errors import InputError, Problem, SettingError
 from cell.interfaces.files import shipped
 from cell.interfaces.judgement import FaultTable
 from cell.interfaces.model import Model
-from cell.interfaces.planning import weights_file
+from cell.interfaces.planning import crops_file, weights_file
 from cell.interfaces.product import Product
 from cell.interfaces.quantity import Duration
 from cell.interfaces.yaml_file import load_yaml, place_of
@@ -72,6 +72,8 @@ class Perception(Model):
         actions: who names what the hand does: classical, slim, paper.
         holes: who reads the holes: classical, plate.
         parts: who finds parts in the wrist camera's view: classical, centre.
+        crops: network that tells the `paper` grasp planner what is around each part; beside that planner's weights
+            where it is chosen.
         latency_s: in lock-step simulation, clock time from a frame to its answer; by default the p95 of the detectors'
             model cards, or 0.1 where one does not tell.
         classical: settings of that kind.
@@ -82,6 +84,7 @@ class Perception(Model):
     actions: DetectorSettings | None = None
     holes: DetectorSettings | None = None
     parts: DetectorSettings | None = None
+    crops: Path | None = None
     latency_s: float | None = Field(default=None, ge=0, le=2)
     classical: ClassicalSettings = ClassicalSettings()
 
@@ -103,8 +106,9 @@ class Perception(Model):
         The first is that of `weights`; others stand beside it.
         """
         kind = self.chosen(detector).kind
+        beside = {"parts.crops": self.crops} if detector == "parts" and self.crops is not None else {}
         if kind == "classical":
-            return {}
+            return beside
         main = self.weights(detector)
         if (detector, kind) == ("hands", "slim"):
             from learned.hands.slim import finder_file
@@ -117,7 +121,7 @@ class Perception(Model):
         if (detector, kind) == ("parts", "centre"):
             from learned.parts.detector import pose_file
 
-            return {detector: main, f"{detector}.pose": pose_file(main)}
+            return {detector: main, f"{detector}.pose": pose_file(main), **beside}
         return {detector: main}
 
     @property
@@ -274,6 +278,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
         for name in LEARNED_KINDS
         if (own := getattr(read.perception, name)) is not None and own.weights is not None
     }
+    perception: dict[str, object] = {**detectors, "crops": _crops(read, planners["grasp"].weights, folder)}
     faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
     database = read.gripper_can.database
@@ -286,7 +291,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "calibration": calibration,
             "bench": bench,
             "faults": faults,
-            "perception": read.perception.model_copy(update=detectors),
+            "perception": read.perception.model_copy(update=perception),
             "planners": read.planners.model_copy(update=planners),
             "gripper_can": gripper,
             "log": log,
@@ -350,6 +355,13 @@ def _beside(planner: PlannerSettings, folder: Path) -> dict[str, Path]:
         return {}
     files = {"goals": planner.goals, "confusions": planner.confusions}
     return {name: folder / file for name, file in files.items() if file is not None}
+
+
+def _crops(read: Configuration, grasp: Path, folder: Path) -> Path | None:
+    """The network that the grasp planner wants beside the part detector."""
+    if read.perception.crops is not None:
+        return folder / read.perception.crops
+    return crops_file(grasp) if read.planners.grasp.kind == "paper" else None
 
 
 def _weights(name: str, planner: PlannerSettings, folder: Path) -> Path:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import platform
+from contextlib import nullcontext
 from datetime import date
 from enum import StrEnum
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Annotated
@@ -80,19 +82,22 @@ def train(
 ) -> None:
     """Train the planner that judges graspability in clutter; goes on where an interrupted training stopped."""
     need_torch()
+    from cell.commands.tray_camera import tray_camera
     from learned.grasp.dataset import read_scenes
     from learned.grasp.train import train_grasp
 
     product = product_of(config)
     path = out or new_weights("grasp", kind, config)
-    scores = train_grasp(
-        product,
-        path,
-        seed,
-        kind,
-        scenes=None if data is None else read_scenes(data, product),
-        command=f"cell train grasp --kind {kind} --seed {seed}" + ("" if data is None else f" --data {data}"),
-    )
+    with tray_camera(product, config) if kind == "paper" else nullcontext() as camera:
+        scores = train_grasp(
+            product,
+            path,
+            seed,
+            kind,
+            scenes=None if data is None else read_scenes(data, product),
+            camera=camera,
+            command=f"cell train grasp --kind {kind} --seed {seed}" + ("" if data is None else f" --data {data}"),
+        )
     report_scores(f"weights in {path}", scores, as_json)
 
 
@@ -112,27 +117,37 @@ def evaluate(
     """Score the grasp planner, or run an experiment with all of them."""
     product = product_of(config)
     if experiment:
-        _experiment(experiment, out, product)
+        _experiment(experiment, out, product, config)
         return
     if out is not None:
         raise InputError("--out is for --experiment; scores of one planner go to the terminal, or --json")
-    from learned.grasp.evaluate import evaluate_grasp
+    from cell.commands.tray_camera import tray_camera
+    from cell.interfaces.planning import crops_file
+    from learned.grasp.crops import load_crops
+    from learned.grasp.evaluate import embedded, evaluate_grasp
     from learned.grasp.planner import load_grasp_planner
 
-    planner = load_grasp_planner(kind, weights or shipped_weights("grasp", kind), product)
-    report_scores("grasp", evaluate_grasp(planner, product, seed, scenes), as_json)
+    path = weights or shipped_weights("grasp", kind)
+    planner = load_grasp_planner(kind, path, product)
+    if kind != "paper":
+        report_scores("grasp", evaluate_grasp(planner, product, seed, scenes), as_json)
+        return
+    with tray_camera(product, config) as camera:
+        look = partial(embedded, camera=camera, network=load_crops(crops_file(path)))
+        report_scores("grasp", evaluate_grasp(planner, product, seed, scenes, look=look), as_json)
 
 
-def _experiment(experiments: list[Experiment], out: Path | None, product: Product) -> None:
+def _experiment(experiments: list[Experiment], out: Path | None, product: Product, config: Path) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
     need_torch(plots=True)
     import torch
 
+    from cell.commands.tray_camera import tray_camera
     from learned.experiments import Store, write_page
-    from learned.grasp.experiments.page import EXPERIMENTS, HEAD
+    from learned.grasp.experiments.page import HEAD
+    from learned.grasp.experiments.page import experiments as tables
 
-    chosen = {name: some for name, some in EXPERIMENTS.items() if {Experiment.ALL, Experiment(name)} & {*experiments}}
     typed = " ".join(f"--experiment {experiment.value}" for experiment in experiments)
     facts = {
         "command": f"`cell eval grasp {typed} --out {out}`",
@@ -140,5 +155,7 @@ def _experiment(experiments: list[Experiment], out: Path | None, product: Produc
         "machine": f"{platform.machine()}, one thread, Python {platform.python_version()}, torch {torch.__version__}",
     }
     identity = sha256(product.model_dump_json().encode()).hexdigest()[:12]
-    write_page(HEAD, chosen, product, Store(KEPT / f"experiments_{identity}.jsonl"), out, facts)
+    with tray_camera(product, config) as camera:
+        chosen = {name: some for name, some in tables(camera).items() if {Experiment.ALL, name} & {*experiments}}
+        write_page(HEAD, chosen, product, Store(KEPT / f"experiments_{identity}.jsonl"), out, facts)
     console().print(f"{', '.join(chosen)} in {out}")

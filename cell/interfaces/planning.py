@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Protocol
 
 from cell.interfaces.perception import PartDetection
@@ -17,6 +18,11 @@ def weights_file(planner: str, kind: str) -> str:
     """Name of the shipped file of weights of a kind of planner or detector: a graph is JSON, networks are ONNX."""
     kind = "factored" if kind == "auto" else kind
     return f"{planner}_{kind}.{'json' if kind == 'and_or' else 'onnx'}"
+
+
+def crops_file(weights: Path) -> Path:
+    """Where the network of the crops is kept: beside the weights of the grasp planner that it was trained with."""
+    return weights.with_name(f"{weights.stem}_crops.onnx")
 
 
 @dataclass(frozen=True)

@@ -115,15 +115,27 @@ class Detectors:
         """
         kind = self._perception.chosen(task).kind
         if kind == "classical":
-            return getattr(self._classical, task)()
+            return self._with_crops(task, getattr(self._classical, task)())
         maker = TRAINED[task].get(kind)
         if maker is None:
             legal = ", ".join(("classical", *TRAINED[task]))
             raise SettingError((("perception", task), f"no detector of kind {kind!r}; legal: {legal}"))
         try:
-            return maker(self._bench, self._product, self._perception.weights(task))
+            made = maker(self._bench, self._product, self._perception.weights(task))
         except ModelError as error:
             raise SettingError((("perception", task), str(error))) from error
+        return self._with_crops(task, made)
+
+    def _with_crops(self, task: str, made: Any) -> Any:
+        """The part detector with the features of crops that a grasp planner wants; others as they are."""
+        if task != "parts" or self._perception.crops is None:
+            return made
+        from learned.grasp.crops import CropReader
+
+        try:
+            return CropReader.load(made, self._bench, self._perception.crops)
+        except ModelError as error:
+            raise SettingError((("planners", "grasp"), str(error))) from error
 
 
 def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
@@ -163,7 +175,7 @@ def check_detectors(bench: Bench, product: Product, perception: Perception) -> N
     made, problems = Detectors(bench, product, perception), []
     for task in TRAINED:
         try:
-            if perception.chosen(task).kind != "classical":
+            if perception.networks(task):
                 made.make(task)
         except SettingError as error:
             problems += [place for place in error.places if place not in problems]

@@ -1,50 +1,102 @@
-"""An appearance embedding for every detection, as a detector with image features would give it (ablation only).
+"""f_i of the paper: features of the crop around each detected part, which shows what stands in its way.
 
-The crop is drawn, not rendered: heights of all bodies around a part, seen from straight above and turned to the
-detected heading. Its lowest cosine coefficients are a fixed descriptor of shape and surroundings; nothing is fitted.
-What the crop shows is the truth, whatever the noise of the detected poses.
+A crop is cut from the wrist image at a fixed scale, its rows along the part's x axis. A small network turns it into the
+embedding of the detection; it is trained together with the planner that reads the embeddings (learned/grasp/paper.py).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from cell.interfaces.pose import Array
+from cell.interfaces.bench import Bench
+from cell.interfaces.camera_model import CameraModel
+from cell.interfaces.errors import ModelError
+from cell.interfaces.perception import Frame, PartDetection, PartDetector
+from cell.interfaces.pose import Array, Pose
 from learned.grasp.boxes import Boxes
+from learned.onnx_model import Network, OnnxModel
 
-_CELLS, _SPACING_M, _ORDERS = 24, 0.005, 8
-CROP_FEATURES = _ORDERS**2
-_UNIT_M = 0.05
-_steps = (np.arange(_CELLS) + 0.5) / _CELLS
-_COSINES = np.cos(np.pi * np.arange(_ORDERS)[:, None] * _steps) * np.sqrt(2.0 / _CELLS)  # (orders, cells)
-_PLACES_M = (_steps - 0.5) * _CELLS * _SPACING_M
+CROP_PX, STEP_M = 24, 0.005  # 12 cm: the part with the room of fingers and palm
+EMBEDDING = 32  # features of a crop
+CROPS_KIND = "grasp.crops"
+_FINER = 2  # times finer sampled, then averaged
 
-
-def crop_embeddings(boxes: Boxes, centre_m: Array, yaw_rad: Array) -> Array:
-    """Embeddings (n, CROP_FEATURES) of crops at detected centres (n, 2) and headings (n,)."""
-    along, across = np.meshgrid(_PLACES_M, _PLACES_M, indexing="ij")
-    cos, sin = np.cos(yaw_rad)[:, None, None], np.sin(yaw_rad)[:, None, None]
-    x = centre_m[:, 0, None, None] + along * cos - across * sin
-    y = centre_m[:, 1, None, None] + along * sin + across * cos
-    heights = _heights_m(boxes, x, y) / _UNIT_M
-    coefficients: Array = np.einsum("ui,nij,vj->nuv", _COSINES, heights, _COSINES)
-    flat: Array = coefficients.reshape(len(boxes), -1) / _ORDERS
-    return flat
+Crops = NDArray[np.uint8]  # (n, 3, CROP_PX, CROP_PX), one for each detection
+View = tuple[Boxes, tuple[PartDetection, ...]]  # what stands in the tray, and where it was detected
+TrayCamera = Callable[[Sequence[View]], list[Crops]]  # images of views, cut to crops
 
 
-def crop_signs() -> Array:
-    """Signs (4, CROP_FEATURES) of crops that are mirrored along, across, or both (half a turn)."""
-    along, across = np.repeat(np.arange(_ORDERS), _ORDERS) % 2, np.tile(np.arange(_ORDERS), _ORDERS) % 2
-    signs: Array = np.stack([0 * along, along, across, along + across])
-    return 1.0 - 2.0 * (signs % 2)
+def crops_of(
+    image: NDArray[np.uint8], camera: CameraModel, world_from_camera: Pose, parts: Sequence[PartDetection]
+) -> Crops:
+    """Crops of all detections; x of the part runs to the right."""
+    found = [_crop(image, camera, world_from_camera, part.world_from_part) for part in parts]
+    return np.array(found, np.uint8).reshape(-1, 3, CROP_PX, CROP_PX)
 
 
-def _heights_m(boxes: Boxes, x: Array, y: Array) -> Array:
-    """Height of whatever is uppermost at points of any shape; 0 on the tray."""
-    highest = np.zeros_like(x)
-    for (left, front), yaw, size, top in zip(boxes.centre_m, boxes.yaw_rad, boxes.size_m, boxes.top_m, strict=True):
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        inside = np.abs((x - left) * cos + (y - front) * sin) <= size[0] / 2
-        inside &= np.abs((y - front) * cos - (x - left) * sin) <= size[1] / 2
-        np.maximum(highest, np.where(inside, top, 0.0), out=highest)
-    return highest
+def _crop(image: NDArray[np.uint8], camera: CameraModel, world_from_camera: Pose, part: Pose) -> NDArray[np.uint8]:
+    pixels = CROP_PX * _FINER
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * (pixels - 1) / 2 * STEP_M / _FINER
+    cos, sin = np.cos(part.yaw_rad), np.sin(part.yaw_rad)
+    places: Array = np.column_stack([corners @ np.array([[cos, sin], [-sin, cos]]), np.zeros(4)])
+    seen = camera.project(world_from_camera, places + np.array(part.position_m)).astype(np.float32)
+    own = (np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (pixels - 1)).astype(np.float32)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    turn = cv2.getPerspectiveTransform(own, seen)
+    fine = cv2.warpPerspective(image, turn, (pixels, pixels), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    crop = cv2.resize(fine, (CROP_PX, CROP_PX), interpolation=cv2.INTER_AREA)
+    return np.asarray(crop, np.uint8).transpose(2, 0, 1)
+
+
+def with_embeddings(parts: tuple[PartDetection, ...], crops: Crops, network: Network) -> tuple[PartDetection, ...]:
+    """The detections with features of their crops."""
+    if not parts:
+        return parts
+    found = network.run({"crops": crops})["embedding"]
+    return tuple(
+        replace(part, embedding=tuple(round(float(value), 4) for value in row))
+        for part, row in zip(parts, found, strict=True)
+    )
+
+
+class CropReader:
+    """A part detector whose detections have embeddings (PartDetector)."""
+
+    def __init__(self, detector: PartDetector, bench: Bench, network: Network) -> None:
+        self._detector, self._network = detector, network
+        self._camera = bench.wrist.model
+
+    @staticmethod
+    def load(detector: PartDetector, bench: Bench, path: Path) -> CropReader:
+        """Read the network.
+
+        Raises:
+            ModelError: the file is missing, damaged or of another kind.
+        """
+        return CropReader(detector, bench, load_crops(path))
+
+    def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
+        """What the detector finds, each with features of its crop."""
+        parts = self._detector.detect(frame)
+        return with_embeddings(
+            parts, crops_of(frame.image, self._camera, frame.world_from_camera, parts), self._network
+        )
+
+
+def load_crops(path: Path) -> OnnxModel:
+    """The network that turns crops into embeddings.
+
+    Raises:
+        ModelError: the file is missing, damaged or of another kind.
+    """
+    model = OnnxModel.load(path, CROPS_KIND)
+    answer = model.run({"crops": np.zeros((1, 3, CROP_PX, CROP_PX), np.uint8)})
+    if answer["embedding"].shape != (1, EMBEDDING):
+        raise ModelError(f"{path}: {answer['embedding'].shape[1]} features of a crop, not {EMBEDDING}")
+    return model

@@ -3,23 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from cell.interfaces.errors import ModelError
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes
 from learned.grasp.candidates import graspable
+from learned.grasp.crops import TrayCamera, with_embeddings
 from learned.grasp.physics import touching
 from learned.grasp.scenes import Scene, Split, draw_scenes, observe
 from learned.grasp.settings import SceneSettings
 from learned.grasp.solution import solve, solves
+from learned.onnx_model import Network
 from learned.scores import ScoreCounter
 
+Look = Callable[[list[Scene]], list[Scene]]
 REQUIRED_TYPES = (1, 2, 3)
 SCENE_SIZES = (3, 4, 5, 6)
+
+
+@runtime_checkable
+class Together(Protocol):
+    """A planner that answers several questions about one graph."""
+
+    def plan_together(self, parts: tuple[PartDetection, ...], required: Sequence[int]) -> tuple[GraspPlan, ...]:
+        """Plans for all required parts."""
+        ...
+
+    def prepare(self, questions: Sequence[tuple[tuple[PartDetection, ...], tuple[int, ...]]]) -> None:
+        """Work out the answer about the first required part of each question in one go."""
+        ...
 
 
 def evaluate_grasp(
@@ -29,65 +47,84 @@ def evaluate_grasp(
     scenes: int = 1000,
     settings: SceneSettings | None = None,
     split: Split = "test",
+    look: Look = list,
 ) -> dict[str, float]:
     """Scores in 0..1, each with the ends of its 95 % confidence interval under `<name>_low` and `<name>_high`.
 
-    `object_accuracy_by_type`: the same for the first of them, where parts of one type are alike;
     `object_accuracy_k`: the whole answer is right (graspable, or a shortest sequence that works, or help), over one
-    required object of each of k types; `graspability_accuracy`: the verdict alone; `solution_accuracy`: the answer
+    required object of each of k types; `by_type_k`: the same, where parts of one type are alike, as the paper's words
+    name types; `graspability_accuracy`: the verdict alone; `solution_accuracy`: the answer
     for objects that are not graspable; `iterative_success_n`: scenes of n parts in which Algorithm 2, looking anew
     after every grasp, ends with the required part grasped, or asks for help where nothing else helps;
-    `steps_n`, `needless_moves_n`: grasps, and those beyond the fewest, per scene.
+    `steps_n`, `needless_moves_n`: grasps, and those beyond the fewest, per scene. Where a planner answers several
+    questions about one graph, those of k types are asked together.
+
+    Args:
+        look: what the detector adds to scenes, as embeddings of crops.
     """
     settings = settings or SceneSettings()
-    scores = evaluate_scenes(planner, list(draw_scenes(product, seed, scenes, split, settings)), seed)
+    scores = evaluate_scenes(planner, look(list(draw_scenes(product, seed, scenes, split, settings))), seed)
     for size in SCENE_SIZES:
         drawn = draw_scenes(product, seed, max(1, scenes // 4), split, settings, (size, size))
-        scores |= iterative_scores(planner, drawn, seed, size, settings)
+        scores |= iterative_scores(planner, drawn, seed, size, settings, look)
     return scores
 
 
 def evaluate_scenes(planner: GraspPlanner, scenes: Sequence[Scene], seed: int) -> dict[str, float]:
     """The scores of single answers, over given scenes."""
-    return object_scores(scenes, seed, lambda index, required: answer(planner, scenes[index], required))
-
-
-def object_scores(scenes: Sequence[Scene], seed: int, ask: Callable[[int, int], GraspPlan]) -> dict[str, float]:
-    """The scores of single answers.
-
-    Args:
-        seed: chooses which objects are required.
-        ask: answer about a scene's number and a required object's.
-    """
+    if isinstance(planner, Together):
+        planner.prepare(
+            [
+                (scene.parts, (asked, *(other for other in some if other != asked)))
+                for index, scene in enumerate(scenes)
+                for some in _questions(scene, seed, index)
+                for asked in some
+            ]
+        )
     counter = ScoreCounter()
     for index, scene in enumerate(scenes):
-        right = []
-        for required in _required_objects(scene, np.random.default_rng([seed, index])):
-            plan = ask(index, required)
-            right.append(is_right(plan, scene.blocks, required))
-            counter.add("graspability_accuracy", (plan.graspable >= 0.5) == scene.graspable(required))
-            if not scene.graspable(required):
-                counter.add("solution_accuracy", right[-1])
-            if not len(right) - 1:
-                counter.add("object_accuracy_by_type", right[-1] or _right_by_type(plan, scene, required))
-        for count in REQUIRED_TYPES:
-            if len(right) >= count:
-                for correct in right[:count]:
-                    counter.add(f"object_accuracy_{count}", correct)
+        for required in _questions(scene, seed, index):
+            for part, plan in zip(required, answers(planner, scene, required), strict=True):
+                _count(counter, plan, scene, part, len(required))
     return counter.scores()
 
 
+def _questions(scene: Scene, seed: int, index: int) -> list[list[int]]:
+    """One required object; one of each of two types; one of each of three: as far as there are so many types."""
+    required = _required_objects(scene, np.random.default_rng([seed, index]))
+    return [required[:count] for count in REQUIRED_TYPES if len(required) >= count]
+
+
+def _count(counter: ScoreCounter, plan: GraspPlan, scene: Scene, required: int, types: int) -> None:
+    right = is_right(plan, scene.blocks, required)
+    counter.add(f"object_accuracy_{types}", right)
+    counter.add(f"by_type_{types}", right or _right_by_type(plan, scene, required))
+    if types == 1:
+        counter.add("graspability_accuracy", (plan.graspable >= 0.5) == scene.graspable(required))
+        if not scene.graspable(required):
+            counter.add("solution_accuracy", right)
+
+
 def iterative_scores(
-    planner: GraspPlanner, scenes: Iterator[Scene], seed: int, size: int, settings: SceneSettings
+    planner: GraspPlanner, scenes: Iterator[Scene], seed: int, size: int, settings: SceneSettings, look: Look = list
 ) -> dict[str, float]:
     """The scores of Algorithm 2 over scenes of `size` parts."""
     counter = ScoreCounter()
     for index, scene in enumerate(scenes):
-        run = solve_iteratively(planner, scene, np.random.default_rng([seed, size, index]), settings)
+        run = solve_iteratively(planner, scene, np.random.default_rng([seed, size, index]), settings, look)
         counter.add(f"iterative_success_{size}", run.success)
         counter.measure(f"steps_{size}", run.steps)
         counter.measure(f"needless_moves_{size}", run.needless_moves)
     return counter.scores()
+
+
+def embedded(scenes: Sequence[Scene], camera: TrayCamera, network: Network) -> list[Scene]:
+    """The scenes, their detections with features of rendered crops."""
+    crops = camera([(scene.boxes, scene.parts) for scene in scenes])
+    return [
+        replace(scene, parts=with_embeddings(scene.parts, some, network))
+        for scene, some in zip(scenes, crops, strict=True)
+    ]
 
 
 @dataclass(frozen=True)
@@ -106,7 +143,7 @@ class IterativeRun:
 
 
 def solve_iteratively(
-    planner: GraspPlanner, scene: Scene, rng: np.random.Generator, settings: SceneSettings
+    planner: GraspPlanner, scene: Scene, rng: np.random.Generator, settings: SceneSettings, look: Look = list
 ) -> IterativeRun:
     """Algorithm 2 on one scene: a random part is required; each grasp is judged by the truth, then all is seen anew."""
     standing = list(range(len(scene.boxes)))
@@ -115,7 +152,7 @@ def solve_iteratively(
     moves = 0
     while True:
         boxes = scene.boxes.take(standing)
-        target = _next_grasp(planner, boxes, standing.index(required), rng, settings)
+        target = _next_grasp(planner, boxes, standing.index(required), rng, settings, look)
         needless = max(0, moves - len(wanted.moves))
         if target is None:
             return IterativeRun(wanted.needs_help, moves, needless, "asked for help")
@@ -133,6 +170,19 @@ def answer(planner: GraspPlanner, scene: Scene, required: int) -> GraspPlan:
         return planner.plan(scene.parts, required)
     except ModelError:
         return GraspPlan(0.0, (), True, "help")
+
+
+def answers(planner: GraspPlanner, scene: Scene, required: Sequence[int]) -> list[GraspPlan]:
+    """The answers to several questions about a scene, of one graph where the planner can."""
+    if not isinstance(planner, Together):
+        return [answer(planner, scene, part) for part in required]
+    found: list[GraspPlan] = []
+    for part in required:
+        try:
+            found += planner.plan_together(scene.parts, (part, *(other for other in required if other != part)))[:1]
+        except ModelError:
+            found.append(GraspPlan(0.0, (), True, "help"))
+    return found
 
 
 def is_right(plan: GraspPlan, blocks: Blocks, required: int) -> bool:
@@ -157,11 +207,11 @@ def _required_objects(scene: Scene, rng: np.random.Generator) -> list[int]:
 
 
 def _next_grasp(
-    planner: GraspPlanner, boxes: Boxes, required: int, rng: np.random.Generator, settings: SceneSettings
+    planner: GraspPlanner, boxes: Boxes, required: int, rng: np.random.Generator, settings: SceneSettings, look: Look
 ) -> int | None:
     """Alg. 2 on one image: from the required part along "move b" to a part that is graspable; None asks for help."""
-    seen = Scene(
-        boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise, settings.crops), settings.noise
+    (seen,) = look(
+        [Scene(boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise), settings.noise)]
     )
     target, asked = required, {required}
     while True:

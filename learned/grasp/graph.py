@@ -1,4 +1,4 @@
-"""The scene graph: detections as nodes, a goal flag on the required one, weighted edges (section 3.2, Eq. 4)."""
+"""The scene graph: v_i = {f_i, l_i, g_i} of every detection, weighted edges between them (section 3.2, Eq. 4)."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.interfaces.errors import ModelError
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.boxes import boxes_of
-from learned.grasp.crops import CROP_FEATURES, crop_signs
+from learned.grasp.crops import EMBEDDING
 from learned.grasp.solution import nearest_first
 
 MAX_PARTS = 8  # what does not fit is farthest from the required part
 UNIT_M = 0.05  # lengths in the graph are multiples of this, so that features are near 1
 EdgeKind = Literal["printed", "normalised", "none", "gcn"]
 Attention = Literal["printed", "additive", "none"]
-_GEOMETRY = 10
+POSE = 4  # x and y in the scene, cosine and sine of twice the heading
 
 
 @dataclass(frozen=True)
 class SceneGraph:
-    """One required part among its neighbours, padded to MAX_PARTS nodes.
+    """A tray with one or more required parts, padded to MAX_PARTS nodes.
 
-    Node 0 is the required part, the others follow by distance; so the graph is the same whatever the order of the
-    detections.
+    Node 0 is the part that is asked about, the others follow by distance. Their order means nothing to the network.
 
     Attributes:
-        nodes: (MAX_PARTS, features).
+        nodes: (MAX_PARTS, features): type l_i, flag g_i, pose, and, where there is one, the embedding f_i.
         weights: (MAX_PARTS, MAX_PARTS) e_ij of Eq. 4, 0 on the diagonal and where there is no node.
         present: (MAX_PARTS,) 1 where there is a node.
         order: index of the detection behind each node.
@@ -45,60 +45,43 @@ class SceneGraph:
 
 def feature_count(product: Product, crops: bool = False) -> int:
     """Width of the node features, with or without the embeddings of crops."""
-    return len(product.parts) + _GEOMETRY + MAX_PARTS + (CROP_FEATURES if crops else 0)
-
-
-def mirror_signs(product: Product, crops: bool = False) -> NDArray[np.float32]:
-    """Signs (4, features) that turn nodes into those of the scene mirrored at the required part's axes."""
-    signs = np.ones((4, feature_count(product, crops)), dtype=np.float32)
-    along, across, sine = (len(product.parts) + offset for offset in (1, 2, 4))
-    signs[1, [along, sine]] = signs[2, [across, sine]] = signs[3, [along, across]] = -1.0
-    if crops:
-        signs[:, -CROP_FEATURES:] = crop_signs()
-    return signs
+    return len(product.parts) + 1 + POSE + (EMBEDDING if crops else 0)
 
 
 def scene_graph(
     parts: Sequence[PartDetection],
-    required: int,
+    required: Sequence[int],
     product: Product,
     edges: EdgeKind,
     filter_m: float | None = None,
     crops: bool = False,
 ) -> SceneGraph:
-    """The graph of all detections for one required part.
+    """The graph of all detections; every required part has its flag.
 
     Args:
+        required: the first of them is asked about.
         filter_m: parts farther from each other have no edge.
         crops: nodes hold the detections' embeddings, too.
+
+    Raises:
+        ModelError: an embedding is wanted and missing.
     """
     boxes = boxes_of(parts, product)
-    order = nearest_first(boxes, required)[:MAX_PARTS]
-    near = boxes.take(order)
-    count = len(order)
-    offset = near.centre_m - near.centre_m[0]
-    cos, sin = np.cos(near.yaw_rad[0]), np.sin(near.yaw_rad[0])
-    turn = near.yaw_rad - near.yaw_rad[0]
-    names = list(product.parts)
+    order = nearest_first(boxes, required[0])[:MAX_PARTS]
+    centre, yaw = boxes.centre_m[order] / UNIT_M, boxes.yaw_rad[order]
+    count, names = len(order), list(product.parts)
     nodes = np.zeros((MAX_PARTS, feature_count(product, crops)), dtype=np.float32)
-    nodes[:count] = np.concatenate(
-        [
-            np.eye(len(names))[[names.index(name) for name in near.types]],
-            np.eye(count, 1),  # goal flag
-            offset @ np.array([[cos, -sin], [sin, cos]]) / UNIT_M,
-            np.stack([np.cos(2 * turn), np.sin(2 * turn)], axis=1),
-            near.size_m / UNIT_M,
-            (near.bottom_m - near.bottom_m[0])[:, None] / UNIT_M,
-            np.array([[parts[i].confidence] for i in order]),
-            np.eye(count, MAX_PARTS),  # its letter
-            *([np.array([parts[i].embedding for i in order])] if crops else []),
-        ],
-        axis=1,
-    )
+    kinds = len(names)
+    nodes[np.arange(count), [names.index(boxes.types[i]) for i in order]] = 1.0
+    nodes[:count, kinds] = [i in required for i in order]
+    nodes[:count, kinds + 1 : kinds + 3] = centre - centre.mean(axis=0)
+    nodes[:count, kinds + 3], nodes[:count, kinds + 4] = np.cos(2 * yaw), np.sin(2 * yaw)
+    if crops:
+        if any(len(parts[i].embedding) != EMBEDDING for i in order):
+            raise ModelError(f"the detections have no embeddings of {EMBEDDING} features of their crops")
+        nodes[:count, kinds + 1 + POSE :] = [parts[i].embedding for i in order]
     weights = np.zeros((MAX_PARTS, MAX_PARTS), dtype=np.float32)
-    weights[:count, :count] = edge_weights(
-        near.centre_m / UNIT_M, edges, None if filter_m is None else filter_m / UNIT_M
-    )
+    weights[:count, :count] = edge_weights(centre, edges, None if filter_m is None else filter_m / UNIT_M)
     present = (np.arange(MAX_PARTS) < count).astype(np.float32)
     return SceneGraph(nodes, weights, present, tuple(order))
 

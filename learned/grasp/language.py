@@ -1,4 +1,7 @@
-"""Words of the decoded solution: "move b and c", "help"; letters name nodes of the scene graph."""
+"""Words of the decoded solution name types, as the paper's do: "move o1 and o3", "help"; the word "and" is not decoded.
+
+Which part of a type is meant is the one whose body is nearest to what it must stand in the way of.
+"""
 
 from __future__ import annotations
 
@@ -8,60 +11,88 @@ import numpy as np
 
 from cell.interfaces.errors import ModelError
 from cell.interfaces.pose import Array
-from learned.grasp.graph import MAX_PARTS
-from learned.grasp.solution import Solution, letter
+from learned.grasp.boxes import Boxes, rectangle_gaps_m
+from learned.grasp.solution import Solution
 
-LETTERS = tuple(letter(index) for index in range(MAX_PARTS))
-WORDS = ("end", "grasp", "help", "move", "and", *LETTERS)
+END, GRASP, HELP, MOVE = range(4)
+FIRST_TYPE = 4
 MAX_MOVES = 5
-MAX_WORDS = 2 * MAX_MOVES + 1
-END, GRASP, HELP, MOVE, AND = range(5)
-FIRST_LETTER = 5
+MAX_WORDS = 1 + MAX_MOVES
 
 
-def encode(solution: Solution, order: Sequence[int]) -> list[int]:
+def words_of(parts: Sequence[str]) -> tuple[str, ...]:
+    """The vocabulary of a product with these part types."""
+    return ("end", "grasp", "help", "move", *parts)
+
+
+def encode(solution: Solution, types: Sequence[int]) -> list[int]:
     """Word numbers (MAX_WORDS) of a solution, filled up with "end".
 
     Args:
-        order: index of the part behind each node.
+        types: number of every part's type.
     """
     if solution.needs_help:
         words = [HELP]
     elif solution.moves:
-        letters = [FIRST_LETTER + list(order).index(index) for index in solution.moves[:MAX_MOVES]]
-        words = [MOVE, *[word for number in letters for word in (number, AND)][:-1]]
+        words = [MOVE, *(FIRST_TYPE + types[index] for index in solution.moves[:MAX_MOVES])]
     else:
         words = [GRASP]
     return words + [END] * (MAX_WORDS - len(words))
 
 
-def decode(words: Sequence[int], order: Sequence[int]) -> Solution:
+def decode(words: Sequence[int], boxes: Boxes, types: Sequence[str], required: int) -> Solution:
     """The solution that words name.
 
+    Args:
+        types: those that the vocabulary has, in its order.
+        required: the part that is to be freed.
+
     Raises:
-        ModelError: a word outside the vocabulary, a letter without a part, or no sentence.
+        ModelError: a word outside the vocabulary, a part that is not there, or no sentence.
     """
-    if outside := [word for word in words if not 0 <= word < len(WORDS)]:
-        raise ModelError(f"decoded words {outside} outside the vocabulary of {len(WORDS)} words")
+    vocabulary = words_of(types)
+    if outside := [word for word in words if not 0 <= word < len(vocabulary)]:
+        raise ModelError(f"decoded words {outside} outside the vocabulary of {len(vocabulary)} words")
     sentence = list(words[: list(words).index(END)] if END in words else words)
     if sentence == [GRASP]:
         return Solution()
     if sentence == [HELP]:
         return Solution(needs_help=True)
-    nodes = [word - FIRST_LETTER for word in sentence[1::2]]
-    well_formed = len(sentence) % 2 == 0 and sentence[:1] == [MOVE] and set(sentence[2::2]) <= {AND}
-    if not well_formed or not all(1 <= node < len(order) for node in nodes) or len(set(nodes)) < len(nodes):
-        raise ModelError(f"decoded {' '.join(WORDS[word] for word in sentence)!r}, no solution for {len(order)} parts")
-    return Solution(tuple(order[node] for node in nodes))
+    named = [word - FIRST_TYPE for word in sentence[1:]]
+    moves = None
+    if sentence[:1] == [MOVE] and named and min(named) >= 0:
+        moves = _parts_meant([types[number] for number in named], boxes, required)
+    if moves is None:
+        said = " ".join(vocabulary[word] for word in sentence)
+        raise ModelError(f"decoded {said!r}, no solution for {len(boxes)} parts")
+    return Solution(moves)
 
 
-def grammar() -> Array:
+def _parts_meant(types: Sequence[str], boxes: Boxes, required: int) -> tuple[int, ...] | None:
+    """From the last to be moved to the first: each the nearest of its type to what is to be freed so far."""
+    gaps = rectangle_gaps_m(
+        boxes.centre_m[:, None],
+        boxes.yaw_rad[:, None],
+        boxes.size_m[:, None, :2] / 2,
+        boxes.centre_m[None],
+        boxes.yaw_rad[None],
+        boxes.size_m[None, :, :2] / 2,
+    )
+    freed = [required]
+    for name in reversed(types):
+        left = [index for index, kind in enumerate(boxes.types) if kind == name and index not in freed]
+        if not left:
+            return None
+        freed.append(min(left, key=lambda index: (round(float(gaps[index, freed].min()), 9), index)))
+    return tuple(freed[:0:-1])
+
+
+def grammar(parts: int) -> Array:
     """(words + 1, words): 0 where a word may follow another (last row: begins a sentence), else -1e9."""
-    count = len(WORDS)
-    letters = list(range(FIRST_LETTER + 1, count))
+    count = FIRST_TYPE + parts
     allowed = np.full((count + 1, count), -1e9)
     allowed[[END, GRASP, HELP], END] = 0.0
-    allowed[np.ix_([MOVE, AND], letters)] = 0.0
-    allowed[np.ix_(letters, [AND, END])] = 0.0
+    allowed[MOVE:count, FIRST_TYPE:] = 0.0
+    allowed[FIRST_TYPE:count, END] = 0.0
     allowed[count, [HELP, MOVE]] = 0.0
     return allowed

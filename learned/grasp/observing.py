@@ -22,7 +22,7 @@ def observed_again(scenes: Sequence[Scene], seed: int, settings: TrainingSetting
         yield scene
         for _ in range(settings.observations - 1):
             noise = scene.noise if rng.random() < settings.plain_share else _between(scene.noise, settings, rng)
-            yield replace(scene, parts=observe(scene.boxes, rng, noise, settings.data.crops), noise=noise)
+            yield replace(scene, parts=observe(scene.boxes, rng, noise), noise=noise)
 
 
 def _between(least: DetectionNoise, settings: TrainingSettings, rng: np.random.Generator) -> DetectionNoise:

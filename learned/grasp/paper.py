@@ -1,7 +1,8 @@
-"""The paper's grasp planner in torch: WL-GNN with weighted edges, graspability head, LSTM with attention (Eq. 5-7)."""
+"""The paper's grasp planner in torch: features of crops, WL-GNN, graspability, LSTM with attention (Eq. 5-7)."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,8 +12,9 @@ import torch
 from torch import Tensor, nn
 
 from cell.interfaces.product import Product
-from learned.grasp.graph import MAX_PARTS, Attention, EdgeKind, mirror_signs, scene_graph
-from learned.grasp.language import FIRST_LETTER, MAX_WORDS, WORDS, encode, grammar
+from learned.grasp.crops import CROP_PX, EMBEDDING, Crops
+from learned.grasp.graph import MAX_PARTS, Attention, EdgeKind, feature_count, scene_graph
+from learned.grasp.language import END, FIRST_TYPE, MAX_WORDS, encode, grammar
 from learned.grasp.scenes import Scene
 
 _IMPOSSIBLE = -1e9
@@ -44,186 +46,238 @@ class _Bias(nn.Module):
         return self.bias
 
 
+class CropNet(nn.Module):
+    """f_i: a small convolutional network on the crop around a part."""
+
+    def __init__(self, channels: int = 16) -> None:
+        super().__init__()
+        wide = 2 * channels
+        self.layers = nn.Sequential(
+            nn.Conv2d(3, channels, 3, 2, 1),
+            nn.ReLU(),
+            nn.Conv2d(channels, wide, 3, 2, 1),
+            nn.ReLU(),
+            nn.Conv2d(wide, wide, 3, 2, 1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(wide * (CROP_PX // 8) ** 2, EMBEDDING),
+            nn.ReLU(),
+        )
+
+    def forward(self, crops: Tensor) -> Tensor:
+        """Embeddings (b, EMBEDDING) of crops (b, 3, CROP_PX, CROP_PX), bytes or numbers up to 255."""
+        embedding: Tensor = self.layers(crops.to(torch.float32) / 255.0 - 0.5)
+        return embedding
+
+
 class PaperNet(nn.Module):
     """Encoder, head and decoder; inputs are batches of padded scene graphs.
 
-    Args:
-        types: number of part types; the nodes' first features say which, for the attention as printed.
+    Attributes:
+        crops: makes the embeddings among the nodes' features; None for a network that has none.
     """
 
     def __init__(
         self,
-        features: int,
+        types: int,
         hidden: int,
         layers: int,
         own: bool = True,
-        attention: Attention = "additive",
-        types: int = 0,
+        attention: Attention = "printed",
+        features: int = 0,
+        crops: bool = False,
     ) -> None:
         super().__init__()
-        self.features, self.types, self.printed = features, types, attention == "printed"
+        self.types = types
+        self.crops = CropNet() if crops else None
         widths = [features] + [hidden] * layers
         self.convolutions = nn.ModuleList(GraphConvolution(narrow, wide, own) for narrow, wide in pairwise(widths))
         self.head = nn.Sequential(nn.Linear(2 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
-        self.decoder = Decoder(hidden, attention, hidden + (types + 1 if self.printed else 0))
+        self.decoder = Decoder(types, hidden, attention)
 
     def encode(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Nodes by Eq. 5, what the decoder is told of each, and graspability by Eq. 6.
+        """Nodes by Eq. 5, graspability of each by Eq. 6, and what the decoder is told of each.
 
         Returns:
-            What the decoder attends to (b, n, wide): embeddings, as printed with label and graspability of each node;
-            embeddings of required part and graph together (b, 2 hidden); logits (b, n), or (b, 1) of the required part.
+            Embeddings of each node and of the graph together (b, n, 2 hidden); logits of graspability (b, n); what the
+            decoder attends to (b, n, hidden + types + 1): embedding, label and graspability.
         """
         x = nodes
         for convolution in self.convolutions:
             x = torch.relu(convolution(x, weights)) * present[..., None]
         graph = x.sum(1) / present.sum(1, keepdim=True)
-        summary = torch.cat([x[:, 0], graph], dim=-1)
-        if not self.printed:
-            return x, summary, self.head(summary)
-        verdicts = self.head(torch.cat([x, graph[:, None].expand_as(x)], dim=-1)).squeeze(-1)
+        both = torch.cat([x, graph[:, None].expand_as(x)], dim=-1)
+        verdicts: Tensor = self.head(both).squeeze(-1)
         told = torch.cat([x, nodes[..., : self.types], torch.sigmoid(verdicts)[..., None]], dim=-1)
-        return told, summary, verdicts
+        return both, verdicts, told
 
     def forward(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
-        """Logit (b,) that the required part is graspable (Eq. 6), and word numbers (b, MAX_WORDS) of a solution."""
-        told, summary, verdicts = self.encode(nodes, weights, present)
-        return verdicts[:, 0], self.decoder.greedy(told, summary, present)
-
-    def scores(self, nodes: Tensor, weights: Tensor, present: Tensor, words: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits (b, n or 1) of graspability, the required part's first, and word logits (b, MAX_WORDS, words).
-
-        Each word is given the right words before.
-        """
-        told, summary, verdicts = self.encode(nodes, weights, present)
-        return verdicts, self.decoder.forced(told, summary, present, words)
+        """Logit (b,) that node 0 is graspable (Eq. 6), and word numbers (b, MAX_WORDS) of its solution."""
+        both, verdicts, told = self.encode(nodes, weights, present)
+        others = (nodes[:, 1:, : self.types] * present[:, 1:, None]).sum(1)
+        return verdicts[:, 0], self.decoder.greedy(told, both[:, 0], present, others)
 
 
 class Decoder(nn.Module):
-    """LSTM that attends to the nodes at each word (Eq. 7): score h' W f as printed, or additive; or a plain LSTM.
-
-    Args:
-        wide: of what it is told of each node.
-    """
+    """LSTM that attends to the nodes at each word (Eq. 7): score h' W f as printed, or additive; or a plain LSTM."""
 
     grammar: Tensor
 
-    def __init__(self, hidden: int, attention: Attention, wide: int) -> None:
+    def __init__(self, types: int, hidden: int, attention: Attention) -> None:
         super().__init__()
-        self.attention, self.wide = attention, wide
+        self.words, self.wide = FIRST_TYPE + types, hidden + types + 1
+        self.attention = attention
         self.begin = nn.Linear(2 * hidden, hidden)
-        self.embedding = nn.Embedding(len(WORDS) + 1, hidden)
-        self.cell = nn.LSTMCell(hidden + wide, hidden)
+        self.embedding = nn.Embedding(self.words + 1, hidden)
+        self.cell = nn.LSTMCell(hidden + self.wide, hidden)
         self.query = nn.Linear(hidden, hidden, bias=False)
-        self.key = nn.Linear(wide, hidden)
+        self.key = nn.Linear(self.wide, hidden)
         self.energy = nn.Linear(hidden, 1, bias=False)
-        self.word = nn.Linear(hidden + wide, len(WORDS))
-        self.register_buffer("grammar", torch.tensor(grammar(), dtype=torch.float32), persistent=False)
+        self.word = nn.Linear(hidden + self.wide, self.words)
+        self.register_buffer("grammar", torch.tensor(grammar(types), dtype=torch.float32), persistent=False)
 
-    def forced(self, embedded: Tensor, summary: Tensor, present: Tensor, words: Tensor) -> Tensor:
-        """Word logits (b, MAX_WORDS, words) with teacher forcing."""
-        state = self._start(summary)
-        previous = torch.full_like(words[:, 0], len(WORDS))
+    def forced(self, told: Tensor, asked: Tensor, present: Tensor, words: Tensor) -> Tensor:
+        """Word logits (b, MAX_WORDS, words) about parts with embeddings (b, 2 hidden), with teacher forcing."""
+        keys, state = self.key(told), self._start(asked)
+        previous = torch.full_like(words[:, 0], self.words)
         logits = []
         for step in range(MAX_WORDS):
-            scores, state = self._step(previous, embedded, present, state)
+            scores, state = self._step(previous, told, keys, present, state)
             logits.append(scores)
             previous = words[:, step]
         return torch.stack(logits, dim=1)
 
-    def greedy(self, embedded: Tensor, summary: Tensor, present: Tensor) -> Tensor:
-        """The likeliest word at each step (b, MAX_WORDS) among those that grammar and scene allow."""
-        state = self._start(summary)
-        # Letters of absent parts, and those already said, cannot be said.
-        unspeakable = nn.functional.pad((1 - present) * _IMPOSSIBLE, (FIRST_LETTER, 0))
-        previous = torch.full((len(summary),), len(WORDS), dtype=torch.long)
-        letter = (torch.arange(len(WORDS)) >= FIRST_LETTER).to(present.dtype)
+    def greedy(self, told: Tensor, asked: Tensor, present: Tensor, others: Tensor) -> Tensor:
+        """The likeliest word at each step (b, MAX_WORDS) among those that grammar and scene allow.
+
+        Args:
+            others: (b, types) how many parts of each type there are beside the one that is asked about.
+        """
+        keys, state = self.key(told), self._start(asked)
+        previous = torch.full((len(asked),), self.words, dtype=torch.long)
+        left = nn.functional.pad(others, (FIRST_TYPE, 0), value=float(MAX_WORDS + 1))
         words = []
         for _ in range(MAX_WORDS):
-            scores, state = self._step(previous, embedded, present, state)
-            previous = (scores + self.grammar[previous] + unspeakable).argmax(-1)
-            said = nn.functional.one_hot(previous, len(WORDS)).to(present.dtype)
-            unspeakable = unspeakable + said * letter * _IMPOSSIBLE
+            scores, state = self._step(previous, told, keys, present, state)
+            missing = (left < 0.5).to(scores.dtype) * _IMPOSSIBLE
+            previous = (scores + self.grammar[previous] + missing).argmax(-1)
+            left = left - nn.functional.one_hot(previous, self.words).to(left.dtype)
             words.append(previous)
         return torch.stack(words, dim=1)
 
-    def _start(self, summary: Tensor) -> tuple[Tensor, Tensor]:
-        hidden = torch.tanh(self.begin(summary))
+    def _start(self, asked: Tensor) -> tuple[Tensor, Tensor]:
+        hidden = torch.tanh(self.begin(asked))
         return hidden, torch.zeros_like(hidden)
 
     def _step(
-        self, previous: Tensor, embedded: Tensor, present: Tensor, state: tuple[Tensor, Tensor]
+        self, previous: Tensor, told: Tensor, keys: Tensor, present: Tensor, state: tuple[Tensor, Tensor]
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        context = self._context(state[0], embedded, present)
+        context = self._context(state[0], told, keys, present)
         hidden, memory = self.cell(torch.cat([self.embedding(previous), context], dim=-1), state)
         return self.word(torch.cat([hidden, context], dim=-1)), (hidden, memory)
 
-    def _context(self, hidden: Tensor, embedded: Tensor, present: Tensor) -> Tensor:
+    def _context(self, hidden: Tensor, told: Tensor, keys: Tensor, present: Tensor) -> Tensor:
         if self.attention == "none":
             return hidden.new_zeros((len(hidden), self.wide))
         if self.attention == "printed":
-            energy = (self.key(embedded) * hidden[:, None]).sum(-1)
+            energy = (keys * hidden[:, None]).sum(-1)
         else:
-            energy = self.energy(torch.tanh(self.query(hidden)[:, None] + self.key(embedded))).squeeze(-1)
+            energy = self.energy(torch.tanh(self.query(hidden)[:, None] + keys)).squeeze(-1)
         attention = torch.softmax(energy + (1 - present) * _IMPOSSIBLE, dim=-1)
-        return (attention[..., None] * embedded).sum(1)
+        return (attention[..., None] * told).sum(1)
 
 
 @dataclass(frozen=True)
 class GraphData:
-    """Every part of many scenes as the required one.
+    """Scenes with what is right for every part.
 
     Attributes:
-        nodes, weights, present: (parts, ...) as in SceneGraph.
-        graspable: (parts, MAX_PARTS) of every node, the required one first.
-        words: (parts, MAX_WORDS).
-        mirrors: (4, features) signs; a mirrored scene has the same answer.
+        nodes: (scenes, MAX_PARTS, features without embeddings), no part being required yet.
+        crops: (scenes, MAX_PARTS, 3, CROP_PX, CROP_PX) bytes; None where there are none.
+        weights, present: as in SceneGraph.
+        graspable: (scenes, MAX_PARTS).
+        words: (scenes, MAX_PARTS, MAX_WORDS).
+        types: of the product; the flag is the feature after them, then come x, y, cosine and sine.
     """
 
     nodes: Tensor
+    crops: Tensor | None
     weights: Tensor
     present: Tensor
     graspable: Tensor
     words: Tensor
-    mirrors: Tensor
+    types: int
 
     def __len__(self) -> int:
         return len(self.nodes)
 
     def loss(self, net: PaperNet, chosen: Tensor) -> Tensor:
-        """Cross-entropy of verdict and of words, in randomly mirrored scenes."""
-        mirrors = self.mirrors[torch.randint(4, (len(chosen),))]
-        graph = self.nodes[chosen] * mirrors[:, None], self.weights[chosen], self.present[chosen]
-        words = self.words[chosen]
-        verdicts, scores = net.scores(*graph, words)
-        count = verdicts.shape[1]
+        """Cross-entropy of all verdicts, and of the words about the required parts: some at random.
+
+        Scenes are turned at random and half of them mirrored; a crop looks alike from both ends of its part.
+        """
+        present = self.present[chosen]
+        flags = (torch.rand(present.shape) < 0.5).float() * present
+        flags[:, 0] = torch.where(flags.sum(1) == 0, torch.ones(()), flags[:, 0])
+        nodes = self._turned(chosen, flags, net)
+        both, verdicts, told = net.encode(nodes, self.weights[chosen], present)
+        scene, part = torch.nonzero(flags, as_tuple=True)
+        words = self.words[chosen][scene, part]
+        scores = net.decoder.forced(told[scene], both[scene, part], present[scene], words)
         of_nodes = nn.functional.binary_cross_entropy_with_logits(
-            verdicts, self.graspable[chosen, :count], weight=graph[2][:, :count], reduction="sum"
+            verdicts, self.graspable[chosen], weight=present, reduction="sum"
         )
-        verdict_loss = of_nodes / graph[2][:, :count].sum()
-        word_loss = nn.functional.cross_entropy(scores.transpose(1, 2), words, reduction="none").sum(1).mean()
-        return verdict_loss + word_loss
+        said = nn.functional.cross_entropy(scores.transpose(1, 2), words, reduction="none").sum(1).mean()
+        return of_nodes / present.sum() + said
+
+    def _turned(self, chosen: Tensor, flags: Tensor, net: PaperNet) -> Tensor:
+        """Nodes (b, n, features) of the chosen scenes, each turned by an angle and perhaps mirrored."""
+        nodes, kinds = self.nodes[chosen].clone(), self.types
+        angle = torch.rand(len(chosen), 1) * 2 * math.pi
+        mirror = torch.where(torch.rand(len(chosen), 1) < 0.5, -1.0, 1.0)
+        for place, times in ((kinds + 1, 1), (kinds + 3, 2)):
+            x, y = nodes[..., place].clone(), nodes[..., place + 1].clone() * mirror
+            cos, sin = torch.cos(times * angle), torch.sin(times * angle)
+            nodes[..., place], nodes[..., place + 1] = x * cos - y * sin, x * sin + y * cos
+        nodes[..., kinds] = flags
+        if net.crops is None or self.crops is None:
+            return nodes
+        there = self.present[chosen] > 0
+        crops = self.crops[chosen][there]
+        upside_down = (mirror < 0).expand_as(there)[there]
+        half_turn = torch.rand(len(crops)) < 0.5
+        crops = torch.where((upside_down ^ half_turn)[:, None, None, None], crops.flip(2), crops)
+        crops = torch.where(half_turn[:, None, None, None], crops.flip(3), crops)
+        embedding = nodes.new_zeros((*there.shape, EMBEDDING))
+        embedding[there] = net.crops(crops)
+        return torch.cat([nodes, embedding], dim=-1)
 
 
 def graph_data(
-    scenes: Sequence[Scene], product: Product, edges: EdgeKind, filter_m: float | None = None, crops: bool = False
+    scenes: Sequence[Scene],
+    product: Product,
+    edges: EdgeKind,
+    filter_m: float | None = None,
+    crops: Sequence[Crops] | None = None,
 ) -> GraphData:
-    """Graphs from the detections, labels from the truth."""
-    graphs, graspable, words = [], [], []
-    for scene in scenes:
+    """Graphs from the detections and the images' crops, labels from the truth."""
+    shape, names = (len(scenes), MAX_PARTS), list(product.parts)
+    nodes = np.zeros((*shape, feature_count(product)), np.float32)
+    weights, present = np.zeros((*shape, MAX_PARTS), np.float32), np.zeros(shape, np.float32)
+    graspable, words = np.zeros(shape, np.float32), np.full((*shape, MAX_WORDS), END)
+    images = None if crops is None else np.zeros((*shape, 3, CROP_PX, CROP_PX), np.uint8)
+    for k, scene in enumerate(scenes):
         if len(scene.parts) > MAX_PARTS:
             raise ValueError(f"a scene of {len(scene.parts)} parts; at most {MAX_PARTS} fit into a graph")
-        for required in range(len(scene.parts)):
-            graph = scene_graph(scene.parts, required, product, edges, filter_m, crops)
-            graphs.append(graph)
-            free = [float(scene.graspable(index)) for index in graph.order]
-            graspable.append(free + [0.0] * (MAX_PARTS - len(free)))
-            words.append(encode(scene.solution(required), graph.order))
-    return GraphData(
-        torch.from_numpy(np.stack([graph.nodes for graph in graphs])),
-        torch.from_numpy(np.stack([graph.weights for graph in graphs])),
-        torch.from_numpy(np.stack([graph.present for graph in graphs])),
-        torch.tensor(graspable, dtype=torch.float32),
-        torch.tensor(words),
-        torch.from_numpy(mirror_signs(product, crops)),
-    )
+        graph = scene_graph(scene.parts, (0,), product, edges, filter_m)
+        nodes[k], weights[k], present[k] = graph.nodes, graph.weights, graph.present
+        types = [names.index(name) for name in scene.boxes.types]
+        for place, part in enumerate(graph.order):
+            graspable[k, place] = scene.graspable(part)
+            words[k, place] = encode(scene.solution(part), types)
+            if images is not None and crops is not None:
+                images[k, place] = crops[k][part]
+    seen = None if images is None else torch.from_numpy(images)
+    edges_and_nodes = torch.from_numpy(weights), torch.from_numpy(present)
+    labels = torch.from_numpy(graspable), torch.from_numpy(words)
+    return GraphData(torch.from_numpy(nodes), seen, *edges_and_nodes, *labels, len(names))

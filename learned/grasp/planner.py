@@ -18,16 +18,15 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of
 from learned.grasp.candidates import available
-from learned.grasp.crops import CROP_FEATURES
+from learned.grasp.crops import EMBEDDING
 from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
-from learned.grasp.language import WORDS, decode
+from learned.grasp.language import decode, words_of
 from learned.grasp.pairs import near_pairs, pair_features
 from learned.grasp.rule import RulePlanner
 from learned.grasp.settings import DetectionNoise, GripperOutline
 from learned.grasp.solution import Solution, nearest_first, solve
 from learned.onnx_model import Network, OnnxModel
 
-_OUTLINE = GripperOutline()
 _BULK = 512  # graphs at once
 KINDS = ("pairwise", "paper", "rule")
 
@@ -49,7 +48,7 @@ def load_grasp_planner(kind: str, path: Path, product: Product, noise: Detection
     if kind == "pairwise":
         return PairwisePlanner(model, product, noise)  # it knows sizes, not names
     model.require_vocabulary("parts", tuple(product.parts))
-    model.require_vocabulary("words", WORDS)
+    model.require_vocabulary("words", words_of(tuple(product.parts)))
     return PaperPlanner(model, product)
 
 
@@ -57,18 +56,25 @@ def _side_by_side(product: Product) -> tuple[PartDetection, ...]:
     """Two parts close together: weights that do not fit the features fail on them, before anything moves."""
     name, kind = next(iter(product.parts.items()))
     poses = (Pose((0.0, 0.0, 0.0)), Pose((0.0, kind.size_m[1] + 0.01, 0.0)))
-    crop = (0.0,) * CROP_FEATURES
+    crop = (0.0,) * EMBEDDING
     return tuple(PartDetection(name, 1.0, pose, kind.size_m, (0, 0, 1, 1), crop) for pose in poses)
 
 
 class PairwisePlanner:
     """Asks a network of each pair of neighbours whether one blocks the other, and works out the moves from that."""
 
-    def __init__(self, network: Network, product: Product, noise: DetectionNoise | None = None) -> None:
+    def __init__(
+        self,
+        network: Network,
+        product: Product,
+        noise: DetectionNoise | None = None,
+        outline: GripperOutline | None = None,
+    ) -> None:
         """Args:
         noise: of the detections that it will be asked about; the detector's measured one by default.
+        outline: of the gripper; it says which ways to grasp there are.
         """
-        self._network = network
+        self._network, self._outline = network, outline or GripperOutline()
         self._product = product
         self._noise = noise or DetectionNoise()
         self._view = self._judge(_side_by_side(product))
@@ -93,7 +99,7 @@ class PairwisePlanner:
 
     def _blocking_chance(self, boxes: Boxes) -> Array:
         """(n, candidates, n): probability that j blocks a candidate of i; 1 for i itself where there is none."""
-        exists = available(boxes, _OUTLINE)
+        exists = available(boxes, self._outline)
         chance = np.zeros((*exists.shape, len(boxes)))
         part, candidate = np.nonzero(~exists)
         chance[part, candidate, part] = 1.0
@@ -120,7 +126,10 @@ class _View:
 
 
 class PaperPlanner:
-    """Scene graph in; graspability and decoded words out (Eq. 4-7)."""
+    """Scene graph in; graspability and decoded words out (Eq. 4-7).
+
+    Where its network reads embeddings of crops, the detections must have them (learned/grasp/crops.py).
+    """
 
     def __init__(self, network: Network, product: Product) -> None:
         config = network.card.config
@@ -128,63 +137,69 @@ class PaperPlanner:
         self._product = product
         self._edges = cast(EdgeKind, config["edges"])
         self._filter_m = cast("float | None", config["filter_m"])
-        self._crops = cast("dict[str, bool]", config["data"])["crops"]
-        self._views: dict[int, _Answers] = {}
-        self.prepare([_side_by_side(product)])
+        self._crops = bool(config["crops"])
+        self._known: dict[tuple[int, tuple[int, ...]], _Answer] = {}
+        self.plan(_side_by_side(product), 0)
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
-        """A plan for `parts[required]`; plans for further parts of the same view cost little.
+        """A plan for `parts[required]`.
 
         Raises:
-            ModelError: the network answered NaN or words that are no solution.
+            ModelError: detections without embeddings; the network answered NaN or words that are no solution.
         """
-        if id(parts) not in self._views:
-            self.prepare([parts])
-        view = self._views[id(parts)]
-        graspable = 1.0 / (1.0 + math.exp(-float(view.verdicts[required])))
+        return self.plan_together(parts, (required,))[0]
+
+    def plan_together(self, parts: tuple[PartDetection, ...], required: Sequence[int]) -> tuple[GraspPlan, ...]:
+        """Plans for several parts that are required of one graph; raises as `plan`."""
+        return tuple(
+            self._found(parts, (asked, *(other for other in required if other != asked))) for asked in required
+        )
+
+    def prepare(self, questions: Sequence[tuple[tuple[PartDetection, ...], tuple[int, ...]]]) -> None:
+        """Work out answers about the first required part of each question in one go, and forget those before."""
+        graphs = [self._graph(*question) for question in questions]
+        self._known = {}
+        for first in range(0, len(graphs), _BULK):
+            found = self._network.run(_inputs(graphs[first : first + _BULK]))
+            asked = zip(questions[first:], graphs[first:], found["verdict"], found["words"], strict=False)
+            for (parts, required), graph, verdict, words in asked:
+                answer = _Answer(parts, graph, float(verdict), words.tolist())
+                self._known[id(parts), required] = answer
+
+    def _found(self, parts: tuple[PartDetection, ...], required: tuple[int, ...]) -> GraspPlan:
+        answer = self._known.get((id(parts), required))
+        if answer is None or answer.parts is not parts:
+            graph = self._graph(parts, required)
+            found = self._network.run(_inputs([graph]))
+            answer = _Answer(parts, graph, float(found["verdict"][0]), found["words"][0].tolist())
+            self._known = {(id(parts), required): answer}
+        graspable = 1.0 / (1.0 + math.exp(-answer.verdict))
         if graspable >= 0.5:
             return Solution().plan(graspable)
-        return decode([int(word) for word in view.words[required]], view.graphs[required].order).plan(graspable)
+        order = list(answer.graph.order)
+        near = boxes_of([parts[i] for i in order], self._product)
+        solution = decode(answer.words, near, list(self._product.parts), 0)
+        moved = tuple(order[index] for index in solution.moves)
+        return Solution(moved, solution.needs_help).plan(graspable)
 
-    def prepare(self, views: Sequence[tuple[PartDetection, ...]]) -> None:
-        """Answer every question about these views in one go, and forget those before."""
-        graphs = [[self._graph(parts, required) for required in range(len(parts))] for parts in views]
-        every = [graph for own in graphs for graph in own]
-        found = [self._answer(every[first : first + _BULK]) for first in range(0, len(every), _BULK)]
-        verdicts = np.concatenate([answer["verdict"] for answer in found])
-        words = np.concatenate([answer["words"] for answer in found])
-        self._views = {}
-        first = 0
-        for parts, own in zip(views, graphs, strict=True):
-            rows = slice(first, first + len(own))
-            self._views[id(parts)] = _Answers(parts, tuple(own), verdicts[rows], words[rows])
-            first += len(own)
-
-    def _graph(self, parts: tuple[PartDetection, ...], required: int) -> SceneGraph:
+    def _graph(self, parts: tuple[PartDetection, ...], required: tuple[int, ...]) -> SceneGraph:
         return scene_graph(parts, required, self._product, self._edges, self._filter_m, self._crops)
 
-    def _answer(self, graphs: Sequence[SceneGraph]) -> dict[str, NDArray[Any]]:
-        """Verdicts and words of the network."""
-        return self._network.run(
-            {
-                "nodes": np.stack([graph.nodes for graph in graphs]),
-                "weights": np.stack([graph.weights for graph in graphs]),
-                "present": np.stack([graph.present for graph in graphs]),
-            }
-        )
+
+def _inputs(graphs: Sequence[SceneGraph]) -> dict[str, NDArray[Any]]:
+    return {name: np.stack([getattr(graph, name) for graph in graphs]) for name in ("nodes", "weights", "present")}
 
 
 @dataclass(frozen=True)
-class _Answers:
-    """What the network said about one set of detections, every part being the required one.
+class _Answer:
+    """What the network said about one part of a set of detections.
 
     Attributes:
         parts: kept, so that no other set has the same identity.
-        verdicts: (n,) logits that the part is graspable.
-        words: (n, MAX_WORDS).
+        verdict: logit that the part is graspable.
     """
 
     parts: tuple[PartDetection, ...]
-    graphs: tuple[SceneGraph, ...]
-    verdicts: NDArray[Any]
-    words: NDArray[Any]
+    graph: SceneGraph
+    verdict: float
+    words: list[int]

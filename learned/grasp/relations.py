@@ -1,9 +1,9 @@
 """GVMRN-RF for comparison: a graph over pairs of parts whose nodes say which part is in the way of which.
 
 After "Graph-based visual manipulation relationship reasoning" (Zuo et al.): nodes are the union boxes of ordered
-pairs, a graph convolution runs between pairs that share a part, and a relation filter drops pairs that are too far
-apart. The images' features are replaced by what the detector gives. A relation is
-predicted for each way to grasp the first part.
+pairs, a graph convolution runs between pairs that share a part, and a relation filter drops pairs whose boxes in the
+image do not meet, or in a second reading those that are too far apart. The images' features are replaced by what the
+detector gives. A relation is predicted for each way to grasp the first part.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.grasp.boxes import Boxes, boxes_of
+from learned.grasp.boxes import Blocks, Boxes, boxes_of
 from learned.grasp.candidates import CANDIDATES, available, graspable, mark_missing
 from learned.grasp.scenes import Scene
-from learned.grasp.settings import GripperOutline
+from learned.grasp.settings import GripperOutline, RelationFilter
 from learned.grasp.solution import nearest_first, solve
 
 RELATION_FILTER_M = 0.12  # centres of parts that can matter to each other
@@ -47,11 +47,10 @@ class PairGraph:
     links: NDArray[np.float32]
 
 
-def pair_graph(parts: Sequence[PartDetection], product: Product) -> PairGraph:
+def pair_graph(parts: Sequence[PartDetection], product: Product, by: RelationFilter = "boxes") -> PairGraph:
     """The pairs that pass the relation filter."""
     boxes = boxes_of(parts, product)
-    between = boxes.centre_m[None] - boxes.centre_m[:, None]
-    near = np.hypot(between[..., 0], between[..., 1]) < RELATION_FILTER_M
+    near = _boxes_meet(parts) if by == "boxes" else _are_near(boxes)
     np.fill_diagonal(near, False)
     first, second = np.nonzero(near)
     linked = (first[:, None] == first) | (first[:, None] == second) | (second[:, None] == first)
@@ -59,6 +58,21 @@ def pair_graph(parts: Sequence[PartDetection], product: Product) -> PairGraph:
     degree = np.sqrt(np.maximum(linked.sum(axis=1), 1))
     links = (linked / degree[:, None] / degree).astype(np.float32)
     return PairGraph(first, second, _node_features(boxes, first, second, list(product.parts)), links)
+
+
+def _boxes_meet(parts: Sequence[PartDetection]) -> Blocks:
+    """(n, n) whether the upright boxes that the detector drew share a pixel."""
+    corners = np.array([part.box_px for part in parts])
+    low, high = corners[:, :2], corners[:, 2:]
+    meet: Blocks = (np.maximum(low[:, None], low) < np.minimum(high[:, None], high)).all(axis=-1)
+    return meet
+
+
+def _are_near(boxes: Boxes) -> Blocks:
+    """(n, n) whether the centres are near each other."""
+    between = boxes.centre_m[None] - boxes.centre_m[:, None]
+    near: Blocks = np.hypot(between[..., 0], between[..., 1]) < RELATION_FILTER_M
+    return near
 
 
 def relation_features(product: Product) -> int:
@@ -143,9 +157,9 @@ class RelationData:
         return (each * known).sum() / known.sum().clamp(min=1.0)
 
 
-def relation_data(scenes: Sequence[Scene], product: Product) -> RelationData:
+def relation_data(scenes: Sequence[Scene], product: Product, by: RelationFilter = "boxes") -> RelationData:
     """Pairs from the detections, labels from the truth."""
-    graphs = [pair_graph(scene.parts, product) for scene in scenes]
+    graphs = [pair_graph(scene.parts, product, by) for scene in scenes]
     most = max(len(graph.first) for graph in graphs)
     nodes = np.zeros((len(graphs), most, relation_features(product)), dtype=np.float32)
     links = np.zeros((len(graphs), most, most), dtype=np.float32)
@@ -161,15 +175,17 @@ def relation_data(scenes: Sequence[Scene], product: Product) -> RelationData:
 class RelationPlanner:
     """GVMRN-RF: relations of pairs, and from them the moves."""
 
-    def __init__(self, net: RelationNet, product: Product) -> None:
-        self._net = net
+    def __init__(
+        self, net: RelationNet, product: Product, by: RelationFilter = "boxes", outline: GripperOutline | None = None
+    ) -> None:
+        self._net, self._by, self._outline = net, by, outline or GripperOutline()
         self._product = product
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
         """A plan for `parts[required]`."""
         boxes = boxes_of(parts, self._product)
-        graph = pair_graph(parts, self._product)
-        exists = available(boxes, GripperOutline())
+        graph = pair_graph(parts, self._product, self._by)
+        exists = available(boxes, self._outline)
         blocks = np.zeros((*exists.shape, len(boxes)), dtype=bool)
         with torch.no_grad():
             logits = self._net(torch.from_numpy(graph.nodes), torch.from_numpy(graph.links)).numpy()

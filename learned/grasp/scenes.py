@@ -15,7 +15,6 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, bodies_overlap, sliding_distance_m
 from learned.grasp.candidates import CANDIDATES, graspable
-from learned.grasp.crops import crop_embeddings
 from learned.grasp.physics import touching
 from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
 from learned.grasp.solution import Solution, nearest_first, solve
@@ -74,7 +73,7 @@ def draw_scenes(
         yield Scene(
             boxes,
             touching(boxes, settings.outline),
-            observe(boxes, rng, settings.noise, settings.crops),
+            observe(boxes, rng, settings.noise),
             settings.noise,
         )
 
@@ -95,21 +94,14 @@ def standing_boxes(product: Product, parts: Sequence[tuple[str, Pose]]) -> Boxes
     )
 
 
-def observe(
-    boxes: Boxes, rng: np.random.Generator, noise: DetectionNoise, crops: bool = False
-) -> tuple[PartDetection, ...]:
-    """What the part detector answers about boxes: a long box looks the same turned by half a turn.
-
-    Args:
-        crops: with an embedding of every part's crop.
-    """
+def observe(boxes: Boxes, rng: np.random.Generator, noise: DetectionNoise) -> tuple[PartDetection, ...]:
+    """What the part detector answers about boxes: a long box looks the same turned by half a turn."""
     count = len(boxes)
     centre = boxes.centre_m + rng.normal(0.0, noise.position_m, (count, 2))
     yaw = boxes.yaw_rad + rng.normal(0.0, noise.yaw_rad, count) + math.pi * rng.integers(0, 2, count)
     bottom = boxes.bottom_m + rng.normal(0.0, noise.bottom_m, count)
     size = np.maximum(boxes.size_m + rng.normal(0.0, noise.size_m, (count, 3)), 0.001)
     confidence = rng.uniform(0.7, 1.0, count)
-    embeddings = crop_embeddings(boxes, centre, yaw).tolist() if crops else [()] * count
     return tuple(
         PartDetection(
             boxes.types[i],
@@ -117,7 +109,6 @@ def observe(
             Pose.from_yaw((centre[i, 0], centre[i, 1], bottom[i]), float(yaw[i])),
             (float(size[i, 0]), float(size[i, 1]), float(size[i, 2])),
             _box_px(centre[i], float(yaw[i]), size[i]),
-            tuple(embeddings[i]),
         )
         for i in range(count)
     )

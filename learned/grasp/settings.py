@@ -6,9 +6,13 @@ each side, and closes.
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from cell.interfaces.model import Model
+
+RelationFilter = Literal["boxes", "distance"]
 
 
 class GripperOutline(Model):
@@ -77,7 +81,6 @@ class SceneSettings(Model):
         crowding: of so many free places found, the one nearest to the middle of all parts is taken.
         tray_m: inner (x, y) extent of the tray; bodies lie inside.
         by_quantity: of every type at most as many as the product has.
-        crops: detections have an embedding of their crop (learned/grasp/crops.py).
         outline: of the gripper that the labels are about.
         noise: of the detections.
     """
@@ -89,7 +92,6 @@ class SceneSettings(Model):
     crowding: int = Field(default=16, ge=1)
     tray_m: tuple[float, float] = (0.32, 0.40)
     by_quantity: bool = False
-    crops: bool = False
     outline: GripperOutline = GripperOutline()
     noise: DetectionNoise = DetectionNoise()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,11 +16,13 @@ from rich.progress import track
 from torch import Tensor, nn
 
 from cell.interfaces.errors import InputError
+from cell.interfaces.planning import crops_file
 from cell.interfaces.product import Product
 from learned.fitting import Checkpoint, fit
-from learned.grasp.evaluate import evaluate_grasp, evaluate_scenes
+from learned.grasp.crops import CROP_PX, CROPS_KIND, TrayCamera, load_crops
+from learned.grasp.evaluate import Look, embedded, evaluate_grasp, evaluate_scenes
 from learned.grasp.graph import MAX_PARTS, feature_count
-from learned.grasp.language import WORDS
+from learned.grasp.language import words_of
 from learned.grasp.observing import observed_again
 from learned.grasp.pairs import PAIR_FEATURES
 from learned.grasp.pairwise import PairNet, pair_data
@@ -27,12 +30,14 @@ from learned.grasp.paper import PaperNet, graph_data
 from learned.grasp.planner import load_grasp_planner
 from learned.grasp.relations import RelationNet, relation_data, relation_features
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
+from learned.grasp.settings import TRAY_SCENES
 from learned.grasp.sizes import SCENES_EACH, random_scenes, with_random_parts
 from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
-from learned.onnx_model import ModelCard
+from learned.onnx_model import ModelCard, Network
 from learned.torch_model import TorchModel, write_weights
 
 OUTPUTS = {"pairwise": ("logits",), "paper": ("verdict", "words")}
+_LOOSE_SEED = 500_000  # apart from the seeds of the other scenes
 _TEST_SHARE = 0.2  # of given scenes, kept for the scores
 
 
@@ -44,6 +49,7 @@ def train_grasp(
     *,
     settings: TrainingSettings | None = None,
     scenes: Sequence[Scene] | None = None,
+    camera: TrayCamera | None = None,
     quiet: bool = False,
     command: str = "",
 ) -> dict[str, float]:
@@ -54,6 +60,7 @@ def train_grasp(
         kind: "pairwise" or "paper".
         settings: of that kind; its defaults where None.
         scenes: to learn from, one in five of them kept for the scores; drawn ones where None.
+        camera: takes the images of the scenes; the paper's planner learns from them.
         quiet: no progress bar.
         command: what was typed, for the model card.
 
@@ -74,19 +81,33 @@ def train_grasp(
         catalogue, (learned, test) = product, split_by_run(scenes, seed)
         split = f"{len(learned)} given scenes; scores on {len(test)} others of them, of other runs"
     checkpoint = out.with_name(out.name + ".checkpoint")
-    network = train_network(learned, catalogue, seed, settings, checkpoint=checkpoint, quiet=quiet)
+    network = train_network(learned, catalogue, seed, settings, camera=camera, checkpoint=checkpoint, quiet=quiet)
     command = command or f"train_grasp(kind={kind!r}, seed={seed})"
     identity = {"data_sha256": data_hash(learned), "command": command, "config": {"split": split}}
     card = model_card(kind, product, settings, seed, **identity)
 
+    look: Look = list
+    if isinstance(network, PaperNet) and network.crops is not None:
+        assert camera is not None
+        written = _write_crops(network.crops, crops_file(out), card)
+        look = partial(embedded, camera=camera, network=written)
+
     def score() -> dict[str, float]:
         planner = load_grasp_planner(kind, out, product)
         if test:
-            return evaluate_scenes(planner, test, seed)
-        return evaluate_grasp(planner, product, seed, settings.test_scenes, settings.data)
+            return evaluate_scenes(planner, look(test), seed)
+        return evaluate_grasp(planner, product, seed, settings.test_scenes, settings.data, look=look)
 
     model = TorchModel(network, OUTPUTS[kind], card)
     return write_weights(model, out, _samples(settings, product), score, any_rows=True)
+
+
+def _write_crops(network: nn.Module, out: Path, card: ModelCard) -> Network:
+    """Export the network of the crops, beside the planner that reads its embeddings."""
+    images = np.random.default_rng(0).integers(0, 256, (3, 3, CROP_PX, CROP_PX), np.uint8)
+    own = card.model_copy(update={"kind": CROPS_KIND})
+    write_weights(TorchModel(network, ("embedding",), own), out, [{"crops": images}], dict, any_rows=True)
+    return load_crops(out)
 
 
 def training_scenes(
@@ -94,9 +115,11 @@ def training_scenes(
 ) -> tuple[Product, list[Scene]]:
     """Scenes of the train split, and the product with all part types that stand in them."""
     others = round(settings.random_share * settings.scenes) if isinstance(settings, PairwiseSettings) else 0
+    loose = round(settings.loose_share * settings.scenes) if isinstance(settings, PaperSettings) else 0
     catalogue = with_random_parts(product, seed, -(-others // SCENES_EACH))
     drawn = chain(
-        draw_scenes(product, seed, settings.scenes - others, "train", settings.data, settings.parts),
+        draw_scenes(product, seed, settings.scenes - others - loose, "train", settings.data, settings.parts),
+        draw_scenes(product, seed + _LOOSE_SEED, loose, "train", TRAY_SCENES, settings.parts),
         random_scenes(catalogue, len(product.parts), seed, others, settings),
     )
     console = Console(stderr=True, quiet=quiet)
@@ -109,16 +132,18 @@ def train_network(
     seed: int,
     settings: TrainingSettings,
     *,
+    camera: TrayCamera | None = None,
     checkpoint: Path | None = None,
     quiet: bool = True,
 ) -> nn.Module:
     """A trained network of the kind that the settings are of; the same arguments give the same weights.
 
     Args:
+        camera: takes the images of the scenes, where a network learns from them.
         checkpoint: file that keeps the fit; where it is of the same scenes, settings and seed, the fit goes on from it.
     """
     torch.manual_seed(seed)
-    network, data = _task(list(observed_again(scenes, seed, settings)), product, settings)
+    network, data = _task(list(observed_again(scenes, seed, settings)), product, settings, camera)
     optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
 
     def losses(epoch: int) -> Iterator[Tensor]:
@@ -145,24 +170,31 @@ class TrainingData(Protocol):
         ...
 
 
-def _task(scenes: list[Scene], product: Product, settings: TrainingSettings) -> tuple[nn.Module, TrainingData]:
+def _task(
+    scenes: list[Scene], product: Product, settings: TrainingSettings, camera: TrayCamera | None
+) -> tuple[nn.Module, TrainingData]:
     """An untrained network, and what it is to learn."""
     if isinstance(settings, PairwiseSettings):
         return PairNet(settings.hidden, settings.members), pair_data(scenes, product)
     if isinstance(settings, PaperSettings):
-        crops = settings.data.crops
+        crops = None
+        if settings.crops:
+            if camera is None:
+                raise InputError("the paper's planner learns from images of the scenes: a camera is wanted")
+            crops = camera([(scene.boxes, scene.parts) for scene in scenes])
         data = graph_data(scenes, product, settings.edges, settings.filter_m, crops)
-        features, own = feature_count(product, crops), settings.edges != "gcn"
-        types = len(product.parts)
-        return PaperNet(features, settings.hidden, settings.layers, own, settings.attention, types), data
+        features, own = feature_count(product, settings.crops), settings.edges != "gcn"
+        types, sizes = len(product.parts), (settings.hidden, settings.layers)
+        return PaperNet(types, *sizes, own, settings.attention, features, settings.crops), data
     assert isinstance(settings, RelationSettings)
-    return RelationNet(relation_features(product), settings.hidden), relation_data(scenes, product)
+    relations = relation_data(scenes, product, settings.filter)
+    return RelationNet(relation_features(product), settings.hidden), relations
 
 
 def model_card(kind: str, product: Product, settings: TrainingSettings, seed: int, **more: Any) -> ModelCard:
     """What a network is; `more` are further fields, those of `config` added to the settings."""
     config = settings.model_dump(mode="json") | more.pop("config", {})
-    words = {"parts": tuple(product.parts), "words": WORDS}
+    words = {"parts": tuple(product.parts), "words": words_of(tuple(product.parts))}
     return ModelCard(kind=f"grasp.{kind}", config=config, vocabulary=words, seed=seed, **more)
 
 
@@ -171,7 +203,8 @@ def _samples(settings: TrainingSettings, product: Product) -> list[dict[str, NDA
     rng = np.random.default_rng(0)
     if isinstance(settings, PairwiseSettings):
         return [{"pairs": rng.normal(size=(rows, PAIR_FEATURES)).astype(np.float32)} for rows in (4, 1, 7)]
-    features = feature_count(product, settings.data.crops)
+    assert isinstance(settings, PaperSettings)
+    features = feature_count(product, settings.crops)
     return [
         {
             "nodes": rng.normal(size=(rows, MAX_PARTS, features)).astype(np.float32),

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from cell.interfaces.model import Model
 from learned.grasp.graph import Attention, EdgeKind
-from learned.grasp.settings import DetectionNoise, SceneSettings
+from learned.grasp.settings import DetectionNoise, RelationFilter, SceneSettings
 
 
 class TrainingSettings(Model):
@@ -58,30 +58,40 @@ class PaperSettings(TrainingSettings):
     """The paper's planner, and what Table 2 compares it with.
 
     Attributes:
+        batch: scenes in a step.
+        loose_share: of the scenes are drawn as loose as the simulator's tray, the others as `data` says.
+        crops: nodes have features of the images' crops.
         edges: which reading of Eq. 4 weights the edges; "none" weights them alike, "gcn" is the plain graph
             convolution without weights of its own for the node itself.
         filter_m: parts farther from each other have no edge.
-        attention: how the decoder attends to the nodes: Eq. 7 as printed, over embedding, label and graspability of
-            each; additive, over the embeddings; or not at all.
+        attention: how the decoder scores embedding, label and graspability of the nodes: by Eq. 7 as printed, by an
+            additive score, or not at all.
     """
 
-    scenes: int = Field(default=2000, gt=0)
+    scenes: int = Field(default=4000, gt=0)
     observations: int = Field(default=1, gt=0)
-    epochs: int = Field(default=20, gt=0)
-    batch: int = Field(default=128, gt=0)
-    peak_rate: float = Field(default=0.004, gt=0)
+    epochs: int = Field(default=50, gt=0)
+    batch: int = Field(default=32, gt=0)
+    peak_rate: float = Field(default=0.003, gt=0)
+    loose_share: float = Field(default=0.5, ge=0, le=1)
+    crops: bool = True
     hidden: int = Field(default=64, gt=0)
     layers: int = Field(default=3, gt=0)
     edges: EdgeKind = "normalised"
     filter_m: float | None = Field(default=None, gt=0)
-    attention: Attention = "additive"
+    attention: Attention = "printed"
 
 
 class RelationSettings(TrainingSettings):
-    """GVMRN-RF, the pairwise relations of Table 2."""
+    """GVMRN-RF, the pairwise relations of Table 2.
+
+    Attributes:
+        filter: which pairs have a relation: those whose boxes in the image meet, as in its paper, or near ones.
+    """
 
     scenes: int = Field(default=427, gt=0)
     epochs: int = Field(default=60, gt=0)
     batch: int = Field(default=64, gt=0)
     peak_rate: float = Field(default=0.004, gt=0)
     hidden: int = Field(default=96, gt=0)
+    filter: RelationFilter = "boxes"

@@ -17,5 +17,5 @@ class NewGoals(Model):
     """
 
     none_probability: float = Field(default=0.02, gt=0, lt=1)
-    listed_brackets: float = Field(default=10.0, gt=0)
+    listed_brackets: float = Field(default=4.0, gt=0)
     discount: float = Field(default=0.5, ge=0, lt=1)

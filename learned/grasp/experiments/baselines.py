@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from torch import nn
 
-from cell.interfaces.planning import GraspPlanner
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.product import Product
+from learned.grasp.crops import CROPS_KIND, TrayCamera
+from learned.grasp.evaluate import Look, embedded
+from learned.grasp.paper import PaperNet
 from learned.grasp.planner import PairwisePlanner, PaperPlanner
 from learned.grasp.reference import AveragingPlanner
 from learned.grasp.relations import RelationNet, RelationPlanner
 from learned.grasp.rule import RulePlanner
-from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
+from learned.grasp.settings import WITH_MARGINS, DetectionNoise, GripperOutline, SceneSettings
 from learned.grasp.train import OUTPUTS, model_card, train_network, training_scenes
 from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
 from learned.torch_model import TorchModel
-
-NO_MARGINS = GripperOutline(fitting_m=0.0)
 
 
 @dataclass(frozen=True)
@@ -41,9 +43,29 @@ class Baseline:
     iterative: tuple[float, ...] = ()
 
 
+@dataclass(frozen=True)
+class Contender:
+    """A planner, and what the detector must add to the scenes that it is asked about."""
+
+    planner: GraspPlanner
+    look: Look = list
+
+
+class Constant:
+    """Gives one answer to everything."""
+
+    def __init__(self, plan: GraspPlan) -> None:
+        self._plan = plan
+
+    def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:  # noqa: ARG002
+        """The answer."""
+        return self._plan
+
+
 SEEDS = (1, 2, 3)
-_USUAL_SCENES = 427  # the paper's; epochs below are for so many
-_PAPER = PaperSettings(observations=1, epochs=60)
+USUAL_SCENES = 427  # the paper's; epochs below are for so many
+CONSTANT = {"always": GraspPlan(1.0, (), False, "grasp"), "help": GraspPlan(0.0, (), True, "help")}
+_PAPER = PaperSettings(scenes=USUAL_SCENES, epochs=300, loose_share=0.0)
 
 
 def _variant(**changes: object) -> PaperSettings:
@@ -51,60 +73,90 @@ def _variant(**changes: object) -> PaperSettings:
 
 
 BASELINES = {
+    "always": Baseline('always "grasp"'),
+    "help": Baseline('always "help"'),
     "default": Baseline(
         "default: pairwise, signed distances", PairwiseSettings(observations=8, epochs=30, random_share=0.0), SEEDS
     ),
     "rule": Baseline("rule: analytic, with the skills' margins"),
     "rule0": Baseline("rule without margins"),
     "average": Baseline("reference: average over the known noise"),
-    "paper": Baseline(
-        "WL-GNN + LSTM_Att, Eq. 4 normalised", _PAPER, SEEDS, (0.91, 0.891, 0.882), (0.91, 0.874, 0.782, 0.684)
-    ),
-    "printed": Baseline("WL-GNN + LSTM_Att, Eq. 4 as printed", _variant(edges="printed"), paper=(0.91, 0.891, 0.882)),
+    "paper": Baseline("WL-GNN + LSTM_Att", _PAPER, SEEDS, (0.91, 0.891, 0.882), (0.91, 0.874, 0.782, 0.684)),
+    "printed": Baseline("Eq. 4 as printed", _variant(edges="printed"), paper=(0.91, 0.891, 0.882)),
+    "additive": Baseline("additive attention", _variant(attention="additive")),
     "lstm": Baseline("WL-GNN + plain LSTM", _variant(attention="none"), paper=(0.89, 0.872, 0.864)),
     "filter": Baseline("distance filter .16", _variant(edges="none", filter_m=0.16), paper=(0.881, 0.843, 0.829)),
     "unweighted": Baseline("no edge weights", _variant(edges="none"), paper=(0.634, 0.586, 0.545)),
-    "crops": Baseline(
-        "WL-GNN + LSTM_Att, normalised, with crops' embeddings", _variant(data=SceneSettings(crops=True))
-    ),
     "gcn": Baseline("GCN_Att", _variant(edges="gcn"), paper=(0.421, 0.621, 0.692)),
-    "relations": Baseline("GVMRN_RF", RelationSettings(observations=1)),
+    "poses": Baseline("WL-GNN + LSTM_Att without f_i, poses alone", _variant(crops=False)),
+    "relations": Baseline("GVMRN_RF, pairs whose boxes meet", RelationSettings(observations=1)),
+    "near": Baseline("GVMRN_RF, pairs nearer than .12 m", RelationSettings(observations=1, filter="distance")),
 }
 
 
-def planner_of(name: str, product: Product, scenes: int, seed: int, noise: DetectionNoise) -> GraspPlanner:
-    """A planner, trained on so many scenes where it learns; `noise` is that of the detections, if it asks for it."""
+def contender(
+    name: str,
+    product: Product,
+    camera: TrayCamera,
+    scenes: int,
+    seed: int,
+    noise: DetectionNoise,
+    data: SceneSettings,
+) -> Contender:
+    """A planner, trained on so many scenes where it learns.
+
+    Args:
+        noise: of the detections, if the planner asks for it.
+        data: how the scenes are drawn that it learns from, and what can be grasped in them.
+    """
+    if name in CONSTANT:
+        return Contender(Constant(CONSTANT[name]))
+    one_way = {"one_way": data.outline.one_way}
     if name == "rule":
-        return RulePlanner(product)
+        return Contender(RulePlanner(product, WITH_MARGINS.model_copy(update=one_way)))
     if name == "rule0":
-        return RulePlanner(product, NO_MARGINS)
+        return Contender(RulePlanner(product, data.outline.model_copy(update={"fitting_m": 0.0})))
     if name == "average":
-        return AveragingPlanner(product, noise)
+        return Contender(AveragingPlanner(product, noise))
     settings = BASELINES[name].settings
     assert settings is not None
-    return trained_planner(_for(settings, scenes), product, seed, noise)
+    learned = _for(settings, scenes).model_copy(update={"data": data, "parts": data.parts})
+    network = _trained(learned, product.model_dump_json(), seed, camera)
+    return _asked(network, learned, product, seed, noise, data.outline, camera)
 
 
-def trained_planner(
-    settings: TrainingSettings, product: Product, seed: int, noise: DetectionNoise | None = None
-) -> GraspPlanner:
-    """A planner that was trained with these settings."""
-    network = _trained(settings, product.model_dump_json(), seed)
-    if isinstance(network, RelationNet):
-        return RelationPlanner(network, product)
+def _asked(
+    network: nn.Module,
+    settings: TrainingSettings,
+    product: Product,
+    seed: int,
+    noise: DetectionNoise,
+    outline: GripperOutline,
+    camera: TrayCamera,
+) -> Contender:
+    """A trained network as a planner."""
+    if isinstance(settings, RelationSettings):
+        assert isinstance(network, RelationNet)
+        return Contender(RelationPlanner(network, product, settings.filter, outline))
     kind = "pairwise" if isinstance(settings, PairwiseSettings) else "paper"
-    model = TorchModel(network, OUTPUTS[kind], model_card(kind, product, settings, seed, data_sha256="", command=""))
-    return PairwisePlanner(model, product, noise) if kind == "pairwise" else PaperPlanner(model, product)
+    card = model_card(kind, product, settings, seed, data_sha256="", command="")
+    model = TorchModel(network, OUTPUTS[kind], card)
+    if not isinstance(network, PaperNet):
+        return Contender(PairwisePlanner(model, product, noise, outline))
+    if network.crops is None:
+        return Contender(PaperPlanner(model, product))
+    crops = TorchModel(network.crops, ("embedding",), card.model_copy(update={"kind": CROPS_KIND}))
+    return Contender(PaperPlanner(model, product), partial(embedded, camera=camera, network=crops))
 
 
 def _for(settings: TrainingSettings, scenes: int) -> TrainingSettings:
     """The settings for another number of scenes: the more there are, the less often each is seen."""
-    epochs = max(1, round(settings.epochs * math.sqrt(_USUAL_SCENES / scenes)))
+    epochs = max(1, round(settings.epochs * math.sqrt(USUAL_SCENES / scenes)))
     return settings.model_copy(update={"scenes": scenes, "epochs": min(epochs, 2 * settings.epochs)})
 
 
 @lru_cache(maxsize=16)
-def _trained(settings: TrainingSettings, product: str, seed: int) -> nn.Module:
+def _trained(settings: TrainingSettings, product: str, seed: int, camera: TrayCamera) -> nn.Module:
     """Trained once for all cells that ask for it."""
     catalogue, scenes = training_scenes(Product.model_validate_json(product), seed, settings)
-    return train_network(scenes, catalogue, seed, settings)
+    return train_network(scenes, catalogue, seed, settings, camera=camera)

@@ -1,4 +1,4 @@
-"""Drawn crops: fixed in the part's own frame, mirrored by signs, and different where the surroundings are."""
+"""Crops of the wrist image: what is around a part, at a fixed scale, turned with it."""
 
 from __future__ import annotations
 
@@ -7,41 +7,57 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Array
-from learned.grasp.boxes import Boxes, boxes_of
-from learned.grasp.crops import CROP_FEATURES, crop_embeddings, crop_signs
-from tests.learned.grasp.layouts import PRODUCT, moved, standing
-
-PARTS = (standing("o1", 0.0, 0.0, 0.3), standing("o3", 0.012, 0.052, 0.9))
-
-
-def boxes_seen(parts: tuple[PartDetection, ...]) -> Boxes:
-    """Bodies whose edges run through no middle of a crop's cells, where rounding would decide."""
-    boxes = boxes_of(parts, PRODUCT)
-    return replace(boxes, size_m=boxes.size_m + 0.001)
+from cell.interfaces.perception import Frame, PartDetection
+from cell.interfaces.pose import Pose
+from learned.grasp.boxes import boxes_of
+from learned.grasp.crops import CROP_PX, STEP_M, CropReader, Crops, load_crops
+from tests.learned.grasp.layouts import PRODUCT, WEIGHTS, moved, standing
+from tests.learned.grasp.rendered import BENCH, camera, crops
 
 
-def crops_of(parts: tuple[PartDetection, ...]) -> Array:
-    boxes = boxes_seen(parts)
-    return crop_embeddings(boxes, boxes.centre_m, boxes.yaw_rad)
+def seen(*parts: PartDetection) -> Crops:
+    (found,) = crops([(boxes_of(parts, PRODUCT), parts)])
+    return found
 
 
-def test_turning_the_scene_changes_no_crop() -> None:
-    expected = crops_of(PARTS)
-    assert expected.shape == (2, CROP_FEATURES)
-    assert np.allclose(crops_of(tuple(moved(part, 0.2, -0.1, 0.8) for part in PARTS)), expected, atol=0.05)
+def test_a_part_is_in_the_middle_of_its_crop_and_as_large_as_it_is() -> None:
+    (crop,) = seen(standing("o1", 0.03, 0.05, 0.7))
+    red = crop[0].astype(int) - crop[1:].max(axis=0) > 60
+    rows, columns = np.nonzero(red)
+    assert abs(rows.mean() - (CROP_PX - 1) / 2) < 1.5
+    assert abs(columns.mean() - (CROP_PX - 1) / 2) < 1.5
+    length, width, _ = PRODUCT.parts["o1"].size_m
+    assert abs(np.ptp(columns) + 1 - length / STEP_M) <= 2
+    assert abs(np.ptp(rows) + 1 - width / STEP_M) <= 2
 
 
-def test_signs_mirror_crops() -> None:
-    boxes = boxes_seen(PARTS)
-    expected = crop_embeddings(boxes, boxes.centre_m, boxes.yaw_rad)
-    turned = crop_embeddings(boxes, boxes.centre_m, boxes.yaw_rad + math.pi)
-    assert np.allclose(turned, expected * crop_signs()[3])
-    reflected = replace(boxes, centre_m=boxes.centre_m * np.array([1.0, -1.0]), yaw_rad=-boxes.yaw_rad)
-    mirrored = crop_embeddings(reflected, reflected.centre_m, reflected.yaw_rad)
-    assert np.allclose(mirrored, expected * crop_signs()[2])
+def test_a_neighbour_is_where_it_stands_seen_from_the_part() -> None:
+    parts = (standing("o1", 0.0, 0.0, 1.0), moved(standing("o2", 0.0, 0.045), 0.0, 0.0, 1.0))
+    crop = seen(*parts)[0].astype(int)
+    blue = crop[2] - crop[:2].max(axis=0) > 60
+    assert blue[CROP_PX // 2 + 4 :].mean() > 5 * blue[: CROP_PX // 2].mean()  # rows go along the part's y axis
 
 
-def test_neighbours_are_in_the_picture() -> None:
-    assert not np.allclose(crops_of(PARTS)[0], crops_of(PARTS[:1])[0])
+def test_a_crop_from_the_other_end_is_turned_by_half_a_turn() -> None:
+    part, other = standing("o1", 0.02, 0.03, 0.4), standing("o2", 0.05, 0.06, 1.0)
+    back = replace(part, world_from_part=part.world_from_part @ Pose.from_yaw((0.0, 0.0, 0.0), math.pi))
+    boxes = boxes_of((part, other), PRODUCT)
+    (there,), (again,) = crops([(boxes, (part,)), (boxes, (back,))])
+    assert np.abs(there[0].astype(int) - again[0, :, ::-1, ::-1].astype(int)).mean() < 2
+
+
+def test_the_detector_hands_over_features_of_the_crops() -> None:
+    part = standing("o3", 0.0, 0.0, 0.3)
+    place = Pose(BENCH.tray.centre_m)
+    found = replace(part, world_from_part=place @ part.world_from_part)
+    image, eye = camera().take([("o3", found.world_from_part)])
+
+    class Detector:
+        def detect(self, frame: Frame) -> tuple[PartDetection, ...]:  # noqa: ARG002
+            return (found,)
+
+    network = load_crops(WEIGHTS / "grasp_paper_crops.onnx")
+    (told,) = CropReader(Detector(), BENCH, network).detect(Frame("wrist", 0, 0.0, image, eye))
+    expected = network.run({"crops": seen(part)})["embedding"][0]
+    assert np.allclose(told.embedding, expected, atol=1e-3)
+    assert told.world_from_part == found.world_from_part

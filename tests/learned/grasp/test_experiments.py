@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from learned.grasp.crops import CROP_PX, Crops, View
 from learned.grasp.scenes import draw_scenes
-from learned.grasp.settings import DetectionNoise, SceneSettings
+from learned.grasp.settings import PAPER_SCENES, DetectionNoise
 from tests.learned.grasp.layouts import PRODUCT
 
 pytestmark = pytest.mark.torch
 
 
+def no_camera(views: Sequence[View]) -> list[Crops]:
+    return [np.zeros((len(parts), 3, CROP_PX, CROP_PX), np.uint8) for _, parts in views]
+
+
 def test_every_baseline_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.grasp.experiments.baselines import BASELINES, planner_of
+    from learned.grasp.experiments.baselines import BASELINES, contender
 
     for name, baseline in BASELINES.items():
         if baseline.settings is not None:
             short = baseline.settings.model_copy(update={"epochs": 1})
             monkeypatch.setitem(BASELINES, name, replace(baseline, settings=short))
-    (scene,) = draw_scenes(PRODUCT, 31, 1, "validation", SceneSettings(crops=True))
+    drawn = list(draw_scenes(PRODUCT, 31, 1, "validation"))
     for name in BASELINES:
-        planner = planner_of(name, PRODUCT, 4, 0, DetectionNoise())
+        asked = contender(name, PRODUCT, no_camera, 4, 0, DetectionNoise(), PAPER_SCENES)
+        (scene,) = asked.look(drawn)
         for required in range(len(scene.parts)):
-            plan = planner.plan(scene.parts, required)
+            plan = asked.planner.plan(scene.parts, required)
             assert 0.0 <= plan.graspable <= 1.0
             assert required not in plan.blockers
 
@@ -33,8 +41,9 @@ def test_every_baseline_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_cell_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
     from learned.grasp.experiments import cells
 
-    monkeypatch.setattr(cells, "_test_scenes", lambda *_: tuple(draw_scenes(PRODUCT, 32, 5, "test")))
-    rules = [cell for cell in cells.table2_cells(PRODUCT) if cell.key["planner"] == "rule"]
+    monkeypatch.setattr(cells, "TEST_SCENES", 5)
+    monkeypatch.setattr(cells, "FEW_SCENES", 2)
+    rules = [cell for cell in cells.table2_cells(PRODUCT, no_camera) if cell.key["planner"] == "rule"]
     assert len({cell.name for cell in rules}) == len(rules) == 3
     assert 0.0 < rules[0].measure()["object_accuracy_1"] <= 1.0
 
@@ -42,18 +51,18 @@ def test_a_cell_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_page_has_a_row_for_every_planner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from learned.experiments import Store, write_page
     from learned.grasp.experiments.baselines import BASELINES
-    from learned.grasp.experiments.page import EXPERIMENTS, HEAD
+    from learned.grasp.experiments.page import HEAD, experiments
 
-    names = [f"object_accuracy_{count}" for count in (1, 2, 3)] + ["iterative_success", "steps", "needless_moves"]
-    names += ["object_accuracy_by_type", "graspability_accuracy"]
+    names = [f"{score}_{count}" for score in ("object_accuracy", "by_type") for count in (1, 2, 3)]
+    names += ["iterative_success", "steps", "needless_moves", "graspability_accuracy"]
     values = {name + end: value for name in names for end, value in (("", 0.5), ("_low", 0.4), ("_high", 0.6))}
     monkeypatch.setattr(Store, "run", lambda _self, _title, cells: [(cell.key, values) for cell in cells])
-    out = tmp_path / "grasp.md"
-    write_page(HEAD, EXPERIMENTS, PRODUCT, Store(tmp_path / "none"), out, {"command": "a test"})
+    out, tables = tmp_path / "grasp.md", experiments(no_camera)
+    write_page(HEAD, tables, PRODUCT, Store(tmp_path / "none"), out, {"command": "a test"})
     text = out.read_text()
     for baseline in BASELINES.values():
         assert f"| {baseline.title} | .500 (.400 - .600)" in text
-    assert text.count("\n## ") == sum(len(experiment.sections) for experiment in EXPERIMENTS.values())
+    assert text.count("\n## ") == sum(len(experiment.sections) for experiment in tables.values())
     for picture in ("grasp_noise.png", "grasp_curve.png"):
         assert picture in text
         assert (tmp_path / picture).stat().st_size > 5000

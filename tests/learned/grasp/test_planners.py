@@ -18,12 +18,15 @@ from learned.grasp.evaluate import evaluate_grasp, evaluate_scenes
 from learned.grasp.language import END, MAX_WORDS, MOVE
 from learned.grasp.planner import KINDS, PaperPlanner, load_grasp_planner
 from learned.grasp.scenes import draw_scenes
+from learned.grasp.settings import SceneSettings
+from learned.grasp.solution import Solution
 from learned.onnx_model import OnnxModel
 from tests.learned.grasp.layouts import PRODUCT, ROOT, WEIGHTS, chain, enclosed, moved, standing, walled
+from tests.learned.grasp.rendered import Seeing, look
 
 # Object accuracy for one required type and success of iterative solving with 3 parts, on fresh scenes: below the
 # README's by the sampling error of 200 scenes.
-SCORES = {"pairwise": (0.93, 0.95), "rule": (0.60, 0.80), "paper": (0.54, 0.65)}
+SCORES = {"pairwise": (0.93, 0.95), "rule": (0.60, 0.80), "paper": (0.80, 0.85)}
 
 
 @pytest.fixture(params=KINDS)
@@ -33,7 +36,16 @@ def kind(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def planner(kind: str) -> GraspPlanner:
-    return load_grasp_planner(kind, WEIGHTS / f"grasp_{kind}.onnx", PRODUCT)
+    found = load_grasp_planner(kind, WEIGHTS / f"grasp_{kind}.onnx", PRODUCT)
+    return Seeing(found) if kind == "paper" else found
+
+
+class Constant:
+    def __init__(self, plan: GraspPlan) -> None:
+        self._plan = plan
+
+    def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:  # noqa: ARG002
+        return self._plan
 
 
 def plans(planner: GraspPlanner, parts: tuple[PartDetection, ...]) -> list[GraspPlan]:
@@ -52,6 +64,7 @@ def test_permuting_detections_permutes_the_answer(planner: GraspPlanner) -> None
             assert tuple(order[i] for i in after[place].blockers) == before[index].blockers
 
 
+@pytest.mark.parametrize("kind", ["pairwise", "rule"])
 def test_turning_and_shifting_the_scene_changes_nothing(planner: GraspPlanner) -> None:
     for scene in draw_scenes(PRODUCT, 22, 20, "test"):
         turned = tuple(moved(part, 0.56, -0.38, 1.2) for part in scene.parts)
@@ -62,7 +75,7 @@ def test_turning_and_shifting_the_scene_changes_nothing(planner: GraspPlanner) -
 
 def test_a_lone_part_is_graspable(planner: GraspPlanner) -> None:
     for name in PRODUCT.parts:
-        plan = planner.plan((standing(name, 0.5, -0.3, 1.0),), 0)
+        plan = planner.plan((standing(name, 0.05, -0.03, 1.0),), 0)
         assert plan.graspable >= 0.5
         assert plan.text == "grasp"
 
@@ -114,23 +127,54 @@ def test_answers_hang_together(planner: GraspPlanner) -> None:
             assert bool(plan.blockers) == plan.text.startswith("move ")
 
 
-def test_weights_reach_their_score_on_fresh_scenes(planner: GraspPlanner, kind: str) -> None:
-    scores = evaluate_grasp(planner, PRODUCT, seed=99, scenes=200)
+def test_weights_reach_their_score_on_fresh_scenes(kind: str) -> None:
+    planner = load_grasp_planner(kind, WEIGHTS / f"grasp_{kind}.onnx", PRODUCT)
+    scores = evaluate_grasp(planner, PRODUCT, seed=99, scenes=200, look=look if kind == "paper" else list)
     objects, solved = SCORES[kind]
     assert scores["object_accuracy_1"] >= objects
     assert scores["iterative_success_3"] >= solved
 
 
-def test_a_planner_that_always_asks_for_help_scores_low() -> None:
-    class Helpless:
-        def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:  # noqa: ARG002
-            return GraspPlan(0.0, (), True, "help")
+@pytest.mark.parametrize(
+    "clutter",
+    [
+        SceneSettings(farthest_gap_m=0.015, by_quantity=True),
+        SceneSettings(neighbour_share=0.3, nearest_gap_m=0.006, farthest_gap_m=0.02, crowding=4),
+        SceneSettings(tray_m=(0.20, 0.24), crowding=1, farthest_gap_m=0.02),
+    ],
+)
+def test_the_papers_weights_beat_always_grasping_where_they_were_not_trained(clutter: SceneSettings) -> None:
+    planner = load_grasp_planner("paper", WEIGHTS / "grasp_paper.onnx", PRODUCT)
+    scenes = look(list(draw_scenes(PRODUCT, 41, 150, "validation", clutter)))
+    right, always = (
+        evaluate_scenes(one, scenes, 41)["object_accuracy_1"] for one in (planner, Constant(Solution().plan(1.0)))
+    )
+    assert right > always
 
-    scores = evaluate_grasp(Helpless(), PRODUCT, seed=1, scenes=40)
+
+def test_the_papers_planner_answers_about_one_graph_with_several_flags() -> None:
+    planner = load_grasp_planner("paper", WEIGHTS / "grasp_paper.onnx", PRODUCT)
+    assert isinstance(planner, PaperPlanner)
+    for scene in look(list(draw_scenes(PRODUCT, 42, 10, "test"))):
+        alone = [planner.plan(scene.parts, part) for part in (0, 1)]
+        together = planner.plan_together(scene.parts, (0, 1))
+        assert len(together) == 2
+        assert [plan.graspable for plan in together] != [plan.graspable for plan in alone]  # flags are features
+
+
+def test_the_papers_planner_needs_the_crops() -> None:
+    planner = load_grasp_planner("paper", WEIGHTS / "grasp_paper.onnx", PRODUCT)
+    with pytest.raises(ModelError, match="no embeddings"):
+        planner.plan(walled("o1", "o3"), 0)
+
+
+def test_a_planner_that_always_asks_for_help_scores_low() -> None:
+    scores = evaluate_grasp(Constant(Solution(needs_help=True).plan(0.0)), PRODUCT, seed=1, scenes=40)
     assert scores["object_accuracy_1"] < 0.4
     assert scores["iterative_success_6"] < 0.6
 
 
+@pytest.mark.parametrize("kind", ["pairwise", "rule"])
 def test_scores_carry_confidence_intervals(planner: GraspPlanner) -> None:
     scores = evaluate_grasp(planner, PRODUCT, seed=1, scenes=20)
     for name in ("object_accuracy_1", "object_accuracy_2", "object_accuracy_3", "iterative_success_6"):
@@ -175,10 +219,11 @@ def test_not_a_number_in_a_detection_is_refused() -> None:
 
 def test_words_that_are_no_sentence_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     model = OnnxModel.load(WEIGHTS / "grasp_paper.onnx", "grasp.paper")
+    planner = Seeing(PaperPlanner(model, PRODUCT))
     babble = {"verdict": np.array([-5.0]), "words": np.array([[MOVE, MOVE] + [END] * (MAX_WORDS - 2)])}
     monkeypatch.setattr(model, "run", lambda _: babble)
     with pytest.raises(ModelError, match="move move"):
-        PaperPlanner(model, PRODUCT).plan(walled("o3", "o3"), 0)
+        planner.plan(walled("o3", "o3"), 0)
 
 
 def test_planning_never_imports_torch() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from learned.grasp.boxes import bodies_overlap
-from learned.grasp.graph import MAX_PARTS, edge_weights, feature_count, mirror_signs, scene_graph
+from learned.grasp.graph import MAX_PARTS, edge_weights, feature_count, scene_graph
 from learned.grasp.scenes import data_hash, draw_scenes
 from learned.grasp.settings import SceneSettings
 from tests.learned.grasp.layouts import PRODUCT, moved, standing
@@ -66,21 +66,22 @@ def test_printed_weights_are_the_same_for_every_neighbour() -> None:
     assert edge_weights(np.zeros((1, 2)), "printed").tolist() == [[0.0]]
 
 
-def test_the_graph_does_not_change_when_the_scene_is_turned_or_mirrored() -> None:
+def test_the_graph_says_what_is_required_and_where_it_stands() -> None:
     parts = (standing("o1", 0.1, 0.0, 0.3), standing("o2", 0.15, 0.02, 1.0), standing("o3", 0.05, -0.06, 2.0))
-    graph = scene_graph(parts, 1, PRODUCT, "normalised")
-    turned = scene_graph(tuple(moved(part, 0.3, -0.2, 0.7) for part in parts), 1, PRODUCT, "normalised")
-    assert graph.order == turned.order
-    assert np.allclose(graph.nodes, turned.nodes, atol=1e-5)
-    half = moved(parts[1], 0.0, 0.0, math.pi).world_from_part
-    flipped = (parts[0], standing("o2", 0.15, 0.02, 1.0 + math.pi), parts[2])
-    assert half.position_m != parts[1].world_from_part.position_m
-    seen = scene_graph(flipped, 1, PRODUCT, "normalised")
-    assert np.allclose(seen.nodes, graph.nodes * mirror_signs(PRODUCT)[3], atol=1e-5)
+    graph = scene_graph(parts, (1, 2), PRODUCT, "normalised")
+    kinds = len(PRODUCT.parts)
+    assert graph.order[0] == 1
+    assert [graph.order[place] for place in np.flatnonzero(graph.nodes[:, kinds])] == [1, 2]
+    shifted = scene_graph(tuple(moved(part, 0.3, -0.2, 0.0) for part in parts), (1, 2), PRODUCT, "normalised")
+    assert np.allclose(graph.nodes, shifted.nodes, atol=1e-5)
+    turned = scene_graph(tuple(moved(part, 0.0, 0.0, 0.7) for part in parts), (1, 2), PRODUCT, "normalised")
+    assert np.allclose(graph.weights, turned.weights, atol=1e-5)
+    place = graph.nodes[:3, kinds + 1 : kinds + 3] @ [[math.cos(0.7), math.sin(0.7)], [-math.sin(0.7), math.cos(0.7)]]
+    assert np.allclose(turned.nodes[:3, kinds + 1 : kinds + 3], place, atol=1e-5)
 
 
 def test_the_graph_keeps_the_nearest_parts() -> None:
     parts = tuple(standing("o1", 0.1 * index, 0.0) for index in range(MAX_PARTS + 2))
-    graph = scene_graph(parts, 0, PRODUCT, "normalised")
+    graph = scene_graph(parts, (0,), PRODUCT, "normalised")
     assert graph.order == tuple(range(MAX_PARTS))
     assert graph.nodes.shape == (MAX_PARTS, feature_count(PRODUCT))

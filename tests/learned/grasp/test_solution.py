@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from cell.interfaces.errors import ModelError
-from learned.grasp.boxes import Blocks
-from learned.grasp.language import END, HELP, MAX_WORDS, WORDS, decode, encode
+from learned.grasp.boxes import Blocks, boxes_of
+from learned.grasp.language import END, HELP, MAX_WORDS, decode, encode, words_of
 from learned.grasp.solution import Solution, letter, solve, solves
+from tests.learned.grasp.layouts import PRODUCT, chain, standing
 
 
 def fewest_moves(blocks: Blocks, required: int) -> int | None:
@@ -92,31 +93,41 @@ def test_words() -> None:
 
 
 def test_decode_after_encode_is_the_identity() -> None:
-    order = (3, 0, 4, 1, 2)
-    for solution in (Solution(), Solution((4,)), Solution((2, 0, 1)), Solution(needs_help=True)):
-        words = encode(solution, order)
+    names = list(PRODUCT.parts)
+    boxes = boxes_of(chain(), PRODUCT)
+    types = [names.index(name) for name in boxes.types]
+    for solution in (Solution(), Solution((1,)), Solution((2, 1)), Solution(needs_help=True)):
+        words = encode(solution, types)
         assert len(words) == MAX_WORDS
-        assert decode(words, order) == solution
+        assert decode(words, boxes, names, 0) == solution
+
+
+def test_the_part_that_is_meant_is_the_nearest_of_its_type() -> None:
+    parts = (standing("o2", 0.0, 0.0), standing("o1", 0.2, 0.0), standing("o1", 0.0, 0.04), standing("o1", 0.0, 0.09))
+    names, boxes = list(PRODUCT.parts), boxes_of(parts, PRODUCT)
+    move, o1 = words_of(names).index("move"), words_of(names).index("o1")
+    assert decode([move, o1, END], boxes, names, 0) == Solution((2,))
+    assert decode([move, o1, o1, END], boxes, names, 0) == Solution((3, 2))
 
 
 @pytest.mark.parametrize(
     "sentence",
     [
         ["move"],
-        ["move", "b", "c"],
-        ["move", "b", "and"],
-        ["and"],
-        ["move", "a"],
-        ["move", "d"],
-        ["move", "b", "and", "b"],
+        ["move", "help"],
+        ["move", "o1", "move"],
+        ["o1"],
+        ["move", "o1", "o1"],
+        ["move", "o2"],
     ],
 )
 def test_words_that_are_no_solution_are_refused(sentence: list[str]) -> None:
-    words = [WORDS.index(word) for word in sentence]
+    parts = (standing("o3", 0.0, 0.0), standing("o1", 0.0, 0.05), standing("o3", 0.0, -0.05))
+    words = [words_of(list(PRODUCT.parts)).index(word) for word in sentence]
     with pytest.raises(ModelError, match="no solution for 3 parts"):
-        decode([*words, END], (0, 1, 2))
+        decode([*words, END], boxes_of(parts, PRODUCT), list(PRODUCT.parts), 0)
 
 
 def test_words_outside_the_vocabulary_are_refused() -> None:
     with pytest.raises(ModelError, match="outside the vocabulary"):
-        decode([HELP, len(WORDS)], (0, 1))
+        decode([HELP, 99], boxes_of(chain(), PRODUCT), list(PRODUCT.parts), 0)

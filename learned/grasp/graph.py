@@ -13,7 +13,7 @@ from cell.interfaces.errors import ModelError
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.grasp.boxes import boxes_of
+from learned.grasp.boxes import Boxes, boxes_of
 from learned.grasp.crops import EMBEDDING
 from learned.grasp.solution import nearest_first
 
@@ -35,12 +35,14 @@ class SceneGraph:
         weights: (MAX_PARTS, MAX_PARTS) e_ij of Eq. 4, 0 on the diagonal and where there is no node.
         present: (MAX_PARTS,) 1 where there is a node.
         order: index of the detection behind each node.
+        boxes: of the nodes that are there.
     """
 
     nodes: NDArray[np.float32]
     weights: NDArray[np.float32]
     present: NDArray[np.float32]
     order: tuple[int, ...]
+    boxes: Boxes
 
 
 def feature_count(product: Product, crops: bool = False) -> int:
@@ -68,14 +70,15 @@ def scene_graph(
     """
     boxes = boxes_of(parts, product)
     order = nearest_first(boxes, required[0])[:MAX_PARTS]
-    centre, yaw = boxes.centre_m[order] / UNIT_M, boxes.yaw_rad[order]
+    near = boxes.take(order)
+    centre, turn = near.centre_m / UNIT_M, 2 * near.yaw_rad
     count, names = len(order), list(product.parts)
     nodes = np.zeros((MAX_PARTS, feature_count(product, crops)), dtype=np.float32)
     kinds = len(names)
-    nodes[np.arange(count), [names.index(boxes.types[i]) for i in order]] = 1.0
+    nodes[np.arange(count), [names.index(name) for name in near.types]] = 1.0
     nodes[:count, kinds] = [i in required for i in order]
     nodes[:count, kinds + 1 : kinds + 3] = centre - centre.mean(axis=0)
-    nodes[:count, kinds + 3], nodes[:count, kinds + 4] = np.cos(2 * yaw), np.sin(2 * yaw)
+    nodes[:count, kinds + 3], nodes[:count, kinds + 4] = np.cos(turn), np.sin(turn)
     if crops:
         if any(len(parts[i].embedding) != EMBEDDING for i in order):
             raise ModelError(f"the detections have no embeddings of {EMBEDDING} features of their crops")
@@ -83,7 +86,7 @@ def scene_graph(
     weights = np.zeros((MAX_PARTS, MAX_PARTS), dtype=np.float32)
     weights[:count, :count] = edge_weights(centre, edges, None if filter_m is None else filter_m / UNIT_M)
     present = (np.arange(MAX_PARTS) < count).astype(np.float32)
-    return SceneGraph(nodes, weights, present, tuple(order))
+    return SceneGraph(nodes, weights, present, tuple(order), near)
 
 
 def edge_weights(centres: Array, edges: EdgeKind, farthest: float | None = None) -> Array:

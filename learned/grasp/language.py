@@ -70,21 +70,27 @@ def decode(words: Sequence[int], boxes: Boxes, types: Sequence[str], required: i
 
 def _parts_meant(types: Sequence[str], boxes: Boxes, required: int) -> tuple[int, ...] | None:
     """From the last to be moved to the first: each the nearest of its type to what is to be freed so far."""
-    gaps = rectangle_gaps_m(
-        boxes.centre_m[:, None],
-        boxes.yaw_rad[:, None],
-        boxes.size_m[:, None, :2] / 2,
-        boxes.centre_m[None],
-        boxes.yaw_rad[None],
-        boxes.size_m[None, :, :2] / 2,
-    )
     freed = [required]
     for name in reversed(types):
         left = [index for index, kind in enumerate(boxes.types) if kind == name and index not in freed]
         if not left:
             return None
-        freed.append(min(left, key=lambda index: (round(float(gaps[index, freed].min()), 9), index)))
+        freed.append(left[0] if len(left) == 1 else _nearest(left, freed, boxes))
     return tuple(freed[:0:-1])
+
+
+def _nearest(some: list[int], freed: list[int], boxes: Boxes) -> int:
+    """Of some bodies the one with the narrowest gap to one of the others."""
+    tried, others = boxes.take(some), boxes.take(freed)
+    gaps = rectangle_gaps_m(
+        tried.centre_m[:, None],
+        tried.yaw_rad[:, None],
+        tried.size_m[:, None, :2] / 2,
+        others.centre_m[None],
+        others.yaw_rad[None],
+        others.size_m[None, :, :2] / 2,
+    )
+    return some[int(np.round(gaps.min(axis=1), 9).argmin())]
 
 
 def grammar(parts: int) -> Array:

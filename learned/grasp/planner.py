@@ -176,10 +176,8 @@ class PaperPlanner:
         graspable = 1.0 / (1.0 + math.exp(-answer.verdict))
         if graspable >= 0.5:
             return Solution().plan(graspable)
-        order = list(answer.graph.order)
-        near = boxes_of([parts[i] for i in order], self._product)
-        solution = decode(answer.words, near, list(self._product.parts), 0)
-        moved = tuple(order[index] for index in solution.moves)
+        solution = decode(answer.words, answer.graph.boxes, list(self._product.parts), 0)
+        moved = tuple(answer.graph.order[index] for index in solution.moves)
         return Solution(moved, solution.needs_help).plan(graspable)
 
     def _graph(self, parts: tuple[PartDetection, ...], required: tuple[int, ...]) -> SceneGraph:

@@ -42,8 +42,8 @@ def test_a_crop_from_the_other_end_is_turned_by_half_a_turn() -> None:
     part, other = standing("o1", 0.02, 0.03, 0.4), standing("o2", 0.05, 0.06, 1.0)
     back = replace(part, world_from_part=part.world_from_part @ Pose.from_yaw((0.0, 0.0, 0.0), math.pi))
     boxes = boxes_of((part, other), PRODUCT)
-    (there,), (again,) = crops([(boxes, (part,)), (boxes, (back,))])
-    assert np.abs(there[0].astype(int) - again[0, :, ::-1, ::-1].astype(int)).mean() < 2
+    there, again = crops([(boxes, (part,)), (boxes, (back,))])
+    assert np.abs(there[0].astype(int) - again[0][:, ::-1, ::-1].astype(int)).mean() < 2
 
 
 def test_the_detector_hands_over_features_of_the_crops() -> None:

@@ -116,7 +116,7 @@ def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Sce
         (images,) = noisy_camera([(scene.boxes, scene.parts)])
         with torch.no_grad():
             verdict, words = net(*(torch.from_numpy(value) for value in inputs.values()))
-            features = net.crops(torch.from_numpy(images)).numpy()  # type: ignore[operator, union-attr]
+            features = net.crops(torch.from_numpy(images)).numpy()  # type: ignore[operator]
         answer = paper.model.run(inputs)
         assert np.abs(answer["verdict"] - verdict.numpy()).max() < TOLERANCE
         assert answer["words"].tolist() == words.tolist()

@@ -24,7 +24,7 @@ ACTING_KEEPS = 0.7  # share of the former opinion of which hand works, and of wh
 TAKES_OVER = 0.3  # by which another hand must look more like the one that works
 FORMER_S, LATTER = (
     0.02,
-    0.35,
+    0.1,
 )  # smoothing (see `_Smooth`): time constant of a hand at rest, and speed [m/s] that halves it
 
 OF_PALM = ("palm", "wrist", "radial", "ulnar")  # points that are as high as it

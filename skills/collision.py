@@ -15,7 +15,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from skills.grip import PAD_WIDTH_M
+from skills.grip import PAD_WIDTH_M, STROKE_M
 from skills.kinematics import FLANGE, Kinematics, description_share, urdf_text
 from skills.outline import Shape, shapes
 from skills.settings import MotionSettings
@@ -31,6 +31,7 @@ TABLE_M = (3.0, 3.0, 0.5)
 RIM_THICKNESS_M = 0.008
 BIN_ROOM_M = 0.04  # around each part in a bin
 
+HELD = "held part"
 _BASE_LINKS = ("base_link", "shoulder_link", "upper_arm_link")
 _TOOL = ("palm", "finger_left", "finger_right", "camera")
 # Links that can meet another one of the arm: neighbours on the chain always touch.
@@ -90,10 +91,11 @@ class CollisionChecker:
         return self._model
 
     def arm_with_part(self, radius_m: float) -> pinocchio.GeometryModel:
-        """Arm and gripper as they are checked, and a sphere "held part" around the TCP."""
+        """Arm and gripper with open fingers, and a sphere HELD around the TCP."""
         geometry = self._arm_alone.copy()
+        self._open_fingers(geometry, STROKE_M)
         placement = self._on_flange((0.0, 0.0, self._tcp_m))
-        geometry.addGeometryObject(pinocchio.GeometryObject("held part", self._wrist, placement, coal.Sphere(radius_m)))
+        geometry.addGeometryObject(pinocchio.GeometryObject(HELD, self._wrist, placement, coal.Sphere(radius_m)))
         return geometry
 
     def first_contact(
@@ -124,10 +126,7 @@ class CollisionChecker:
 
     def _scene(self, opening_m: float, obstacles: Sequence[Box], held: Sequence[Box]) -> pinocchio.GeometryModel:
         geometry = self._geometry.copy()
-        for name, side in (("finger_left", 1.0), ("finger_right", -1.0)):
-            offset = side * (opening_m + FINGER_SIZE_M[0]) / 2
-            finger = geometry.geometryObjects[geometry.getGeometryId(name)]
-            finger.placement = self._on_flange((offset, 0.0, FINGER_MIDDLE_M))
+        self._open_fingers(geometry, opening_m)
         for box in obstacles:
             self._add_obstacle(geometry, box)
         fixed = [item.name for item in geometry.geometryObjects if item.parentJoint == 0 and item.name not in self._arm]
@@ -137,6 +136,12 @@ class CollisionChecker:
             geometry.addGeometryObject(pinocchio.GeometryObject(name, self._wrist, placement, coal.Box(*box.size_m)))
             _add_pairs(geometry, ((name, other) for other in (*fixed, "forearm_link", "upper_arm_link", "base_link")))
         return geometry
+
+    def _open_fingers(self, geometry: pinocchio.GeometryModel, opening_m: float) -> None:
+        for name, side in (("finger_left", 1.0), ("finger_right", -1.0)):
+            offset = side * (opening_m + FINGER_SIZE_M[0]) / 2
+            finger = geometry.geometryObjects[geometry.getGeometryId(name)]
+            finger.placement = self._on_flange((offset, 0.0, FINGER_MIDDLE_M))
 
     def _arm_geometry(self) -> pinocchio.GeometryModel:
         meshes = pinocchio.buildGeomFromUrdfString(

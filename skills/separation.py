@@ -1,9 +1,9 @@
 """How far the person is from the arm, and how fast the arm may be for that (speed and separation, ISO/TS 15066).
 
-A hand is known from above only, so it counts as a wall over the bench, from the fingertips along the forearm behind
-them; a higher hand is nearer to the camera's axis than it seems, so the wall leans. A hand that left the view may be
-anywhere beyond the edge. A contact at the slow speed is admissible, so the arm must be slow before a hand at full speed
-can arrive; and it must stand before the hand that is coming, as fast as it is seen to come, arrives. Not safety-rated.
+A hand is known from above only, so it counts as a wall over the bench (`skills.person_space`). A contact at the slow
+speed is admissible. So for each share of speed the arm's braking is played through along its path: every link must be
+slow before a hand that comes at full speed could be there. And a slow arm must stand before the hand that is coming, as
+fast as it is seen to come, arrives. Not safety-rated.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import Edge, HandSample
 from cell.interfaces.pose import Array
+from skills.arm_outline import ArmOutline
 from skills.collision import CollisionChecker
 from skills.person_space import PersonSpace
 from skills.settings import SeparationSettings, SixFloats
 
-AHEAD_S = (0.0, 0.1, 0.2, 0.3, 0.45)  # along the trajectory, where the arm will be before it can be slow
-STEP_S = 0.02  # for the arm's speed
-TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
-HELD_RADIUS_M = 0.05  # of a sphere around a part between the fingers
-EXTRA_M_S: Array = np.arange(100, dtype=np.float64) * 0.02  # speeds above the slow one that are asked for
+MARK_S = 0.04  # between places of the path that are looked at
+MARKS = 18  # so many: the arm is slow before it is past the last
+PLAY_S = 0.02  # a step of the braking that is played through
+SHARES = 24  # that are tried, from the slow one to all
 LEAST_BRAKING = 0.5  # of what the joints may do, also where the path itself brakes or turns
+TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
 BLIND_HEIGHT_M = 0.25  # a hand beside the tool that is so high must be in the view
-HERE = coal.Transform3s()
 TINY = 1e-9
+Following = tuple[JointTrajectory, float]
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,31 @@ class Separation:
         distance_m: least distance now, of any link, the gripper or a held part; negative where they overlap.
         share: largest share of the planned speed at which the arm is slow before a hand can arrive.
         least_m: distance below which even a slow arm must stand.
+        nearest: name of the link that is nearest now.
     """
 
     distance_m: float
     share: float
     least_m: float
+    nearest: str = ""
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """The next stretch of a path as planned: K pieces of MARK_S, L links, 6 joints.
+
+    Attributes:
+        rooms_m: (K, L) from the person, the least at both ends of a piece.
+        coming_m_s: (K, L) how fast the person comes nearer to each link.
+        speeds_m_s: (K, L) of the fastest point of each link, in this piece or the one before, as the arm trails.
+        joints_rad_s, bends_rad_s2: (K, 6).
+    """
+
+    rooms_m: Array
+    coming_m_s: Array
+    speeds_m_s: Array
+    joints_rad_s: Array
+    bends_rad_s2: Array
 
 
 class SeparationMonitor:
@@ -56,19 +77,14 @@ class SeparationMonitor:
         self, checker: CollisionChecker, bench: Bench, settings: SeparationSettings, acceleration_rad_s2: SixFloats
     ) -> None:
         self.settings = settings
+        self.outline = ArmOutline(checker)
         self._acceleration_rad_s2 = np.array(acceleration_rad_s2)
-        self._model, self._geometry = checker.model, checker.arm_with_part(HELD_RADIUS_M)
-        self._data, self._placed = self._model.createData(), self._geometry.createData()
+        self._model, self._data = checker.model, checker.model.createData()
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
         self._person = PersonSpace(bench, settings)
 
     def judge(
-        self,
-        joints_rad: Array,
-        hand: HandSample,
-        age_s: float,
-        holding: bool,
-        ahead: tuple[JointTrajectory, float] | None = None,
+        self, joints_rad: Array, hand: HandSample, age_s: float, holding: bool, ahead: Following | None = None
     ) -> Separation:
         """Distance and admissible share of speed.
 
@@ -78,75 +94,96 @@ class SeparationMonitor:
             holding: a part is between the fingers.
             ahead: the trajectory that is followed, and how far along it the arm is; None for a standing arm.
         """
-        delay_s = age_s + self.settings.reaction_s
-        wall = self._person.wall(hand)
-        distance_m, way = self._nearest(joints_rad, wall, holding)
-        coming = _coming_m_s(hand, way, self.settings)
-        share = self._share(wall, (delay_s, coming), holding, ahead)
-        return Separation(distance_m, share, self.least_m(coming, delay_s))
+        return self._judge(joints_rad, self._person.wall(hand), hand.velocity_m_s, age_s, holding, ahead)
 
     def judge_beyond(
-        self,
-        joints_rad: Array,
-        edges: Sequence[Edge],
-        age_s: float,
-        holding: bool,
-        ahead: tuple[JointTrajectory, float] | None = None,
+        self, joints_rad: Array, edges: Sequence[Edge], age_s: float, holding: bool, ahead: Following | None = None
     ) -> Separation | None:
         """The same for a hand that left the view by one of these edges; it may come back anywhere there.
 
         Behind the edge where the person stands a hand may stay away for long: the arm is slow before it could arrive,
         but does not wait for it.
         """
-        delay_s, coming = age_s + self.settings.reaction_s, self.settings.hand_speed_m_s
-        found: list[Separation] = []
+        found = []
         for edge in edges:
-            beyond = self._person.beyond[edge]
-            distance_m, _ = self._nearest(joints_rad, beyond, holding)
-            share = self._share(beyond, (delay_s, coming), holding, ahead)
-            least_m = -np.inf if edge == self._person.edge else self.least_m(coming, delay_s)
-            found.append(Separation(distance_m, share, least_m))
+            one = self._judge(joints_rad, self._person.beyond[edge], None, age_s, holding, ahead)
+            waits = edge != self._person.edge
+            found.append(one if waits else Separation(one.distance_m, one.share, -np.inf, one.nearest))
         return nearest(found)
 
-    def _share(
+    def _judge(
         self,
+        joints_rad: Array,
         person: coal.Convex,
-        arrival: tuple[float, float],
+        velocity_m_s: tuple[float, float] | None,
+        age_s: float,
         holding: bool,
-        ahead: tuple[JointTrajectory, float] | None,
-    ) -> float:
-        """Admissible share of speed; `arrival`: delay in [s] and how fast the person comes in [m/s]."""
-        if ahead is None:
-            return 1.0
-        share, (delay_s, coming), (trajectory, path_s) = 1.0, arrival, ahead
-        for later_s in AHEAD_S:
-            if later_s and path_s + later_s > trajectory.duration_s:
-                break
-            room_m, _ = self._nearest(trajectory.at(path_s + later_s), person, holding)
-            speed, braking = self.speed_and_braking(trajectory, path_s + later_s)
-            admissible = self.admissible_m_s(room_m, delay_s, coming, braking) + braking * later_s
-            share = min(share, admissible / max(speed, TINY))
-        return share
+        ahead: Following | None,
+    ) -> Separation:
+        rooms_m, ways = self.outline.distances(joints_rad, person, holding)
+        link = int(rooms_m.argmin())
+        coming = self._coming_m_s(velocity_m_s, ways)
+        share = 1.0
+        if ahead is not None:
+            share = self._share(self._stretch(person, velocity_m_s, holding, ahead), age_s)
+        return Separation(float(rooms_m[link]), share, self.least_m(coming[link], age_s), self.outline.names[link])
 
-    def admissible_m_s(self, distance_m: float, delay_s: float, coming_m_s: float, braking_m_s2: float) -> float:
-        """Fastest speed of the arm from which it is slow before the hand has come this far.
+    def least_m(self, coming_m_s: float, age_s: float) -> float:
+        """The protective distance of a slow arm from a hand that comes this fast."""
+        slow, reaction_s = self.settings.slow_m_s, self.settings.reaction_s
+        stop_s = slow / self.settings.braking_m_s2
+        arm_m = slow * (reaction_s + stop_s / 2)
+        return float(self.settings.margin_m + coming_m_s * (age_s + reaction_s + stop_s) + arm_m)
 
-        The hand comes during the delay and while the arm brakes to its slow speed, faster and faster; the arm moves on
-        meanwhile.
+    def _stretch(
+        self, person: coal.Convex, velocity_m_s: tuple[float, float] | None, holding: bool, ahead: Following
+    ) -> _Stretch:
+        trajectory, path_s = ahead
+        joints = np.array([trajectory.at(path_s + number * MARK_S) for number in range(-1, MARKS + 1)])
+        corners = np.array([self.outline.corners_m(one) for one in joints])
+        between = np.linalg.norm(np.diff(corners, axis=0), axis=3).max(axis=2) / MARK_S
+        found = [self.outline.distances(one, person, holding) for one in joints[1:]]
+        rooms_m = np.array([rooms for rooms, _ in found])
+        return _Stretch(
+            rooms_m=np.minimum(rooms_m[:-1], rooms_m[1:]),
+            coming_m_s=np.array([self._coming_m_s(velocity_m_s, ways) for _, ways in found[:-1]]),
+            speeds_m_s=np.maximum(between[:-1], between[1:]),
+            joints_rad_s=(joints[2:] - joints[:-2]) / (2 * MARK_S),
+            bends_rad_s2=(joints[2:] - 2 * joints[1:-1] + joints[:-2]) / MARK_S**2,
+        )
+
+    def _share(self, stretch: _Stretch, age_s: float) -> float:
+        """The largest share of speed from which every link is slow before the person could be there.
+
+        All shares are played through at once: the arm goes on during its reaction, then it brakes along its path.
         """
         settings = self.settings
-        slow, brake = settings.slow_m_s, max(braking_m_s2, TINY)
-        lasts_s: Array = delay_s + EXTRA_M_S / brake
-        arm_m: Array = (slow + EXTRA_M_S) * delay_s + (slow + EXTRA_M_S / 2) * EXTRA_M_S / brake
-        needed_m = settings.margin_m + np.add(arm_m, _reach_m(lasts_s, coming_m_s, settings))
-        fits = np.flatnonzero(needed_m <= distance_m)
-        return slow + (float(EXTRA_M_S[fits[-1]]) if len(fits) else 0.0)
+        least = settings.slow_m_s / max(float(stretch.speeds_m_s.max()), settings.slow_m_s)
+        if least >= 1:
+            return 1.0
+        shares: Array = np.linspace(least, 1.0, SHARES)
+        fits = np.ones(SHARES, dtype=bool)
+        now, path_s, time_s = shares.copy(), np.zeros(SHARES), 0.0
+        while (fits & (now > least + TINY)).any():
+            mark = np.minimum((path_s / MARK_S).astype(int), MARKS - 1)
+            fast = stretch.speeds_m_s[mark] * now[:, None] > settings.slow_m_s
+            reach_m = reach(age_s + time_s + PLAY_S / 2, stretch.coming_m_s[mark], settings)
+            fits &= ~(fast & (stretch.rooms_m[mark] - settings.margin_m < reach_m)).any(axis=1)
+            if time_s >= settings.reaction_s:
+                now = np.maximum(now - PLAY_S * self._braking(stretch, mark, now), least)
+            path_s, time_s = path_s + now * PLAY_S, time_s + PLAY_S
+        fits[0] = True
+        refused = np.flatnonzero(~fits)
+        return float(shares[refused[0] - 1]) if len(refused) else 1.0
 
-    def least_m(self, coming_m_s: float, delay_s: float) -> float:
-        """The protective distance of a slow arm from a hand that comes this fast."""
-        slow, brake = self.settings.slow_m_s, self.settings.braking_m_s2
-        stop_s = slow / brake
-        return self.settings.margin_m + coming_m_s * (delay_s + stop_s) + slow * delay_s + slow * stop_s / 2
+    def _braking(self, stretch: _Stretch, marks: Array, shares: Array) -> Array:
+        """How the share of speed can fall in [1/s], all joints along the path together; of each share at its mark."""
+        speeds, bends = stretch.joints_rad_s[marks], stretch.bends_rad_s2[marks]
+        fastest = np.maximum(np.abs(speeds), TINY)
+        limits = self._acceleration_rad_s2 / fastest
+        along = bends * np.sign(speeds) * shares[:, None] ** 2 / fastest
+        braking: Array = np.maximum((limits + along).min(axis=1), LEAST_BRAKING * limits.min(axis=1))
+        return braking
 
     def out_of_view(self, joints_rad: Array) -> bool:
         """Whether the tool works where the overhead camera would not see a hand beside it."""
@@ -161,48 +198,16 @@ class SeparationMonitor:
         inside = (pixels >= 0).all() and (pixels < (self._camera.width_px, self._camera.height_px)).all()
         return not bool(inside)
 
-    def speed_and_braking(self, trajectory: JointTrajectory, path_s: float) -> tuple[float, float]:
-        """Of the fastest of joints and tool: its planned speed in [m/s], and how it can slow down in [m/s^2].
-
-        The arm slows along its path, all joints together: the one that needs longest for its share tells how fast.
-        """
-        before, here, after = (trajectory.at(path_s + step * STEP_S) for step in (-1, 0, 1))
-        speeds_rad_s, bends_rad_s2 = (after - before) / (2 * STEP_S), (after - 2 * here + before) / STEP_S**2
-        moves = np.abs(speeds_rad_s) > TINY
-        if not moves.any():
-            return 0.0, self.settings.braking_m_s2
-        fastest = np.abs(speeds_rad_s[moves])
-        limits = self._acceleration_rad_s2[moves] / fastest
-        along = bends_rad_s2[moves] * np.sign(speeds_rad_s[moves]) / fastest
-        share_per_s = max(float((limits + along).min()), LEAST_BRAKING * float(limits.min()))
-        speed_m_s = self._speed_m_s(before, after)
-        return speed_m_s, speed_m_s * share_per_s
-
-    def _speed_m_s(self, before_rad: Array, after_rad: Array) -> float:
-        """Of the fastest of joints and tool, between two places on its way."""
-        places = []
-        for joints_rad in (before_rad, after_rad):
-            pinocchio.forwardKinematics(self._model, self._data, joints_rad)
-            last = self._data.oMi[self._model.njoints - 1]
-            tips = [last.act(TOOL_LENGTH_M * axis) for axis in np.eye(3)]
-            joints = [self._data.oMi[number].translation for number in range(1, self._model.njoints)]
-            places.append(np.array([*joints, *tips]))
-        return float(np.linalg.norm(places[1] - places[0], axis=1).max() / (2 * STEP_S))
-
-    def _nearest(self, joints_rad: Array, person: coal.Convex, holding: bool) -> tuple[float, Array]:
-        """Least distance, and the way (3,) from the person to the arm along it."""
-        pinocchio.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, joints_rad)
-        best_m, way = np.inf, np.zeros(3)
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
-        for item, placement in zip(self._geometry.geometryObjects, self._placed.oMg, strict=True):
-            if item.parentJoint <= 1 or (item.name == HELD and not holding):
-                continue  # base and shoulder stand where the person does not reach
-            result.clear()
-            arm = coal.Transform3s(placement.rotation, placement.translation)
-            distance_m = coal.distance(item.geometry, arm, person, HERE, request, result)
-            if distance_m < best_m:
-                best_m, way = distance_m, result.getNearestPoint1() - result.getNearestPoint2()
-        return float(best_m), way
+    def _coming_m_s(self, velocity_m_s: tuple[float, float] | None, ways: Array) -> Array:
+        """How fast the person comes nearer along each of the ways (L, 3): at least at half of its speed, as it may
+        turn; at a hand's full speed where that is not known."""
+        if velocity_m_s is None:
+            return np.full(len(ways), self.settings.hand_speed_m_s)
+        velocity = np.array(velocity_m_s)
+        speed, lengths = float(np.linalg.norm(velocity)), np.linalg.norm(ways[:, :2], axis=1)
+        towards = np.where(lengths < TINY, speed, ways[:, :2] @ velocity / np.maximum(lengths, TINY))
+        coming: Array = np.maximum(towards, speed / 2)
+        return coming
 
 
 def nearest(found: Sequence[Separation]) -> Separation | None:
@@ -210,26 +215,13 @@ def nearest(found: Sequence[Separation]) -> Separation | None:
     if not found:
         return None
     worst = min(found, key=lambda one: one.distance_m - one.least_m)
-    return Separation(worst.distance_m, min(one.share for one in found), worst.least_m)
+    return Separation(worst.distance_m, min(one.share for one in found), worst.least_m, worst.nearest)
 
 
-HELD = "held part"
-
-
-def _reach_m(time_s: Array, speed_m_s: float, settings: SeparationSettings) -> Array:
-    """How far a hand comes in these times, from this speed on, as fast as hands become."""
+def reach(time_s: float, speed_m_s: Array, settings: SeparationSettings) -> Array:
+    """How far hands come in this time in [m], from these speeds on, as fast as hands become."""
     top, haste = settings.hand_speed_m_s, settings.hand_acceleration_m_s2
-    start = min(speed_m_s + settings.speed_error_m_s, top)
+    start = np.minimum(speed_m_s + settings.speed_error_m_s, top)
     hastens_s = np.minimum(time_s, (top - start) / haste)
-    reach: Array = start * hastens_s + haste * hastens_s**2 / 2 + top * (time_s - hastens_s)
-    return reach
-
-
-def _coming_m_s(hand: HandSample, way: Array, settings: SeparationSettings) -> float:
-    """How fast the hand comes nearer, at least half of its speed, as it may turn; a hand's full speed if not known."""
-    if hand.velocity_m_s is None:
-        return settings.hand_speed_m_s
-    length_m = float(np.linalg.norm(way[:2]))
-    velocity = np.array(hand.velocity_m_s)
-    speed = float(np.linalg.norm(velocity)) if length_m < TINY else float(velocity @ way[:2]) / length_m
-    return max(speed, float(np.linalg.norm(velocity)) / 2)
+    way: Array = start * hastens_s + haste * hastens_s**2 / 2 + top * (time_s - hastens_s)
+    return way

@@ -40,7 +40,7 @@ class SeparationSettings(Model):
         speed_error_m_s: how far a hand's measured speed may be off.
         slow_m_s: speed of the arm at which a contact is admissible.
         braking_m_s2: how the arm's fastest point slows down from the slow speed, as measured.
-        reaction_s: from an answer of the detectors to the first braking: a tick and the arm's own cycle.
+        reaction_s: from an answer of the detectors to the first braking: a tick, the arm's own cycle, and what joints trail.
         hand_radius_m, hand_height_m: half the width of hand and forearm, and how high over the bench they may be.
         assumed_height_m: the height for which a tracker that does not tell heights works out positions.
         forearm_m: length of a forearm that is not seen, behind the palm.
@@ -54,7 +54,7 @@ class SeparationSettings(Model):
     speed_error_m_s: float = Field(default=0.1, ge=0, le=2)
     slow_m_s: float = Field(default=0.248, gt=0, le=0.5)
     braking_m_s2: float = Field(default=1.6, gt=0, le=20)
-    reaction_s: float = Field(default=0.048, ge=0, le=1)
+    reaction_s: float = Field(default=0.078, ge=0, le=1)
     hand_radius_m: float = Field(default=0.06, gt=0, le=0.3)
     hand_height_m: float = Field(default=0.30, gt=0, le=1)
     assumed_height_m: float = Field(default=0.10, ge=0, le=1)

@@ -196,7 +196,7 @@ def drive(
     configuration, tree = files.configuration, tree or files.tree
     with ExitStack() as stack:
         can_settings = configuration.gripper_can
-        bus = open_bus(can_settings.interface, can_settings.channel, can_settings.bitrate)
+        bus = open_bus(can_settings.interface, can_settings.channel, can_settings.bitrate, echo=True)
         if injection is not None:
             bus = injection.bus(bus, load_gripper_database(can_settings.database or SHIPPED))
             devices, observers = injection.devices(devices), (*observers, injection)

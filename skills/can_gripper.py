@@ -17,7 +17,8 @@ from skills.settings import CanSettings
 
 MISSED_PERIODS = 1.5
 ADOPTED_FORCE_N = 60.0  # the status does not tell with what force an adopted gripper holds
-KEEP_ALIVE_S = 0.25  # the gripper faults after 1 s without a command, and a lost command is repeated by this
+KEEP_ALIVE_S = 0.08  # the gripper faults after 1 s without a command, and a lost command is repeated by this
+UNHEARD_S = 0.06  # what was sent comes back by the next tick on a bus that echoes
 MAJOR_FAULT = 0x08  # lower values of gFLT only say that a command came before activation
 NO_COMMUNICATION = 0x09
 ADOPTION_S = 0.2  # until when an adopted gripper may say that it has heard nothing: it had no master
@@ -54,7 +55,8 @@ class CanGripper:
     """Implements `Gripper`; everything received is read when `state` is called, nothing runs in between.
 
     A gripper that is active already is adopted as it is: the first status tells what it was asked for, and its fingers
-    stay where they are. One that restarts is left alone: nothing activates it again but `activate`.
+    stay where they are. One that restarts is left alone: nothing activates it again but `activate`. On a bus that echoes
+    what is sent, a frame that does not come back did not go out.
 
     Attributes:
         ignored_frames: received frames that no message of the database explains, or of the wrong length.
@@ -72,21 +74,24 @@ class CanGripper:
         self._bus, self._clock, self._settings, self._tap = bus, clock, settings, tap
         self._request = {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, "rPR": 85.0, "rSP": 20.0, "rFR": 20.0}
         self._sent_s: float | None = None
+        self._echoes = False  # the bus has done so
+        self._unheard_s: float | None = None  # when the oldest frame was sent that did not come back
         self._opened_s = clock.now_s()
         self._heartbeat_s: float | None = None
         self._status: Mapping[str, float] | None = None
         self._status_s = self._opened_s
+        self._told = False  # a status came in this tick
         self._emergency = 0
         self._node_state: NodeState = "unknown"
         self._adopted_s: float | None = None
         self.ignored_frames = 0
 
     def state(self) -> GripperState:
-        """Read all waiting frames; raises DeviceFault on a missing heartbeat, a major fault or a dead bus."""
+        """Read all waiting frames; raises DeviceFault on a missing heartbeat, a major fault or a dead or deaf bus."""
         self._drain()
         self._check_heartbeat()
-        if self._sent_s is not None and self._clock.now_s() - self._sent_s >= KEEP_ALIVE_S:
-            self._send()
+        self._check_echo()
+        self._keep_alive()
         if self._status is None:
             return GripperState(
                 self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0, self._node_state
@@ -130,6 +135,7 @@ class CanGripper:
         self._bus.shutdown()
 
     def _drain(self) -> None:
+        self._told = False
         try:
             while (message := self._bus.recv(timeout=0)) is not None:
                 self._receive(message)
@@ -137,6 +143,9 @@ class CanGripper:
             raise DeviceFault("gripper", f"reading the CAN bus failed: {error}") from error
 
     def _receive(self, message: can.Message) -> None:
+        if message.arbitration_id == self._command.frame_id and not message.is_rx:
+            self._echoes, self._unheard_s = True, None
+            return
         now = self._clock.now_s()
         data = bytes(message.data)
         self._record(CanFrame(now, message.arbitration_id, data, sent=False))
@@ -156,7 +165,7 @@ class CanGripper:
             self._emergency = (int(values["FaultStatus"]) or INTERNAL_FAULT) if values["ErrorCode"] else 0
         else:
             self._take_status(values)
-            self._status, self._status_s = values, now
+            self._status, self._status_s, self._told = values, now, True
 
     def _take_status(self, status: Mapping[str, float]) -> None:
         """Adopt a gripper that is active already, and notice one that has restarted."""
@@ -186,6 +195,19 @@ class CanGripper:
         if now - self._heartbeat_s > limit + 1e-6:
             raise DeviceFault("gripper", f"no heartbeat for {now - self._heartbeat_s:.3f} s, limit {limit:.3f} s")
 
+    def _keep_alive(self) -> None:
+        """Only right after a status, which would tell of a restart: a command would activate the node anew."""
+        due = self._sent_s is not None and self._clock.now_s() - self._sent_s >= KEEP_ALIVE_S
+        if due and self._told:
+            self._send()
+
+    def _check_echo(self) -> None:
+        if not self._echoes or self._unheard_s is None:
+            return
+        gone_s = self._clock.now_s() - self._unheard_s
+        if gone_s > UNHEARD_S:
+            raise DeviceFault("gripper", f"commands do not go out over the CAN bus: the last one {gone_s:.2f} s ago")
+
     def _object_status(self, status: Mapping[str, float]) -> ObjectStatus:
         """Register gOBJ; moving until the status echoes the last command, so that no old answer is taken for a new."""
         asked = _decoded(self._command, self._command.encode(self._request))
@@ -200,6 +222,7 @@ class CanGripper:
         except (can.CanError, OSError) as error:
             raise DeviceFault("gripper", f"writing to the CAN bus failed: {error}") from error
         self._sent_s = self._clock.now_s()
+        self._unheard_s = self._sent_s if self._unheard_s is None else self._unheard_s
         self._record(CanFrame(self._sent_s, self._command.frame_id, data, sent=True))
         return data
 

@@ -7,8 +7,14 @@ import can
 from cell.interfaces.errors import SettingError
 
 
-def open_bus(interface: str, channel: str, bitrate: int = 500_000) -> can.BusABC:
+ECHOING = ("virtual", "socketcan", "kvaser", "vector", "ixxat", "nixnet", "etas")
+
+
+def open_bus(interface: str, channel: str, bitrate: int = 500_000, *, echo: bool = False) -> can.BusABC:
     """Open a bus.
+
+    Args:
+        echo: what is sent is received, too, once it has gone out; only where python-can and the adapter can do that.
 
     Raises:
         SettingError: python-can has no such interface, or there is no such channel on this machine.
@@ -18,6 +24,7 @@ def open_bus(interface: str, channel: str, bitrate: int = 500_000) -> can.BusABC
         what = f"no CAN interface {interface!r}; python-can has {', '.join(sorted(can.VALID_INTERFACES))}"
         raise SettingError((where, what))
     try:
-        return can.Bus(interface=interface, channel=channel, bitrate=bitrate)
+        echoing = {"receive_own_messages": True} if echo and interface in ECHOING else {}
+        return can.Bus(interface=interface, channel=channel, bitrate=bitrate, **echoing)
     except (can.CanError, OSError, ValueError, NotImplementedError, ImportError, AttributeError) as error:
         raise SettingError((where, f"no CAN bus {interface!r} {channel!r}: {error}")) from error

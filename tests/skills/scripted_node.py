@@ -58,7 +58,9 @@ class ScriptedNode:
         self._cycle += 1
 
     def restart(self) -> None:
-        """Lose power for a moment: nothing that was commanded is remembered."""
+        """Lose power for a moment: nothing that was commanded, or waits to be read, is remembered."""
+        while self.bus.recv(timeout=0) is not None:
+            pass
         self._request = {"rACT": 0, "rGTO": 0, "rPR": 85.0, "rSP": 20.0}
         self._active_in = 10
         self.send("GripperHeartbeat", {"NodeState": 0})

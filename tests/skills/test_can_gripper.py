@@ -237,6 +237,41 @@ def test_the_state_of_the_node_is_told(rig: Rig) -> None:
         assert rig.gripper.state().node_state == state
 
 
+class LosesWhatIsSent:
+    """A bus whose frames do not go out any more once it is deaf."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus, self.deaf = bus, False
+
+    def send(self, message: can.Message) -> None:
+        if not self.deaf:
+            self._bus.send(message)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._bus, name)
+
+
+@pytest.mark.parametrize(("echo", "seen"), [(True, True), (False, False)])
+def test_commands_that_do_not_go_out_are_noticed_by_their_missing_echo(echo: bool, seen: bool) -> None:
+    settings = CanSettings(channel=f"deaf bus {echo}")
+    node = ScriptedNode(settings.channel)
+    clock = NodeClock(node)
+    bus = LosesWhatIsSent(open_bus(settings.interface, settings.channel, echo=echo))
+    gripper = CanGripper(bus, clock, settings)  # type: ignore[arg-type]  # it only looks like one
+    bench = gripper_contract.Bench(gripper, clock, lambda _: None)
+    bench.activated()
+    bench.wait(1.0)  # as long as frames go out nothing is said
+    bus.deaf, began_s = True, clock.now_s()
+    if seen:
+        with pytest.raises(DeviceFault, match="commands do not go out"):
+            bench.wait(0.8)
+        assert clock.now_s() - began_s <= 0.21
+    else:
+        bench.wait(0.8)
+    gripper.close()
+    node.bus.shutdown()
+
+
 def test_a_status_that_stays_away_keeps_its_age(rig: Rig) -> None:
     before = rig.bench.activated()
     rig.node.mute_status = True

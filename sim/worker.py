@@ -147,6 +147,11 @@ class Worker:
         return self._intruding is not None
 
     @property
+    def busy(self) -> bool:
+        """Whether the hand is occupied with a part."""
+        return self._diary.doing is None or self._diary.doing[0] == "assembly"
+
+    @property
     def events(self) -> list[ActionEvent]:
         """What the hand did so far, in order."""
         return self._diary.actions
@@ -163,8 +168,7 @@ class Worker:
     def _tempted(self, dt_s: float) -> bool:
         """Whether the hand goes into the arm's way in this period: the arm moves, and the hand is free."""
         often = self._person.robot.intrusions_per_min
-        doing = self._diary.doing
-        if not often or not self._sight.arm_moving or doing is None or doing[0] == "assembly":
+        if not often or not self._sight.arm_moving or self.busy:
             return False
         return self._chance.random() < often / 60 * dt_s
 

@@ -1,4 +1,4 @@
-"""The arm's outline along its path: how far each link, the gripper or a held part is from a body, and how fast it is."""
+"""The arm's outline: how far each link, the gripper or a held part is from a body, and where its corners are."""
 
 from __future__ import annotations
 

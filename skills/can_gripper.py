@@ -55,8 +55,8 @@ class CanGripper:
     """Implements `Gripper`; everything received is read when `state` is called, nothing runs in between.
 
     A gripper that is active already is adopted as it is: the first status tells what it was asked for, and its fingers
-    stay where they are. One that restarts is left alone: nothing activates it again but `activate`. On a bus that echoes
-    what is sent, a frame that does not come back did not go out.
+    stay where they are. One that restarts is left alone: nothing activates it again but `activate`. On a bus that
+    echoes what is sent, a frame that does not come back did not go out.
 
     Attributes:
         ignored_frames: received frames that no message of the database explains, or of the wrong length.

@@ -40,7 +40,7 @@ class SeparationSettings(Model):
         speed_error_m_s: how far a hand's measured speed may be off.
         slow_m_s: speed of the arm at which a contact is admissible.
         braking_m_s2: how the arm's fastest point slows down from the slow speed, as measured.
-        reaction_s: from an answer of the detectors to the first braking: a tick, the arm's own cycle, and what joints trail.
+        reaction_s: from an answer of the detectors to the first braking: a tick, the arm's cycle, what joints trail.
         hand_radius_m, hand_height_m: half the width of hand and forearm, and how high over the bench they may be.
         assumed_height_m: the height for which a tracker that does not tell heights works out positions.
         forearm_m: length of a forearm that is not seen, behind the palm.

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json
+from cell.configuration import DEFAULT_TREE
+from cell.evaluating.row_file import Row, RowFile
+
+OutOption = Annotated[
+    Path | None, typer.Option(help="Keep the rows in this file; what is in it already is not run again.")
+]
 
 
 def faults(
     fault: Annotated[list[str] | None, typer.Option(help="Only these faults; all by default.")] = None,
     state: Annotated[list[str] | None, typer.Option(help="Only these states; all by default.")] = None,
-    tries: Annotated[int, typer.Option(min=1, help="Runs of each pair, with other seeds.")] = 1,
+    tries: Annotated[
+        int, typer.Option(min=1, help="Runs of each pair, with other seeds; of one run where nothing moves.")
+    ] = 1,
     pixels: Annotated[
         bool, typer.Option("--pixels", help="Render every image, and run every pair from its beginning: slower.")
     ] = False,
+    out: OutOption = None,
     assemblies: Annotated[
         int, typer.Option(min=0, help="Instead: so many whole assemblies beside a person, with random faults.")
     ] = 0,
@@ -26,16 +37,15 @@ def faults(
     as_json: JsonOption = False,
 ) -> int:
     """Put every fault into every state of a pick and place, and say how it ended; status 1 where not as promised."""
-    from cell.evaluating.faults import chosen, fast_rows, fault_try, merged
+    from cell.evaluating.faults import chosen, fast_rows, fault_try, left, merged, totals
 
-    screen = console()
     if assemblies:
-        return _assemblies(Path(config), range(first_seed, first_seed + assemblies), each, pixels, as_json)
-    pairs = chosen(fault, state)
-    found: dict[tuple[object, object], list[dict[str, object]]] = {}
+        return _assemblies(Path(config), range(first_seed, first_seed + assemblies), each, pixels, out, as_json)
+    screen, pairs = console(), chosen(fault, state)
+    kept = RowFile(out, {"command": "faults", "pixels": pixels, "config": str(config)})
 
-    def tell(row: dict[str, object]) -> None:
-        found.setdefault((row["fault"], row["state"]), []).append(row)
+    def tell(row: Row) -> None:
+        kept.add(row)
         words = "as promised" if row["as_promised"] else "NOT AS PROMISED"
         screen.print(
             f"{row['fault']:<20} {row['state']:<16} {row['end']:<12} {words:<16} ticks {row['ticks_to_stop']}  "
@@ -44,59 +54,103 @@ def faults(
         )
 
     for seed in range(first_seed, first_seed + tries):
-        if not pixels:
-            fast_rows(Path(config), pairs, seed, tell)
-            continue
-        for at, names in pairs.items():
+        todo = left(pairs, kept.rows, seed, first_seed)
+        if todo and not pixels:
+            fast_rows(Path(config), todo, seed, tell)
+        for at, names in todo.items() if pixels else ():
             for name in names:
                 tell(fault_try(Path(config), name, at, seed))
-    table = [merged(rows) for rows in found.values()]
+    wanted = {(name, at) for at, names in pairs.items() for name in (*names, "none")} | {("none", "none")}
+    rows = [row for row in kept.rows if (row["fault"], row["state"]) in wanted]
+    table = merged(rows)
     good = all(bool(row["as_promised"]) for row in table)
     screen.print(f"{sum(bool(row['as_promised']) for row in table)} of {len(table)} pairs ended as promised")
+    screen.print(totals(rows))
     if as_json:
-        print_json({"rows": table, "as_promised": good})
+        print_json({"rows": table, "as_promised": good, **totals(rows)})
     return 0 if good else 1
 
 
-def _assemblies(path: Path, seeds: range, faults: int, pixels: bool, as_json: bool) -> int:
-    from cell.evaluating.troubled import troubled_assembly
+def _assemblies(path: Path, seeds: range, faults: int, pixels: bool, out: Path | None, as_json: bool) -> int:
+    from cell.evaluating.troubled import counted, troubled_assembly
 
-    screen, rows = console(), []
+    screen = console()
+    kept = RowFile(out, {"command": "faults", "faults": faults, "pixels": pixels, "config": str(path)})
+    done = {row["seed"] for row in kept.rows}
     for seed in seeds:
+        if seed in done:
+            continue
         row = troubled_assembly(path, seed, faults, rendered=pixels)
-        rows.append(row)
+        kept.add(row)
         words = "WRONG, AND NOT KNOWN" if row["unknown"] else "as promised" if row["as_promised"] else "NOT AS PROMISED"
         screen.print(f"seed {seed}: {row['end']}, {words}; {row['faults']}; {row['reason']}", highlight=False)
-    good, unknown = sum(bool(row["as_promised"]) for row in rows), sum(bool(row["unknown"]) for row in rows)
-    screen.print(f"{good} of {len(rows)} assemblies ended as promised, {unknown} wrong without being known")
+    rows = [row for row in kept.rows if row["seed"] in seeds]
+    found = counted(rows)
+    screen.print(found)
     if as_json:
-        print_json({"rows": rows, "as_promised": good, "unknown": unknown})
-    return 0 if good == len(rows) else 1
+        print_json({"rows": rows, **found})
+    return 0 if found["as_promised"] == len(rows) else 1
 
 
 def encounters(
     encounters: Annotated[int, typer.Option(min=1, help="How many times a hand goes into the arm's way.")] = 20,
     person: Annotated[str, typer.Option(help="Kind of person, as for `cell run --person`.")] = "careless",
     first_seed: Annotated[int, typer.Option(help="Seed of the first assembly.")] = 0,
+    provoked: Annotated[
+        bool,
+        typer.Option(
+            "--provoked/--by-habit", help="The hand goes into the arm's way in every phase; or as seldom as it does."
+        ),
+    ] = True,
     throughput_seeds: Annotated[
-        int, typer.Option(min=0, help="Assemblies beside a careful person with and without separation.")
+        int, typer.Option(min=0, help="Brackets beside a careful person with and without separation, for both trees.")
     ] = 3,
+    tree: Annotated[Path, typer.Option(help="Tree file to run.")] = DEFAULT_TREE,
     pixels: Annotated[bool, typer.Option("--pixels", help="Render every image: twice the time.")] = False,
+    out: OutOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> int:
     """Assemble beside a person who gets in the way, and count contacts; status 1 where one was fast or avoidable."""
-    from cell.evaluating.encounters import meet, throughput_ratio
+    from cell.evaluating.assembly import ALGORITHM_1
+    from cell.evaluating.encounters import encounter, summary
+    from cell.evaluating.throughput import throughput_ratio, timed_pair
 
-    screen = console()
-
-    def tell(words: str) -> None:
-        screen.print(words, highlight=False)
-
-    found = meet(Path(config), person, encounters, first_seed, tell, rendered=pixels)
-    summary = {**found, "throughput_ratio": throughput_ratio(Path(config), range(throughput_seeds))}
-    screen.print({name: value for name, value in summary.items() if name != "rows"})
+    screen, path = console(), Path(config)
+    experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": pixels, "config": str(config)}
+    kept = RowFile(out, {"command": "encounters", **experiment})
+    done = {(row["kind"], row.get("tree"), row["seed"]) for row in kept.rows}
+    seed = first_seed
+    while _met(kept.rows) < encounters and (seed < first_seed + 5 or _met(kept.rows)):
+        if ("assembly", None, seed) not in done:
+            kept.add(encounter(path, tree, person, seed, provoked=provoked, rendered=pixels))
+            _tell_assembly(screen, kept.rows[-1])
+        seed += 1
+    trees = (ALGORITHM_1, DEFAULT_TREE)
+    for file, number in [(one, number) for number in range(throughput_seeds) for one in trees]:
+        if ("throughput", file.name, number) not in done:
+            kept.add(timed_pair(path, file, number))
+    found = summary(kept.rows)
+    ratios = {"throughput_ratio" + "_ahead" * (one == DEFAULT_TREE): throughput_ratio(kept.rows, one) for one in trees}
+    told = {**experiment, **found, **ratios}
+    screen.print(told)
     if as_json:
-        print_json(summary)
-    bad = found["contacts_fast"] or found["contacts_avoidable"] or found["moved_while_unknown"]
-    return 1 if bad else 0
+        print_json({**told, "rows": kept.rows})
+    return 1 if found["contacts_fast"] or found["contacts_avoidable"] or found["moved_while_unknown"] else 0
+
+
+def _met(rows: Sequence[Row]) -> int:
+    return sum(int(str(row["encounters"])) for row in rows if row["kind"] == "assembly")
+
+
+def _tell_assembly(screen: Console, row: Row) -> None:
+    contacts: Sequence[Row] = row["contacts"]  # type: ignore[assignment]
+    words = f"{row['encounters']} encounters, {len(contacts)} contacts"
+    screen.print(f"seed {row['seed']}: {row['end']} after {row['sim_time_s']} s, {words}", highlight=False)
+    for one in contacts:
+        bad = " FAST" * bool(one["fast"]) + " AVOIDABLE" * bool(one["avoidable"])
+        screen.print(
+            f"  {one['start_s']:.2f} s {one['phase']}: {one['robot']} and {one['human']}, "
+            f"first {one['first_m_s']:.2f}, at most {one['speed_m_s']:.2f} m/s{bad}; {one['known']}",
+            highlight=False,
+        )

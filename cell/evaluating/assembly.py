@@ -22,6 +22,7 @@ from sim.cell import SimCell
 from skills.planner import MotionPlanner
 from trees.files.loader import load_tree
 
+ALGORITHM_1 = shipped("trees", "assemble.xml")
 NOTICES_S = 3.0
 Injected = Injection | Injections | None
 
@@ -57,7 +58,13 @@ class Attendant:
 
 @contextmanager
 def assembly(
-    path: Path, person: str, seed: int, table: FaultTable | None = None, *, rendered: bool = False
+    path: Path,
+    person: str,
+    seed: int,
+    table: FaultTable | None = None,
+    *,
+    tree: Path = ALGORITHM_1,
+    rendered: bool = False,
 ) -> Iterator[Assembly]:
     """A simulated cell beside a person who builds one of the product's goals.
 
@@ -65,13 +72,15 @@ def assembly(
         path: of the configuration.
         person: a kind of person, or a file.
         table: what the supervisor does about faults; the configured one by default.
+        tree: file of the tree that is run.
     """
     configuration = simulated(load_configuration(path), None, person)
     product = load_product(configuration, path)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    tree = load_tree(shipped("trees", "assemble.xml"), node_registry())
     faults = table or load_faults(configuration)
-    files = Files(configuration, product, tree, load_planners(configuration, product), faults)
+    files = Files(
+        configuration, product, load_tree(tree, node_registry()), load_planners(configuration, product), faults
+    )
     can = configuration.gripper_can
     settings = configuration.devices.simulation
     cell = SimCell(

@@ -1,19 +1,21 @@
-"""Assemblies beside a person who goes into the arm's way: contacts as they really were, and what separation costs."""
+"""Assemblies beside a person who goes into the arm's way in every phase: contacts as they really were."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable
+from bisect import bisect_right
+from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from cell.configuration import load_configuration, load_faults
 from cell.evaluating.assembly import assembly
-from cell.interfaces.judgement import Action, FaultTable
+from cell.evaluating.row_file import Row
+from cell.interfaces.judgement import Action
 from cell.interfaces.perception import Frame, HandSample
 from cell.observer import Level, Outcome, TickRecord
+from cell.running.injection import STATES, WorkState
 from sim.cell import SimCell
 from sim.contacts import Contact
 from skills.separation import SeparationMonitor
@@ -23,17 +25,19 @@ DRIVEN_M_S = 0.05  # below this the arm stood, and the person touched it
 STOPS_S = 0.35  # after this the arm stands that was told to hold
 LATE_S = 0.15  # as late as answers about the hand come: half a frame's period, the detectors' time and a tick
 BOX = (100, 100, 200, 200)
-OF_PERSON = ("hand_near", "hand_too_near", "blind_area")
+LATEST_S = 0.8  # after a phase began, a hand comes at the latest
+RESTS_S = 1.0  # between two reaches into the arm's way
 
 
 @dataclass(frozen=True)
 class _Tick:
-    """Since when the arm was held, and since when it should have been; infinite for not. And what was known."""
+    """Since when the arm was held, and since when it should have been; infinite for not. What was known; the phase."""
 
     time_s: float
     held_s: float
     should_s: float
     known: str
+    phase: str
 
 
 @dataclass
@@ -52,11 +56,13 @@ class Encounters:
     _held_s: float = np.inf
     _should_s: float = np.inf
     _unknown_s: float = np.inf
+    _work: WorkState = field(default_factory=WorkState)
 
     def frame(self, frame: Frame) -> None:
         """Images are not looked at."""
 
     def tick(self, record: TickRecord) -> None:
+        self._work.see(record)
         seen, judgement = record.observation, record.judgement
         now_s, bench = seen.time_s, seen.bench
         held = judgement is not None and judgement.action >= Action.HOLD
@@ -67,7 +73,7 @@ class Encounters:
         self.moved_while_unknown += now_s - self._unknown_s > STOPS_S and not seen.arm.stands
         words = "" if judgement is None else judgement.words
         hand = "unknown" if unknown else "seen" if bench is not None and bench.hand is not None else "not seen"
-        self._ticks.append(_Tick(now_s, self._held_s, self._should_s, f"hand {hand}; {words}"))
+        self._ticks.append(_Tick(now_s, self._held_s, self._should_s, f"hand {hand}; {words}", self._work.name))
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         """Messages are not kept."""
@@ -75,18 +81,27 @@ class Encounters:
     def close(self, outcome: Outcome) -> None:
         """Nothing to do."""
 
+    def phase(self, time_s: float) -> str:
+        """Of the work at this time."""
+        return self._at(time_s).phase
+
     def judge(self, contact: Contact) -> dict[str, object]:
         """A contact as a row: could the formula have avoided it, and what did the cell know."""
-        before = [tick for tick in self._ticks if tick.time_s <= contact.start_s]
-        last = before[-1] if before else _Tick(0.0, np.inf, np.inf, "")
+        last = self._at(contact.start_s)
         driven = contact.first_m_s > DRIVEN_M_S
         since_s = min(last.held_s, last.should_s)
         return {
             **vars(contact),
             "fast": contact.speed_m_s > SLOW_M_S,
             "avoidable": driven and contact.start_s - since_s > STOPS_S,
+            "phase": last.phase,
             "known": last.known,
         }
+
+    def _at(self, time_s: float) -> _Tick:
+        """The last tick by then."""
+        number = bisect_right([tick.time_s for tick in self._ticks], time_s)
+        return self._ticks[number - 1] if number else _Tick(0.0, np.inf, np.inf, "", "start")
 
     def _should_hold(self, record: TickRecord) -> bool:
         """Whether the formula holds the arm, told the truth about the hand as late as the cell may know it."""
@@ -109,62 +124,88 @@ class Encounters:
         return found.distance_m < found.least_m
 
 
-def meet(
-    path: Path, person: str, encounters: int, first_seed: int, tell: Callable[[str], None], *, rendered: bool = False
-) -> dict[str, object]:
-    """Assemble until so many times a hand went into the arm's way."""
-    met = seeds = moved = 0
-    rows: list[dict[str, object]] = []
-    ends: dict[str, int] = {}
-    while met < encounters:
-        seed = first_seed + seeds
-        with assembly(path, person, seed, rendered=rendered) as opened:
-            cell, watch = opened.cell, Encounters(opened.cell, opened.motion.separation)
-            outcome = opened.run([watch], None)
-        assert cell.worker is not None
-        assert cell.contacts is not None
-        acts = sum(event.fields.get("act") == "intrude" for event in cell.worker.acts)
-        found = [{"seed": seed, **watch.judge(one)} for one in cell.contacts.all()]
-        rows += found
-        met, seeds, moved = met + acts, seeds + 1, moved + watch.moved_while_unknown
-        ends[outcome.end] = ends.get(outcome.end, 0) + 1
-        tell(f"seed {seed}: {outcome.end} after {outcome.sim_time_s:.0f} s, {acts} encounters, {len(found)} contacts")
-        for row in found:
-            words = " FAST" * bool(row["fast"]) + " AVOIDABLE" * bool(row["avoidable"])
-            tell(
-                f"  {row['start_s']:.2f} s {row['robot']} and {row['human']}, first {row['first_m_s']:.2f}, "
-                f"at most {row['speed_m_s']:.2f} m/s{words}; {row['known']}"
-            )
-        if not met and seeds > 5 * encounters:
-            break
+class Provocation:
+    """An observer that sends the hand into the arm's way once in every phase of its work, and again when all were.
+
+    A hand that is busy with a part is left alone.
+    """
+
+    def __init__(self, cell: SimCell, seed: int) -> None:
+        self._cell, self._rng = cell, np.random.default_rng([seed, 11])
+        self._work, self._phases = WorkState(), list(STATES)
+        self._wait_s, self._since_s, self._last_s = 0.0, 0.0, -np.inf
+
+    def frame(self, frame: Frame) -> None:
+        """Images are not looked at."""
+
+    def tick(self, record: TickRecord) -> None:
+        worker, now_s = self._cell.worker, record.observation.time_s
+        self._work.see(record)
+        if self._work.ticks == 0:  # a phase begins
+            self._since_s, self._wait_s = now_s, float(self._rng.uniform(0.0, LATEST_S))
+        if worker is None or worker.intruding:
+            self._last_s = now_s
+        elif (
+            self._work.name in self._phases
+            and now_s - self._since_s >= self._wait_s
+            and now_s - self._last_s >= RESTS_S
+            and not worker.busy
+        ):
+            self._phases.remove(self._work.name)
+            self._phases = self._phases or list(STATES)
+            worker.intrude()
+
+    def message(self, time_s: float, level: Level, text: str) -> None:
+        """Messages are not kept."""
+
+    def close(self, outcome: Outcome) -> None:
+        """Nothing to do."""
+
+
+def encounter(path: Path, tree: Path, person: str, seed: int, *, provoked: bool, rendered: bool = False) -> Row:
+    """One assembly beside this person, with every encounter of hand and arm and every contact.
+
+    Args:
+        provoked: the person goes into the arm's way in every phase, whatever their habits are.
+    """
+    with assembly(path, person, seed, tree=tree, rendered=rendered) as opened:
+        cell, watch = opened.cell, Encounters(opened.cell, opened.motion.separation)
+        outcome = opened.run([watch, Provocation(cell, seed)] if provoked else [watch], None)
+    assert cell.worker is not None
+    assert cell.contacts is not None
+    met = [act for act in cell.worker.acts if act.fields.get("act") == "intrude"]
     return {
-        "person": person,
-        "assemblies": seeds,
-        "ends": ends,
-        "encounters": met,
-        "contacts": len(rows),
-        "contacts_fast": sum(bool(row["fast"]) for row in rows),
-        "contacts_avoidable": sum(bool(row["avoidable"]) for row in rows),
-        "fastest_m_s": round(max((float(str(row["speed_m_s"])) for row in rows), default=0.0), 3),
-        "moved_while_unknown": moved,
-        "pixels": rendered,
-        "rows": rows,
+        "kind": "assembly",
+        "seed": seed,
+        "end": outcome.end,
+        "sim_time_s": round(outcome.sim_time_s, 2),
+        "encounters": len(met),
+        "phases": [watch.phase(act.time_s) for act in met],
+        "speeds_m_s": [round(float(str(act.fields["speed_m_s"])), 2) for act in met],
+        "moved_while_unknown": watch.moved_while_unknown,
+        "contacts": [{"seed": seed, **watch.judge(one)} for one in cell.contacts.all()],
     }
 
 
-def throughput_ratio(path: Path, seeds: Iterable[int]) -> float | None:
-    """Time for a bracket beside a careful person, with separation over without it, paired by seed."""
-    table = load_faults(load_configuration(path))
-    rows = [row.model_copy(update={"action": "run"}) if row.signal in OF_PERSON else row for row in table.faults]
-    without = table.model_copy(update={"faults": tuple(rows)})
-    times = [pair for seed in seeds if None not in (pair := (_time_s(path, seed, table), _time_s(path, seed, without)))]
-    if not times:
-        return None
-    return round(sum(one or 0.0 for one, _ in times) / sum(other or 0.0 for _, other in times), 3)
+def summary(rows: Sequence[Row]) -> Row:
+    """Counts of all assemblies."""
+    rows = [row for row in rows if row["kind"] == "assembly"]
+    contacts: list[Row] = [contact for row in rows for contact in row["contacts"]]  # type: ignore[attr-defined]
+    phases = [str(phase) for row in rows for phase in row["phases"]]  # type: ignore[attr-defined]
+    speeds = [float(speed) for row in rows for speed in row["speeds_m_s"]]  # type: ignore[attr-defined]
+    return {
+        "assemblies": len(rows),
+        "ends": _counted([str(row["end"]) for row in rows]),
+        "encounters": len(phases),
+        "phases": _counted(phases),
+        "fastest_hand_m_s": max(speeds, default=0.0),
+        "contacts": len(contacts),
+        "contacts_fast": sum(bool(one["fast"]) for one in contacts),
+        "contacts_avoidable": sum(bool(one["avoidable"]) for one in contacts),
+        "fastest_m_s": round(max((float(str(one["speed_m_s"])) for one in contacts), default=0.0), 3),
+        "moved_while_unknown": sum(int(str(row["moved_while_unknown"])) for row in rows),
+    }
 
 
-def _time_s(path: Path, seed: int, table: FaultTable) -> float | None:
-    """How long a bracket takes; None where none was finished."""
-    with assembly(path, "careful", seed, table) as opened:
-        outcome = opened.run([], None)
-    return outcome.sim_time_s if outcome.end == "finished" else None
+def _counted(words: Sequence[str]) -> dict[str, int]:
+    return dict(Counter(words).most_common())

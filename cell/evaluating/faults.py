@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ import cv2
 
 from cell.configuration import load_configuration, load_faults, load_product
 from cell.evaluating.bare_host import without_pixels
+from cell.evaluating.row_file import Row
 from cell.evaluating.stop_watch import StopWatch
 from cell.interfaces.files import shipped
 from cell.observer import Outcome, TickRecord
@@ -36,7 +38,6 @@ LONGEST_S = 60.0  # of a trial, in simulated time: it needs 20 s without a fault
 HANGS_S = 600  # of a trial, by the wall
 EVERY_STATE = ("idle", *STATES, "waiting_for_help")
 assert {*EVERY_STATE} == {*STATES, *OTHER_STATES}
-Row = dict[str, object]
 Pairs = Mapping[str, Sequence[str]]
 
 
@@ -49,8 +50,23 @@ def chosen(faults: Sequence[str] | None, states: Sequence[str] | None) -> Pairs:
     return pairs
 
 
-def merged(rows: Sequence[Row]) -> Row:
-    """All tries of one fault in one state; figures are the worst of them."""
+def left(pairs: Pairs, rows: Sequence[Row], seed: int, first_seed: int) -> Pairs:
+    """The pairs that still have to be run with this seed: where nothing moves, one run is enough."""
+    done = {(row["fault"], row["state"]) for row in rows if row["seed"] == seed}
+    states = {state: names for state, names in pairs.items() if seed == first_seed or state not in OTHER_STATES}
+    todo = {state: [name for name in names if (name, state) not in done] for state, names in states.items()}
+    return {state: names for state, names in todo.items() if names}
+
+
+def merged(rows: Sequence[Row]) -> list[Row]:
+    """A row for each fault in each state; figures are the worst of its tries."""
+    tries: dict[tuple[object, object], list[Row]] = {}
+    for row in rows:
+        tries.setdefault((row["fault"], row["state"]), []).append(row)
+    return [_worst(found) for found in tries.values()]
+
+
+def _worst(rows: Sequence[Row]) -> Row:
     worst = max(rows, key=lambda one: (not one["as_promised"], one["ticks_to_stop"], one["stop_s"]))
     return {
         **worst,
@@ -62,6 +78,24 @@ def merged(rows: Sequence[Row]) -> Row:
     }
 
 
+def totals(rows: Sequence[Row]) -> Row:
+    """Of all tries: how many ended as promised, recovered and kept their part, and how soon they stopped."""
+    rows = [row for row in rows if row["fault"] != "none"]
+    could = [row for row in rows if row["recoverable"]]
+    parts = [row for row in rows if row["held"] is not None]
+    ticks = Counter(int(str(row["ticks_to_stop"])) for row in rows)
+    return {
+        "tries": len(rows),
+        "ended_as_promised": sum(bool(row["as_promised"]) for row in rows),
+        "recoverable": len(could),
+        "recovered": sum(bool(row["recovered"]) for row in could),
+        "parts_held": len(parts),
+        "parts_kept": sum(bool(row["held"]) for row in parts),
+        "by_ticks_to_stop": {str(number): ticks[number] for number in sorted(ticks)},
+        "most_stop_m": max((float(str(row["stop_m"])) for row in rows), default=0.0),
+    }
+
+
 class Fork(Injection):
     """Splits the run at every state.
 
@@ -70,8 +104,9 @@ class Fork(Injection):
         answer: where it writes how it ended.
     """
 
-    def __init__(self, pairs: Pairs, tell: Callable[[Row], None]) -> None:
+    def __init__(self, pairs: Pairs, seed: int, tell: Callable[[Row], None]) -> None:
         super().__init__("", next(iter(pairs)))
+        self._seed = seed
         self._left = dict(pairs)
         self._tell = tell
         self.child, self.answer = False, -1
@@ -97,7 +132,7 @@ class Fork(Injection):
             with os.fdopen(reading) as answer:
                 text = answer.read()
             _, status = os.waitpid(process, 0)
-            self._tell(json.loads(text) if text else _broken(fault, self.state, status))
+            self._tell(json.loads(text) if text else _broken(fault, self.state, self._seed, status))
 
     def reply(self, row: Row) -> None:
         """The child is done; it ends without a word to anybody else."""
@@ -116,7 +151,7 @@ def fast_rows(path: Path, pairs: Pairs, seed: int, tell: Callable[[Row], None]) 
     A state that never came is told, too, as a row that is not as promised.
     """
     cv2.setNumThreads(0)  # a pool of threads does not live on in a forked child, which would wait for it
-    fork = Fork(pairs, tell)
+    fork = Fork(pairs, seed, tell)
     row = _trial(path, fork, seed, rendered=False)
     if fork.child:
         fork.reply(row)
@@ -187,13 +222,13 @@ def _row(cell: SimCell, injection: Injection, watch: StopWatch, outcome: Outcome
     }
 
 
-def _broken(fault: str, state: str, status: int) -> Row:
+def _broken(fault: str, state: str, seed: int, status: int) -> Row:
     """The row of a child that said nothing: it hung, or something ended it."""
     hangs = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM
     numbers = {"ticks_to_stop": -1, "ticks_from_fault": -1, "stop_s": 0.0, "stop_m": 0.0, "contact_m_s": 0.0}
     words = {"reason": f"status {status} of the child", "condition": "", "end": "hangs" if hangs else "broke off"}
     flags = {"reached": True, "held": None, "recoverable": False, "recovered": False, "as_promised": False}
-    return {"fault": fault, "state": state, "seed": -1, "exit_status": -1, **words, **numbers, **flags}
+    return {"fault": fault, "state": state, "seed": seed, "exit_status": -1, **words, **numbers, **flags}
 
 
 def _hangs(cell: SimCell) -> bool:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from cell.evaluating.assembly import assembly
+from cell.evaluating.row_file import Row
 from cell.running.injection import FAULTS, OTHER_STATES, STATES, Injection, Injections
 
+RECOVERABLE = 0.8  # share of faults that a run can recover from
 EVERY_STATE = (*STATES, *OTHER_STATES)
 
 
@@ -20,7 +24,7 @@ def troubled_assembly(path: Path, seed: int, faults: int, *, rendered: bool = Fa
         it says that it is finished, and the bracket is wrong.
     """
     rng = np.random.default_rng([seed, faults])
-    drawn = [(str(rng.choice(list(FAULTS))), str(rng.choice(EVERY_STATE))) for _ in range(faults)]
+    drawn = [(_fault(rng), str(rng.choice(EVERY_STATE))) for _ in range(faults)]
     injected = Injections([Injection(*pair) for pair in drawn])
     with assembly(path, "careful", seed, rendered=rendered) as opened:
         outcome = opened.run([], injected)
@@ -41,4 +45,25 @@ def troubled_assembly(path: Path, seed: int, faults: int, *, rendered: bool = Fa
         "wrong_placements": score["wrong_placements"],
         "as_promised": right if finished else outcome.end in ends,
         "unknown": finished and not right,
+    }
+
+
+def _fault(rng: np.random.Generator) -> str:
+    """Mostly one that a run can recover from, as a single other one ends the run."""
+    recoverable = [name for name, kind in FAULTS.items() if "finished" in kind.ends]
+    others = [name for name in FAULTS if name not in recoverable]
+    return str(rng.choice(recoverable if rng.random() < RECOVERABLE else others))
+
+
+def counted(rows: Sequence[Row]) -> Row:
+    """How many finished right, how many ended in the condition that the table of faults states, and how."""
+    right = sum(row["end"] == "finished" and bool(row["correct"]) for row in rows)
+    promised = sum(bool(row["as_promised"]) for row in rows)
+    return {
+        "assemblies": len(rows),
+        "as_promised": promised,
+        "finished_right": right,
+        "ended_as_stated": promised - right,
+        "unknown": sum(bool(row["unknown"]) for row in rows),
+        "ends": dict(Counter(str(row["end"]) for row in rows).most_common()),
     }

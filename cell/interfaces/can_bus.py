@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import can
 
 from cell.interfaces.errors import SettingError
-
 
 ECHOING = ("virtual", "socketcan", "kvaser", "vector", "ixxat", "nixnet", "etas")
 
@@ -24,7 +25,7 @@ def open_bus(interface: str, channel: str, bitrate: int = 500_000, *, echo: bool
         what = f"no CAN interface {interface!r}; python-can has {', '.join(sorted(can.VALID_INTERFACES))}"
         raise SettingError((where, what))
     try:
-        echoing = {"receive_own_messages": True} if echo and interface in ECHOING else {}
+        echoing: dict[str, Any] = {"receive_own_messages": True} if echo and interface in ECHOING else {}
         return can.Bus(interface=interface, channel=channel, bitrate=bitrate, **echoing)
     except (can.CanError, OSError, ValueError, NotImplementedError, ImportError, AttributeError) as error:
         raise SettingError((where, f"no CAN bus {interface!r} {channel!r}: {error}")) from error

@@ -6,17 +6,43 @@ import numpy as np
 import pytest
 
 from cell.configuration import DEFAULT_CONFIGURATION
-from cell.evaluating.encounters import meet
-from cell.evaluating.troubled import troubled_assembly
+from cell.evaluating.assembly import ALGORITHM_1
+from cell.evaluating.encounters import encounter, summary
+from cell.evaluating.row_file import Row
+from cell.evaluating.throughput import throughput_ratio
+from cell.evaluating.troubled import counted, troubled_assembly
 
 
 @pytest.mark.slow
-def test_a_careless_person_is_met_and_no_contact_is_fast_or_avoidable() -> None:
-    found = meet(DEFAULT_CONFIGURATION, "careless", 1, 109, lambda _: None)
-    assert found["encounters"]
+def test_a_careless_person_is_met_in_many_phases_and_no_contact_is_fast_or_avoidable() -> None:
+    found = summary([encounter(DEFAULT_CONFIGURATION, ALGORITHM_1, "careless", 109, provoked=True)])
+    assert int(str(found["encounters"])) >= 3
+    assert len(found["phases"]) >= 3  # type: ignore[arg-type]  # a dictionary
     assert (found["contacts_fast"], found["contacts_avoidable"], found["moved_while_unknown"]) == (0, 0, 0)
-    assert isinstance(found["rows"], list)
-    assert all(np.isfinite(row["speed_m_s"]) for row in found["rows"])
+    assert np.isfinite(float(str(found["fastest_m_s"])))
+
+
+def test_the_ratio_takes_only_pairs_that_were_finished_both_and_only_of_its_tree() -> None:
+    pairs = [("assemble.xml", 0, 60.0, 50.0), ("assemble.xml", 1, None, 50.0), ("ahead.xml", 0, 99.0, 33.0)]
+    rows: list[Row] = [
+        {"kind": "throughput", "tree": tree, "seed": seed, "with_s": one, "without_s": other}
+        for tree, seed, one, other in pairs
+    ]
+    assert throughput_ratio([*rows, {"kind": "assembly"}], ALGORITHM_1) == 1.2
+    assert throughput_ratio([], ALGORITHM_1) is None
+
+
+def test_the_table_of_troubled_assemblies_tells_right_from_stopped_and_from_wrong() -> None:
+    row = {"as_promised": True, "unknown": False, "correct": True, "end": "finished"}
+    stopped = {**row, "correct": False, "end": "fault"}
+    wrong = {"as_promised": False, "unknown": True, "correct": False, "end": "finished"}
+    found = counted([row, stopped, stopped, wrong])
+    assert {name: found[name] for name in ("as_promised", "finished_right", "ended_as_stated", "unknown")} == {
+        "as_promised": 3,
+        "finished_right": 1,
+        "ended_as_stated": 2,
+        "unknown": 1,
+    }
 
 
 @pytest.mark.slow

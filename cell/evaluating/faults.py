@@ -25,7 +25,7 @@ from cell.interfaces.files import shipped
 from cell.observer import Outcome, TickRecord
 from cell.run import drive
 from cell.run_options import Files
-from cell.running.injection import FAULTS, OTHER_STATES, STATES, Injection
+from cell.running.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection
 from cell.running.node_library import node_registry
 from cell.running.services import load_planners
 from sim.cell import SimCell
@@ -193,9 +193,7 @@ def _row(cell: SimCell, injection: Injection, watch: StopWatch, outcome: Outcome
     placed = any(one.seated and one.by == "robot" for one in cell.score.placements().values())
     hangs = _hangs(cell)
     kept = hangs if watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES else None
-    ends: tuple[str, ...] = ("finished",)
-    if kind is not None:
-        ends = kind.holding_ends if kind.holding_ends and watch.held_before else kind.ends
+    ends = _ends(kind, watch)
     reached = injection.began_s is not None
     recoverable = ends == ("finished",)
     recovered = outcome.end == "finished" and placed
@@ -220,6 +218,15 @@ def _row(cell: SimCell, injection: Injection, watch: StopWatch, outcome: Outcome
         "contact_m_s": 0.0,  # nobody is at the bench
         "as_promised": promised and (reached or kind is None),
     }
+
+
+def _ends(kind: FaultKind | None, watch: StopWatch) -> tuple[str, ...]:
+    """How the run may end."""
+    if kind is None:
+        return ("finished",)
+    if kind.holding_ends and watch.held_before:
+        return kind.holding_ends
+    return (*kind.ends, *kind.holding_ends) if kind.holding_ends and watch.held_lately else kind.ends
 
 
 def _broken(fault: str, state: str, seed: int, status: int) -> Row:

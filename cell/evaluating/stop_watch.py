@@ -10,7 +10,7 @@ from cell.interfaces.judgement import Action
 from cell.interfaces.observation import STANDING_RAD_S, JointSamples, Observation
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
-from cell.running.checks import STALE_BENCH_S, STALE_GRIPPER_S
+from cell.running.checks import HELD_LATELY_S, STALE_BENCH_S, STALE_GRIPPER_S
 from cell.running.faulty_devices import UNSEEN
 from cell.running.injection import Injection
 from skills.planner import MotionPlanner
@@ -28,6 +28,7 @@ class StopWatch:
         ticks_from_fault: the same from the fault itself: answers to frames take time, and a heartbeat has a period.
         stop_s, stop_m: from the fault until the arm stood, as measured at 500 Hz.
         held_before: a part was between the fingers when the fault came.
+        held_lately: it was a moment before, and may be there still.
         at_end: nothing stopped the arm before the run was over.
     """
 
@@ -38,7 +39,9 @@ class StopWatch:
     stop_s: float = 0.0
     stop_m: float = 0.0
     held_before: bool = False
+    held_lately: bool = False
     at_end: bool = False
+    _held_s: float = -np.inf
     _ticks: int = 0
     _showing: int = 0
     _rested: bool = False
@@ -52,6 +55,8 @@ class StopWatch:
         began_s = self.injection.began_s
         if began_s is None:
             self.held_before = record.observation.gripper.holding
+            self._held_s = record.observation.time_s if self.held_before else self._held_s
+            self.held_lately = record.observation.time_s - self._held_s <= HELD_LATELY_S
             return
         if record.joints is not None:
             self._measure(record.joints, began_s)

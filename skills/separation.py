@@ -26,7 +26,7 @@ from skills.settings import SeparationSettings, SixFloats
 
 MARK_S = 0.04  # between places of the path that are looked at
 MARKS = 18  # so many: the arm is slow before it is past the last
-PLAY_S = 0.02  # a step of the braking that is played through
+PLAY_S = 0.01  # a step of the braking that is played through
 SHARES = 24  # that are tried, from the slow one to all
 LEAST_BRAKING = 0.5  # of what the joints may do, also where the path itself brakes or turns
 TOOL_LENGTH_M = 0.28  # from the last wrist joint to beyond the fingertips
@@ -167,7 +167,7 @@ class SeparationMonitor:
         while (fits & (now > least + TINY)).any():
             mark = np.minimum((path_s / MARK_S).astype(int), MARKS - 1)
             fast = stretch.speeds_m_s[mark] * now[:, None] > settings.slow_m_s
-            reach_m = reach(age_s + time_s + PLAY_S / 2, stretch.coming_m_s[mark], settings)
+            reach_m = reach(age_s + time_s + PLAY_S, stretch.coming_m_s[mark], settings)
             fits &= ~(fast & (stretch.rooms_m[mark] - settings.margin_m < reach_m)).any(axis=1)
             if time_s >= settings.reaction_s:
                 now = np.maximum(now - PLAY_S * self._braking(stretch, mark, now), least)

@@ -304,7 +304,7 @@ def simulated(configuration: Configuration, look: str | None = None, person: str
 
     Args:
         look: a preset, one section of it as in "hard:light", or a look file.
-        person: a person's name or file.
+        person: a person's name or file; several with commas between take turns in a shift, a bracket each.
 
     Raises:
         InputError: there is no such look or person, or the file is wrong.
@@ -313,7 +313,8 @@ def simulated(configuration: Configuration, look: str | None = None, person: str
     if look is not None:
         changes["look"] = look_range(look)
     if person is not None:
-        changes["person"] = load_person(person)
+        people = tuple(load_person(one.strip()) for one in person.split(","))
+        changes |= {"person": people[0], "people": people if len(people) > 1 else ()}
     simulation = configuration.devices.simulation.model_copy(update=changes)
     devices = configuration.devices.model_copy(update={"simulation": simulation})
     return configuration.model_copy(update={"devices": devices})

@@ -116,7 +116,7 @@ class SimCell:
             clutter = sample_clutter(product, bench.tray, full_set(product), chance.clutter, settings.clutter)
         self.world = _world(product, bench, settings, self.look, clutter, chance.habits, worker)
         self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
-        around = Around(self.stock, self._change, settings.shift, chance.stock)
+        around = Around(self.stock, self._change, settings.shift, chance.stock, settings.people)
         wanted, person = self._job.placements, settings.person
         self.worker = (
             Worker(self.world, product, bench, person, wanted, chance.person, chance.habits, around) if worker else None

@@ -87,11 +87,8 @@ class Handwork:
         self._hand = hand
         self._sight = sight
         self._product = product
-        self._grip_habits = person.grip
         self._rng, self._chance = rng, chance
-        self.pace = drawn(person.pace, chance)
-        self._motion = at_pace(person.motion, self.pace)
-        self._style = self._draw_style()
+        self.become(person)
         kinds = product.parts.values()
         top_m = max(float(hole[2]) for hole in sight.holes_m.values())
         self.clear_height_m = (
@@ -103,6 +100,13 @@ class Handwork:
         self.gap_m = RELAXED_GAP_M
         self.wrist_rad = np.zeros(3)
         self.tool_out = False
+
+    def become(self, person: Person) -> None:
+        """From now on the hand is this person's."""
+        self._grip_habits = person.grip
+        self.pace = drawn(person.pace, self._chance)
+        self._motion = at_pace(person.motion, self.pace)
+        self._style = self._draw_style()
 
     def send(self) -> None:
         """Command the hand."""

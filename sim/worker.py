@@ -6,7 +6,7 @@ the bench as it is; parts are carried by friction alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,12 +43,14 @@ class Around:
         change: called when the person has the finished bracket in hand; the part type by position of the next one.
         goes_on: brackets follow one another: one that nobody asks to be changed is changed after a while.
         rng: for errands and answers.
+        people: who take turns, a bracket each, the first one first; none: one person makes them all.
     """
 
     stock: Stock
     change: Callable[[], Mapping[str, str]]
     goes_on: bool
     rng: np.random.Generator
+    people: Sequence[Person] = ()
 
 
 class Worker:
@@ -84,10 +86,10 @@ class Worker:
         self._work = Handwork(self.hand, self._sight, product, person, rng, self._chance)
         self._diary.note("person", pace=self._work.pace)
         self._rest_m = np.array(hand_rest_m(bench))
+        self._bracket = 0
         self._request: str | None = None
         self._answered: str | None = None
-        self._waiting = Waiting(self._work, self._sight, person.robot, self._chance, self._diary, lambda: self._asked)
-        self._screwing = Screwing(self._work, self._sight, person, rng, self._chance, self._diary)
+        self._set_habits(person)
         self._begin(wanted)
         self._around, self._replies, self._errands = around, None, None
         if around is not None:
@@ -101,9 +103,8 @@ class Worker:
                 around.rng,
                 self._diary,
                 self._change_job,
-                self._waiting.polite,
+                lambda: self._waiting.polite(),
             )
-        self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._diary.note)
         self._intruding: Script | None = None
         self._script = self._assemble()
         self.done = False
@@ -209,7 +210,23 @@ class Worker:
 
     def _change_job(self) -> None:
         assert self._around is not None
+        if self._around.people:
+            self._bracket += 1
+            self._become(self._around.people[self._bracket % len(self._around.people)])
         self._begin(self._around.change())
+
+    def _become(self, person: Person) -> None:
+        """Somebody else takes over the bench; where the parts are kept stays as it is."""
+        self._person = person
+        self._work.become(person)
+        self._diary.note("person", pace=self._work.pace)
+        self._set_habits(person)
+
+    def _set_habits(self, person: Person) -> None:
+        """What this person does in their own way."""
+        self._waiting = Waiting(self._work, self._sight, person.robot, self._chance, self._diary, lambda: self._asked)
+        self._screwing = Screwing(self._work, self._sight, person, self._rng, self._chance, self._diary)
+        self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._diary.note)
 
     def _answer(self) -> Script:
         """Answer what was noticed: words at once, help with a part by hand."""

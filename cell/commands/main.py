@@ -25,7 +25,16 @@ from cell.commands.replay import replay
 from cell.commands.schema import schema
 from cell.commands.see import see
 from cell.commands.show import MONITOR_PORT, NodesOption, PortOption, monitor, show, write
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.commands.terminal import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    PersonOption,
+    SeedOption,
+    console,
+    print_json,
+    table,
+)
 from cell.commands.world import WorldOption, world
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
 from cell.interfaces.files import own_or_shipped
@@ -141,9 +150,7 @@ def run(
     config: ConfigOption = CONFIGURATION,
     goal: Annotated[str, typer.Option(help="What the simulated person assembles: a goal's name or random.")] = "random",
     seed: SeedOption = 0,
-    person: Annotated[
-        str | None, typer.Option(help="The simulated person: careful, ordinary, careless, or a YAML file.")
-    ] = None,
+    person: PersonOption = None,
     pace: Annotated[Pace, typer.Option(help="fast: as fast as it goes; real: tied to the wall clock.")] = Pace.fast,
     log: Annotated[Path | None, typer.Option(help="Log file (MCAP); a new one in runs/ by default.")] = None,
     inject: Annotated[str | None, typer.Option(help="FAULT@STATE: put a fault in, as `cell eval faults` does.")] = None,

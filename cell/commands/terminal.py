@@ -21,6 +21,12 @@ CONFIGURATION = own_or_shipped("config", "cell.yaml")
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
+PersonOption = Annotated[
+    str | None,
+    typer.Option(
+        "--person", help="The simulated person: careful, ordinary, careless, or a YAML file; A,B take turns in a shift."
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="End standard output with one line of JSON.")]
 
 

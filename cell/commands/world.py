@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from cell.commands.terminal import CONFIGURATION, ConfigOption, SeedOption, console
+from cell.commands.terminal import CONFIGURATION, ConfigOption, PersonOption, SeedOption, console
 
 ADDRESS = Path("runs/world.sock")
 WorldOption = Annotated[
@@ -21,9 +21,7 @@ def world(
     config: ConfigOption = CONFIGURATION,
     goal: Annotated[str, typer.Option(help="What the simulated person assembles: a goal's name or random.")] = "random",
     seed: SeedOption = 0,
-    person: Annotated[
-        str | None, typer.Option(help="The simulated person: careful, ordinary, careless, or a YAML file.")
-    ] = None,
+    person: PersonOption = None,
     look: Annotated[str | None, typer.Option(help="What the simulation looks like, as in `cell run`.")] = None,
     shift: Annotated[bool, typer.Option("--shift", help="The person goes on with the next bracket.")] = False,
 ) -> None:

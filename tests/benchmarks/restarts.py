@@ -193,6 +193,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="folder for the logs of kills that did not end right")
     options = parser.parse_args()
     verdicts = Counter[str]()
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     with suppress(KeyboardInterrupt):
         for seed in range(options.first_seed, options.first_seed + options.kills):
             with tempfile.TemporaryDirectory() as folder:

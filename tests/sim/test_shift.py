@@ -151,3 +151,19 @@ def test_one_goal_is_one_goal() -> None:
     jobs = Jobs(product(), "g2", 0.3, np.random.default_rng(1))
     assert {jobs.next().goal for _ in range(20)} == {"g2"}
     assert UNKNOWN_GOAL not in product().goals
+
+
+def test_people_take_turns_a_bracket_each() -> None:
+    slow, quick = Person(shift=QUICK, pace=(0.5, 0.5)), Person(shift=QUICK, pace=(1.5, 1.5))
+    settings = SETTINGS.model_copy(update={"person": slow, "people": (slow, quick)})
+    made = SimCell(product(), bench(), settings, "virtual", "turns test", 5, "g1")
+    try:
+        worker, paces = person(made), []
+        for _ in range(4):
+            paces.append(worker._work.pace)
+            worker._change_job()
+        assert paces == [0.5, 1.5, 0.5, 1.5]
+        told = [event.fields["pace"] for event in worker.acts if event.fields["act"] == "person"]
+        assert told == [0.5, 1.5, 0.5, 1.5, 0.5], "the log says who is there"
+    finally:
+        made.close()

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from cell.configuration import for_shift
+from cell.evaluating.bare_host import without_pixels
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
 from cell.world.buses import CarriedBuses
@@ -48,6 +49,7 @@ class Trial:
     seed: int
     brackets: int
     folder: Path
+    bare: bool = False
     died_s: float = 0.0
     asked: list[str] = field(default_factory=list)
     needless: list[str] = field(default_factory=list)
@@ -64,7 +66,11 @@ class Trial:
         configuration = for_shift(CONFIGURATION, self.brackets) if self.brackets else CONFIGURATION
         simulation = configuration.devices.simulation
         wanted = "random" if self.brackets else goal
-        self._cell = cell = SimCell(PRODUCT, BENCH, simulation, *CAN, self.seed, wanted, overlap=True)
+        rendered = not self.bare
+        self._cell = cell = SimCell(
+            PRODUCT, BENCH, simulation, *CAN, self.seed, wanted, overlap=rendered, rendered=rendered
+        )
+        devices = without_pixels(cell) if self.bare else cell.devices
         show = cell.devices.panel.show
 
         def shown(display: Display) -> None:
@@ -77,7 +83,7 @@ class Trial:
         address = self.folder / "world.sock"
         period_s = simulation.physics.control_period_s
         server = WorldServer(
-            cell.devices, CarriedBuses(configuration), address, period_s, identity(PRODUCT), watch=self._watch
+            devices, CarriedBuses(configuration), address, period_s, identity(PRODUCT), watch=self._watch
         )
         lines: list[dict[str, Any]] = []
         controllers = threading.Thread(target=self._controllers, args=(address, lines, server), daemon=True)
@@ -190,6 +196,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=2000)
     parser.add_argument("--brackets", type=int, default=0, help="a shift of so many brackets instead of one assembly")
+    parser.add_argument("--bare", action="store_true", help="nothing is rendered: a third of the processor time")
     parser.add_argument("--keep", type=Path, help="folder for the logs of kills that did not end right")
     options = parser.parse_args()
     verdicts = Counter[str]()
@@ -197,7 +204,7 @@ def main() -> None:
     with suppress(KeyboardInterrupt):
         for seed in range(options.first_seed, options.first_seed + options.kills):
             with tempfile.TemporaryDirectory() as folder:
-                row = Trial(seed, options.brackets, Path(folder)).run()
+                row = Trial(seed, options.brackets, Path(folder), options.bare).run()
                 if options.keep is not None and not row["verdict"].startswith("right"):
                     options.keep.mkdir(parents=True, exist_ok=True)
                     for file in Path(folder).glob("*.[em]*"):

@@ -6,6 +6,7 @@ import pytest
 
 from cell.running.node_library import node_registry
 from tests import ROOT
+from tests.trees.nodes.rig import services
 from trees.engine.node import RUNNING
 from trees.engine.vocabulary import Part
 from trees.testing import TreeBench
@@ -15,10 +16,22 @@ MISSING = {"AssemblyFinished": "F", "BracketTaken": "F", "HoldsNeededPart": "F",
 PREDICTED = {"PredictNextObject": {"part": Part("o3")}, "ChooseSparePart": {"part": Part("o3")}}
 
 
-@pytest.mark.parametrize("name", ["ahead", "assemble", "eager", "shift"])
+@pytest.mark.parametrize("name", ["ahead", "assemble", "eager", "shift", "shift_ahead"])
 def test_a_part_that_is_not_there_is_asked_for_and_the_answer_awaited(name: str) -> None:
     made = TreeBench(ROOT / "trees" / f"{name}.xml", node_registry(), MISSING, PREDICTED)
     for _ in range(60):
         assert made.tick(0.1) == "R"
     (asks,) = [one for one in made.tree.nodes if type(one).__name__ == "AskForHelp" and one.status is RUNNING]
     assert vars(asks)["wait_s"].get() >= LEAST_S
+
+
+@pytest.mark.parametrize(("answers", "looks"), [("RF", 1), ("RS", 4)])
+def test_a_kit_waits_for_help_and_tries_again_only_where_it_was_given(
+    answers: str, looks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    told = {"FindPart": "F", "AskForHelp": answers * 9}
+    made = TreeBench(ROOT / "trees" / "jobs" / "kit.xml", node_registry(), told, services=services())
+    while made.tick(0.1) == "R":
+        pass
+    assert made.started("AskForHelp") == looks

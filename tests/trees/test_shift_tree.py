@@ -50,3 +50,13 @@ def test_a_run_that_begins_with_a_part_in_the_gripper_puts_it_back_before_anythi
     order = [event.removeprefix("start ") for event in made.events if event.startswith("start ")]
     assert order.index("ReturnToTray") < order.index("WaitForEmptyBracket")
     assert order.index("IdentifyHeldPart") < order.index("LookAtTray") < order.index("ReturnToTray")
+
+
+def test_ahead_of_the_person_a_shift_goes_the_same_way_and_asks_beside_the_work() -> None:
+    answers = {**BEGUN, "ShiftIsOver": "FS", "AssemblyFinished": "FFS", "AskWhichGoal": "RRS", "HoldsNeededPart": "F"}
+    made = TreeBench(ROOT / "trees" / "shift_ahead.xml", node_registry(), answers)
+    assert run(made, 60).endswith("S")
+    assert (made.started("BeginBracket"), made.started("EndBracket")) == (2, 2)
+    order = [event.removeprefix("start ") for event in made.events if event.startswith("start ")]
+    assert order.index("AskWhichGoal") < order.index("EndBracket")
+    assert order.index("ChooseSparePart") < order.index("EndBracket"), "the robot fetches while the question stands"

@@ -52,14 +52,14 @@ def train_holes(
     learned, kept = split(plates, settings.validation_share, seed)
     checkpoint = out.with_name(out.name + ".checkpoint")
     network = _trained(learned, bench, product, seed, settings, checkpoint, quiet)
-    logits, truth = _answers(network, kept, bench, product)
+    logits, truth, bare = _answers(network, kept, bench, product)
     temperature = _temperature(logits, truth)
     shares = torch.softmax(logits / temperature, dim=1).numpy()
-    least = least_sure(shares, truth.numpy(), settings)
+    least = least_sure(shares, truth.numpy(), bare.numpy(), settings)
     config = settings.model_dump(mode="json") | least | {"temperature": temperature}
     wanted = np.where(shares.argmax(axis=1) == 0, least[LEAST_EMPTY], least[LEAST_FILLED])
-    said = shares.max(axis=1) >= wanted
-    right = shares.argmax(axis=1) == truth.numpy()
+    said = (shares.max(axis=1) >= wanted)[bare]
+    right = (shares.argmax(axis=1) == truth.numpy())[bare]
     scores = {"validation_said": float(said.mean()), "validation_right": float(right[said].mean())}
     card = ModelCard(
         kind=KIND,
@@ -76,18 +76,24 @@ def train_holes(
     return write_weights(model, out, samples, lambda: scores, any_rows=True)
 
 
-def least_sure(shares: NDArray[np.float32], truth: NDArray[np.int64], settings: HoleTraining) -> dict[str, float]:
+def least_sure(
+    shares: NDArray[np.float32], truth: NDArray[np.int64], bare: NDArray[np.bool_], settings: HoleTraining
+) -> dict[str, float]:
     """The least probabilities at which no more holes than allowed are wrongly called empty, or filled with a type.
+
+    What is called empty counts for every hole, what is misnamed for those that nothing hides: a part that is held over
+    a hole looks like one that stands in it, however sure one is, and the network says by itself what is covered.
 
     Args:
         shares: (n, types + 1) probabilities, empty first.
         truth: (n,) right answers.
+        bare: (n,) nothing hides them.
     """
-    said = shares.argmax(axis=1)
+    said, sure = shares.argmax(axis=1), shares.max(axis=1)
     empty, wrong = said == 0, said != truth
     return {
-        LEAST_EMPTY: _least(shares.max(axis=1)[empty & wrong], settings.most_called_empty, int((truth > 0).sum())),
-        LEAST_FILLED: _least(shares.max(axis=1)[~empty & wrong], settings.most_misnamed, len(truth)),
+        LEAST_EMPTY: _least(sure[empty & wrong], settings.most_called_empty, int((truth > 0).sum())),
+        LEAST_FILLED: _least(sure[~empty & wrong & bare], settings.most_misnamed, int(bare.sum())),
     }
 
 
@@ -137,7 +143,7 @@ def _loss(
     stands = nn.functional.binary_cross_entropy_with_logits(up, upright, reduction="none") * filled
     clear = ((covered >= COVERED) | (covered <= BARE)).float()
     hides = nn.functional.binary_cross_entropy_with_logits(hidden, (covered >= COVERED).float(), reduction="none")
-    total: Tensor = named.mean() + 0.5 * stands.mean() + 0.5 * (hides * clear).mean()
+    total: Tensor = named.mean() + 0.5 * stands.mean() + (hides * clear).mean()
     return total
 
 
@@ -163,17 +169,21 @@ def _truth(plates: Sequence[Plate], types: tuple[str, ...]) -> tuple[Tensor, Ten
     return kinds, torch.tensor([float(hole.upright) for hole in holes]), torch.tensor([hole.covered for hole in holes])
 
 
-def _answers(network: HoleNet, plates: Sequence[Plate], bench: Bench, product: Product) -> tuple[Tensor, Tensor]:
-    """Logits and truth of the holes that nothing covers, and that the network does not call covered."""
+def _answers(
+    network: HoleNet, plates: Sequence[Plate], bench: Bench, product: Product
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Logits and truth of the holes that the network does not call covered, and whether nothing hides them."""
     squares, types = squares_m(bench, product), tuple(product.parts)
-    logits, truths = [], []
+    logits, truths, bare = [], [], []
     with torch.no_grad():
         for plate in plates:
             crops = hole_crops(levelled(plate.image), plate.camera, plate.world_from_camera, squares)
             kinds, _, hidden = network(torch.from_numpy(crops))
             logits.append(kinds[hidden < 0])
-            truths.append(_truth([plate], types)[0][hidden < 0])
-    return torch.cat(logits), torch.cat(truths)
+            kinds, _, covered = (values[hidden < 0] for values in _truth([plate], types))
+            truths.append(kinds)
+            bare.append(covered <= BARE)
+    return torch.cat(logits), torch.cat(truths), torch.cat(bare)
 
 
 def _temperature(logits: Tensor, truth: Tensor) -> float:

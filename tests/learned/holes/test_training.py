@@ -61,9 +61,9 @@ def test_no_more_filled_holes_than_allowed_are_called_empty() -> None:
     empty = np.concatenate([rng.uniform(0.9, 1.0, 500), rng.uniform(0.0, 0.96, 1000)]).astype(np.float32)
     shares = np.column_stack([empty, 1 - empty])
     for most in (0.0005, 0.002, 0.01):
-        least = least_sure(shares, truth, HoleTraining(most_called_empty=most))[LEAST_EMPTY]
+        least = least_sure(shares, truth, truth >= 0, HoleTraining(most_called_empty=most))[LEAST_EMPTY]
         called_empty = (truth == 1) & (empty >= least) & (empty > 0.5)
         assert called_empty.mean() <= most
         assert least >= LEAST_LEGAL
-    found = least_sure(np.array([[0.1, 0.9]], np.float32), np.array([1]), HoleTraining())
+    found = least_sure(np.array([[0.1, 0.9]], np.float32), np.array([1]), np.array([True]), HoleTraining())
     assert set(found.values()) == {LEAST_LEGAL}

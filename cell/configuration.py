@@ -125,15 +125,6 @@ class Perception(Model):
         return {detector: main}
 
     @property
-    def confusions(self) -> Path | None:
-        """What the trained action detector takes for what: the file beside its weights, if it is there."""
-        if self.chosen("actions").kind == "classical":
-            return None
-        weights = self.weights("actions")
-        path = weights.with_name(f"{weights.stem}_confusions.json")
-        return path if path.exists() else None
-
-    @property
     def words(self) -> str:
         """For logs and summaries: `kind`, or each detector's where they are chosen one by one."""
         own = [f"{name} {settings.kind}" for name in LEARNED_KINDS if (settings := getattr(self, name)) is not None]
@@ -162,7 +153,7 @@ class SemanticPlannerSettings(PlannerSettings):
             from it, and every finished bracket is noted in it. Without, only the product's goals are known.
         new_goals: what is expected of goals that nobody listed.
         confusions: file of what the action detector takes for what, from `cell train noise` or `cell eval actions`,
-            relative to this file; by default the one beside the weights of a trained detector. Without any, every
+            relative to this file; by default what the model card of a trained detector tells. Without any, every
             action is taken for any other alike.
     """
 

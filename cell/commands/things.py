@@ -16,8 +16,8 @@ from cell.commands.detectors import (
     TestSeedOption,
     WeightsOption,
     how_to_use,
-    made,
 )
+from cell.commands.made_data import make_data
 from cell.commands.terminal import (
     CONFIGURATION,
     ConfigOption,
@@ -72,8 +72,7 @@ def train_holes(
     need_torch()
     budget_s, weights = seconds(budget), out or new_weights("holes", "plate", config)
     looks = max(4, int(HOLES_SHARE * budget_s / LOOK_S))
-    options = ["--stills", str(STILLS), "--person", "varied"]
-    folders = data or _made("plates", looks, options, weights, config)
+    folders = data or _made("plates", looks, {"--stills": STILLS, "--person": "varied"}, weights, config)
     from learned.holes.dataset import load_plates
     from learned.holes.settings import HoleTraining
     from learned.holes.train import train_holes as train
@@ -111,7 +110,7 @@ def train_parts(
         raise InputError(f"--kind {kind}: there is no such one; legal: centre, rcnn")
     budget_s, weights = seconds(budget), out or new_weights("parts", "centre", config)
     trays = max(4, int(PARTS_SHARE * budget_s / TRAY_S))
-    folders = data or _made("objects", trays, ["--views", str(VIEWS), "--mixed"], weights, config)
+    folders = data or _made("objects", trays, {"--views": VIEWS}, weights, config, "--mixed")
     from learned.parts.dataset import load_scenes
     from learned.parts.train import train_parts as train
 
@@ -217,10 +216,12 @@ def _task(
     return Task(configuration, product, kind, weights, cameras.value, float(steel))
 
 
-def _made(what: str, count: int, options: list[str], weights: Path, config: Path) -> list[Path]:
+def _made(what: str, count: int, options: dict[str, object], weights: Path, config: Path, *flags: str) -> list[Path]:
     """Folders of data, one for each look."""
-    more = [*options, "--steel-share", str(STEEL_SHARE)]
-    return [
-        made(what, weights.with_suffix(f".{what}-{look}"), look, max(1, round(share * count)), seed, config, more)
-        for look, (share, seed) in LOOKS.items()
-    ]
+    folders = []
+    for look, (share, first_seed) in LOOKS.items():
+        folders.append(weights.with_suffix(f".{what}-{look}"))
+        recordings = max(1, round(share * count))
+        of_look = {"--look": look, "--recordings": recordings, "--first-seed": first_seed}
+        make_data(what, folders[-1], {**of_look, **options, "--steel-share": STEEL_SHARE, "--config": config}, *flags)
+    return folders

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from cell.configuration import Configuration
+from cell.configuration import Configuration, Perception
 from cell.interfaces.clock import Clock
 from cell.interfaces.errors import InputError, ModelError, SettingError
 from cell.interfaces.journal import Journal
@@ -16,6 +16,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.planning import GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.grasp.planner import load_grasp_planner
+from learned.onnx_model import OnnxModel
 from learned.semantic.confusions import Confusions
 from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import Layout
@@ -71,8 +72,8 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
         if semantic.goals is not None:
             goals = OpenGoals.load(semantic.goals, product, semantic.new_goals)
         layout = Layout.of(product)
-        path = semantic.confusions or configuration.perception.confusions
-        confusions = None if path is None else Confusions.load(path, layout)
+        path = semantic.confusions
+        confusions = _told(configuration.perception, layout) if path is None else Confusions.load(path, layout)
         chosen = load_semantic_planner(semantic.kind, semantic.weights, product, goals, confusions)
         return chosen, load_semantic_planner("bayes", None, product, goals, confusions), goals, confusions
 
@@ -92,6 +93,19 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
     chosen, rule, goals, confusions = loaded["semantic"]
     rule_grasp = load_grasp_planner("rule", grasp.weights, product)
     return Planners(chosen, rule, loaded["grasp"], rule_grasp, goals.product, goals, confusions)
+
+
+def _told(perception: Perception, layout: Layout) -> Confusions | None:
+    """What the chosen action detector takes for what, by its model card; None where there is none, or it is silent.
+
+    Raises:
+        ModelError: its weights cannot be read.
+    """
+    kind = perception.chosen("actions").kind
+    if kind == "classical":
+        return None
+    told = OnnxModel.load(perception.weights("actions"), f"actions.{kind}").card.config.get("confusion")
+    return Confusions.counted(layout, told["classes"], told["counts"]) if isinstance(told, dict) else None
 
 
 def make_services(

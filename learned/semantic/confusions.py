@@ -90,6 +90,23 @@ class Confusions:
         np.fill_diagonal(wrong, 0.0)
         return Confusions(_with_diagonal(wrong))
 
+    @staticmethod
+    def counted(layout: Layout, classes: Any, counts: Any) -> Confusions:
+        """From a table of how often which class was taken for which, as action detectors have on their cards.
+
+        Args:
+            classes: words as in "o1 at p2"; other classes do not count.
+            counts: (classes, classes) row as it was, column as it was reported.
+        """
+        pairs = [tuple(str(name).split(" at ", 1)) for name in classes]
+        known = [len(pair) == 2 and pair[0] in layout.parts and pair[1] in layout.positions for pair in pairs]
+        reports: list[Reported] = []
+        for was, row in enumerate(counts):
+            for said, count in enumerate(row):
+                if known[was] and known[said]:
+                    reports += [((pairs[was][0], pairs[was][-1]), (pairs[said][0], pairs[said][-1]))] * int(count)
+        return Confusions.learned(layout, reports)
+
     @property
     def error(self) -> float:
         """Mean share of wrong reports."""

@@ -68,6 +68,14 @@ def test_the_likelihood_is_that_of_listing_all_ways(pattern: str) -> None:
         assert np.allclose(still_open, opened)
 
 
+def test_a_detectors_table_tells_what_it_takes_for_what() -> None:
+    classes = ["o1 at p1", "o2 at p1", "screw"]
+    found = Confusions.counted(LAYOUT, classes, [[90, 10, 3], [0, 100, 0], [5, 0, 80]])
+    assert found.matrix[LAYOUT.parts.index("o1") * 6, LAYOUT.parts.index("o2") * 6] == pytest.approx(0.1, abs=0.03)
+    assert found.matrix[LAYOUT.parts.index("o2") * 6, LAYOUT.parts.index("o1") * 6] < 0.02
+    assert np.allclose(found.matrix.sum(axis=1), 1)
+
+
 def test_a_detector_in_doubt_counts_as_the_mean_of_what_it_may_have_seen() -> None:
     confusions = Confusions.of(LAYOUT, "uniform", 0.05)
     sure, other = (AssemblyState({"p1": LAYOUT.parts[0], "p2": part}) for part in LAYOUT.parts[:2])

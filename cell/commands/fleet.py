@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,16 +32,16 @@ def sweep(
 ) -> int:
     """Run every combination of a file once; the results are OUT/runs.parquet. 1 where a run was lost."""
     from cell.fleet.spec import count, load_sweep, tasks
+    from cell.fleet.table import read_column
 
     asked = load_sweep(spec)
     total = count(asked)
-    rows = _run(tasks(asked, out / "logs" if logs else None), total, out, workers, scheduler)
-    lost = sum(row["end"] in ("lost", "crashed") for row in rows)
-    ends = {end: sum(row["end"] == end for row in rows) for end in sorted({str(row["end"]) for row in rows})}
-    console().print(f"{len(rows)} runs in {out / 'runs.parquet'}: {_words(ends)}", highlight=False)
+    done = _run(tasks(asked, out / "logs" if logs else None), total, out, workers, scheduler)
+    ends = dict(sorted(Counter(read_column(out / "runs.parquet", "end")).items()))
+    console().print(f"{done} runs in {out / 'runs.parquet'}: {_words(ends)}", highlight=False)
     if as_json:
-        print_json({"runs": len(rows), "of": total, "ends": ends, "table": str(out / "runs.parquet")})
-    return 1 if lost or len(rows) < total else 0
+        print_json({"runs": done, "of": total, "ends": ends, "table": str(out / "runs.parquet")})
+    return 1 if ends.get("crashed") or done < total else 0
 
 
 def compare(
@@ -71,6 +72,7 @@ def compare(
     from cell.fleet.compare_text import as_json as answer
     from cell.fleet.compare_text import lines, page
     from cell.fleet.spec import Seeds, Sweep, count, tasks
+    from cell.fleet.table import read_table
 
     limits = [comparing.Limit.parse(text) for text in fail_if or ()]
     if len(trees) != (2 if against is None else 1):
@@ -85,7 +87,8 @@ def compare(
         goals=(goal,),
         pixels=pixels,
     )
-    rows = _run(tasks(asked), count(asked), out, workers, scheduler)
+    _run(tasks(asked), count(asked), out, workers, scheduler)
+    rows = read_table(out / "runs.parquet")
     by_tree = [[row for row in rows if row["tree"] == tree.name] for tree in trees]
     ones, others = (list(before.values()), by_tree[0]) if before else (by_tree[0], by_tree[-1])
     pairs = comparing.pair(ones, others)
@@ -118,8 +121,11 @@ def _baseline(path: Path | None, runs: int) -> dict[int, dict[str, Any]]:
     return {seed: rows[seed] for seed in range(first, first + runs) if seed in rows}
 
 
-def _run(tasks: Iterable[Task], total: int, out: Path, workers: int, scheduler: str | None) -> list[dict[str, Any]]:
-    """Run what is not in the folder's journal yet, and write the table; rows of these tasks, in their order."""
+def _run(tasks: Iterable[Task], total: int, out: Path, workers: int, scheduler: str | None) -> int:
+    """Run what is not in the folder's journal yet, and write the table; how many runs of these tasks are there then.
+
+    Rows are never all in memory: there may be a million.
+    """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     from cell.fleet.engine import cluster, results
@@ -127,26 +133,27 @@ def _run(tasks: Iterable[Task], total: int, out: Path, workers: int, scheduler: 
     from cell.fleet.table import write_table
 
     journal = Journal(out / "runs.jsonl")
-    wanted: dict[str, int] = {}
-
-    def missing() -> Iterable[Task]:
-        for place, task in enumerate(tasks):
-            wanted[task.key] = place
-            if task.key not in journal.keys:
-                yield task
-
+    wanted: dict[str, None] = {}  # in the order of the tasks
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console()) as progress, cluster(workers, scheduler) as client:
         shown = progress.add_task("runs", total=total, completed=0)
+
+        def missing() -> Iterator[Task]:
+            for task in tasks:
+                wanted[task.key] = None
+                if task.key in journal.keys:
+                    progress.advance(shown)
+                else:
+                    yield task
+
         for row in results(client, missing()):
             if row["end"] != "lost":  # what no worker could run is tried again next time
                 journal.add(row)
-            progress.update(shown, completed=len(journal.keys.intersection(wanted)))
-    rows = [row for row in journal.rows() if row["key"] in wanted]
+                progress.advance(shown)
+    done = [key for key in wanted if key in journal.keys]
     journal.close()
-    rows.sort(key=lambda row: wanted[row["key"]])
-    write_table(rows, out / "runs.parquet")
-    return rows
+    write_table(journal.rows(done), out / "runs.parquet")
+    return len(done)
 
 
 def _words(ends: dict[str, int]) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,24 +12,49 @@ from cell.fleet.extra import needed
 from cell.interfaces.errors import InputError
 
 Row = Mapping[str, Any]
+BATCH = 5000  # rows in memory
 
 
-def write_table(rows: Sequence[Row], path: Path) -> None:
+def write_table(rows: Iterable[Row], path: Path) -> None:
     """Write rows; what is no number, text or yes and no becomes JSON text. The file is there whole or not at all.
+
+    Args:
+        rows: gone through twice; a few thousand are in memory at a time.
 
     Raises:
         InputError: it cannot be written, or pyarrow is not installed.
     """
     arrow, parquet = needed("pyarrow", "a table of runs"), needed("pyarrow.parquet", "a table of runs")
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    table = arrow.table({name: _column(arrow, [_cell(row.get(name)) for row in rows]) for name in columns})
+    kinds: dict[str, set[type]] = {}
+    for row in rows:
+        for name, value in row.items():
+            kinds.setdefault(name, set()).add(type(_cell(value)))
+    schema = arrow.schema([(name, _type(arrow, found - {type(None)})) for name, found in kinds.items()])
     partial = path.with_name(path.name + ".partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        parquet.write_table(table, partial)
+        with parquet.ParquetWriter(partial, schema) as writer:
+            remaining = iter(rows)
+            while batch := list(islice(remaining, BATCH)):
+                arrays = [_column(arrow, [_cell(row.get(field.name)) for row in batch], field.type) for field in schema]
+                writer.write_table(arrow.table(arrays, schema=schema))
         partial.replace(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def read_column(path: Path, name: str) -> list[Any]:
+    """One column of a Parquet file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    parquet = needed("pyarrow.parquet", "a table of runs")
+    try:
+        table = parquet.read_table(path, columns=[name])
+    except OSError as error:
+        raise InputError(f"{path}: is no table of runs: {str(error).splitlines()[0]}") from None
+    return list(table[name].to_pylist()) if name in table.column_names else []
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:
@@ -49,14 +75,18 @@ def _cell(value: object) -> object:
     return value if value is None or isinstance(value, bool | int | float | str) else json.dumps(value, default=str)
 
 
-def _column(arrow: Any, values: Iterable[object]) -> Any:
+def _type(arrow: Any, kinds: set[type]) -> Any:
     """One type for a column: whole numbers beside others become numbers, and what is mixed becomes text."""
-    values = list(values)
-    kinds = {type(value) for value in values if value is not None}
-    if kinds <= {int, float} and float in kinds:
-        return arrow.array([None if value is None else float(str(value)) for value in values], arrow.float64())
-    if len(kinds) > 1:
-        return arrow.array([None if value is None else str(value) for value in values], arrow.string())
-    if not kinds:
-        return arrow.array(values, arrow.string())
-    return arrow.array(values)
+    if kinds == {bool}:
+        return arrow.bool_()
+    if kinds == {int}:
+        return arrow.int64()
+    return arrow.float64() if kinds and kinds <= {int, float} else arrow.string()
+
+
+def _column(arrow: Any, values: Iterable[object], kind: Any) -> Any:
+    if kind == arrow.string():
+        return arrow.array([None if value is None else str(value) for value in values], kind)
+    if kind == arrow.float64():
+        return arrow.array([None if value is None else float(str(value)) for value in values], kind)
+    return arrow.array(list(values), kind)

@@ -9,6 +9,7 @@ takes, in a process of its own as a user asks it.
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import subprocess
 import sys
@@ -107,13 +108,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", type=float, default=8.0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--limit-s", type=float, default=math.inf, help="stop recording after so long, wall time")
     parser.add_argument("--folder", type=Path, help="where the log is kept; a temporary folder by default")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="long-log-") as folder:
         log = (options.folder or Path(folder)) / "shift.mcap"
         kept = one_bracket(Path(folder), options.seed)
-        play(kept, log, options.hours)
-        middle_s = options.hours * HOUR_S / 2
+        middle_s = play(kept, log, options.hours, options.limit_s) / 2
         for question in (("ticks", "--all"), ("query", "--topic", "verdict"), ("query", "--node", "PlacePart")):
             ask(log, middle_s, question)
 
@@ -143,8 +144,8 @@ def one_bracket(folder: Path, seed: int) -> Kept:
     return kept
 
 
-def play(kept: Kept, log: Path, hours: float) -> None:
-    """Record brackets until the time is over."""
+def play(kept: Kept, log: Path, hours: float, limit_s: float) -> float:
+    """Record brackets until the time is over; returns how long the log is, in [s] of its clock."""
     settings = LogSettings(rotate_brackets=True, rotate_s=SHIFT_PART_S)
     configuration = load_configuration()
     product = load_product(configuration)
@@ -171,13 +172,16 @@ def play(kept: Kept, log: Path, hours: float) -> None:
             ticks += 1
         if number + 1 in told:
             print(f"  after {(number + 1) * kept.length_s / HOUR_S:5.2f} h: {memory_mb():.1f} MB", flush=True)
+        if time.perf_counter() - began_s > limit_s:
+            break
     wall_s, cpu_s = (now - began for now, began in zip(clocks(), (began_s, began_cpu_s), strict=True))
-    length_s = brackets * kept.length_s
+    length_s = (number + 1) * kept.length_s
     recorder.close(Outcome("finished", "the shift is over", ticks, 0, length_s, wall_s))
     size = sum(path.stat().st_size for path in log.parent.glob(f"{log.stem}.*.mcap"))
     per_hour = size / 1e9 / (length_s / HOUR_S)
     print(f"{ticks} ticks, {1e3 * cpu_s / ticks:.3f} ms of processor time each; complete: {recorder.complete}")
-    print(f"{recorder.parts} parts, {size / 1e9:.2f} GB: {per_hour:.3f} GB an hour")
+    print(f"{length_s / HOUR_S:.2f} h in {recorder.parts} parts, {size / 1e9:.2f} GB: {per_hour:.3f} GB an hour")
+    return length_s
 
 
 def again(kept: Kept, number: int, first_tick: int) -> Iterator[Step]:

@@ -31,14 +31,18 @@ def show(
 
     goals = _load(file, config)
     product, prior = goals.product, goals.prior()
-    table = Table(*("goal", *product.positions, "finished", "expected"), title=f"{product.name}", title_justify="left")
+    table = Table(title=product.name, title_justify="left")
+    table.add_column("goal", no_wrap=True)
+    table.add_column(f"{product.positions[0]} to {product.positions[-1]}")
+    for name in ("finished", "expected"):
+        table.add_column(name, justify="right", no_wrap=True)
     rows = []
     for (name, parts), expected in zip(product.goals.items(), prior, strict=False):
         finished = goals.finished[name].finished if name in goals.finished else 0
         listed = name in goals.listed.goals
         rows.append({"goal": name, "parts": parts, "finished": finished, "expected": float(expected), "listed": listed})
-        table.add_row(name, *parts, str(finished), f"{expected:.3f}")
-    table.add_row("none of these", *("" for _ in product.positions), "", f"{prior[-1]:.3f}")
+        table.add_row(name, " ".join(parts), str(finished), f"{expected:.3f}")
+    table.add_row("none of these", "", "", f"{prior[-1]:.3f}")
     console().print(table)
     if as_json:
         print_json({"goals": rows, "none_of_these": float(prior[-1])})
@@ -84,6 +88,7 @@ def add(
     changed = replace(goals, finished=goals.finished | added)
     changed.check(_path(file, config))
     changed.save(_path(file, config))
+    console().print(f"{name} ({' '.join(parts)}), finished {finished}, in {_path(file, config)}", highlight=False)
 
 
 @goals_app.command()

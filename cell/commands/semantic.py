@@ -145,11 +145,13 @@ def _certify(limit: float, logs: list[Path], product: Product, config: Path, see
     found = certificate(cases, limit)
     act = load_configuration(config).guard.act_probability
     say = console().print
+    runs = f"{found.runs} run{'s' * (found.runs > 1)}"
     if found.threshold is None:
-        say(f"{found.runs} runs certify no threshold for at most {100 * limit:g} % wrong acts")
+        certify = "certifies" if found.runs == 1 else "certify"
+        say(f"{runs} {certify} no threshold for at most {100 * limit:g} % wrong acts")
     else:
         say(
-            f"at most {100 * limit:g} % wrong acts with 90 % confidence, from {found.runs} runs: "
+            f"at most {100 * limit:g} % wrong acts with 90 % confidence, from {runs}: "
             f"guard.act_probability: {found.threshold:g}; the robot then acts in {found.coverage:.3f} of the states"
         )
     say(f"at {act:g}, as configured, they certify at most {100 * least_limit(cases, act):.2g} %")

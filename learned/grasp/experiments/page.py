@@ -33,6 +33,7 @@ from learned.grasp.experiments.paper_scenes import paper_section
 _OBJECTS = tuple(f"object_accuracy_{count}" for count in REQUIRED_TYPES)
 HEAD = (
     "# Experiments on grasp planners\n"
+    "Which planner to take, and how to train one, is in [planners.md](planners.md). Here are the tables behind it.\n\n"
     "An answer is right if the whole of it is: the part can be grasped; or a sequence of moves that works, none "
     "shorter; or help where no sequence works. What is right is decided by the gripper's true outline touching a "
     "neighbour or not (`learned/grasp/physics.py`), compared with simulated grasps by "

@@ -27,6 +27,8 @@ EXPERIMENTS = {
 
 HEAD = (
     "# Experiments on semantic planners\n"
+    "Which planner to take, how to teach goals and how to certify a threshold is in [planners.md](planners.md). Here "
+    "are the tables behind it.\n\n"
     "The goal and what remains to be done, inferred from the parts that are seen in place. All data are generated "
     "(`learned/semantic/scenarios.py`, `demonstrators.py`). `factored` is the default: learned slots and habits with "
     "exact inference under noise; `paper` the graph network and LSTM; `and_or` an AND/OR graph of the states that "

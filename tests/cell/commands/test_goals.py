@@ -1,0 +1,30 @@
+"""`cell goals`: a table that can be read, also of a product with many holes, and answers to what was done."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from cell.commands.goals import goals_app
+from cell.configuration import load_configuration, load_product
+
+GOAL = next(iter(load_product(load_configuration()).goals.values()))
+NEW = (*GOAL[1:], GOAL[0])
+
+
+def asked(*arguments: str) -> str:
+    answer = CliRunner().invoke(goals_app, list(arguments))
+    assert answer.exit_code == 0, answer.output
+    return answer.output
+
+
+def test_what_was_added_is_told_and_listed_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    file = str(tmp_path / "goals.yaml")
+    assert f"winter ({' '.join(NEW)}), finished 3" in asked("add", "winter", *NEW, "--file", file)
+    table = asked("--file", file)
+    assert "none of these" in table
+    assert " ".join(NEW) in table
+    assert "…" not in table

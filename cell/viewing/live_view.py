@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
@@ -17,6 +16,8 @@ from rich.table import Table
 from rich.text import Text
 
 from cell.interfaces.errors import InputError
+from cell.viewing.keys import keys
+from cell.viewing.stepping import Stepper
 from cell.viewing.tree_lines import fitted, lines_of
 
 HEADER = struct.Struct("<BBI")
@@ -66,18 +67,27 @@ class MonitorClient:
             return {}
         return {int(uid): text for uid, text in told.items()}
 
+    def order(self, kind: str, body: bytes) -> None:
+        """Order something about hooks.
+
+        Raises:
+            InputError: they are off, or it means no node.
+        """
+        self._ask(kind, body)
+
     def close(self) -> None:
         """Hang up."""
         self._context.destroy(linger=0)
 
-    def _ask(self, kind: str) -> bytes:
+    def _ask(self, kind: str, body: bytes = b"") -> bytes:
         """The body of an answer.
 
         Raises:
             InputError: nobody answers, or refuses to.
         """
         self._count += 1
-        self._socket.send(HEADER.pack(PROTOCOL, ord(kind), self._count))
+        head = HEADER.pack(PROTOCOL, ord(kind), self._count)
+        self._socket.send_multipart([head, body] if body else [head])
         try:
             head, *bodies = self._socket.recv_multipart()
         except zmq.Again:
@@ -89,7 +99,7 @@ class MonitorClient:
 
 
 def live_view(port: int, console: Console) -> None:
-    """Show a running tree until it ends or the person leaves.
+    """Show a running tree until it ends or the person leaves; keys pause it and let it go on step by step.
 
     Raises:
         InputError: nobody answers at first.
@@ -97,20 +107,32 @@ def live_view(port: int, console: Console) -> None:
     client = MonitorClient(port)
     try:
         xml, shown = client.tree(), client.identity
-        with Live(console=console, auto_refresh=False, screen=console.is_terminal) as live:
+        stepper = Stepper(xml, client.order)
+        with keys() as pressed, Live(console=console, auto_refresh=False, screen=console.is_terminal) as live:
             while True:
                 try:
-                    statuses, entries, said = client.statuses(), client.blackboards(), client.said()
+                    said, entries, statuses = client.said(), client.blackboards(), client.statuses()
                     if client.identity != shown:
                         xml, shown = client.tree(), client.identity
+                        stepper = Stepper(xml, client.order)
                         continue
                 except InputError:
+                    console.print("the run has ended")
                     break
-                live.update(view(xml, statuses, entries, said, (console.width, console.height)), refresh=True)
-                time.sleep(REFRESH_S)
-        console.print("the run has ended")
+                stepper.keep(statuses, said)
+                drawn = view(xml, statuses, entries, said, (console.width, console.height - 1))
+                live.update(Group(drawn, _footer(stepper)) if console.is_terminal else drawn, refresh=True)
+                typed = pressed.pressed(REFRESH_S)
+                if "q" in typed:
+                    break
+                for key in typed:
+                    stepper.press(key, said)
     finally:
         client.close()
+
+
+def _footer(stepper: Stepper) -> Text:
+    return Text(f"p {'goes on' if stepper.paused else 'pauses'}   s steps   q leaves   {stepper.told}", style="dim")
 
 
 def view(

@@ -21,6 +21,7 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 from cell.recording.schemas import plain
+from cell.viewing.stepping import WAITS
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.literals import shown
 from trees.engine.tree import Tree
@@ -166,6 +167,7 @@ class Monitor:
     def _feedback(self, _: bytes) -> bytes:
         """What nodes say now, by uid; only `cell monitor` asks for it."""
         said = {node.uid: node.feedback_message for node in self._tree.nodes if node.feedback_message}
+        said |= dict.fromkeys(self._hooks.waiting, WAITS)
         return json.dumps(said).encode()
 
     def _record(self, order: bytes) -> bytes | None:

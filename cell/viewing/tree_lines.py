@@ -8,6 +8,8 @@ from xml.etree import ElementTree
 
 from rich.text import Text
 
+from cell.viewing.stepping import WAITS
+
 RUNNING = 1
 MARKS = {0: ("○", "dim"), RUNNING: ("▶", "bold yellow"), 2: ("✔", "green"), 3: ("✘", "red"), 4: ("–", "dim")}
 
@@ -64,7 +66,8 @@ def _take(
         lines.append(Line(depth, "", 0, 0, runs=False))
         inner = trees[element.get("_fullpath", "")] if element.tag == "SubTree" else element
         runs = _take(lines, list(inner), depth + 1, trees, statuses, said) or status == RUNNING
-        words = said.get(uid, "") if not len(inner) and status != 0 else ""
+        words = said.get(uid, "")
+        words = words if words == WAITS or (not len(inner) and status != 0) else ""
         name = label if label == kind else f"{label}  ({kind})"
         lines[place] = Line(depth, name, status, len(lines) - place - 1, runs, words)
         any_runs = any_runs or runs

@@ -139,6 +139,11 @@ class Hooks:
         """Whether any hook may act."""
         return any(hook.enabled for hook in self._hooks.values())
 
+    @property
+    def waiting(self) -> set[int]:
+        """Nodes that wait at a breakpoint."""
+        return {uid for uid, _ in self._waiting}
+
     def dump(self) -> list[dict[str, Any]]:
         """All hooks as plain data."""
         return [hook.model_dump(mode="json") for hook in self._hooks.values()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import struct
 from collections.abc import Callable, Iterator
@@ -24,8 +25,10 @@ from cell.interfaces.command import Command
 from cell.interfaces.errors import InputError
 from cell.observer import SentCommand, TickRecord
 from cell.running.node_library import node_registry
+from cell.viewing.keys import Keys
 from cell.viewing.live_view import MonitorClient, view
 from cell.viewing.monitor import Monitor
+from cell.viewing.stepping import Stepper
 from tests import ROOT
 from tests.cell.fakes import Rig
 from trees.engine.node import Node
@@ -386,3 +389,56 @@ def test_several_hooks_may_come_in_one_request(make: Callable[..., Bench]) -> No
     dump = json.loads(monitor.answer([HEADER.pack(2, ord("D"), 1)])[1])
     assert [hook["uid"] for hook in dump] == [1, 2]
     assert monitor.answer([HEADER.pack(2, ord("I"), 1), b'[{"uid": 1}, {"uid": 0}]'])[0] == b"error"
+
+
+def test_a_person_pauses_a_tree_and_lets_its_actions_begin_one_by_one(make: Callable[..., Bench]) -> None:
+    bench = make(hooks=True)
+    client = MonitorClient(bench.port)
+    stepper = Stepper(bench.served(client.tree), lambda kind, body: bench.served(lambda: client.order(kind, body)))
+
+    def ticked(key: str = "") -> dict[int, int]:
+        said = bench.served(client.said)
+        if key:
+            stepper.press(key, said)
+        stepper.keep(bench.statuses(), said)
+        bench.tick()
+        return bench.statuses()
+
+    try:
+        running = 1
+        assert ticked("p")[CONDITION] == 0  # the script before it does not begin
+        assert bench.served(client.said) == {SCRIPT: "waits at a breakpoint"}
+        found = ticked("s")
+        assert (found[SCRIPT], found[FIRST]) == (2, 0)  # the condition passes, the next action waits
+        assert found[INNER] == running
+        assert ticked()[FIRST] == 0
+        assert ticked("s")[FIRST] == running
+        assert ticked()[FIRST] == 10 + 2  # what was let begin runs to its end
+        assert bench.statuses()[LAST] == 0
+        assert ticked("p")[LAST] == running
+        assert (stepper.paused, stepper.told) == (False, "goes on")
+    finally:
+        client.close()
+
+
+def test_a_pause_is_refused_where_hooks_are_off(make: Callable[..., Bench]) -> None:
+    bench = make()
+    client = MonitorClient(bench.port)
+    stepper = Stepper(bench.served(client.tree), lambda kind, body: bench.served(lambda: client.order(kind, body)))
+    try:
+        stepper.press("p", {})
+        stepper.keep(bench.statuses(), {})
+        assert not stepper.paused
+        assert "--monitor-hooks turns them on" in stepper.told
+        assert bench.tick() is Status.RUNNING
+    finally:
+        client.close()
+
+
+def test_keys_come_from_a_terminal_and_nowhere_else() -> None:
+    first, second = os.openpty()
+    os.write(first, b"ps\n")
+    assert Keys(second).pressed(1.0).startswith("ps")
+    assert Keys(None).pressed(0.0) == ""
+    os.close(first)
+    os.close(second)

@@ -283,6 +283,22 @@ def sheet(
     say(str(target))
 
 
+@log_app.command()
+def snapshots(
+    log: LogArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")] = Path("snapshots"),
+    as_json: JsonOption = False,
+) -> None:
+    """Write the pictures that a tree marked by TakeSnapshot as JPEG files."""
+    from cell.log.telling.snapshots import save_snapshots
+
+    files = save_snapshots(read(log), out)
+    if as_json:
+        tell_json({"files": [str(file) for file in files]})
+    else:
+        say(*(str(file) for file in files))
+
+
 @log_app.command("to-test")
 def to_test(
     log: LogArgument,

@@ -57,7 +57,7 @@ _FIELDS: dict[str, dict[str, Schema]] = {
     "/note/help": {**TICK, "text": TEXT},
     "/note/file": {**TICK, "path": TEXT, "done": TEXT},
     "/note/message": {**TICK, "text": TEXT, "weight": TEXT},
-    "/note/snapshot": {**TICK, "camera": TEXT, "sequence": INTEGER, "label": TEXT},
+    "/note/snapshot": {**TICK, "camera": TEXT, "sequence": INTEGER, "taken_s": NUMBER, "label": TEXT},
     "/note/bracket": {**TICK, "number": INTEGER, "edge": TEXT},
     "/note/skill": {**TICK, "node": TEXT, "status": TEXT, "reason": TEXT},
     "/edit": {**TICK, "files": OBJECT},

@@ -9,7 +9,7 @@ from typing import get_args
 
 from cell.interfaces.command import Display
 from cell.interfaces.errors import InputError
-from cell.interfaces.operator import OperatorOrder, OperatorState, OrderKind, Question
+from cell.interfaces.operator import LETTERS_MAX, OperatorOrder, OperatorState, OrderKind, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 
 KEPT = 8  # orders that nodes may still want to read
@@ -64,6 +64,9 @@ class OperatorChannel:
         if question is None:
             standing = ", ".join(str(one.number) for one in self.questions) or "none"
             return f"no question {order.question} is asked now; questions: {standing}"
+        if question.kind == "text":
+            legal_text = 0 < len(order.value.strip()) <= LETTERS_MAX and order.value.isprintable()
+            return "" if legal_text else f"an answer is a line of 1 to {LETTERS_MAX} letters"
         legal = [answer.value for answer in question.answers]
         if order.value not in legal:
             return f"{order.value!r} answers no question {order.question}; legal: {', '.join(legal) or 'nothing'}"

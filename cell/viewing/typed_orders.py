@@ -66,6 +66,8 @@ class TypedOrders:
 def order_of(line: str, questions: Sequence[Question] = ()) -> OperatorOrder:
     """The order in a line; an answer may leave out the number where one question stands.
 
+    A text of one's own needs the number, so that no order is taken for one.
+
     Raises:
         InputError: there is none in it.
     """
@@ -80,7 +82,8 @@ def order_of(line: str, questions: Sequence[Question] = ()) -> OperatorOrder:
             if NEW.get(answer, answer) in (choice.value, choice.words):
                 return OperatorOrder("answer", choice.value, question.number)
     if number is not None:
-        return OperatorOrder("answer", answer, number)
+        wants_text = any(one.kind == "text" and one.number == number for one in questions)
+        return OperatorOrder("answer", line.strip().partition(" ")[2].strip() if wants_text else answer, number)
     if first == "pause":
         return OperatorOrder("pause", "now" if rest in ("", "now") else "after part")
     if first == "goal":

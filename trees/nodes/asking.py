@@ -9,7 +9,6 @@ from py_trees.common import Status
 
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, Answer, Question
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
-from trees.engine.errors import NodeError
 from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.nodes.services import CellNode
 
@@ -17,7 +16,33 @@ TRAY_MARGIN_M = 0.05
 LIKELIEST_N = 4  # goals that a question offers
 
 
-class AskForHelp(CellNode):
+class Asks(CellNode):
+    """Base of nodes that put a question to people: it is withdrawn however the node ends."""
+
+    abstract = True
+
+    _question: Question | None = None
+    _asked_s = 0.0
+
+    def answered(self) -> str | None:
+        """What somebody answered, None as long as nobody did."""
+        return None if self._question is None else self.services.observation.operator.answer(self._question.number)
+
+    def late(self, wait_s: float) -> bool:
+        """Whether nobody answered in time; then it is said."""
+        if self.services.observation.time_s - self._asked_s <= wait_s:
+            return False
+        self.feedback_message = f"nobody answered within {wait_s:g} s"
+        return True
+
+    def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
+        if self._question is not None:
+            self.services.withdraw(self._question)
+            self.services.show(help_request=None)
+            self._question = None
+
+
+class AskForHelp(Asks):
     """Ask the person to do what the robot cannot (Alg. 2: "help"), and wait for it as long as the tree says.
 
     Succeeds when help was given, and the robot should try again: somebody says so, or a hand was in the tray and left.
@@ -28,8 +53,6 @@ class AskForHelp(CellNode):
     part = InputPort(str, "type of the part concerned", default="")
     wait_s = InputPort(float, "longest wait for help; 0 asks and goes on", default=0.0)
 
-    _question: Question | None = None
-    _asked_s = 0.0
     _standing = 0
     _hand_there = False
 
@@ -51,10 +74,10 @@ class AskForHelp(CellNode):
             self._question = services.ask("help", asked, tried=tried, todo=todo, part=part, answers=answers)
 
     def update(self) -> Status:
-        services, question = self.services, self._question
-        if question is None:
+        services = self.services
+        if self._question is None:
             return Status.SUCCESS
-        answer = services.observation.operator.answer(question.number)
+        answer = self.answered()
         if answer == HELP_GIVEN or self._hand_was_in_tray():
             self.feedback_message = "help was given" if answer else "somebody was at the tray"
             return Status.SUCCESS
@@ -62,16 +85,7 @@ class AskForHelp(CellNode):
         if answer == PLACED_BY_HAND or placing is not None or self._placed() > self._standing:
             self.feedback_message = "the person places it"
             return Status.FAILURE
-        if services.observation.time_s - self._asked_s > self.wait_s.get():
-            self.feedback_message = f"nobody answered within {self.wait_s.get():g} s"
-            return Status.FAILURE
-        return Status.RUNNING
-
-    def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
-        if self._question is not None:
-            self.services.withdraw(self._question)
-            self.services.show(help_request=None)
-            self._question = None
+        return Status.FAILURE if self.late(self.wait_s.get()) else Status.RUNNING
 
     def _placed(self) -> int:
         """In how many holes such a part is seen."""
@@ -90,48 +104,35 @@ class AskForHelp(CellNode):
         return was and not there
 
 
-class AskOperator(CellNode):
-    """Ask somebody a question of the tree's own, and wait for one of its answers; fails when none comes in time."""
+class AskOperator(Asks):
+    """Ask somebody a question of the tree's own, and wait for one of its answers, or for any text; fails without one.
+
+    A text may have up to 200 characters.
+    """
 
     text = InputPort(str, "what to ask")
-    answers = InputPort(list[str], "what may be answered: yes;no", default=["done"])
+    answers = InputPort(list[str], "what may be answered: yes;no; empty for any text", default=["done"])
     wait_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=60.0)
     answer = OutputPort(str, "what was answered")
 
-    _question: Question | None = None
-    _asked_s = 0.0
-
     def initialise(self) -> None:
-        answers = tuple(Answer(words, words) for words in self.answers.get())
-        if not answers:
-            raise NodeError("a question needs an answer at least")
+        text, answers = self.text.get(), tuple(Answer(words, words) for words in self.answers.get())
         self._asked_s = self.services.observation.time_s
-        self._question = self.services.ask("choice", self.text.get(), todo=self.text.get(), answers=answers)
-        self.services.show(help_request=self.text.get())
-        self.services.journal.note("help", text=self.text.get(), answers=[one.value for one in answers])
-        self.feedback_message = f"asks: {self.text.get()}"
+        self._question = self.services.ask("choice" if answers else "text", text, todo=text, answers=answers)
+        self.services.show(help_request=text)
+        self.services.journal.note("help", text=text, answers=[one.value for one in answers])
+        self.feedback_message = f"asks: {text}"
 
     def update(self) -> Status:
-        assert self._question is not None, "initialise comes first"
-        seen, wait_s = self.services.observation, self.wait_s.get()
-        said = seen.operator.answer(self._question.number)
+        said, wait_s = self.answered(), self.wait_s.get()
         if said is not None:
             self.answer.set(said)
             self.feedback_message = f"answered: {said}"
             return Status.SUCCESS
-        if wait_s > 0 and seen.time_s - self._asked_s > wait_s:
-            self.feedback_message = f"nobody answered within {wait_s:g} s"
-            return Status.FAILURE
-        return Status.RUNNING
-
-    def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
-        if self._question is not None:
-            self.services.withdraw(self._question)
-            self.services.show(help_request=None)
-            self._question = None
+        return Status.FAILURE if wait_s > 0 and self.late(wait_s) else Status.RUNNING
 
 
-class AskWhichGoal(CellNode):
+class AskWhichGoal(Asks):
     """Ask which product is built where none that is known fits, or where the first act would be a guess.
 
     Succeeds when it is told, or when the doubt has gone by itself; fails at once where there is nothing to ask or
@@ -141,9 +142,6 @@ class AskWhichGoal(CellNode):
     plan = InputPort(AssemblyPlan, "belief over goals")
     state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
     wait_s = InputPort(float, "longest wait for an answer", default=60.0)
-
-    _question: Question | None = None
-    _asked_s = 0.0
 
     def initialise(self) -> None:
         self._asked_s = self.services.observation.time_s
@@ -157,7 +155,7 @@ class AskWhichGoal(CellNode):
                 return Status.FAILURE
             self._ask(plan)
             return Status.RUNNING
-        answer = services.observation.operator.answer(self._question.number)
+        answer = self.answered()
         if answer is not None:
             self.feedback_message = f"it is {answer}"
             tell_goal(self, state, answer)
@@ -165,16 +163,7 @@ class AskWhichGoal(CellNode):
         if not doubtful:
             self.feedback_message = "the goal is clear by now"
             return Status.SUCCESS
-        if services.observation.time_s - self._asked_s > self.wait_s.get():
-            self.feedback_message = f"nobody answered within {self.wait_s.get():g} s"
-            return Status.FAILURE
-        return Status.RUNNING
-
-    def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
-        if self._question is not None:
-            self.services.withdraw(self._question)
-            self.services.show(help_request=None)
-            self._question = None
+        return Status.FAILURE if self.late(self.wait_s.get()) else Status.RUNNING
 
     def _ask(self, plan: AssemblyPlan) -> None:
         services = self.services

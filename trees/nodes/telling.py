@@ -64,7 +64,7 @@ class LogMessage(CellNode):
 
 
 class TakeSnapshot(CellNode):
-    """Wait for the next picture of a camera and mark it in the log, where the picture itself is."""
+    """Wait for the next picture of a camera and mark it in the log, from which `cell log snapshots` takes it."""
 
     camera = InputPort(CameraName, "overhead or wrist", default=CameraName.overhead)
     label = InputPort(str, "what it is a picture of", default="")
@@ -85,6 +85,7 @@ class TakeSnapshot(CellNode):
             self.feedback_message = f"waits for a picture of camera {camera.value}"
             return FAILURE if seen.time_s - self._asked_s > self.timeout_s.get() else RUNNING
         self.number.set(view.sequence)
-        self.services.journal.note("snapshot", camera=camera.value, sequence=view.sequence, label=self.label.get())
+        mark = {"camera": camera.value, "sequence": view.sequence, "taken_s": view.time_s, "label": self.label.get()}
+        self.services.journal.note("snapshot", **mark)
         self.feedback_message = f"picture {view.sequence} of camera {camera.value}"
         return SUCCESS

@@ -39,6 +39,16 @@ def test_what_makes_no_sense_is_refused_in_words(order: OperatorOrder, words: st
         channel().put(order)
 
 
+def test_a_text_is_taken_as_it_is_written() -> None:
+    made = channel()
+    made.shown(Display(questions=(Question(5, "text", "which batch?"),)))
+    made.put(OperatorOrder("answer", "Batch 7b", 5))
+    assert made.take(1.0).answer(5) == "Batch 7b"
+    for wrong in ("", "  ", "a\nb", 201 * "x"):
+        with pytest.raises(InputError, match="a line of 1 to 200 letters"):
+            made.put(OperatorOrder("answer", wrong, 5))
+
+
 def test_an_answer_is_known_from_the_next_tick_on() -> None:
     made = channel()
     made.put(OperatorOrder("answer", "g0", 3))

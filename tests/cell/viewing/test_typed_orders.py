@@ -74,3 +74,9 @@ def test_a_wrong_line_is_answered_and_the_next_one_obeyed() -> None:
         typed.take(line)
     assert taken == [OperatorOrder("resume")]
     assert "no order 'dance'" in said[0]
+
+
+def test_a_text_keeps_its_capitals_and_needs_the_number() -> None:
+    asked = (Question(4, "text", "which batch?"),)
+    assert order_of("4 Batch 7b", asked) == OperatorOrder("answer", "Batch 7b", 4)
+    assert order_of("stop", asked) == OperatorOrder("stop")

@@ -212,7 +212,10 @@ def test_the_bell_and_pictures_are_asked_for_once() -> None:
     see(to, 0.1)
     assert node.execute() is Status.SUCCESS
     assert isinstance(to.journal, ListJournal)
-    assert to.journal.notes[-1] == ("snapshot", {"camera": "overhead", "sequence": 0, "label": "before"})
+    assert to.journal.notes[-1] == (
+        "snapshot",
+        {"camera": "overhead", "sequence": 0, "taken_s": 0.1, "label": "before"},
+    )
 
 
 def test_holes_are_read_from_a_view_that_is_newer_than_the_question() -> None:
@@ -281,6 +284,22 @@ def test_nothing_is_let_go_over_the_bracket(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("trees.nodes.fingers.tool_pose", lambda to: to.bench.bracket.pose)
     status, _ = run("<OpenGripper/>", to)
     assert status is Status.FAILURE
+
+
+def test_an_operator_may_answer_in_words_of_their_own() -> None:
+    to = services()
+    file = Path("tree.xml")
+    body = '<AskOperator text="which batch?" answers="" wait_s="0" answer="{a}"/>'
+    file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>')
+    tree = load_tree(file, node_registry(PRODUCT))
+    tree.setup(to, to.clock)
+    assert tree.tick() is Status.RUNNING
+    (question,) = to.display.questions
+    assert (question.kind, question.answers) == ("text", ())
+    said = OperatorOrder("answer", "Batch 7b", question.number)
+    to.observation = replace(to.observation, operator=OperatorState(said=(said,)))
+    assert tree.tick() is Status.SUCCESS
+    assert tree.blackboard.values()["a"] == "Batch 7b"
 
 
 def test_an_operator_is_asked_and_answered_or_not_in_time() -> None:

@@ -126,11 +126,20 @@ function asked(question) {
     }
     return button;
   });
+  if (question.kind === "text") answers.push(...written(question));
   const words = [make("div", {}, question.reason)];
   if (question.tried) words.push(make("p", {}, S.tried + question.tried));
   if (question.todo) words.push(make("p", {}, `${S.todo}${question.todo}.`));
   const number = { class: "question", "data-number": question.number, "data-kind": question.kind };
   return make("div", number, ...words, make("div", { class: "answers" }, ...answers));
+}
+
+// A field for an answer in words of one's own.
+function written(question) {
+  const field = make("input", { maxlength: 200, disabled: !token, "aria-label": question.reason });
+  const send = () => field.value.trim() && say("answer", field.value.trim(), question.number);
+  field.addEventListener("keydown", (event) => event.key === "Enter" && send());
+  return [field, make("button", { onclick: send, disabled: !token }, S.send)];
 }
 
 function showBench({ hand }) {

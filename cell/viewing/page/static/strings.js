@@ -17,6 +17,7 @@ export const STRINGS = {
   acknowledge: "Acknowledge",
   finish: "End after this bracket",
   place: "I place this one",
+  send: "Send",
   sayGoal: "It is ...",
   newGoal: "a new one",
   now: "does",

@@ -12,9 +12,11 @@ import pytest
 
 from cell.commands.main import main
 from cell.interfaces.errors import LogError
+from cell.log.reading.frames import Frames
 from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.logged_tree import logged_tree
 from cell.log.telling.node_statistics import node_statistics, statistics_lines
+from cell.log.telling.snapshots import save_snapshots
 from cell.log.telling.tree_at import tree_at
 from tests import ROOT
 from trees.engine.node import StatusChange
@@ -97,3 +99,12 @@ def test_the_command_line_shows_a_log(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["show"]) == 2
     assert "name a tree file or a log" in capsys.readouterr().err
     assert main(["show", "trees/assemble.xml", "--at", "3"]) == 2
+
+
+def test_pictures_that_a_tree_marked_become_files(assembly_log: Log, tmp_path: Path) -> None:
+    [frame, *_] = Frames(assembly_log).newest(3.0)
+    mark = {"camera": frame.camera, "sequence": 1, "taken_s": frame.time_s, "label": "the part / before"}
+    tick = replace(assembly_log.ticks[0], notes=(("snapshot", mark), ("snapshot", {**mark, "taken_s": 999.0})))
+    files = save_snapshots(replace(assembly_log, ticks=(tick,)), tmp_path / "pictures")
+    assert [file.name for file in files] == [f"01-{frame.camera}-the-part-before.jpg"]
+    assert files[0].read_bytes() == frame.jpeg

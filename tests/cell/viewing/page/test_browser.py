@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from cell.interfaces.judgement import Action, Judgement
-from cell.interfaces.operator import OperatorOrder
+from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 from tests.cell.viewing.page.rig import HELP, WHICH, PageRig
 
@@ -146,6 +146,17 @@ def test_questions_stand_in_front_and_are_answered(visitor: Visitor) -> None:
     visitor.rig.judgement = Judgement()
     visitor.catch_up()
     assert visitor.page.query_selector_all("#front > *") == []
+
+
+def test_a_question_is_answered_in_words_of_ones_own(visitor: Visitor) -> None:
+    visitor.rig.show(questions=(Question(6, "text", "which batch?"),))
+    visitor.catch_up()
+    visitor.page.fill('[data-number="6"] input', "Batch 7b")
+    visitor.page.press('[data-number="6"] input', "Enter")
+    visitor.says(OperatorOrder("answer", "Batch 7b", 6))
+    visitor.page.fill('[data-number="6"] input', "stop")
+    visitor.page.click('[data-number="6"] button')
+    visitor.says(OperatorOrder("answer", "stop", 6))
 
 
 def test_it_shows_what_the_cell_sees_believes_and_does(visitor: Visitor) -> None:

@@ -100,10 +100,11 @@ class Registry:
         return {**ports, **further} if further else ports
 
     def extended(self, classes: Iterable[type[TreeNode]]) -> Registry:
-        """A registry with more nodes."""
+        """A registry with more nodes, also in the place of those of the same names."""
         more = Registry(words=self.words, remark=self.remark)
         more.classes, more._ports, more.enums = dict(self.classes), dict(self._ports), dict(self.enums)
         for node in classes:
+            more.classes.pop(tag_of(node), None)
             more._add(node)
         return more
 

@@ -10,7 +10,7 @@ from py_trees.common import Status
 from trees.engine.node import FAILURE, Control, Node, TreeNode
 from trees.engine.ports import Port
 from trees.files.library import Library
-from trees.files.registry import Registry
+from trees.files.registry import BUILT_IN, Registry, is_leaf, is_reserved
 from trees.files.xml_file import Element, node_tag
 
 
@@ -47,14 +47,25 @@ class _Parent(Control):
 
 
 def with_stubs(library: Library, registry: Registry) -> Registry:
-    """The registry with a stand-in for every node of a library that it does not know."""
+    """The registry with a stand-in for every node of a library that it does not know.
+
+    A node that only has the name of one that stands here, and other ports, is not known either.
+    """
     parents: dict[str, bool] = {}
     for element in _elements(library):
         tag = node_tag(element)
-        if tag and tag != "SubTree" and tag not in registry.classes:
+        if tag and tag != "SubTree" and not _is_known(element, tag, registry):
             parents[tag] = parents.get(tag, False) or bool(element.children)
     stubs = [_stub(tag, _Parent if parent else _Leaf) for tag, parent in parents.items()]
     return registry.extended(stubs) if stubs else registry
+
+
+def _is_known(element: Element, tag: str, registry: Registry) -> bool:
+    node = registry.classes.get(tag)
+    if node is None or node in BUILT_IN or not is_leaf(node):
+        return node is not None
+    ports = registry.ports_in(tag, element.attributes)
+    return all(name in ports or is_reserved(name) for name in element.attributes)
 
 
 def _stub(tag: str, base: type[TreeNode]) -> type[TreeNode]:

@@ -122,3 +122,13 @@ def test_subtrees_of_one_name_beside_each_other_have_paths_of_their_own(tmp_path
     tree = load_tree(file, node_registry(), "Main")
     assert [scope.name for scope in tree.scopes] == ["", "same", "same::4"]
     assert len({node.full_path for node in tree.nodes}) == len(tree.nodes)
+
+
+def test_a_node_of_another_program_may_have_the_name_of_one_of_ours(tmp_path: Path) -> None:
+    file = tmp_path / "theirs.xml"
+    file.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence><MoveToPose group="arm" target="{t}"/>'
+        "<AlwaysSuccess/></Sequence></BehaviorTree></root>"
+    )
+    assert findings([file], node_registry(), Circumstances()).problems
+    assert findings([file], node_registry(), Circumstances(stubs=True, provided={"t": 1})).problems == []

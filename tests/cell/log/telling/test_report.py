@@ -208,7 +208,8 @@ def test_alarms_and_overruns_are_told(assembly_log: Log) -> None:
     said = messages.Log(level=messages.LogLevel.Error, message="the log cannot be written: no space", name="controller")
     line = Message("/log", "protobuf", 2_000_000_000, said.encode())
     late = replace(assembly_log.ticks[7], overrun=True, wall_s=0.0777)
-    ticks = (*assembly_log.ticks[:7], late, *assembly_log.ticks[8:])
+    others = [replace(tick, overrun=False) for tick in assembly_log.ticks]  # on a busy machine some were later still
+    ticks = (*others[:7], late, *others[8:])
     page = report_html(replace(assembly_log, ticks=ticks, messages=(*assembly_log.messages, line, line)))
     assert page.count("no space") == 1
     assert "(2 times)" in page

@@ -22,7 +22,7 @@ from learned.parts.dataset import UNKNOWN, surface_of
 from learned.parts.maps import INPUT_PX, Peak, network_input, peaks
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
-LEAST_SCORE = 0.3
+LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
 LEAST_STANDING = 0.5  # probability, by both networks, that a part stands and is of its type
 MARGIN_M = 0.06  # things this far outside the tray still count
 NEAREST_M = 0.05  # from the camera to the tray
@@ -85,7 +85,7 @@ class CentrePartDetector:
         maps = self._centre.run({"image": network_input(frame.image)})
         features = maps["features"][0]
         found = [self._scaled(peak) for peak in peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE)]
-        known = [peak for peak in found if peak.kind < len(self._types)]
+        known = [peak for peak in found if peak.kind < len(self._types) and peak.score > LEAST_GRASPED]
         standing = self._refined(frame, [one for peak in known for one in self._supposed(frame, peak)])
         stands = {id(one.peak) for one in standing}
         answers = [self._standing(frame, one, features) for one in standing]

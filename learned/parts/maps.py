@@ -82,7 +82,7 @@ def _peak(kind: int, score: float, column: int, row: int, values: NDArray[np.flo
     return Peak(kind, score, centre, box, axis, float(values[HEIGHT]) * HEIGHT_UNIT_M, upright, (column, row))
 
 
-def _apart(found: Sequence[Peak], most: float = 0.7) -> list[Peak]:
+def _apart(found: Sequence[Peak], most: float = 0.5) -> list[Peak]:
     """Without things that a surer one of any type already stands for."""
     kept: list[Peak] = []
     for peak in found:

@@ -123,7 +123,10 @@ def encounters(
     seed = first_seed
     while _met(kept.rows) < encounters and (seed < first_seed + 5 or _met(kept.rows)):
         if ("assembly", None, seed) not in done:
-            kept.add(encounter(path, tree, person, seed, provoked=provoked, rendered=pixels))
+            row = encounter(path, tree, person, seed, provoked=provoked, rendered=pixels)
+            if row["end"] == "interrupted":  # somebody wants it to end; the seed is run again another time
+                return 1
+            kept.add(row)
             _tell_assembly(screen, kept.rows[-1])
         seed += 1
     trees = (ALGORITHM_1, DEFAULT_TREE)

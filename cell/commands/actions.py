@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,9 @@ from cell.commands.made_data import make_data
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
 from cell.commands.weights import need_torch, new_weights
 from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from cell.interfaces.product import Product
 
 DATA_S = 1.5  # processor time of a recording
 DATA_SHARE = 0.6  # of a budget
@@ -62,7 +65,8 @@ def train(
     scores = train_actions(
         task, learned, kept, path, kind, settings=settings, budget_s=seconds, seed=seed, command=command, quiet=False
     )
-    console().print(table(f"weights in {path}", scores))
+    confusions = _note_confusions(path, kind, task.product, command)
+    console().print(table(f"weights in {path}; what is taken for what in {confusions.name}", scores))
     console().print(
         f"to use it, in {config}: perception.actions: {{kind: {kind}, weights: {path.name}}}", highlight=False
     )
@@ -136,6 +140,22 @@ def evaluate(
         told = {"look": look, "person": person, "pace": pace, "first_seed": first_seed, "recordings": recordings}
         told["tracker"] = tracker
         print_json({**told, "kinds": found})
+
+
+def _note_confusions(weights: Path, kind: str, product: Product, command: str) -> Path:
+    """Write what the card says of assemblies taken for others beside the weights, where the planner looks for it."""
+    import numpy as np
+
+    from learned.actions.classes import Classes
+    from learned.onnx_model import OnnxModel
+    from learned.semantic.confusions import Confusions
+    from learned.semantic.graph import Layout
+
+    told = OnnxModel.load(weights, f"actions.{kind}").card.config["confusion"]
+    reports = Classes.of(product).reports(np.array(told["counts"]))  # type: ignore[call-overload, index]
+    path, layout = weights.with_name(f"{weights.stem}_confusions.json"), Layout.of(product)
+    Confusions.learned(layout, reports).save(path, layout, len(reports), command)
+    return path
 
 
 def _command(

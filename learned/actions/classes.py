@@ -57,6 +57,16 @@ class Classes:
         part, position = divmod(number, len(self.positions))
         return Action("assembly", confidence, self.parts[part], self.positions[position])
 
+    def reports(self, confusion: NDArray[np.int64]) -> list[tuple[tuple[str, str], tuple[str, str]]]:
+        """Assemblies that were named as assemblies, (part, position) as it was and as named, as often as counted.
+
+        Args:
+            confusion: (classes, classes) counts: rows as it was, columns as it was named.
+        """
+        pairs = [(part, position) for part in self.parts for position in self.positions]
+        counts = confusion[: self.assemblies, : self.assemblies]
+        return [(pairs[was], pairs[named]) for was, named in np.argwhere(counts) for _ in range(counts[was, named])]
+
     def of_goals(self, product: Product) -> NDArray[np.bool_]:
         """(classes,) which of them some goal contains, or name no part."""
         listed = np.zeros(len(self.names), bool)

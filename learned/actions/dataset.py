@@ -33,6 +33,7 @@ from learned.actions.segments import (
 )
 from learned.actions.settings import WHOLE_FRAMES
 
+DRIFT_KNOTS = 6  # of what drifts within a segment: it goes straight between them
 KEPT_PX = 80  # side of what is kept of a window: what networks see, and room to shift it
 
 
@@ -75,7 +76,10 @@ class Variation:
     Attributes:
         bias_m, noise_m: standard deviation of the track, of a whole segment and of each frame.
         scale: of the track about the bracket's middle, as of a hand whose height is not known.
-        height_bias_m, height_noise_m, opening_noise_m: of the fingertips' height, and of how far they are apart.
+        drift_m: of the track, slowly within the segment.
+        height_bias_m, height_drift_m, height_noise_m: of the fingertips' height.
+        opening_bias_m, opening_drift_m, opening_noise_m: of how far they are apart. No tracker tells it to the
+            millimetre by which types of parts differ: what is held is to be seen in the crops.
         flat: share of segments for which the tracker tells neither.
         lost: share of frames in which the hand is not seen.
         shift_px: of the crops, in window pixels.
@@ -86,8 +90,12 @@ class Variation:
     bias_m: float = 0.005
     noise_m: float = 0.0025
     scale: float = 0.015
-    height_bias_m: float = 0.015
-    height_noise_m: float = 0.006
+    drift_m: float = 0.004
+    height_bias_m: float = 0.028
+    height_drift_m: float = 0.018
+    height_noise_m: float = 0.008
+    opening_bias_m: float = 0.008
+    opening_drift_m: float = 0.003
     opening_noise_m: float = 0.003
     flat: float = 0.1
     lost: float = 0.03
@@ -299,7 +307,12 @@ def _varied_track(told: Array, reader: SegmentReader, rng: np.random.Generator, 
     varied = told + rng.normal(0.0, 1.0, told.shape) * each
     for columns in (TIPS, PALM):
         varied[:, columns] = (varied[:, columns] - middle_m) * scale + middle_m + bias
+    slow = np.array([variation.drift_m] * 4 + [variation.height_drift_m, variation.opening_drift_m])
+    knots = rng.normal(0.0, slow, (DRIFT_KNOTS, len(slow)))
+    at = np.linspace(0, DRIFT_KNOTS - 1, len(told))
+    varied += np.stack([np.interp(at, np.arange(DRIFT_KNOTS), column) for column in knots.T], axis=1)
     varied[:, HEIGHT] += rng.normal(0.0, variation.height_bias_m)
+    varied[:, OPENING] += rng.normal(0.0, variation.opening_bias_m)
     varied[rng.random(len(told)) < variation.lost] = np.nan
     if rng.random() < variation.flat:
         varied[:, [HEIGHT, OPENING]] = np.nan

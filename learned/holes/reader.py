@@ -22,6 +22,7 @@ SETTLE_FRAMES = 3  # equal readings in a row before a hole's view changes
 LEAST_EMPTY, LEAST_FILLED = "least_empty", "least_filled"
 
 KEYS = {True: LEAST_EMPTY, False: LEAST_FILLED}
+SURELY_EMPTY = 0.9  # emptiness is never said below, however few recordings a validation had
 COVERED = 0.5  # probability from which a hole counts as covered
 
 
@@ -52,6 +53,7 @@ class HoleNetwork:
         self._positions, self._types = product.positions, tuple(product.parts)
         network.card.require_vocabulary(network.path, {"parts": self._types})
         self._least = {empty: float(str(network.card.config.get(key, 0.9))) for empty, key in KEYS.items()}
+        self._least[True] = max(self._least[True], SURELY_EMPTY)
 
     def read(self, image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], camera: Pose) -> dict[str, Reading | None]:
         """By position; None where a hole is covered, or nothing can be said for sure."""

@@ -25,7 +25,6 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.errors import LogError
 from cell.interfaces.files import shipped
 from cell.interfaces.observation import Observation
-from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from cell.log.reading.left_off import read_left_off, world_of
 from cell.observer import Level, Observer, Outcome
@@ -97,7 +96,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
         Injection.parse(options.inject)
     with located(options.configuration, configuration):
         product = load_product(configuration, options.configuration)
-        tree = options.load(product)
+        tree = options.load(product, configuration)
         log = log_path(options, configuration.log)
         perception, told = fitting(configuration.perception, product)
         configuration = configuration.model_copy(update={"perception": perception})
@@ -168,9 +167,7 @@ def _run(options: RunOptions, files: Files, tally: BracketTally, log: Path, cons
             console.print(f"the operator's page: {page.address}", highlight=False, soft_wrap=True)
         if options.orders is not None:
             TypedOrders(options.orders, operator.put, lambda: operator.questions, lambda text: console.print(text))
-        ticked = (
-            _watched(options, product, files.tree, observers, recorder, monitor, page) if options.watch else files.tree
-        )
+        ticked = _watched(options, files, observers, recorder, monitor, page) if options.watch else files.tree
         injection = None if options.inject is None else Injection.parse(options.inject)
         stack.enter_context(real_time.preferred(options.pace == "real"))
         outcome = drive(
@@ -288,8 +285,7 @@ def _open_page(options: RunOptions, files: Files, operator: OperatorChannel) -> 
 
 def _watched(
     options: RunOptions,
-    product: Product,
-    tree: Tree,
+    files: Files,
     observers: Sequence[Observer],
     recorder: McapRecorder,
     monitor: Monitor | None,
@@ -304,7 +300,9 @@ def _watched(
         if page is not None:
             page.watch(tree)
 
-    return WatchedTree(tree, lambda: options.load(product), options.tree, observers, swapped)
+    return WatchedTree(
+        files.tree, lambda: options.load(files.product, files.configuration), options.tree, observers, swapped
+    )
 
 
 def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:

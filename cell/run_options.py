@@ -94,9 +94,9 @@ class RunOptions:
         """Whether somebody is there who answers questions."""
         return self.brackets is not None or self.page_port is not None or self.orders is not None
 
-    def load(self, product: Product) -> Tree:
+    def load(self, product: Product, configuration: Configuration) -> Tree:
         """The tree as it stands in its files now."""
-        return load_tree(self.tree, node_registry(product, self.nodes), None, self.entries, self.beside)
+        return load_tree(self.tree, node_registry(product, self.nodes, configuration), None, self.entries, self.beside)
 
 
 @dataclass(frozen=True)

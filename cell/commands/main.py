@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -41,7 +41,7 @@ from cell.interfaces.files import own_or_shipped
 
 if TYPE_CHECKING:
     from cell.interfaces.errors import Problem
-    from cell.interfaces.product import Product
+    from trees.files.registry import Registry
 
 TREE = own_or_shipped("trees", "ahead.xml", "assemble.xml")
 SHIFT_TREE = own_or_shipped("trees", "shift.xml")
@@ -253,11 +253,10 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
 ) -> int:
     """Say everything that is wrong with tree files."""
-    from cell.running.node_library import node_registry
     from trees.files.check import Circumstances, findings
 
     known = Circumstances(tuple(beside or ()), entries_of(entries), stubs)
-    problems, warnings, notes = findings(files, node_registry(_product(config), own_nodes or ()), known)
+    problems, warnings, notes = findings(files, _registry(config, own_nodes or ()), known)
     if strict:
         problems, warnings, notes = [*problems, *warnings, *notes], [], []
     if as_json:
@@ -269,17 +268,21 @@ def check(
         sys.stderr.writelines(f"{one.place}: {level}: {one.what}\n" for one in some)
     if problems:
         raise InputError(*problems)
-    unchecked = "" if config else "; names of parts and positions are checked with --config"
+    unchecked = "" if config else "; names of parts, positions, goals and signals are checked with --config"
     sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong{unchecked}\n")
     return 0
 
 
-def _product(config: Path | None) -> Product | None:
+def _registry(config: Path | None, own_nodes: Iterable[str]) -> Registry:
+    """The nodes that there are; with a configuration, ports take only names that it has."""
+    from cell.running.node_library import node_registry
+
     if config is None:
-        return None
+        return node_registry(more=own_nodes)
     from cell.configuration import load_configuration, load_product
 
-    return load_product(load_configuration(config), config)
+    configuration = load_configuration(config)
+    return node_registry(load_product(configuration, config), own_nodes, configuration)
 
 
 @app.command()

@@ -172,7 +172,7 @@ def _packed(sweep: Sweep, tree: Path, path: Path) -> Packed:
     for goal in sweep.goals:
         if goal != "random" and goal not in product.goals:
             raise InputError(f"unknown goal '{goal}'; legal: {', '.join(product.goals)}, random")
-    loaded = load_tree(tree, node_registry(product))
+    loaded = load_tree(tree, node_registry(product, (), configuration))
     folder = tree.resolve().parent
     files = {f"trees/{_inside(part, folder)}": text.encode() for part, text in loaded.texts.items()}
     config_folder = path.resolve().parent

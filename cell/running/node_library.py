@@ -14,26 +14,33 @@ from collections.abc import Iterable, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import trees.nodes
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 from trees.engine.node import TreeNode
-from trees.engine.vocabulary import Goal, Hole, Part, Words
+from trees.engine.vocabulary import Goal, Hole, OutputSignal, Part, Signal, Words
 from trees.files.registry import Registry
 from trees.framed_pose import FRAMES, FramedPose
+
+if TYPE_CHECKING:
+    from cell.configuration import Configuration
 
 ENTRY_POINTS = "cell.nodes"  # a package names a module of its own there
 ALWAYS = "CELL_NODES"  # names what is wanted in every command; several with : between them
 USUAL_FOLDER = Path("nodes")  # where `cell new` writes
 
 
-def node_registry(product: Product | None = None, more: Iterable[str] = ()) -> Registry:
+def node_registry(
+    product: Product | None = None, more: Iterable[str] = (), configuration: Configuration | None = None
+) -> Registry:
     """All nodes, by module and in the order of their text.
 
     Args:
         product: its part types and positions are the only ones that ports may name; None lets any name pass.
         more: files or packages with further nodes.
+        configuration: its digital signals are the only ones that ports may name; None lets any name pass.
 
     Raises:
         InputError: a file or package cannot be loaded, or two nodes have one name.
@@ -44,16 +51,26 @@ def node_registry(product: Product | None = None, more: Iterable[str] = ()) -> R
         modules += _named(name)
     classes = list(dict.fromkeys(node for module in modules for node in _nodes(module)))
     try:
-        return Registry(classes, words=_words(product), remark="" if named else _remark())
+        return Registry(
+            classes, words={**_things(product), **_signals(configuration)}, remark="" if named else _remark()
+        )
     except ValueError as error:
         raise InputError(f"{error}; they stand in {', '.join(_places(classes))}") from None
 
 
-def _words(product: Product | None) -> Words:
+def _things(product: Product | None) -> Words:
     if product is None:
         return {}
     frames = (*FRAMES, *product.positions)
     return {Part: tuple(product.parts), Hole: product.positions, Goal: tuple(product.goals), FramedPose: frames}
+
+
+def _signals(configuration: Configuration | None) -> Words:
+    if configuration is None:
+        return {}
+    module = configuration.signals
+    inputs, outputs = (tuple(module.inputs), tuple(module.outputs)) if module is not None else ((), ())
+    return {Signal: (*inputs, *outputs), OutputSignal: outputs}
 
 
 def _nodes(module: ModuleType) -> Iterator[type[TreeNode]]:

@@ -31,7 +31,7 @@ def said(options: RunOptions, kind: str = "classical") -> dict[str, str]:
     files = Files(
         configuration,
         product,
-        options.load(product),
+        options.load(product, configuration),
         load_planners(configuration, product),
         load_faults(configuration),
     )

@@ -43,6 +43,20 @@ class Goal(Word):
     missing: ClassVar[str] = "the product has no goal"
 
 
+class Signal(Word):
+    """A digital signal of the bench: an input or an output."""
+
+    __slots__ = ()
+    missing: ClassVar[str] = "the bench has no signal"
+
+
+class OutputSignal(Signal):
+    """A digital signal of the bench that can be set."""
+
+    __slots__ = ()
+    missing: ClassVar[str] = "the bench has no output signal"
+
+
 Words = Mapping[type[Any], tuple[str, ...]]  # by kind of port; each has `missing` and `name_in`, as Word
 
 
@@ -56,4 +70,4 @@ def misnomer(value: object, kind: Any, words: Words) -> tuple[str, str] | None:
     known = words.get(kind) if isinstance(kind, type) else None
     if known is None or (name := kind.name_in(value)) in known:
         return None
-    return f"{kind.missing} '{name}'", "one of " + ", ".join(known)
+    return f"{kind.missing} '{name}'", "one of " + ", ".join(known) if known else "the configuration names none"

@@ -55,11 +55,13 @@ def _constant_problems(writers: list[Use], typed: Use) -> list[Problem]:
 
 def _misnomers(group: list[Use], words: Words) -> Iterator[Problem]:
     """Names that are spelt out for an entry, in a script or in what a SubTree is given, and that do not exist."""
-    taker = next((use for use in group if use.reads and _has_names(use.kind, words)), None)
+    takers = [use for use in group if use.reads and _has_names(use.kind, words)]
     for use in group:
         spelt_out = use.text if use.sign else use.entry.text if use.writes and not use.turn else None
-        if taker is not None and spelt_out is not None and (wrong := misnomer(spelt_out, taker.kind, words)):
-            yield Problem(use.place, wrong[0], f"{taker.user} at {taker.place} takes {wrong[1]}")
+        for taker in takers if spelt_out is not None else ():
+            if wrong := misnomer(spelt_out, taker.kind, words):
+                yield Problem(use.place, wrong[0], f"{taker.user} at {taker.place} takes {wrong[1]}")
+                break
 
 
 def _unwritten(builder: Builder, readers: list[Use]) -> Iterator[Problem]:
@@ -108,7 +110,8 @@ def _agree(use: Use, typed: Use) -> bool:
     if use.kind is Any or use.kind == typed.kind:
         return True
     if _is_text(use.kind) and _is_text(typed.kind):
-        return str in (use.kind, typed.kind)
+        kin = issubclass(use.kind, typed.kind) or issubclass(typed.kind, use.kind)
+        return str in (use.kind, typed.kind) or (kin and not use.writes)
     if typed.writes and typed.kind is str and not use.writes:
         return has_literals(use.kind)
     classes = isinstance(use.kind, type) and isinstance(typed.kind, type)

@@ -7,6 +7,7 @@ from py_trees.common import Status
 from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InputPort
+from trees.engine.vocabulary import OutputSignal, Signal
 from trees.nodes.services import CellNode
 
 KNOWN_WITHIN_S = 1.0  # a module that was just started has not told its inputs yet
@@ -17,7 +18,7 @@ class SignalNode(CellNode):
 
     abstract = True
 
-    signal = InputPort(str, "its name in the configuration")
+    signal = InputPort(Signal, "its name in the configuration")
     value = InputPort(bool, "on (true) or off", default=True)
 
     def is_so(self) -> bool:
@@ -67,7 +68,7 @@ class WaitForSignal(SignalNode):
 class SetSignal(CellNode):
     """Set an output; it keeps its value until it is set again, also after the run."""
 
-    signal = InputPort(str, "its name in the configuration")
+    signal = InputPort(OutputSignal, "its name in the configuration")
     value = InputPort(bool, "on (true) or off", default=True)
     timeout_s = InputPort(float, "longest wait until it is set in [s]", default=1.0)
 

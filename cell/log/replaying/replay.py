@@ -224,7 +224,7 @@ def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Planners,
         else:
             configuration = load_configuration(changes.configuration)
             product = load_product(configuration, changes.configuration)
-        registry = node_registry(product)
+        registry = node_registry(product, (), configuration)
         tree = load_tree(changes.tree, registry) if changes.tree else _tree(log, folder, registry)
         recorded = folder / "faults.yaml"
         own = changes.configuration is None and recorded.exists()

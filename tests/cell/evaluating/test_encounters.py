@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from cell.commands.faults import _tell_assembly
 from cell.configuration import DEFAULT_CONFIGURATION
 from cell.evaluating.assembly import ALGORITHM_1
 from cell.evaluating.encounters import encounter, summary
@@ -20,6 +22,19 @@ def test_a_careless_person_is_met_in_many_phases_and_no_contact_is_fast_or_avoid
     assert len(found["phases"]) >= 3  # type: ignore[arg-type]  # a dictionary
     assert (found["contacts_fast"], found["contacts_avoidable"], found["moved_while_unknown"]) == (0, 0, 0)
     assert np.isfinite(float(str(found["fastest_m_s"])))
+
+
+def test_an_assembly_that_did_not_finish_is_told_with_its_reason(capsys: pytest.CaptureFixture[str]) -> None:
+    row: Row = {
+        "seed": 7,
+        "end": "fault",
+        "reason": "the arm stopped",
+        "sim_time_s": 3.0,
+        "encounters": 1,
+        "contacts": [],
+    }
+    _tell_assembly(Console(), row)
+    assert "seed 7: fault after 3.0 s (the arm stopped), 1 encounters" in capsys.readouterr().out
 
 
 def test_the_ratio_takes_only_pairs_that_were_finished_both_and_only_of_its_tree() -> None:

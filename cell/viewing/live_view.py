@@ -44,6 +44,8 @@ class MonitorClient:
         self._socket = self._context.socket(zmq.REQ)
         self._socket.setsockopt(zmq.RCVTIMEO, TIMEOUT_MS)
         self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.REQ_RELAXED, 1)  # it may ask on after a request that nobody answered,
+        self._socket.setsockopt(zmq.REQ_CORRELATE, 1)  # and a late answer is not taken for that of the next one
         self._socket.connect(f"tcp://127.0.0.1:{port}")
 
     def tree(self) -> ElementTree.Element:
@@ -105,6 +107,7 @@ def live_view(port: int, console: Console) -> None:
         InputError: nobody answers at first.
     """
     client = MonitorClient(port)
+    stepper: Stepper | None = None
     try:
         xml, shown = client.tree(), client.identity
         stepper = Stepper(xml, client.order)
@@ -117,6 +120,7 @@ def live_view(port: int, console: Console) -> None:
                         stepper = Stepper(xml, client.order)
                         continue
                 except InputError:
+                    stepper = None
                     console.print("the run has ended")
                     break
                 stepper.keep(statuses, said)
@@ -128,6 +132,8 @@ def live_view(port: int, console: Console) -> None:
                 for key in typed:
                     stepper.press(key, said)
     finally:
+        if stepper is not None:
+            stepper.leave()
         client.close()
 
 

@@ -93,6 +93,7 @@ class Monitor:
 
     def tick(self, record: TickRecord) -> None:
         self._time_s = record.observation.time_s
+        self._hooks.ticked()
         self._board.update(record.changes, self._time_s)
         self.serve()
 

@@ -53,6 +53,14 @@ class Stepper:
         except InputError as error:
             self.paused, self.told = False, str(error)
 
+    def leave(self) -> None:
+        """Take the breakpoints away, so that nothing waits for a person who has left."""
+        if self._stopped:
+            try:
+                self._go_on()
+            except InputError:
+                self._stopped.clear()  # the run has ended
+
     def keep(self, statuses: Mapping[int, int], said: Mapping[int, str]) -> None:
         """While paused, stop what has ended before it begins again."""
         idle = [uid for uid in self._leaves if uid not in self._stopped]

@@ -12,6 +12,7 @@ from cell.viewing.stepping import WAITS
 
 RUNNING = 1
 MARKS = {0: ("○", "dim"), RUNNING: ("▶", "bold yellow"), 2: ("✔", "green"), 3: ("✘", "red"), 4: ("–", "dim")}
+HELD = ("‖", "bold yellow")
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,14 @@ class Line:
     runs: bool
     said: str = ""
 
+    @property
+    def held(self) -> bool:
+        """It waits at a breakpoint."""
+        return self.said == WAITS
+
     def text(self, hidden: int = 0) -> Text:
         """As it is shown; `hidden` nodes below it are left out."""
-        mark, style = MARKS[self.status]
+        mark, style = HELD if self.held else MARKS[self.status]
         more = f"  … {hidden}" if hidden else ""
         line = Text(f"{'  ' * self.depth}{mark} {self.label}{more}", style=style)
         return line.append(f"  {self.said}", style="default") if self.said else line
@@ -65,8 +71,8 @@ def _take(
         place = len(lines)
         lines.append(Line(depth, "", 0, 0, runs=False))
         inner = trees[element.get("_fullpath", "")] if element.tag == "SubTree" else element
-        runs = _take(lines, list(inner), depth + 1, trees, statuses, said) or status == RUNNING
         words = said.get(uid, "")
+        runs = _take(lines, list(inner), depth + 1, trees, statuses, said) or status == RUNNING or words == WAITS
         words = words if words == WAITS or (not len(inner) and status != 0) else ""
         name = label if label == kind else f"{label}  ({kind})"
         lines[place] = Line(depth, name, status, len(lines) - place - 1, runs, words)
@@ -88,7 +94,7 @@ def fitted(lines: Sequence[Line], rows: int) -> list[Text]:
     texts = [line.text(hidden) for line, hidden in shown]
     if len(texts) <= rows or rows < 3:
         return texts[:rows]
-    focus = max((n for n, (line, _) in enumerate(shown) if line.status == RUNNING), default=0)
+    focus = max((n for n, (line, _) in enumerate(shown) if line.status == RUNNING or line.held), default=0)
     first = min(max(0, focus - rows // 2), len(texts) - rows)
     window = texts[first : first + rows]
     if first:

@@ -72,6 +72,9 @@ class Hooks:
 
     Args:
         reached: called with the uid when a node waits at a breakpoint, once for each time.
+
+    Attributes:
+        waiting: nodes that were held at a breakpoint in the last tick.
     """
 
     def __init__(self, tree: Tree, reached: Callable[[int], None]) -> None:
@@ -80,6 +83,8 @@ class Hooks:
         self._hooks: dict[tuple[int, Position], Hook] = {}
         self._waiting: dict[tuple[int, Position], Status] = {}
         self._unlocked: dict[tuple[int, Position], Status] = {}
+        self._held: set[int] = set()
+        self.waiting: frozenset[int] = frozenset()
 
     def insert(self, hook: Hook) -> None:
         """Add or replace the hook of a node.
@@ -139,10 +144,9 @@ class Hooks:
         """Whether any hook may act."""
         return any(hook.enabled for hook in self._hooks.values())
 
-    @property
-    def waiting(self) -> set[int]:
-        """Nodes that wait at a breakpoint."""
-        return {uid for uid, _ in self._waiting}
+    def ticked(self) -> None:
+        """A tick of the tree is over; a node that nobody asked in it waits no longer."""
+        self.waiting, self._held = frozenset(self._held), set()
 
     def dump(self) -> list[dict[str, Any]]:
         """All hooks as plain data."""
@@ -163,6 +167,7 @@ class Hooks:
             if key not in self._waiting:
                 self._reached(node.uid)
             self._waiting[key] = answer
+            self._held.add(node.uid)
             return RUNNING
         self._waiting.pop(key, None)
         status = self._unlocked.pop(key, hook.status)

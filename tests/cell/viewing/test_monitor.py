@@ -421,6 +421,57 @@ def test_a_person_pauses_a_tree_and_lets_its_actions_begin_one_by_one(make: Call
         client.close()
 
 
+def test_who_leaves_takes_the_breakpoints_along(make: Callable[..., Bench]) -> None:
+    bench = make(hooks=True)
+    client = MonitorClient(bench.port)
+    stepper = Stepper(bench.served(client.tree), lambda kind, body: bench.served(lambda: client.order(kind, body)))
+    try:
+        stepper.leave()
+        stepper.press("p", {})
+        stepper.keep(bench.statuses(), {})
+        assert json.loads(bench.ask("D")[1])
+        stepper.leave()
+        assert json.loads(bench.ask("D")[1]) == []
+    finally:
+        client.close()
+
+
+def test_only_nodes_that_are_asked_are_said_to_wait_at_a_breakpoint(make: Callable[..., Bench]) -> None:
+    bench = make(hooks=True)
+    bench.ask("I", json.dumps({"uid": FIRST}).encode())
+    waiting = {FIRST: "waits at a breakpoint"}
+    bench.tick()
+    assert json.loads(bench.ask("F")[1]).items() >= {str(uid): text for uid, text in waiting.items()}.items()
+    bench.tree.halt()
+    bench.ask("I", json.dumps({"uid": SCRIPT}).encode())
+    bench.tick()
+    said = json.loads(bench.ask("F")[1])
+    assert said[str(SCRIPT)] == waiting[FIRST]
+    assert said.get(str(FIRST)) != waiting[FIRST]
+
+
+def test_a_node_that_waits_at_a_breakpoint_is_marked_and_never_folded() -> None:
+    rounds = "".join(f'<Sequence name="done {n}"><AlwaysSuccess/><AlwaysSuccess/></Sequence>' for n in range(30))
+    step = '<Fallback name="held" _uid="3"><Wait name="step" _uid="2"/></Fallback>'
+    xml = ElementTree.fromstring(
+        f'<root><BehaviorTree ID="Main" _fullpath=""><Sequence name="job" _uid="1">{rounds}{step}{rounds}</Sequence>'
+        "</BehaviorTree></root>"
+    )
+    console = Console(file=StringIO(), width=60, record=True)
+    console.print(view(xml, {1: 1, 2: 2}, {}, {2: "waits at a breakpoint"}, (60, 12)))
+    assert "‖ step  (Wait)  waits at a breakpoint" in console.export_text()
+
+
+def test_a_client_asks_on_after_a_request_that_was_broken_off(make: Callable[..., Bench]) -> None:
+    bench = make()
+    client = MonitorClient(bench.port)
+    try:
+        client._socket.send_multipart([HEADER.pack(2, ord("S"), 1)])  # as where Ctrl-C comes before the answer
+        assert bench.served(client.statuses) == bench.statuses()
+    finally:
+        client.close()
+
+
 def test_a_pause_is_refused_where_hooks_are_off(make: Callable[..., Bench]) -> None:
     bench = make()
     client = MonitorClient(bench.port)

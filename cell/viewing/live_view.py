@@ -25,7 +25,6 @@ STATUS = struct.Struct("<HB")
 PROTOCOL = 2
 TIMEOUT_MS = 2000
 REFRESH_S = 0.2
-VALUE_LETTERS = 80
 FEEDBACK = "F"
 
 
@@ -161,17 +160,20 @@ def view(
     for text in texts:
         text.truncate(columns, overflow="ellipsis")
     title = Text(next(xml.iter("BehaviorTree")).get("ID", ""), style="bold")
-    return Group(title, *texts, _entries_table(values, board_rows))
+    return Group(title, *texts, _entries_table(values, board_rows, columns))
 
 
-def _entries_table(values: Sequence[tuple[str, str, Any]], rows: int) -> Table:
+def _entries_table(values: Sequence[tuple[str, str, Any]], rows: int, columns: int) -> Table:
     left_out = len(values) - rows
     title = "blackboard" + (f" ({left_out} more)" if left_out > 0 else "")
     table = Table(title=title, title_justify="left", show_header=False, box=None, padding=(0, 1))
     for _ in range(3):
         table.add_column(no_wrap=True, overflow="ellipsis")
+    third = max(columns // 3 - 2, 1)
     for tree, key, value in values[:rows]:
-        text = str(value)
-        text = text if len(text) <= VALUE_LETTERS else text[: VALUE_LETTERS - 3] + "..."
-        table.add_row(Text(tree), Text(key), Text(text))
+        place = Text(tree if len(tree) <= third else f"…{tree[1 - third :]}")  # the inner tree says more
+        name, text = Text(key), Text(str(value)[:columns])
+        name.truncate(third, overflow="ellipsis")
+        text.truncate(third, overflow="ellipsis")
+        table.add_row(place, name, text)
     return table

@@ -30,14 +30,15 @@ class Stepper:
 
     def __init__(self, xml: ElementTree.Element, order: Order) -> None:
         actions = {model.get("ID") for model in xml.findall("TreeNodesModel/Action")}
-        self._leaves = [
-            int(element.get("_uid", "0"))
+        self._leaves = {
+            int(element.get("_uid", "0")): element.get("name") or element.tag
             for tree in xml.iter("BehaviorTree")
             for element in tree.iter()
             if element.tag in actions and not len(element)
-        ]
+        }
         self._order = order
         self._stopped: set[int] = set()
+        self._waiting: list[int] = []  # the one that has waited longest comes first
         self.paused = False
         self.told = ""
 
@@ -63,6 +64,7 @@ class Stepper:
 
     def keep(self, statuses: Mapping[int, int], said: Mapping[int, str]) -> None:
         """While paused, stop what has ended before it begins again."""
+        self._queue(said)
         idle = [uid for uid in self._leaves if uid not in self._stopped]
         idle = [uid for uid in idle if statuses.get(uid, 0) != RUNNING and said.get(uid) != WAITS]
         if not self.paused or not idle:
@@ -75,14 +77,22 @@ class Stepper:
             self.paused, self.told = False, str(error)
 
     def _step(self, said: Mapping[int, str]) -> None:
-        waits = [uid for uid in sorted(self._stopped) if said.get(uid) == WAITS]
-        if not waits:
+        self._queue(said)
+        if not self._waiting:
             self.told = "no action waits" if self.paused else "press p first"
             return
-        order = {"uid": waits[0], "position": PRE, "desired_status": AS_IT_IS, "remove_when_done": True}
+        first = self._waiting.pop(0)
+        order = {"uid": first, "position": PRE, "desired_status": AS_IT_IS, "remove_when_done": True}
         self._send("U", order)
-        self._stopped.discard(waits[0])
-        self.told = f"node {waits[0]} may begin" + (f"; {len(waits) - 1} more wait" if len(waits) > 1 else "")
+        self._stopped.discard(first)
+        following = f"; next: {self._leaves[self._waiting[0]]}" if self._waiting else ""
+        self.told = f"{self._leaves[first]} may begin{following}"
+
+    def _queue(self, said: Mapping[int, str]) -> None:
+        """Line up what waits, so that no branch of a Parallel keeps the others from their turn."""
+        waits = [uid for uid in sorted(self._stopped) if said.get(uid) == WAITS]
+        self._waiting = [uid for uid in self._waiting if uid in waits]
+        self._waiting += [uid for uid in waits if uid not in self._waiting]
 
     def _go_on(self) -> None:
         self._send("A", {})

@@ -472,6 +472,37 @@ def test_a_client_asks_on_after_a_request_that_was_broken_off(make: Callable[...
         client.close()
 
 
+def test_steps_go_in_turn_to_all_that_wait() -> None:
+    xml = ElementTree.fromstring(
+        '<root><BehaviorTree ID="Main" _fullpath=""><Parallel _uid="1"><Look _uid="2"/><Move name="to park" _uid="3"/>'
+        '</Parallel></BehaviorTree><TreeNodesModel><Action ID="Look"/><Action ID="Move"/></TreeNodesModel></root>'
+    )
+    sent: list[tuple[str, object]] = []
+    stepper = Stepper(xml, lambda kind, body: sent.append((kind, json.loads(body))))
+    stepper.press("p", {})
+    stepper.keep({}, {})
+    stepped = []
+    for _ in range(4):
+        said = {2: "waits at a breakpoint", 3: "waits at a breakpoint"}
+        stepper.keep({}, said)
+        stepper.press("s", said)
+        stepped.append(stepper.told)
+        said[2 if stepper.told.startswith("Look") else 3] = "works"
+        stepper.keep({}, said)  # it begins, ends at once, and waits again
+    assert stepped == ["Look may begin; next: to park", "to park may begin; next: Look"] * 2
+
+
+def test_the_names_of_entries_are_shown_beside_long_values() -> None:
+    xml = ElementTree.fromstring('<root><BehaviorTree ID="Main" _fullpath=""><Wait _uid="1"/></BehaviorTree></root>')
+    console = Console(file=StringIO(), width=80, record=True)
+    entries = {"Main": {"graph": "x" * 300}, "Help::27/Fetch::33/ClearAndGrasp::40/FindGraspable::51": {"tries": 3}}
+    console.print(view(xml, {1: 1}, entries, {}, (80, 24)))
+    text = console.export_text()
+    assert "graph  xxx" in text
+    assert "tries  3" in text
+    assert "FindGraspable::51" in text
+
+
 def test_a_pause_is_refused_where_hooks_are_off(make: Callable[..., Bench]) -> None:
     bench = make()
     client = MonitorClient(bench.port)

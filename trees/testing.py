@@ -8,9 +8,11 @@ Example:
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from py_trees.common import Status
 
@@ -26,19 +28,28 @@ from trees.files.words import hint
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 WORDS = {status: letter for letter, status in LETTERS.items()}
 
+T = TypeVar("T")
+_UID = re.compile(r"::\d+(?=/|$)")
+
 
 class TreeBench:
     """A loaded tree whose own leaves are replaced by scripted ones; the language's nodes stay as they are.
 
+    A leaf is meant by its path (`HelpAhead::27/PickPart::50` or, without uids, `HelpAhead/PickPart`), its name or its
+    tag; the more exact word counts.
+
     Args:
-        answers: by node name or tag, one letter a tick: S, F, R(UNNING) or K (skipped); the last one is repeated.
+        answers: by leaf, one letter a tick: S, F, R(UNNING) or K (skipped); the last one is repeated.
             A leaf that is not named succeeds.
-        writes: by node name or tag, values of output ports that the leaf writes when it succeeds.
+        writes: by leaf, values of output ports that it writes when it succeeds.
         provided: entries of the main tree that are set before the first tick.
         services: what own controls and decorators work with; none by default.
 
     Attributes:
         events: "start NAME", "tick NAME", "end NAME" and "halt NAME" since the beginning.
+
+    Raises:
+        ValueError: an answer or a write is for something that is no leaf.
     """
 
     def __init__(
@@ -52,6 +63,7 @@ class TreeBench:
         services: object = None,
     ) -> None:
         self.events: list[str] = []
+        self._starts: Counter[int] = Counter()
         self.clock = ManualClock()
         stand_ins = [
             self._stand_in(node, registry.ports(tag), answers or {}, writes or {})
@@ -61,10 +73,11 @@ class TreeBench:
         others = [node for node in registry.classes.values() if not is_leaf(node) and node not in BUILT_IN]
         self.tree: Tree = load_tree(path, Registry([*stand_ins, *others]), main, provided)
         self.tree.setup(services, self.clock)
-        self._tags = {node.name: type(node).__name__ for node in self.tree.nodes}
+        self._leaves = {node.uid: _names(node) for node in self.tree.nodes if type(node) in stand_ins}
+        known = {name for names in self._leaves.values() for name in names} | {tag_of(leaf) for leaf in stand_ins}
         for name in {**(answers or {}), **(writes or {})}:
-            if name not in self._tags and name not in registry.classes:
-                raise ValueError(f"nothing is named '{name}'; {hint(name, [*self._tags, *registry.classes])}")
+            if name not in known:
+                raise ValueError(f"nothing is named '{name}'; {hint(name, known)}")
 
     def tick(self, after_s: float = 0.0) -> str:
         """Move the clock, then tick; the root's status as a letter."""
@@ -72,15 +85,16 @@ class TreeBench:
         return WORDS[self.tree.tick()]
 
     def started(self, name: str) -> int:
-        """How often a leaf was begun, by its name; by a tag, all leaves of that kind.
+        """How often a leaf was begun; by a name or tag that several have, all of them together.
 
         Raises:
             ValueError: the tree has no such leaf.
         """
-        names = [one for one, tag in self._tags.items() if name in (one, tag)]
-        if not names:
-            raise ValueError(f"the tree has no '{name}'; {hint(name, [*self._tags, *self._tags.values()])}")
-        return sum(self.events.count(f"start {one}") for one in names)
+        meant = [uid for uid, names in self._leaves.items() if name in names]
+        if not meant:
+            known = {one for names in self._leaves.values() for one in names}
+            raise ValueError(f"the tree has no '{name}'; {hint(name, known)}")
+        return sum(self._starts[uid] for uid in meant)
 
     def _stand_in(
         self,
@@ -90,7 +104,7 @@ class TreeBench:
         writes: Mapping[str, Mapping[str, Any]],
     ) -> type[Node]:
         tag = tag_of(original)
-        events = self.events
+        events, starts = self.events, self._starts
 
         class StandIn(Node):
             """Answers as told."""
@@ -99,14 +113,15 @@ class TreeBench:
 
             def initialise(self) -> None:
                 events.append(f"start {self.name}")
+                starts[self.uid] += 1
 
             def update(self) -> Status:
                 events.append(f"tick {self.name}")
-                letters = answers.get(self.name, answers.get(tag, "S"))
+                letters = _said_of(self, answers, "S")
                 letter = letters[min(self.turn, len(letters) - 1)]
                 self.turn += 1
                 if letter == "S":
-                    for port, value in writes.get(self.name, writes.get(tag, {})).items():
+                    for port, value in _said_of(self, writes, {}).items():
                         vars(self)[ports[port].attribute].set(value)
                 return LETTERS[letter]
 
@@ -117,6 +132,15 @@ class TreeBench:
         attributes = {port.attribute: port for port in ports.values()}
         properties["further_port"] = classmethod(lambda _, name: original.further_port(name))
         return type(tag, (StandIn,), {**properties, **attributes})
+
+
+def _names(node: TreeNode) -> tuple[str, ...]:
+    """What a leaf may be called, the most exact first."""
+    return node.full_path, _UID.sub("", node.full_path), node.name, type(node).__name__
+
+
+def _said_of(node: TreeNode, told: Mapping[str, T], otherwise: T) -> T:
+    return next((told[name] for name in _names(node) if name in told), otherwise)
 
 
 def assert_ticks(bench: TreeBench, statuses: str, period_s: float = 0.04) -> None:

@@ -115,6 +115,37 @@ def test_a_bench_refuses_names_that_nothing_has(write: Callable[[str], Path]) ->
         TreeBench(path, Registry([Fetch])).started("Fetsch")
 
 
+TWICE = (
+    '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence name="both">'
+    '<SubTree ID="Get" name="left"/><SubTree ID="Get"/></Sequence></BehaviorTree>'
+    '<BehaviorTree ID="Get"><Fallback><Fetch part="o1" pose="{pose}"/><Fetch name="again" part="o2" pose="{pose}"/>'
+    "</Fallback></BehaviorTree></root>"
+)
+
+
+def test_a_bench_tells_nodes_of_one_name_apart_by_their_paths(write: Callable[[str], Path]) -> None:
+    path = write(TWICE)
+    answers = {"left/Fetch": "F", "Get/Fetch": "RS", "Get/again": "F"}
+    bench = TreeBench(path, Registry([Fetch]), answers, {"left/again": {"pose": (1.0,)}})
+    assert_ticks(bench, "RS")
+    assert [bench.started(name) for name in ("left/Fetch", "left/again", "Get/Fetch", "Get/again")] == [1, 1, 1, 0]
+    assert (bench.started("Fetch"), bench.started("again")) == (3, 1)
+    paths = [node.full_path for node in bench.tree.nodes if node.name == "Fetch"]
+    assert paths == ["left/Fetch::4", "Get::6/Fetch::8"]  # as log and monitor tell them
+    again = TreeBench(path, Registry([Fetch]), {paths[1]: "F", "Get/again": "F", "Fetch": "S"})
+    assert_ticks(again, "F")
+    assert (again.started(paths[0]), again.started(paths[1])) == (1, 1)
+
+
+@pytest.mark.parametrize("name", ["left/Fetsch", "both", "Fallback", "left"])
+def test_a_bench_refuses_paths_that_no_leaf_has(write: Callable[[str], Path], name: str) -> None:
+    path = write(TWICE)
+    with pytest.raises(ValueError, match=f"nothing is named '{name}'; "):
+        TreeBench(path, Registry([Fetch]), {name: "F"})
+    with pytest.raises(ValueError, match=f"the tree has no '{name}'; "):
+        TreeBench(path, Registry([Fetch])).started(name)
+
+
 def test_a_node_can_be_tested_alone() -> None:
     node = alone(Fetch("fetch"), part="o2")
     assert node.execute() is Status.SUCCESS

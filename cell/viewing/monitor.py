@@ -208,5 +208,5 @@ def _packable(value: object) -> Any:
         found = plain(value)
         msgpack.packb(found)
     except (TypeError, ValueError, OverflowError, RecursionError):
-        return shown(value) if isinstance(value, int) else str(value)
+        return shown(value) if isinstance(value, int) else str(value).encode(errors="replace").decode()
     return found

@@ -127,7 +127,7 @@ def shown(value: object) -> str:
     """A value in a message: short, whatever it is."""
     try:
         text = repr(value)
-    except Exception:  # an object of a node's own, or a number of thousands of digits
+    except Exception:  # a class of the user's own may raise anything, and a number of thousands of digits does
         text = f"a {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -152,7 +152,7 @@ def _own(text: str, kind: Any) -> Any:
     """A value of a class that reads its own texts: `from_text` makes it, `like` says how they look."""
     try:
         return kind.from_text(text)
-    except Exception as error:  # the class may be a user's own
+    except Exception as error:  # a class of the user's own may raise anything; to the file it is a bad text
         what = f"'{text}' is no {type_name(kind)}: {error}"
         raise LiteralError(what, getattr(kind, "like", "see the class's documentation")) from None
 

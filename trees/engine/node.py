@@ -277,7 +277,7 @@ class Node(TreeNode):
         except NodeError as error:
             self.feedback_message = str(error)
             status = FAILURE
-        except BaseException:
+        except BaseException:  # a second Ctrl-C in mid-tick, too: what was begun is cancelled; it is raised again
             self._cancel()
             raise
         if status is not RUNNING:
@@ -298,7 +298,7 @@ class Node(TreeNode):
         except NodeError as error:
             self.feedback_message = str(error)
             return FAILURE
-        except BaseException:
+        except BaseException:  # as above; it was terminated once, so nothing may take it for RUNNING
             self.set_status(IDLE)
             raise
         return status

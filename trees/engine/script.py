@@ -88,7 +88,7 @@ class Script:
                 value = statement()
         except NodeError:
             raise
-        except Exception as error:  # values of nodes may be of any type, whose operators may raise anything
+        except Exception as error:  # values may be of a user's own types, whose operators may raise anything
             raise NodeError(f"the script failed: {type(error).__name__}: {shown(str(error))}") from error
         return value
 

@@ -72,7 +72,7 @@ class Tree:
             status = self.root.execute()
             if status is SUCCESS or status is FAILURE:
                 self.root.set_status(IDLE)
-        except BaseException:
+        except BaseException:  # a second Ctrl-C in mid-tick, too: nothing may stay RUNNING; it is raised again
             self._halt_all()
             raise
         return status
@@ -120,7 +120,7 @@ class Tree:
             if node.status is RUNNING:
                 try:
                     node.halt()
-                except Exception as error:
+                except Exception as error:  # a leaf of the user's own may raise anything; the others are halted, too
                     errors.append(error)
         for node in self.nodes:
             node.set_status(IDLE)

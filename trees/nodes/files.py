@@ -54,10 +54,10 @@ class WorkingFolder:
         file = _inside(path)
         if len(text) > SIZE_LIMIT:
             raise NodeError(f"{path} would be larger than {SIZE_LIMIT} characters")
-        partial = file.with_name(file.name + ".partial")
+        partial, content = file.with_name(file.name + ".partial"), _encoded(path, text)
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_text(text, encoding="utf-8")
+            partial.write_bytes(content)
             partial.replace(file)
         except OSError as error:
             raise NodeError(f"{path} cannot be written: {error}") from None
@@ -83,12 +83,21 @@ class LoggedFiles:
 
     def write(self, path: str, text: str, journal: Journal) -> None:
         """Note it, and no more."""
+        _encoded(path, text)
         journal.note("file", path=path, done="written", text=text)
 
 
 def _note_read(path: str, text: str | None, journal: Journal) -> None:
     """What was read, for a replay; a log has no word for nothing, so that a file that is not there has no text."""
     journal.note("file", path=path, done="read", **({} if text is None else {"text": text}))
+
+
+def _encoded(path: str, text: str) -> bytes:
+    """The text as a file holds it; half a character, as JSON can spell one, is none."""
+    try:
+        return text.encode()
+    except UnicodeEncodeError as error:
+        raise NodeError(f"{path} cannot be written: {error}") from None
 
 
 def _inside(path: str) -> Path:

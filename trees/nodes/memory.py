@@ -15,7 +15,7 @@ from trees.engine.errors import NodeError
 from trees.engine.literals import shown
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InOutPort, InputPort, OutputPort, Port, further_of
-from trees.framed_pose import FramedPose
+from trees.framed_pose import FARTHEST_M, FramedPose
 from trees.nodes.each import rows_of
 from trees.nodes.services import CellNode
 
@@ -203,8 +203,10 @@ def _value(plain: object, path: str) -> Any:
     try:
         x, y, z = (float(value) for value in plain["position_m"])
         a, b, c, d = (float(value) for value in plain["quaternion_wxyz"])
+        if not all(abs(metres) <= FARTHEST_M for metres in (x, y, z)):  # NaN is no place either
+            raise ValueError(f"a place farther than {FARTHEST_M:g} m")
         return FramedPose(str(plain["frame"]), Pose((x, y, z), (a, b, c, d)))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise NodeError(f"{path} holds a pose that is none: {error!r}") from None
 
 
@@ -215,6 +217,7 @@ def _entries(text: str, path: str) -> dict[str, object]:
         entries = content["entries"]
         if content["format"] != FORMAT or content["version"] != 1 or not isinstance(entries, dict):
             raise ValueError("another format")
+        json.dumps(entries, ensure_ascii=False).encode()  # no half characters, which neither log nor file can hold
     except (ValueError, KeyError, TypeError, RecursionError):
         raise NodeError(f"{path} was not written by SaveBlackboard") from None
     return {key: UNSET if value is None else value for key, value in entries.items()}

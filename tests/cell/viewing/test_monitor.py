@@ -179,6 +179,15 @@ def test_a_remapped_entry_stands_only_in_the_outer_tree(make: Callable[..., Benc
     }
 
 
+def test_a_text_that_cannot_be_sent_leaves_the_other_entries_be(make: Callable[..., Bench]) -> None:
+    bench = make()
+    bench.tick()
+    bench.tree.blackboard.entry("half").value = "a \ud800"
+    found = msgpack.unpackb(bench.ask("B")[1])["Main"]
+    assert found["half"] == "a ?"
+    assert found["a"] == 3
+
+
 def test_transitions_are_recorded_between_start_and_stop(make: Callable[..., Bench]) -> None:
     bench = make()
     assert bench.ask("t")[1] == b""

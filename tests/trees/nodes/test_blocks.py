@@ -179,6 +179,27 @@ def test_what_somebody_else_wrote_is_neither_loaded_nor_replaced() -> None:
     assert json.loads(Path("mine.json").read_text()) == {"entries": {"n": 1}}
 
 
+@pytest.mark.parametrize("x_m", [str(10**400), "NaN", "Infinity", '"nan"', "50", "null", "[]"])
+def test_a_pose_of_a_file_that_lies_nowhere_is_the_node_s_failure(x_m: str) -> None:
+    pose = f'{{"frame": "world", "position_m": [{x_m}, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}}'
+    Path("a.json").write_text(f'{{"format": "cell.blackboard", "version": 1, "entries": {{"p": {pose}}}}}')
+    assert run('<LoadBlackboard file="a.json" p="{p}"/>', services())[0] is Status.FAILURE
+
+
+def test_half_a_character_of_a_file_is_not_loaded() -> None:
+    Path("a.json").write_text('{"format": "cell.blackboard", "version": 1, "entries": {"t": "\\ud800"}}')
+    assert run('<LoadBlackboard file="a.json" t="{t}"/>', services())[0] is Status.FAILURE
+
+
+def test_a_text_that_no_file_can_hold_is_the_node_s_failure() -> None:
+    status, _ = run('<AppendRow file="r.csv" said="{said}"/>', services(), said="half a sign: \ud800")
+    assert status is Status.FAILURE
+    assert not Path("r.csv").exists()
+    assert not list(Path().glob("*.partial"))
+    with pytest.raises(NodeError, match="surrogates not allowed"):
+        LoggedFiles([]).write("r.csv", "\ud800", ListJournal())  # a replay fails where the run did
+
+
 def test_rows_are_appended_under_the_names_of_their_columns() -> None:
     to = services()
     for n in (1, 2):

@@ -107,7 +107,12 @@ def run(options: RunOptions, console: Console) -> RunResult:
         left_off = None
         if options.resume is not None:
             left_off = read_left_off(options.resume, product, lambda tick: tally.add(tick.time_s, tick.notes))
-            options = replace(options, world=options.world or world_of(options.resume))
+            console.print(f"goes on with {options.resume}: {left_off.told}", highlight=False)
+            world = options.world or world_of(options.resume)
+            if options.world is None and world is not None and not world.is_socket():
+                console.print(f"the world at {world} is gone: this is another one", highlight=False)
+                world = None
+            options = replace(options, world=world)
         planners, faults = load_planners(configuration, product), load_faults(configuration)
         return _run(options, Files(configuration, product, tree, planners, faults, left_off), tally, log, console)
 

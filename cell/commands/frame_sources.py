@@ -90,7 +90,8 @@ def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
 def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
     capture = cv2.VideoCapture(source)
     if not capture.isOpened():
-        raise InputError(f"{source}: cannot be opened as a {'camera' if isinstance(source, int) else 'video'}")
+        named = f"camera:{source}" if isinstance(source, int) else source
+        raise InputError(f"{named}: cannot be opened as a {'camera' if isinstance(source, int) else 'video'}")
     told = capture.get(cv2.CAP_PROP_FPS)
     rate_hz = float(told) if np.isfinite(told) and 1 <= told <= 240 else 15.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -21,8 +22,20 @@ LogArgument = Annotated[
     list[Path], typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; the first one brings all.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]
-FromOption = Annotated[float, typer.Option("--from", help="From this time on [s].")]
-UntilOption = Annotated[float, typer.Option("--until", help="Up to this time [s].")]
+
+
+def _span(context: typer.Context, value: float) -> float:
+    """A time of --from or --until; whichever comes second is compared with the first."""
+    if math.isnan(value):
+        raise typer.BadParameter("nan is no time")
+    from_s, until_s = context.params.get("from_s"), context.params.get("until_s")
+    if value < (value if from_s is None else from_s) or value > (value if until_s is None else until_s):
+        raise typer.BadParameter("--from is later than --until")
+    return value
+
+
+FromOption = Annotated[float, typer.Option("--from", help="From this time on [s].", callback=_span)]
+UntilOption = Annotated[float, typer.Option("--until", help="Up to this time [s].", callback=_span)]
 
 
 def read(paths: Sequence[Path]) -> Log:

@@ -33,6 +33,14 @@ class LeftOff:
         """The assembly graph of the bracket that is there; empty where that was ended."""
         return AssemblyState({}) if self.ended else AssemblyState(dict(self.placed), self.told_goal)
 
+    @property
+    def told(self) -> str:
+        """For people."""
+        placed = {} if self.ended else self.placed
+        words = [", ".join(f"{part} at {position}" for position, part in sorted(placed.items())) or "nothing is placed"]
+        words += [f"{self.held_part} was picked last"] if self.held_part else []
+        return "; ".join(([f"bracket {self.bracket}"] if self.bracket else []) + words)
+
     def plain(self) -> dict[str, Any]:
         """For a log."""
         return asdict(self)

@@ -9,6 +9,7 @@ import multiprocessing
 import signal
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -63,12 +64,13 @@ def open_world(
     """
     devices = configured_devices(configuration, product, seed, goal)
     period_s = configuration.devices.simulation.physics.control_period_s
-    try:
+    with ExitStack() as unless_opened:
+        unless_opened.callback(devices.close)
         buses = CarriedBuses(configuration)
-        return WorldServer(devices, buses, address, period_s, identity(product), private, watch), devices
-    except CellError:
-        devices.close()
-        raise
+        unless_opened.callback(buses.close)
+        server = WorldServer(devices, buses, address, period_s, identity(product), private, watch)
+        unless_opened.pop_all()
+    return server, devices
 
 
 def connect(configuration: Configuration, product: Product, address: Path, pace: Pace) -> RemoteCell:
@@ -77,7 +79,7 @@ def connect(configuration: Configuration, product: Product, address: Path, pace:
     Raises:
         InputError: nobody is there, or the world takes no such controller.
     """
-    return RemoteCell(address, pace, identity(product), CarriedBuses(configuration))
+    return _remote(configuration, product, address, pace)
 
 
 def own_world(configuration: Configuration, product: Product, seed: int, goal: str) -> RemoteCell:
@@ -112,7 +114,7 @@ def own_world(configuration: Configuration, product: Product, seed: int, goal: s
         return process.is_alive()
 
     try:
-        return RemoteCell(address, "real", identity(product), CarriedBuses(configuration), PATIENCE_S, alive, closed)
+        return _remote(configuration, product, address, "real", PATIENCE_S, alive, closed)
     except BaseException:
         process.kill()
         closed()
@@ -122,6 +124,16 @@ def own_world(configuration: Configuration, product: Product, seed: int, goal: s
 def identity(product: Product) -> Mapping[str, str]:
     """What controller and world must agree about, by name."""
     return {"product": hashlib.sha256(product.model_dump_json().encode()).hexdigest()}
+
+
+def _remote(configuration: Configuration, product: Product, address: Path, pace: Pace, *waiting: Any) -> RemoteCell:
+    """A world at an address; the buses are closed where nobody is there."""
+    buses = CarriedBuses(configuration)
+    try:
+        return RemoteCell(address, pace, identity(product), buses, *waiting)
+    except BaseException:
+        buses.close()
+        raise
 
 
 def _serve(configuration: Configuration, product: Product, seed: int, goal: str, address: Path, failed: Any) -> None:

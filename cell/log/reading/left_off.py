@@ -39,9 +39,9 @@ def read_left_off(path: Path, product: Product, told: Callable[[LoggedTick], Non
 
 
 def world_of(path: Path) -> Path | None:
-    """Address of the world that the run worked in, where that is still there."""
-    address = Path(read_log(files_of(path)[:1]).metadata.get("world", ""))
-    return address if address.is_socket() else None
+    """Address of the world that the run worked in; None where it had one of its own."""
+    address = read_log(files_of(path)[:1]).metadata.get("world")
+    return Path(address) if address else None
 
 
 def _parts(path: Path) -> Iterator[Log]:

@@ -72,5 +72,6 @@ def test_an_address_without_a_world_is_bad_input(tmp_path: Path, there: bool) ->
     command = [sys.executable, "-m", "cell", "run", "--world", str(address), "--log", str(tmp_path / "l.mcap")]
     result = finished(command)
     assert result.returncode == 2
-    assert f"{address}: no world is there" in result.stderr
+    assert result.stderr.startswith(f"cell: {address}: no world is there")
+    assert len(result.stderr.splitlines()) == 1, result.stderr
     assert not (tmp_path / "l.mcap").exists()

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import io
+import socket
+from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.errors import InputError
 from cell.interfaces.left_off import LeftOff
 from cell.log.reading.left_off import _after, read_left_off
+from cell.run import run
+from cell.run_options import RunOptions
 from tests import ROOT
 
 PRODUCT = load_product(load_configuration())
@@ -30,6 +36,14 @@ def test_a_whole_assembly_is_known_from_its_log() -> None:
     assert left.held_part in PRODUCT.parts
     assert (left.bracket, left.ended) == (0, False)
     assert LeftOff.of(left.plain()) == left
+    assert left.told.startswith("o1 at p1, o1 at p2, ")
+    assert left.told.endswith(f"; {left.held_part} was picked last")
+
+
+def test_where_a_shift_was_left_off_is_told_in_words() -> None:
+    assert LeftOff().told == "nothing is placed"
+    assert LeftOff({"p5": "o3"}, bracket=2).told == "bracket 2; o3 at p5"
+    assert LeftOff({"p5": "o3"}, bracket=2, ended=True).told == "bracket 2; nothing is placed"
 
 
 def test_a_log_of_another_product_is_refused() -> None:
@@ -58,3 +72,20 @@ def test_a_resumed_bracket_keeps_what_was_known_of_it() -> None:
     put = ("belief", {"edge": ["o1", "p1"], "source": "action"})
     left = after(begun, put, ("bracket", {"number": 2, "edge": "begin", "resumed": True}))
     assert (left.bracket, left.state.placed) == (2, {"p1": "o1"})
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_run_says_what_it_goes_on_with_and_in_which_world(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    address, said = tmp_path / "world.sock", io.StringIO()
+    options: list[RunOptions] = []
+    monkeypatch.setattr("cell.run.world_of", lambda _: address)
+    monkeypatch.setattr("cell.run._run", lambda asked, *_: options.append(asked))
+    with socket.socket(socket.AF_UNIX) as world:
+        if there:
+            world.bind(str(address))
+        run(RunOptions(resume=CASE, log=tmp_path / "l.mcap"), Console(file=said, width=1000))
+    assert f"goes on with {CASE}: o1 at p1, " in said.getvalue()
+    assert (f"the world at {address} is gone" in said.getvalue()) != there
+    assert [asked.world for asked in options] == [address if there else None]

@@ -85,3 +85,14 @@ def test_commands_tell_people_what_they_ask_for(assembly_log: Log, capsys: pytes
     assert "shown      " in told
     assert main(["log", "query", path, "--node", "PickPart", "--status", "FAILURE"]) == 0
     assert "nothing of that" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["log", "ticks"], ["log", "query"], ["log", "nodes"], ["replay"]])
+@pytest.mark.parametrize("span", [["--from", "nan"], ["--until", "nan"], ["--from", "9", "--until", "3"]])
+def test_a_span_that_is_none_is_bad_input(
+    assembly_log: Log, capsys: pytest.CaptureFixture[str], command: list[str], span: list[str]
+) -> None:
+    assert main([*command, str(assembly_log.path), *span]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert ("nan is no time" if "nan" in span else "--from is later than --until") in told.err

@@ -35,7 +35,7 @@ from cell.run_options import Files, Pace, RunOptions
 from cell.run_result import Counts, summary_of
 from cell.running.brackets import BracketTally
 from cell.running.controller import Controller
-from cell.running.detectors import check_detectors, fitting, lock_step, worker_processes
+from cell.running.detectors import check_detectors, fitted, lock_step, worker_processes
 from cell.running.finished import FinishedBrackets
 from cell.running.fluency import Fluency
 from cell.running.injection import Injection, Injections
@@ -98,8 +98,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
         product = load_product(configuration, options.configuration)
         tree = options.load(product, configuration)
         log = log_path(options, configuration.log)
-        perception, told = fitting(configuration.perception, product)
-        configuration = configuration.model_copy(update={"perception": perception})
+        configuration, told = fitted(configuration, product)
         if told:
             console.print(told, highlight=False)
         check_detectors(configuration.bench, product, configuration.perception)

@@ -52,12 +52,16 @@ def see(
     from cell.commands.frame_sources import open_source
     from cell.configuration import load_configuration, load_product, simulated
     from cell.recording.schemas import plain
+    from cell.running.detectors import fitted
     from cell.viewing.detections import VIDEO_SUFFIX, PictureWriter
 
     if camera not in CAMERAS:
         raise InputError(f"--camera {camera}: there is no such camera; legal: {', '.join(CAMERAS)}")
     configuration = _chosen(simulated(load_configuration(config), look), hands, perception)
     product = load_product(configuration, config)
+    configuration, said = fitted(configuration, product)
+    if said:
+        console().print(said, highlight=False)
     opened = open_source(source, camera, configuration, product, _pose(configuration.bench, camera))
     suffix = ".png" if opened.single else VIDEO_SUFFIX if opened.follows else ""
     target = out or Path(f"{opened.name}-seen{suffix}")

@@ -15,6 +15,7 @@ from cell.interfaces.operator import OperatorOrder
 from cell.observer import Observer, Outcome
 from cell.run import drive
 from cell.run_options import Files
+from cell.running.detectors import fitted
 from cell.running.injection import Injection, Injections
 from cell.running.node_library import node_registry
 from cell.running.services import load_planners
@@ -76,6 +77,7 @@ def assembly(
     """
     configuration = simulated(load_configuration(path), None, person)
     product = load_product(configuration, path)
+    configuration, _ = fitted(configuration, product)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     faults = table or load_faults(configuration)
     files = Files(

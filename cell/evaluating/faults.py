@@ -25,6 +25,7 @@ from cell.interfaces.files import shipped
 from cell.observer import Outcome, TickRecord
 from cell.run import drive
 from cell.run_options import Files
+from cell.running.detectors import fitted
 from cell.running.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection
 from cell.running.node_library import node_registry
 from cell.running.services import load_planners
@@ -170,6 +171,7 @@ def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Ro
     controller = configuration.controller.model_copy(update={"max_duration_s": LONGEST_S})
     configuration = configuration.model_copy(update={"controller": controller})
     product = load_product(configuration, path)
+    configuration, _ = fitted(configuration, product)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     tree = load_tree(shipped("trees", "trial.xml"), node_registry())
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))

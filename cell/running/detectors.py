@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import LEARNED_KINDS, Perception
+from cell.configuration import LEARNED_KINDS, Configuration, Perception
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import ModelError, SettingError
@@ -165,6 +165,12 @@ def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
                 what = f"perception is classical (colours, outlines): {told}; `{train}` trains detectors for it"
                 return perception.model_copy(update={"kind": "classical"}), what
     return perception, ""
+
+
+def fitted(configuration: Configuration, product: Product) -> tuple[Configuration, str]:
+    """The configuration with the detectors that this product can have; see `fitting`."""
+    perception, told = fitting(configuration.perception, product)
+    return configuration.model_copy(update={"perception": perception}), told
 
 
 def check_detectors(bench: Bench, product: Product, perception: Perception) -> None:

@@ -26,6 +26,7 @@ from cell.log.replaying.compare import Comparison, Decisions, Difference, decide
 from cell.log.replaying.logged_tree import write_files
 from cell.recording.identity import what_changed
 from cell.running.controller import STOPPED, STOPPING, withhold
+from cell.running.detectors import fitted
 from cell.running.node_library import node_registry
 from cell.running.reload import take_over
 from cell.running.services import Planners, TickClock, load_planners, make_services
@@ -229,6 +230,7 @@ def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Planners,
         recorded = folder / "faults.yaml"
         own = changes.configuration is None and recorded.exists()
         faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
+        configuration, _ = fitted(configuration, product)  # as the run had it
         configuration = _with_weights(log, configuration, changes)
         return configuration, product, load_planners(configuration, product), tree, faults
 

@@ -1,6 +1,7 @@
 """`cell see`: what is found is drawn and told, and nothing that exists is lost."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from cell.commands.main import BAD_INPUT, main
+from cell.configuration import DEFAULT_CONFIGURATION
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
 
 TIPS_M = (0.78, 0.2)
@@ -130,3 +132,11 @@ def test_bad_input_is_named(picture: Path, capsys: pytest.CaptureFixture[str], w
     assert main(["see", *words]) == BAD_INPUT
     assert said in capsys.readouterr().err
     assert set(picture.parent.iterdir()) == before
+
+
+def test_a_product_that_no_weights_know_is_seen_by_colour(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("cell.yaml", "products.yaml"):
+        text = DEFAULT_CONFIGURATION.with_name(name).read_text("utf-8")
+        picture.with_name(name).write_text(re.sub(r"\bo1\b", "ball", text))
+    assert main(["see", str(picture), "--config", "cell.yaml"]) == 0
+    assert "perception is classical" in capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import socket
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from cell.commands.main import main
 from cell.interfaces.errors import InputError, LogError
 from cell.log.reading.reader import Log, LoggedTick, read_log
 from cell.log.reading.ticks import Gap
-from cell.log.replaying.replay import Changes, Replay, Step
+from cell.log.replaying.replay import Changes, Replay, Step, _load
 from cell.log.telling.query import Query, diff, info, query, ticks
 from cell.run import run
 from cell.run_options import RunOptions
@@ -227,3 +228,14 @@ def test_a_replay_opens_no_simulator(commission_log: Log) -> None:
     )
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
+
+
+def test_a_product_that_no_weights_know_is_replayed_as_it_was_run(assembly_log: Log) -> None:
+    renamed = {
+        name: re.sub(rb"\bo1\b", b"ball", content) if name in ("configuration.yaml", "product.yaml") else content
+        for name, content in assembly_log.attachments.items()
+    }
+    configuration, product, planners, _, _ = _load(dataclasses.replace(assembly_log, attachments=renamed), Changes())
+    assert "ball" in product.parts
+    assert configuration.perception.kind == "classical"
+    assert planners.confusions is None  # those on the card of trained detectors say nothing about colours

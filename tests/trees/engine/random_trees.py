@@ -57,6 +57,8 @@ DECORATORS = (
     *("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure", "Repeat", "RunOnce", "SubTree"),
     *("RetryUntilSuccessful", "Precondition", "Loop"),
 )
+OF_CHILDREN = CONTROLS[:9]  # skipped where all of their children are
+NEVER_SKIPPED = ("<Check", "<ScriptCondition", "<AlwaysSuccess", "<AlwaysFailure")
 TIMED = ("Timeout", "Delay")
 UPDATED = ("SkipUnlessUpdated", "WaitValueUpdate")
 ATTRIBUTES_BEFORE = ("_failureIf", "_successIf")
@@ -161,7 +163,7 @@ class Generator:
         if self._random.random() < 0.05:
             return self._random.choice(("<AlwaysSuccess/>", "<AlwaysFailure/>"))
         letters = "SSSFFRRR" + ("K" if self._skips else "")
-        return f'<Leaf name="{self._scripted(letters)}"{self._leaf_conditions()}/>'
+        return f'<Leaf name="{self._scripted(letters)}"{self._leaf_conditions()}{self._halted()}/>'
 
     def _data_leaf(self) -> str:
         source, target = self._random.choice(("{x}", "{y}")), self._random.choice(("z", "v"))
@@ -329,9 +331,12 @@ class Generator:
     def _element(self, tag: str, ports: str, children: list[str]) -> str:
         """The library leaves a skipped control RUNNING, so that it does not ask the first three conditions again."""
         attributes = ("_while", *ATTRIBUTES_AFTER) if self._skips else (*ATTRIBUTES_BEFORE, *ATTRIBUTES_AFTER)
-        may_halt = self._features.kinds and not self._skips  # there a skipped control is RUNNING, and is halted later
-        halted = ' _onHalted="y := 3"' if may_halt and self._random.random() < 0.05 else ""
+        asked = tag in OF_CHILDREN and any(child.startswith(NEVER_SKIPPED) for child in children)
+        halted = self._halted() if asked or not self._skips else ""  # a skipped control is RUNNING there, and is halted
         return f"<{tag}{ports}{self._conditions(attributes)}{halted}>{''.join(children)}</{tag}>"
+
+    def _halted(self) -> str:
+        return ' _onHalted="y := 3"' if self._features.kinds and self._random.random() < 0.05 else ""
 
     def _leaf_conditions(self) -> str:
         skips = ("_skipIf", "_while") if self._skips else ()

@@ -18,9 +18,11 @@ from cell.commands.log_terminal import (
     read,
     read_span,
     say,
+    spared,
     tell_comparison,
     tell_entries,
     tell_json,
+    tell_nothing,
 )
 from cell.interfaces.errors import InputError
 
@@ -52,7 +54,7 @@ def report(
     """Write one HTML page about a run; it needs no network."""
     from cell.log.telling.report import write_report
 
-    page = out or beside(log, ".html")
+    page = spared(out or beside(log, ".html"), log)
     size = write_report(read(log), page)
     if as_json:
         tell_json({"report": str(page), "bytes": size})
@@ -128,7 +130,9 @@ def nodes(
     from cell.log.telling.node_statistics import node_statistics, statistics_lines
 
     found = node_statistics(read(log), from_s, until_s)
-    if as_json:
+    if not any(node.ticks for node in found):
+        tell_nothing()
+    elif as_json:
         for node in found:
             tell_json(vars(node))
     else:
@@ -147,6 +151,8 @@ def diff(
     """Compare what two logs saw and decided, tick by tick; 0 where all is the same, 1 where it differs."""
     from cell.log.telling import query as question
 
+    if html is not None:
+        spared(html, (one, other))
     logs = read([one]), read([other])
     unfinished = "; ".join(log.unfinished for log in logs if log.unfinished)
     names, found = (one.name, other.name) if one.name != other.name else ("A", "B"), question.diff(*logs)
@@ -198,7 +204,7 @@ def export_log(
     tables = {ExportFormat.transitions, ExportFormat.notes}
     endings = {ExportFormat.video: ".mp4", ExportFormat.rerun: ".rerun.mcap"}
     ending = endings.get(to, f".{to.value}.parquet" if to in tables else f".{to.value}")
-    target = out or beside(log, ending)
+    target = spared(out or beside(log, ending), log)
     count = export(read(log), to.value, target)
     what = {ExportFormat.btlog: "transitions", ExportFormat.video: "frames", ExportFormat.rerun: "lines"}.get(
         to, "rows"
@@ -271,7 +277,8 @@ def sheet(
     from cell.log.telling.contact_sheet import write_sheet
     from cell.viewing.moments import Moments
 
-    recorded, target, moments = read(log), out or beside(log, ".png"), Moments()
+    target = spared(out or beside(log, ".png"), log)
+    recorded, moments = read(log), Moments()
     for tick in recorded.ticks:
         moments.see(tick.observation, tick.notes)
     try:
@@ -295,6 +302,8 @@ def snapshots(
     files = save_snapshots(read(log), out)
     if as_json:
         tell_json({"files": [str(file) for file in files]})
+    elif not files:
+        tell_nothing()
     else:
         say(*(str(file) for file in files))
 

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cell.interfaces.errors import InputError
+
 if TYPE_CHECKING:
     from cell.log.reading.reader import Log
     from cell.log.replaying.compare import Comparison
@@ -61,6 +63,17 @@ def read_span(paths: Sequence[Path], from_s: float, until_s: float) -> Log:
     for gap in log.gaps:
         sys.stderr.write(f"cell: {log.path}: {gap}\n")
     return log
+
+
+def spared(target: Path, sources: Iterable[Path]) -> Path:
+    """Where something is written.
+
+    Raises:
+        InputError: that is one of the files that it is made of.
+    """
+    if target.exists() and any(source.exists() and target.samefile(source) for source in sources):
+        raise InputError(f"{target}: is what is read; choose another file to write")
+    return target
 
 
 def beside(paths: Sequence[Path], suffix: str) -> Path:
@@ -119,7 +132,12 @@ def tell_entries(entries: Iterable[Mapping[str, Any]], as_json: bool, text: Call
     for count, entry in enumerate(entries, 1):  # noqa: B007 - counted to say where nothing was found
         sys.stdout.write((json.dumps(entry) if as_json else text(entry)) + "\n")
     if not count:
-        sys.stderr.write("cell: nothing of that is in the log\n")
+        tell_nothing()
+
+
+def tell_nothing() -> None:
+    """On standard error, as no answer."""
+    sys.stderr.write("cell: nothing of that is in the log\n")
 
 
 def tell_json(answer: Mapping[str, object]) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cell.commands.log_terminal import spared
 from cell.commands.terminal import console
 from cell.interfaces.errors import InputError
 
@@ -46,6 +47,8 @@ def show(
     """Print the trees of a file, or draw them; of a log or a running cell with what every node does."""
     if (source is None) != running:
         raise InputError("name a tree file or a log, or say --running")
+    for drawing in filter(None, (svg, png)):
+        spared(drawing, filter(None, [source]))
     if source is not None and source.suffix not in LOGS:
         if not math.isinf(at_s):
             raise InputError("--at goes with a log")

@@ -173,7 +173,7 @@ def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Ro
     product = load_product(configuration, path)
     configuration, _ = fitted(configuration, product)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    tree = load_tree(shipped("trees", "trial.xml"), node_registry())
+    tree = load_tree(shipped("trees", "trial.xml"), node_registry(product))
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
     can = (configuration.gripper_can.interface, f"trial-{seed}")
     simulation = configuration.devices.simulation

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import pytest
 from py_trees.common import Status
 
@@ -96,3 +99,23 @@ def test_a_span_that_is_none_is_bad_input(
     told = capsys.readouterr()
     assert told.out == ""
     assert ("nan is no time" if "nan" in span else "--from is later than --until") in told.err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["report", "LOG", "-o", "LOG"],
+        ["show", "LOG", "--svg", "LOG"],
+        ["log", "diff", "LOG", "LOG", "--html", "LOG"],
+        ["log", "sheet", "LOG", "-o", "LOG"],
+        *(["log", "export", "LOG", "--to", kind, "-o", "LOG"] for kind in ("csv", "rerun", "btlog", "video")),
+    ],
+)
+def test_no_command_writes_over_the_log_that_it_reads(
+    assembly_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    log = tmp_path / "run.mcap"
+    shutil.copy(assembly_log.path, log)
+    assert main([str(log) if word == "LOG" else word for word in command]) == 2
+    assert f"{log}: is what is read" in capsys.readouterr().err
+    assert log.read_bytes() == assembly_log.path.read_bytes()

@@ -127,6 +127,24 @@ class Errands:
         self._diary.note("fill bins")
         yield from self._work.wait(duration_s / 2)
 
+    def tidy_up(self) -> Script:
+        """Pick up what fell over on the bench, if anything did, and put it back where such parts are kept."""
+        if not self._stock.fallen():
+            return
+        self._diary.begin("transit")
+        yield from self._wait_for_arm(lambda: self._sight.arm_over_bracket)
+        x, y, _ = self._sight.bracket_m
+        half_s = drawn(self._habits.fill_s, self._rng) / 2
+        yield from self._over(np.array([x + 0.03, y, self._work.clear_height_m + 0.08]), half_s)
+        fallen = self._stock.fallen()
+        self._stock.take(fallen)
+        self._diary.note("tidy up", parts=[body.part for body in fallen])
+        yield from self._work.wait(half_s)
+        owners = {body.owner for body in fallen}
+        for owner, place in (("person", "bins"), ("robot", "tray")):
+            if owner in owners:
+                yield from self.fill(place)
+
     def help(self, part: str) -> Script:
         """Set a part of this type into the tray so that the robot can take it."""
         self._diary.begin("transit")

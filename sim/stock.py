@@ -6,6 +6,7 @@ come below it, between one control period and the next.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -15,12 +16,11 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.clutter import add_to_clutter
 from sim.settings import ClutterSettings
-from sim.worker_sight import NEAR_HOLE_HEIGHT_M, NEAR_HOLE_M
+from sim.worker_sight import GRASPABLE_TILT_RAD, NEAR_HOLE_HEIGHT_M, NEAR_HOLE_M
 from sim.world import World, WorldPart
 
 SHELF_M, SHELF_PITCH_M = (4.0, 4.0, 1.0), 0.2  # far from bench and cameras
 GRIPPED_M = 0.12  # a part this close to the tool is the robot's business
-FALLEN_M = 0.05  # outside of the tray's walls
 
 
 class Stock:
@@ -55,6 +55,17 @@ class Stock:
         """Take parts away."""
         self._kept |= {body.name: body for body in bodies}
         self.update(0.0, 0.0)
+
+    def fallen(self) -> list[WorldPart]:
+        """Parts that lie about on the bench, and not in the tray, where parts may lie."""
+        return [
+            body
+            for body in self._known
+            if body.name not in self._kept
+            and self._world.data.xmat[body.body][8] < math.cos(GRASPABLE_TILT_RAD)
+            and not self._in_tray(body)
+            and not self._at_tool(body)
+        ]
 
     def fill_bins(self) -> None:
         """Bring the person's parts that are in the stock to their places."""
@@ -114,6 +125,8 @@ class Stock:
 
     def _busy(self, body: WorldPart) -> bool:
         """Whether the robot has it, or it is in the bracket."""
+        return self._at_tool(body) or self._in_bracket(body)
+
+    def _at_tool(self, body: WorldPart) -> bool:
         tool_m = np.array(self._world.tool_pose().position_m)
-        near = float(np.linalg.norm(self._world.data.xpos[body.body] - tool_m)) < GRIPPED_M
-        return near or self._in_bracket(body)
+        return float(np.linalg.norm(self._world.data.xpos[body.body] - tool_m)) < GRIPPED_M

@@ -178,6 +178,8 @@ class Worker:
         while True:
             yield from self._pause()
             yield from self._answer()
+            if self._errands is not None:
+                yield from self._errands.tidy_up()
             yield from self._let_robot_work()
             position = self._next_position()
             if position is None:

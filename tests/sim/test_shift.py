@@ -167,3 +167,20 @@ def test_people_take_turns_a_bracket_each() -> None:
         assert told == [0.5, 1.5, 0.5, 1.5, 0.5], "the log says who is there"
     finally:
         made.close()
+
+
+def test_what_fell_over_on_the_bench_is_picked_up(cell: SimCell) -> None:
+    lying = Pose((0.75, 0.05, 0.09), (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0))
+    theirs = next(body for body in cell.world.bodies if body.part == "o3" and body.owner == "robot")
+    own = next(body for body in cell.world.bodies if body.part == "o1" and body.owner == "person")
+    cell.world.place(theirs, lying)
+    cell.world.place(own, Pose((0.9, -0.2, 0.03), lying.quaternion_wxyz))
+    settle(cell, cell.world.time_s + 0.5)
+    assert {body.name for body in cell.stock.fallen()} == {theirs.name, own.name}
+    began_s = cell.world.time_s
+    while cell.stock.fallen() and cell.world.time_s < began_s + 60:
+        settle(cell, cell.world.time_s + 0.1)
+    acts = [act.fields for act in person(cell).acts if act.fields.get("act") == "tidy up"]
+    assert [sorted(act["parts"]) for act in acts] == [["o1", "o3"]]  # type: ignore[call-overload]
+    settle(cell, cell.world.time_s + 8.0)
+    assert in_tray(cell)["o3"] == 1

@@ -59,6 +59,7 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
     """
     if folder.exists():
         raise InputError(f"{folder}: is there already; name a new folder")
+    _arrow()  # before anything is written
     rates = {round(_rate_hz(log)) for log in logs}
     if len(rates) > 1:
         raise InputError(f"the logs have images at {sorted(rates)} a second; a data set has one rate")
@@ -297,4 +298,5 @@ def _arrow() -> tuple[Any, Any]:
     try:
         return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
     except ImportError:
-        raise InputError("a data set needs pyarrow; install it with: .venv/bin/pip install -e '.[parquet]'") from None
+        install = "pip install 'cell[parquet]', in a clone: .venv/bin/pip install -e '.[parquet]'"
+        raise InputError(f"a data set needs pyarrow: {install}") from None

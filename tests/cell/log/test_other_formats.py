@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,13 @@ def test_the_command_takes_several_logs_for_a_data_set(
     assert main(["log", "export", *logs, "--to", "lerobot", "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["rows"] == json.loads((out / "meta/info.json").read_text())["total_frames"]
+
+
+def test_without_pyarrow_nothing_is_begun(assembly_log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(InputError, match="needs pyarrow"):
+        write_lerobot([assembly_log], tmp_path / "set")
+    assert not (tmp_path / "set").exists()
 
 
 @needs_readers

@@ -15,7 +15,7 @@ from cell.interfaces.files import shipped
 
 SHIPPED = {
     "config": ("cell.yaml", "products.yaml"),
-    "trees": ("ahead.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml"),
+    "trees": ("ahead.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml", "shift_ahead.xml"),
 }
 OWN = ("README.md", "tests/test_assemble.py")
 

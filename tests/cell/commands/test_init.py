@@ -26,6 +26,7 @@ FILES = {
     "trees/assemble.xml",
     "trees/clear_and_grasp.xml",
     "trees/shift.xml",
+    "trees/shift_ahead.xml",
 }
 
 

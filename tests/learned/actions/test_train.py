@@ -36,7 +36,7 @@ def test_slim_learns_and_its_file_answers_in_a_detector(tmp_path: Path) -> None:
     learned = load_segments([write_folder(tmp_path / "train", 180, 1)], CLASSES)
     kept = load_segments([write_folder(tmp_path / "kept", 40, 2)], CLASSES)
     out = tmp_path / "actions_slim.onnx"
-    scores = train_actions(Task(BENCH, PRODUCT), learned, kept, out, settings=ActionTraining(epochs=10, batch=20))
+    scores = train_actions(Task(BENCH, PRODUCT), learned, kept, out, settings=ActionTraining(epochs=16, batch=20))
     assert scores["assembly_position"] > 0.9
     assert scores["assembly_part"] > 0.9
     assert out.stat().st_size < 2e6

@@ -41,14 +41,14 @@ class Placing:
 
     def possible(self, position: str) -> bool:
         """Whether there is something to do at a position that the person can do."""
+        seen = self._sight.in_hole(position)
+        if seen is not None and seen.body == self._mistakes.get(position):
+            return _graspable(seen)
         if self._tries[position] > self._person.retries:
             return False
-        seen = self._sight.in_hole(position)
         if seen is None:
             wanted = self._wanted[position]
             return self.handed(position) or any(_graspable(spare) for spare in self._sight.spares(wanted))
-        if seen.body == self._mistakes.get(position):
-            return _graspable(seen)
         crooked = seen.part == self._wanted[position] and not self._sight.seated(seen, position)
         return crooked and _graspable(seen)
 

@@ -82,6 +82,12 @@ def test_a_wrong_part_is_placed_and_taken_away_again() -> None:
     assert acts.index("wrong part") < acts.index("release") < acts.index("take away")
 
 
+def test_no_wrong_part_stays_even_where_the_person_gives_up() -> None:
+    shift = lapsing(Lapses(wrong_part=1.0))
+    assert shift.until(lambda: shift.worker.done, 600.0)
+    assert shift.placed() == {}
+
+
 def test_a_part_that_sits_is_taken_away_again() -> None:
     shift = lapsing(Lapses(takes_away=1.0))
     assert shift.until(lambda: len(shift.placed()) == 1, 30.0)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import yaml
 
-from cell.configuration import LEARNED_KINDS, LogSettings
 from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.files import INSTALLED
 from cell.recording.identity import identity
@@ -18,6 +17,7 @@ from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading
 from cell.run_options import Files, RunOptions
 from cell.running.node_library import USUAL_FOLDER
+from cell.settings import LEARNED_KINDS, LogSettings
 from skills.gripper_database import SHIPPED, read_frames
 from trees.engine.tree import Tree
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.errors import InputError
+from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.files import read_text
 from cell.interfaces.pose import Pose
 
 
@@ -37,6 +39,7 @@ class Still:
 
 
 OneStill = TypeVar("OneStill", bound=Still)
+Row = TypeVar("Row")
 
 
 def load_stills(
@@ -51,7 +54,10 @@ def load_stills(
     Raises:
         InputError: a file is missing or wrong; the message names file and line.
     """
-    return [still for folder in folders for still in _load(folder, what, labelled)]
+    stills: list[OneStill] = []
+    for folder in folders:
+        stills += labelled_rows(folder, what, partial(_labelled_still, folder, labelled))
+    return stills
 
 
 def data_hash(stills: Sequence[Still]) -> str:
@@ -78,21 +84,27 @@ def pose_of(entry: dict[str, Any]) -> Pose:
     return Pose((x, y, z), (w, a, b, c))
 
 
-def _load(folder: Path, what: str, labelled: Callable[[Still, dict[str, Any]], OneStill]) -> list[OneStill]:
+def labelled_rows(folder: Path, what: str, made: Callable[[dict[str, Any]], Row]) -> list[Row]:
+    """What is made of each row of `cell data WHAT`.
+
+    Raises:
+        InputError: the file is missing, or a row is wrong; the message names file and line.
+    """
     path = folder / f"{what}.jsonl"
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    stills = []
-    for number, line in enumerate(lines[1:], start=2):
+    rows = []
+    for number, line in enumerate(read_text(path, f"make it with: cell data {what} --out DIR").splitlines()[1:], 2):
         try:
-            row = json.loads(line)
-            stills.append(labelled(_still(folder, row), row))
+            rows.append(made(json.loads(line)))
         except (KeyError, TypeError, ValueError) as error:
             wrong = f"no {error} in it" if isinstance(error, KeyError) else str(error)
-            raise InputError(f"{path}:{number}: not a row of `cell data {what}`: {wrong}") from None
-    return stills
+            raise InputError(Problem(Place(path, number), f"not a row of `cell data {what}`: {wrong}")) from None
+    return rows
+
+
+def _labelled_still(
+    folder: Path, labelled: Callable[[Still, dict[str, Any]], OneStill], row: dict[str, Any]
+) -> OneStill:
+    return labelled(_still(folder, row), row)
 
 
 def _still(folder: Path, row: dict[str, Any]) -> Still:

@@ -73,6 +73,7 @@ def compare(
     from cell.fleet.compare_text import lines, page
     from cell.fleet.spec import Seeds, Sweep, count, tasks
     from cell.fleet.table import read_table
+    from cell.log.telling.html_page import write_page
 
     limits = [comparing.Limit.parse(text) for text in fail_if or ()]
     if len(trees) != (2 if against is None else 1):
@@ -96,7 +97,7 @@ def compare(
         raise InputError(f"{against}: no run has the seed, person and goal of those that were asked for")
     found = comparing.findings(pairs)
     names = (against.name if against else trees[0].name, trees[-1].name)
-    (out / "compare.html").write_text(page(found, names, pairs), encoding="utf-8")
+    write_page(page(found, names, pairs), out / "compare.html")
     broken = [limit.text for limit in limits if limit.broken(found)]
     if as_json:
         print_json({**answer(found, names, len(pairs)), "broken": broken, "page": str(out / "compare.html")})

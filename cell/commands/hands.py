@@ -150,8 +150,8 @@ def _maker(
     Raises:
         SettingError: there is no such kind, or its weights cannot be used.
     """
-    from cell.configuration import DetectorSettings
     from cell.running.detectors import Detectors
+    from cell.settings import DetectorSettings
 
     chosen = DetectorSettings(kind=kind, weights=weights if kind == "slim" else None)
     perception = configuration.perception.model_copy(update={"hands": chosen})

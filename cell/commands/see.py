@@ -92,7 +92,7 @@ def _chosen(configuration: Configuration, hands: str | None, kind: str | None) -
     Raises:
         InputError: there are no such detectors.
     """
-    from cell.configuration import DetectorSettings
+    from cell.settings import DetectorSettings
 
     if kind not in (None, "learned", "classical"):
         raise InputError(f"--perception {kind}: there is no such kind; legal: learned, classical")

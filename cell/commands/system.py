@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -46,6 +45,7 @@ def system(
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
     """
     from cell.configuration import detected_by, load_configuration, simulated
+    from cell.evaluating.row_file import RowFile
     from cell.evaluating.system import evaluate_system, table_1
 
     if perception not in (None, *KINDS):
@@ -55,16 +55,15 @@ def system(
     configuration = detected_by(simulated(load_configuration(config), look, person), perception)
     told = {"look": look, "person": person, "perception": configuration.perception.words, "cameras": cameras}
     wanted = [(count, seed) for seed in range(first_seed, first_seed + runs) for count in goals or [3]]
-    rows = [] if out is None else _kept(out, told, wanted)
+    kept = RowFile(out, {"command": "system", **told})
+    rows: list[dict[str, Any]] = [row for row in kept.rows if (row.get("goals"), row.get("seed")) in wanted]
     done = {(row["goals"], row["seed"]) for row in rows}
     left = [one for one in wanted if one not in done]
     try:
         for row in evaluate_system(configuration, config, left, calibrated=cameras == "calibrated"):
+            kept.add(row)
             rows.append(row)
             console().print(row, highlight=False)
-            if out is not None:
-                with out.open("a", encoding="utf-8") as stream:
-                    stream.write(json.dumps(told | row) + "\n")
     except KeyboardInterrupt:
         console().print(f"interrupted after {len(rows)} of {len(wanted)} assemblies")
     found = table_1(rows)
@@ -117,26 +116,6 @@ def latency(
             console().print(f"noted in {path}", highlight=False)
     if as_json:
         print_json({"look": look, "perception": configuration.perception.words, **found})
-
-
-def _kept(path: Path, told: dict[str, str], wanted: list[tuple[int, int]]) -> list[dict[str, Any]]:
-    """Rows of the same look, person, detectors and cameras that a file holds already.
-
-    Raises:
-        InputError: it holds something else.
-    """
-    if not path.exists():
-        return []
-    rows = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
-        try:
-            row = json.loads(line)
-            alike = all(row[name] == value for name, value in told.items())
-            if alike and (row["goals"], row["seed"]) in wanted:
-                rows.append(row)
-        except (ValueError, KeyError, TypeError):
-            raise InputError(f"{path}:{number}: not a row of `cell eval system`; choose another --out") from None
-    return rows
 
 
 def _words(value: object) -> str:

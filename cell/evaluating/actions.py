@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from cell.configuration import WEIGHTS, Configuration, DetectorSettings, Perception
+from cell.configuration import Configuration
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
+from cell.settings import WEIGHTS, DetectorSettings, Perception
 from learned.actions.classes import Classes
 from learned.actions.dataset import load_segments
 from learned.actions.detector import TrainedActionDetector

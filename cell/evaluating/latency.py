@@ -10,10 +10,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cell.configuration import Configuration, Perception
+from cell.configuration import Configuration
 from cell.interfaces.perception import Frame
 from cell.interfaces.product import Product
 from cell.running.detectors import LATENCY_SCORE, NO_CARD, Detectors, part_finder
+from cell.settings import Perception
 from learned.bench_watcher import DetectorChain
 from learned.onnx_model import CARD_KEY, ModelCard, save_onnx
 

@@ -11,12 +11,13 @@ from typing import Literal
 import numpy as np
 
 from cell.calibrating import wrist_views
-from cell.configuration import Configuration, DetectorSettings
+from cell.configuration import Configuration
 from cell.interfaces.bench import Bench, CameraCalibration, CameraSetup, Mount
 from cell.interfaces.perception import Frame, HoleReader, PartDetector
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
+from cell.settings import DetectorSettings
 from learned.calibration.check import WORLD
 from learned.calibration.solve import Shot, fit_camera, holes_off_m
 from learned.holes.dataset import Plate, load_plates

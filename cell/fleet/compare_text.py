@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from cell.fleet.compare import Finding, differing, overall
-from cell.interfaces.files import shipped
+from cell.log.telling.html_page import rendered
 
 Row = Mapping[str, Any]
+TEMPLATE = Path(__file__).with_name("compare.html.j2")
 SHOWN_PAIRS = 60
 WORDS = {
     "better": "B is better",
@@ -61,11 +61,9 @@ def as_json(found: Sequence[Finding], names: tuple[str, str], pairs: int) -> dic
 
 def page(found: Sequence[Finding], names: tuple[str, str], pairs: Sequence[tuple[Row, Row]]) -> str:
     """One HTML page that needs no network: the measures, and the runs in which the two differ."""
-    template = jinja2.Environment(autoescape=True).from_string(
-        shipped("cell", "fleet", "compare.html.j2").read_text(encoding="utf-8")
-    )
     other = differing(pairs)
-    return template.render(
+    return rendered(
+        TEMPLATE,
         names=names,
         pairs=len(pairs),
         verdict=WORDS[overall(found)],

@@ -5,6 +5,8 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+from cell.interfaces.errors import InputError, Place, Problem
+
 INSTALLED = Path(str(resources.files("cell"))).parent  # all packages stand side by side, in a clone and when installed
 
 
@@ -20,3 +22,20 @@ def own_or_shipped(package: str, *names: str) -> Path:
     """The first file of these names in the working folder's `package`, else the first that comes with the program."""
     own = (Path.cwd() / package / name for name in names)
     return next((file for file in own if file.is_file()), shipped(package, names[0]))
+
+
+def read_text(path: Path, how_to_make: str = "") -> str:
+    """The text of a file.
+
+    Args:
+        how_to_make: what to type where there is none, for the message.
+
+    Raises:
+        InputError: it cannot be read, or is no text.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(Problem(Place(path), f"cannot be read: {error.strerror or error}", how_to_make)) from None
+    except UnicodeDecodeError as error:
+        raise InputError(Problem(Place(path), f"is not UTF-8 text (byte {error.start})", how_to_make)) from None

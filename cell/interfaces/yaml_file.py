@@ -15,6 +15,7 @@ from pydantic_core import ErrorDetails
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.files import read_text
 from cell.interfaces.model import Disagreement, Location
 
 M = TypeVar("M", bound=BaseModel)
@@ -48,12 +49,7 @@ def place_of(path: Path, location: Location) -> Place:
 
 
 def _read(path: Path) -> tuple[Node, object, list[Problem]]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(Problem(Place(path), f"cannot be read: {error.strerror}")) from None
-    except UnicodeDecodeError as error:
-        raise InputError(Problem(Place(path), f"is not UTF-8 text (byte {error.start})")) from None
+    text = read_text(path)
     loader: yaml.SafeLoader | None = None
     try:
         loader = yaml.SafeLoader(text)

@@ -11,7 +11,6 @@ import foxglove
 from foxglove import messages
 from foxglove.channels import CompressedImageChannel, LogChannel
 
-from cell.configuration import LogSettings
 from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.observation import NOBODY, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
@@ -26,6 +25,7 @@ from cell.recording.scene import CAMERAS, CellModel, SceneLog
 from cell.recording.scene_frames import timestamp
 from cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, judged, plain, schema, tick_json
 from cell.recording.snapshot import Snapshot
+from cell.settings import LogSettings
 from skills.can_gripper import CanFrame
 
 USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals")  # fields that most ticks leave out

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import foxglove
 
-from cell.configuration import LogSettings
 from cell.recording.file import Heading, LogFile
 from cell.recording.packing import Packer
 from cell.recording.parts import part_path, parts_of
+from cell.settings import LogSettings
 
 SLACK_S = 1e-6  # times of ticks are sums of periods
 FAR_BEHIND_BYTES = 1_000_000

@@ -12,7 +12,6 @@ from typing import Protocol, TypeVar
 
 from py_trees.common import Status
 
-from cell.configuration import ControllerSettings
 from cell.interfaces.command import Command
 from cell.interfaces.devices import Devices, Gripper
 from cell.interfaces.journal import ListJournal
@@ -28,6 +27,7 @@ from cell.running.operator import OperatorChannel
 from cell.running.reading import DeviceReader, HeldFingers, describe
 from cell.running.signals import Interrupted, StopSignals
 from cell.running.supervisor import Supervisor
+from cell.settings import ControllerSettings
 from trees.engine.node import StatusChange
 
 Answer = TypeVar("Answer")

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.configuration import LEARNED_KINDS, Configuration, Perception
+from cell.configuration import Configuration
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import ModelError, SettingError
@@ -27,6 +27,7 @@ from cell.interfaces.perception import (
 )
 from cell.interfaces.product import Product
 from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
+from cell.settings import LEARNED_KINDS, Perception
 from learned.bench_watcher import DetectorChain
 from learned.calibration.check import TrayCheck
 from learned.classical.detectors import ClassicalDetectors

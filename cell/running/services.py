@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from cell.configuration import Configuration, Perception
+from cell.configuration import Configuration
 from cell.interfaces.clock import Clock
 from cell.interfaces.errors import InputError, ModelError, SettingError
 from cell.interfaces.journal import Journal
@@ -15,6 +15,7 @@ from cell.interfaces.left_off import LeftOff
 from cell.interfaces.observation import Observation
 from cell.interfaces.planning import GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
+from cell.settings import Perception
 from learned.grasp.planner import load_grasp_planner
 from learned.onnx_model import OnnxModel
 from learned.semantic.confusions import Confusions

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.files import read_text
 from cell.interfaces.hand_window import FRAME_PX, last_at_hole
 from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
@@ -206,10 +207,7 @@ class _Row:
 
 def _rows(folder: Path, classes: Classes) -> Iterator[_Row]:
     path = folder / "segments.jsonl"
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    lines = read_text(path).splitlines()
     if not lines or _parsed(path, 1, lines[0]).get("format") != "cell.segments":
         problem = Problem(Place(path, 1), "no file of segments", "make one with: cell data actions, cell data --from")
         raise InputError(problem)

@@ -26,6 +26,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.files import read_text
 from cell.interfaces.model import Model
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
@@ -203,12 +204,7 @@ def read_records(path: Path, product: Product) -> list[SceneRecord]:
 
 def _numbered(path: Path, product: Product, problems: list[Problem]) -> Iterator[tuple[int, SceneRecord]]:
     """(Line, scene) of all that are well-formed; what is wrong with the others is added to `problems`."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(Problem(Place(path), f"cannot be read: {error.strerror}")) from None
-    except UnicodeDecodeError as error:
-        raise InputError(Problem(Place(path), f"is not UTF-8 text (byte {error.start})")) from None
+    lines = read_text(path).splitlines()
     _check_header(path, lines[0] if lines else "", product)
     for line, text in enumerate(lines[1:], start=2):
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.bench import CameraSetup
-from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
 from learned.hands.regions import POINTS, REGION_PX, Image, Regions, centre_of
+from learned.stills import labelled_rows
 
 ROWS = "hands.jsonl"
 PATCH_PX = REGION_PX + 48  # a region and the room that it is shifted in
@@ -67,20 +67,11 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: it is no such folder, or a line is damaged.
     """
-    path = folder / ROWS
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; make it with: cell data hands --out DIR") from None
-    rows = []
-    for number, line in enumerate(lines[1:], start=2):
-        try:
-            row = json.loads(line)
-            rows.append({"file": folder / row["file"], "hands": row["hands"], "log": row["log"]})
-        except (ValueError, KeyError, TypeError):
-            raise InputError(Problem(Place(path, number), "not a row of `cell data hands`")) from None
+    rows = labelled_rows(
+        folder, "hands", lambda row: {"file": folder / row["file"], "hands": row["hands"], "log": row["log"]}
+    )
     if not rows:
-        raise InputError(f"{path}: holds no frames")
+        raise InputError(f"{folder / ROWS}: holds no frames")
     return rows
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.files import read_text
 from cell.interfaces.model import Model
 from learned.semantic.graph import Bools, Floats, Ints, Layout
 from learned.semantic.scenarios import DETECTION_ERROR, action_pairs
@@ -257,8 +258,8 @@ def confirmed_reports(path: Path) -> list[Reported]:
         InputError: the file cannot be read or holds no segments.
     """
     try:
-        rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-    except (OSError, ValueError) as error:
+        rows = [json.loads(line) for line in read_text(path).splitlines()]
+    except ValueError as error:
         raise InputError(Problem(Place(path), f"cannot be read: {error}")) from error
     if not rows or rows[0].get("format") != "cell.segments":
         raise InputError(

@@ -32,6 +32,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.interfaces.errors import InputError, Place, Problem
+from cell.interfaces.files import read_text
 from cell.interfaces.model import Model
 from cell.interfaces.product import Product
 from learned.semantic.graph import EMPTY, Layout
@@ -141,10 +142,7 @@ def load_demonstrations(path: Path, product: Product) -> list[Demonstration]:
         InputError: the file cannot be read, is of another format, version or product, or has mistakes (all of them,
             up to MOST_PROBLEMS, each with file and line).
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot read the demonstrations: {error}") from error
+    lines = read_text(path).splitlines()
     product = _check_header(path, lines[0] if lines else "", product)
     problems: list[Problem] = []
     demonstrations = []

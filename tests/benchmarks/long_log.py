@@ -24,7 +24,7 @@ import cv2
 from rich.console import Console
 
 import cell.run
-from cell.configuration import SHIFT_PART_S, LogSettings, load_configuration, load_product
+from cell.configuration import SHIFT_PART_S, load_configuration, load_product
 from cell.interfaces.perception import Frame
 from cell.observer import Outcome, TickRecord
 from cell.recording.file import Heading
@@ -33,6 +33,7 @@ from cell.recording.scene import CellModel
 from cell.run import run
 from cell.run_options import RunOptions
 from cell.running.statistics import RunStatistics
+from cell.settings import LogSettings
 from cell.viewing.moments import Moments
 from skills.can_gripper import CanFrame
 from skills.planner import MotionPlanner

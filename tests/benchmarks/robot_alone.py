@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from cell.configuration import WEIGHTS, Configuration
+from cell.configuration import Configuration
+from cell.settings import WEIGHTS
 from sim.clutter import sample_clutter
 from tests.benchmarks import clearing
 from tests.benchmarks.intervals import wilson

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from py_trees.common import Status
 
-from cell.configuration import ControllerSettings, load_configuration, load_faults
+from cell.configuration import load_configuration, load_faults
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices
@@ -21,6 +21,7 @@ from cell.running.controller import Controller
 from cell.running.inference import LockStep
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import Supervisor
+from cell.settings import ControllerSettings
 from trees.engine.node import StatusChange
 
 PARKED = (0.0,) * 6

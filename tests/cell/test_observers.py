@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from rich.console import Console
 
-from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display
 from cell.interfaces.perception import Action
 from cell.log.telling.contact_sheet import (
@@ -24,6 +23,7 @@ from cell.log.telling.contact_sheet import (
 from cell.observer import Outcome
 from cell.recording.recorder import Heading, McapRecorder
 from cell.running.statistics import RunStatistics
+from cell.settings import LogSettings
 from cell.viewing.moments import MOST_FRAMES, MOST_KEPT, Moments
 from cell.viewing.progress import LiveProgress
 from tests.cell.fakes import frame, idle_view

@@ -48,6 +48,16 @@ def settle(cell: SimCell, until_s: float) -> None:
         cell.world.step_period()
 
 
+def answered(cell: SimCell) -> list[OperatorOrder]:
+    """What the person presses first, within half a minute."""
+    end_s = cell.world.time_s + 30.0
+    pressed: list[OperatorOrder] = []
+    while not pressed and cell.world.time_s < end_s:
+        settle(cell, cell.world.time_s + 0.1)
+        pressed = person(cell).pressed()
+    return pressed
+
+
 def put_goal(cell: SimCell) -> None:
     """The goal's parts in the bracket: by turns the person's and the robot's."""
     left = {part: [body for body in cell.world.bodies if body.part == part] for part in product().parts}
@@ -86,11 +96,7 @@ def test_help_sets_the_part_into_the_tray_and_says_so(cell: SimCell) -> None:
     cell.world.place(body, Pose((0.2, 0.6, 0.03)))
     assert in_tray(cell)["o3"] == 0
     person(cell).show(Display(help_request="o3", questions=(HELP,)))
-    pressed: list[OperatorOrder] = []
-    began_s = cell.world.time_s
-    while not pressed and cell.world.time_s < began_s + 30:
-        settle(cell, cell.world.time_s + 0.1)
-        pressed = person(cell).pressed()
+    pressed = answered(cell)
     assert [(order.kind, order.value, order.question) for order in pressed] == [("answer", "done", 1)]
     assert in_tray(cell)["o3"] == 1
 
@@ -99,10 +105,7 @@ def test_what_the_robot_puts_down_before_the_bracket_is_taken_when_asked(cell: S
     brought = next(body for body in cell.world.bodies if body.part == "o2" and body.owner == "robot")
     cell.world.place(brought, Pose((0.86, -0.16, product().parts["o2"].peg_length_m)))
     person(cell).show(Display(questions=(TAKE_IT,)))
-    pressed: list[OperatorOrder] = []
-    while not pressed and cell.world.time_s < 20:
-        settle(cell, cell.world.time_s + 0.1)
-        pressed = person(cell).pressed()
+    pressed = answered(cell)
     assert pressed == [OperatorOrder("answer", "taken", TAKE_IT.number)]
     assert [act.fields["part"] for act in person(cell).acts if act.fields.get("act") == "brought"] == ["o2"]
     assert any(np.linalg.norm(cell.world.data.xpos[brought.body] - hole) < 0.003 for hole in holes_m())
@@ -113,10 +116,7 @@ def test_what_nobody_needs_is_left_where_the_robot_put_it(cell: SimCell) -> None
     brought = [body for body in cell.world.bodies if body.part == "o1"][2]  # neither first nor last: not in the bracket
     cell.world.place(brought, Pose((0.86, -0.16, product().parts["o1"].peg_length_m)))
     person(cell).show(Display(questions=(TAKE_IT,)))
-    pressed: list[OperatorOrder] = []
-    while not pressed and cell.world.time_s < 20:
-        settle(cell, cell.world.time_s + 0.1)
-        pressed = person(cell).pressed()
+    pressed = answered(cell)
     assert pressed == [OperatorOrder("answer", "not needed", TAKE_IT.number)]
 
 
@@ -129,10 +129,7 @@ def test_a_person_who_lacks_a_part_screws_again_and_again_until_somebody_asks(ce
 
 def test_the_person_tells_truly_which_goal_it_is(cell: SimCell) -> None:
     person(cell).show(Display(questions=(WHICH,)))
-    pressed: list[OperatorOrder] = []
-    while not pressed and cell.world.time_s < 20:
-        settle(cell, cell.world.time_s + 0.1)
-        pressed = person(cell).pressed()
+    pressed = answered(cell)
     assert pressed[0].value == "g1"
 
 

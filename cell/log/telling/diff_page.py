@@ -10,16 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.errors import LogError
 from cell.log.reading.frames import Frames
 from cell.log.reading.reader import Log
 from cell.log.replaying.compare import Comparison
+from cell.log.telling.html_page import rendered, write_page
 from cell.log.telling.summary import NodeRow, node_rows, placements, verdicts, waits
 from cell.log.telling.text import difference_lines, short
 
-TEMPLATE = "diff.html.j2"
+TEMPLATE = Path(__file__).with_name("diff.html.j2")
 INPUTS = ("time", "arm", "gripper", "bench", "parts")
 OF_ONE_RUN = ("run_id", "started_utc", "host")  # are others in every run and explain nothing
 CODE = ("commit", "clean", "version.", "weights.", "code.")
@@ -54,12 +53,7 @@ def write_diff(one: Log, other: Log, comparison: Comparison, names: tuple[str, s
         LogError: one of them holds no tick.
         InputError: it cannot be written.
     """
-    page = diff_html(one, other, comparison, names).encode()
-    try:
-        path.write_bytes(page)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}; choose another file") from None
-    return len(page)
+    return write_page(diff_html(one, other, comparison, names), path)
 
 
 def diff_html(one: Log, other: Log, comparison: Comparison, names: tuple[str, str]) -> str:
@@ -67,18 +61,12 @@ def diff_html(one: Log, other: Log, comparison: Comparison, names: tuple[str, st
     for log in (one, other):
         if not log.ticks:
             raise LogError(log.path, "holds no tick that could be compared")
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     first = comparison.first
     moment = comparison.first_by_aspect.get("command", first)  # the first one that acts on the world says most
     events = list(_events(one, other))
     end_s = max(log.ticks[-1].time_s for log in (one, other))
-    return environment.get_template(TEMPLATE).render(
+    return rendered(
+        TEMPLATE,
         names=names,
         comparison=comparison,
         why=why(one, other, comparison),

@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.errors import LogError
 from cell.log.reading.reader import Log
+from cell.log.telling.html_page import rendered, write_page
 from cell.log.telling.key_frames import key_frames
 from cell.log.telling.shift import shift_of
 from cell.log.telling.summary import (
@@ -27,7 +26,7 @@ from cell.log.telling.summary import (
     waits,
 )
 
-TEMPLATE = "report.html.j2"
+TEMPLATE = Path(__file__).with_name("report.html.j2")
 WIDTH, LABELS = 1120, 270  # of the charts, and of the names at their left, in user units
 NARROWEST_PX = 720  # of a chart; on a phone it is scrolled beside its names
 MOST_POINTS = 600
@@ -64,30 +63,18 @@ def write_report(log: Log, path: Path) -> int:
         LogError: there is no tick to tell of, or a camera frame is damaged.
         InputError: the page cannot be written.
     """
-    page = report_html(log).encode()
-    try:
-        path.write_bytes(page)
-    except OSError as error:
-        problem = f"{path}: the report cannot be written: {error.strerror or error}; choose another file by -o"
-        raise InputError(problem) from None
-    return len(page)
+    return write_page(report_html(log), path)
 
 
 def report_html(log: Log) -> str:
     """The page as text."""
     if not log.ticks:
         raise LogError(log.path, "holds no tick that could be reported")
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     axis = Axis(log.ticks[0].time_s, log.ticks[-1].time_s)
     rows, placed, goals, said = node_rows(log), placements(log), beliefs(log), lines(log)
     names = list(dict.fromkeys(name for belief in goals for name in belief.goals))
-    return environment.get_template(TEMPLATE).render(
+    return rendered(
+        TEMPLATE,
         log=log,
         shift=shift_of(log),
         axis=axis,

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.configuration import LogSettings
 from cell.fleet.index import FAILURES, add_run, ask, refresh
 from cell.interfaces.errors import InputError
 from cell.log.reading.heading import run_row
 from cell.log.reading.reader import Log
 from cell.observer import Outcome
 from cell.recording.recorder import Heading, McapRecorder
+from cell.settings import LogSettings
 
 
 def failed(path: Path, seed: int, failure: str) -> None:

@@ -19,7 +19,6 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from py_trees.common import Status
 
-from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.errors import InputError
 from cell.interfaces.journal import Topic
@@ -28,6 +27,7 @@ from cell.interfaces.pose import Pose
 from cell.observer import Outcome, SentCommand, TickRecord
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.schemas import plain
+from cell.settings import LogSettings
 from skills.can_gripper import CanFrame
 from tests import ROOT
 from tests.cell.fakes import frame, idle_view
@@ -159,7 +159,7 @@ def test_the_same_ticks_make_the_same_file(tmp_path: Path) -> None:
 def test_a_log_of_a_killed_process_holds_all_its_ticks(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     script = (
-        "import os, signal, pathlib; from cell.recording.recorder import *; from cell.configuration import LogSettings;"
+        "import os, signal, pathlib; from cell.recording.recorder import *; from cell.settings import LogSettings;"
         "from tests.cell.recording.test_recorder import record; from tests.cell.fakes import frame;"
         f"r = McapRecorder(pathlib.Path({str(path)!r}), LogSettings(), Heading())\n"
         "for n in range(100): r.frame(frame(n, n * 0.04)); r.tick(record(n)); r.settle()\n"

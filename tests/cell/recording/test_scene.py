@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.configuration import LogSettings, load_configuration, load_product
+from cell.configuration import load_configuration, load_product
 from cell.interfaces.command import Command, Display
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
@@ -16,6 +16,7 @@ from cell.interfaces.pose import Pose
 from cell.observer import SentCommand, TickRecord
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
+from cell.settings import LogSettings
 from skills.planner import MotionPlanner
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME

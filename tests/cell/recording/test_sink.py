@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cell.configuration import LogSettings
 from cell.log.reading.reader import read_log
 from cell.observer import Level, TickRecord
 from cell.recording import sink as log_sink
@@ -19,6 +18,7 @@ from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.sink import LogSink
 from cell.run import run
 from cell.run_options import RunOptions
+from cell.settings import LogSettings
 from cell.viewing.progress import LiveProgress
 from sim.worker import Worker
 from tests.cell.conftest import changed_configuration

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
-from cell.configuration import ControllerSettings
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.errors import DeviceFault
 from cell.observer import EXIT_STATUS, Outcome
+from cell.settings import ControllerSettings
 from tests.cell.fakes import Rig, frame
 
 

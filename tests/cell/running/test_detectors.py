@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.configuration import DEFAULT_CONFIGURATION, LEARNED_KINDS, Perception, load_configuration, load_product
+from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError, ModelError, SettingError
 from cell.interfaces.perception import Frame, HandSample
@@ -25,6 +25,7 @@ from cell.running.detectors import (
     fitting,
     latency_s,
 )
+from cell.settings import LEARNED_KINDS, Perception
 from learned.classical.action_detector import ClassicalActionDetector
 from learned.classical.hand_tracker import ClassicalHandTracker
 from learned.onnx_model import OnnxModel

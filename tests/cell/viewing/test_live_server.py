@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from cell.configuration import LogSettings
 from cell.interfaces.errors import InputError
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
+from cell.settings import LogSettings
 from cell.viewing.live_server import LiveServer
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME, record

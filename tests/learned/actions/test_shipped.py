@@ -6,8 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from cell.configuration import WEIGHTS, load_configuration, load_product, simulated
+from cell.configuration import load_configuration, load_product, simulated
 from cell.interfaces.planning import weights_file
+from cell.settings import WEIGHTS
 from learned.actions.classes import Classes
 from learned.actions.dataset import load_segments
 from learned.actions.evaluate import answers, class_scores, confusion
@@ -45,7 +46,8 @@ def test_most_segments_of_an_unseen_recording_are_named_right(tmp_path: Path) ->
 def test_the_shipped_file_is_small_and_needs_no_torch() -> None:
     assert SHIPPED.stat().st_size < 2_000_000
     program = (
-        "import sys; from cell.configuration import load_configuration, load_product, WEIGHTS;"
+        "import sys; from cell.settings import WEIGHTS;"
+        "from cell.configuration import load_configuration, load_product;"
         "from learned.actions.detector import load_actions; c = load_configuration();"
         "load_actions(c.bench, load_product(c), WEIGHTS / 'actions_slim.onnx');"
         "assert not {'torch', 'sim.world', 'mujoco'} & set(sys.modules)"

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from cell.configuration import WEIGHTS, load_configuration, load_product, simulated
+from cell.configuration import load_configuration, load_product, simulated
 from cell.evaluating.hands import ONLY, evaluate_hands
 from cell.interfaces.errors import ModelError
 from cell.interfaces.planning import weights_file
+from cell.settings import WEIGHTS
 from learned.hands.slim import finder_file, slim_tracker
 
 FILE = WEIGHTS / weights_file("hands", "slim")

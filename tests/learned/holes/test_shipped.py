@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.configuration import WEIGHTS, load_configuration, load_product, simulated
+from cell.configuration import load_configuration, load_product, simulated
+from cell.settings import WEIGHTS
 from learned.holes.dataset import Plate, load_plates
 from learned.holes.evaluate import HoleFindings, evaluate_holes
 from learned.holes.reader import KIND, HoleNetwork, Reading

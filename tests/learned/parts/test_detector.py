@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.configuration import WEIGHTS, load_configuration, load_product, simulated
+from cell.configuration import load_configuration, load_product, simulated
 from cell.interfaces.errors import DeviceFault, ModelError
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
+from cell.settings import WEIGHTS
 from learned.parts.dataset import Scene, load_scenes
 from learned.parts.detector import CentrePartDetector
 from learned.parts.evaluate import Findings, evaluate_parts

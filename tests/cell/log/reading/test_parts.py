@@ -12,7 +12,6 @@ import pytest
 from mcap.reader import make_reader
 from pydantic import ValidationError
 
-from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display
 from cell.interfaces.errors import LogError
 from cell.log.reading.indexed import IndexedLog, parts_within
@@ -25,6 +24,7 @@ from cell.recording.packing import pack
 from cell.recording.parts import part_path, parts_of
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.sink import LogSink
+from cell.settings import LogSettings
 from tests.cell.conftest import again_in_parts
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME, record, samples

@@ -14,7 +14,6 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
 from cell.interfaces.errors import LogError
 from cell.log.reading.frames import Frames
@@ -24,6 +23,7 @@ from cell.log.reading.records import HEAD, MAGIC
 from cell.log.reading.recover import recover
 from cell.observer import SentCommand
 from cell.recording.recorder import Heading, McapRecorder
+from cell.settings import LogSettings
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import OUTCOME, record
 

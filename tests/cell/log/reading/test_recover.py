@@ -13,7 +13,6 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 from cell.commands.main import main
-from cell.configuration import LogSettings
 from cell.interfaces.errors import LogError
 from cell.log.reading.mcap_file import McapContent, read_mcap
 from cell.log.reading.reader import read_log
@@ -22,6 +21,7 @@ from cell.log.reading.recover import recover
 from cell.log.reading.recovered import Salvage
 from cell.log.reading.salvage import salvage
 from cell.recording.recorder import Heading, McapRecorder
+from cell.settings import LogSettings
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME, record
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from cell.configuration import LogSettings
 from cell.interfaces.command import Command, Display
 from cell.interfaces.judgement import Action, Judgement
 from cell.interfaces.operator import Question
@@ -16,6 +15,7 @@ from cell.log.telling.report import report_html
 from cell.log.telling.shift import Shift, shift_of
 from cell.observer import Outcome
 from cell.recording.recorder import Heading, McapRecorder
+from cell.settings import LogSettings
 from tests.cell.running.test_brackets import BEGIN, END, NEXT, Note, record
 
 HELD = Judgement(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))

@@ -1,0 +1,207 @@
+"""Settings of the cell's parts: the sections of config/cell.yaml that stand nowhere else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from cell.interfaces.files import shipped
+from cell.interfaces.model import Model
+from cell.interfaces.planning import weights_file
+from cell.interfaces.quantity import Duration
+from learned.classical.settings import PerceptionSettings as ClassicalSettings
+from learned.hands.mediapipe.files import ON_THE_BENCH, folder_in_use, model_folder, network_file
+from learned.semantic.settings import NewGoals
+from sim.settings import SimSettings
+
+WEIGHTS = shipped("learned", "weights")
+LEARNED_KINDS = {"hands": "slim", "actions": "slim", "holes": "plate", "parts": "centre"}  # the trained defaults
+
+
+class ControllerSettings(Model):
+    """The control loop.
+
+    Attributes:
+        tick_hz: how often the controller observes, ticks the tree, acts and records.
+        max_duration_s: the run ends by itself after this much clock time.
+        stop_timeout_s: how long a controlled stop may take before the run ends all the same.
+    """
+
+    tick_hz: float = Field(default=25.0, ge=5, le=500)
+    max_duration_s: Duration = 300.0
+    stop_timeout_s: float = Field(default=2.0, gt=0, le=60)
+
+
+class DetectorSettings(Model):
+    """One of the detectors.
+
+    Attributes:
+        kind: which implementation answers; "classical" needs no weights.
+        weights: file of weights, relative to this file; the shipped one of this kind by default.
+    """
+
+    kind: str
+    weights: Path | None = None
+
+
+class Perception(Model):
+    """The detectors that read camera frames.
+
+    Attributes:
+        kind: all detectors at once: by rules about colours and outlines (classical), or trained (learned).
+        hands: who finds the hand, where that is to be another kind: classical, slim, mediapipe.
+        actions: who names what the hand does: classical, slim, paper.
+        holes: who reads the holes: classical, plate.
+        parts: who finds parts in the wrist camera's view: classical, centre.
+        crops: network that tells the `paper` grasp planner what is around each part; beside that planner's weights
+            where it is chosen.
+        latency_s: in lock-step simulation, clock time from a frame to its answer; by default the p95 of the detectors'
+            model cards, or 0.1 where one does not tell.
+        classical: settings of that kind.
+    """
+
+    kind: Literal["classical", "learned"] = "learned"
+    hands: DetectorSettings | None = None
+    actions: DetectorSettings | None = None
+    holes: DetectorSettings | None = None
+    parts: DetectorSettings | None = None
+    crops: Path | None = None
+    latency_s: float | None = Field(default=None, ge=0, le=2)
+    classical: ClassicalSettings = ClassicalSettings()
+
+    def chosen(self, detector: str) -> DetectorSettings:
+        """The settings of a detector, by its key: its own ones, or what `kind` says."""
+        own: DetectorSettings | None = getattr(self, detector)
+        return own or DetectorSettings(kind=LEARNED_KINDS[detector] if self.kind == "learned" else "classical")
+
+    def weights(self, detector: str) -> Path:
+        """The file of weights of a detector that is not classical."""
+        settings = self.chosen(detector)
+        if (detector, settings.kind) == ("hands", "mediapipe"):
+            return settings.weights or network_file(model_folder(), "landmark", ON_THE_BENCH)
+        return settings.weights or WEIGHTS / weights_file(detector, settings.kind)
+
+    def networks(self, detector: str) -> dict[str, Path]:
+        """Every file of weights that the answers of a detector hang on, by name; none for a classical one.
+
+        The first is that of `weights`; others stand beside it.
+        """
+        kind = self.chosen(detector).kind
+        beside = {"parts.crops": self.crops} if detector == "parts" and self.crops is not None else {}
+        if kind == "classical":
+            return beside
+        main = self.weights(detector)
+        if (detector, kind) == ("hands", "slim"):
+            from learned.hands.slim import finder_file
+
+            return {detector: main, f"{detector}.finder": finder_file(main)}
+        if (detector, kind) == ("hands", "mediapipe"):
+            folder = folder_in_use(main)
+            landmark, palm = (network_file(folder, network, ON_THE_BENCH) for network in ("landmark", "palm"))
+            return {detector: landmark, f"{detector}.palm": palm}
+        if (detector, kind) == ("parts", "centre"):
+            from learned.parts.detector import pose_file
+
+            return {detector: main, f"{detector}.pose": pose_file(main), **beside}
+        return {detector: main}
+
+    @property
+    def words(self) -> str:
+        """For logs and summaries: `kind`, or each detector's where they are chosen one by one."""
+        own = [f"{name} {settings.kind}" for name in LEARNED_KINDS if (settings := getattr(self, name)) is not None]
+        return ", ".join((self.kind, *own))
+
+
+class PlannerSettings(Model):
+    """A planner.
+
+    Attributes:
+        kind: which implementation answers.
+        weights: file of weights, relative to this file; the shipped one of this kind by default.
+    """
+
+    kind: str
+    weights: Path | None = None
+
+
+class SemanticPlannerSettings(PlannerSettings):
+    """The planner that infers the goal.
+
+    Attributes:
+        kind: factored, paper, bayes or and_or; auto is factored where its weights are of this product, else bayes.
+        weights: file of weights, relative to this file; the shipped one of this kind by default.
+        goals: file of goals that were finished, relative to this file; goals that the product does not list are learned
+            from it, and every finished bracket is noted in it. Without, only the product's goals are known.
+        new_goals: what is expected of goals that nobody listed.
+        confusions: file of what the action detector takes for what, from `cell train noise` or `cell eval actions`,
+            relative to this file; by default what the model card of a trained detector tells. Without any, every
+            action is taken for any other alike.
+    """
+
+    goals: Path | None = None
+    new_goals: NewGoals = NewGoals()
+    confusions: Path | None = None
+
+
+class Planners(Model):
+    """The planners of section 3.1 (semantic) and 3.2 (grasp) of the paper.
+
+    Attributes:
+        semantic: which product is being built, and what remains to be done: factored, paper, bayes or and_or.
+        grasp: which part to take out of the tray and how: pairwise, paper or rule.
+    """
+
+    semantic: SemanticPlannerSettings
+    grasp: PlannerSettings
+
+
+class DeviceSettings(Model):
+    """Devices of the cell.
+
+    Attributes:
+        factory: dotted path `module:function` of what opens them.
+        simulation: settings of the simulated cell, for `sim.cell:open_cell`.
+    """
+
+    factory: str = Field(default="sim.cell:open_cell", pattern=r"^[\w.]+:\w+$")
+    simulation: SimSettings = SimSettings()
+
+
+class LogSettings(Model):
+    """The log of each run.
+
+    Attributes:
+        folder: where logs go without `--log`, relative to the working folder.
+        camera_frames: write camera frames as JPEG.
+        jpeg_quality: quality of those frames.
+        buffer_mb: what may wait for a slow or full disk; images are dropped from half of it on, ticks beyond it.
+        joint_samples: write the joints at the rate of the arm's own control.
+        rotate_mb: begin a new part of the log when it has so many bytes; one file by default.
+        rotate_s: begin a new part of the log after so long; one file by default.
+        rotate_brackets: begin a new part of the log with every bracket of a shift.
+        compress: make closed parts of a log smaller (zstd), in a process beside the run.
+        keep_parts: keep only so many parts, the newest; all by default.
+        keep_mb: keep only so many bytes of finished parts, the newest; all by default.
+    """
+
+    folder: Path = Path("runs")
+    camera_frames: bool = True
+    jpeg_quality: int = Field(default=80, ge=1, le=100)
+    buffer_mb: float = Field(default=16.0, gt=0, le=1024)
+    joint_samples: bool = True
+    rotate_mb: float | None = Field(default=None, ge=0.001, le=1e6)
+    rotate_s: float | None = Field(default=None, ge=0.1, le=86_400)
+    rotate_brackets: bool = False
+    compress: bool = True
+    keep_parts: int | None = Field(default=None, ge=1)
+    keep_mb: float | None = Field(default=None, gt=0, le=1e9)
+
+    @model_validator(mode="after")
+    def _only_parts_are_removed(self) -> LogSettings:
+        if (self.keep_parts or self.keep_mb) and not (self.rotate_mb or self.rotate_s or self.rotate_brackets):
+            raise ValueError(
+                "keep_parts and keep_mb need rotate_mb, rotate_s or rotate_brackets: a log in one file is kept whole"
+            )
+        return self

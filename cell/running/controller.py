@@ -1,14 +1,13 @@
-"""The controller: a fixed-rate loop of observe, judge, tick, act and record, and the safe stop at its end."""
+"""The controller: a fixed-rate loop of observe, judge, tick, act and record, with the safe stop at its end."""
 
 from __future__ import annotations
 
 import math
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from py_trees.common import Status
 
@@ -20,18 +19,18 @@ from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.interfaces.signals import Signals
 from cell.observer import End, Observer, Outcome, SentCommand, TickRecord
+from cell.running.acting import DeviceActor
 from cell.running.announcing import Announcer
 from cell.running.audience import Audience
 from cell.running.inference import Executor
 from cell.running.operator import OperatorChannel
-from cell.running.reading import DeviceReader, HeldFingers, describe
+from cell.running.reading import DeviceReader, describe
+from cell.running.safe_stop import await_rest, condition, failure, stop_orders
 from cell.running.signals import Interrupted, StopSignals
 from cell.running.supervisor import Supervisor
 from cell.settings import ControllerSettings
 from trees.engine.node import StatusChange
 
-Answer = TypeVar("Answer")
-RESTARTED = "gripper_restarted_empty"
 STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked
 STOPPING = "STOPPING"  # ... and in the ticks of the safe stop
 
@@ -89,7 +88,6 @@ class Controller:
         operator: OperatorChannel | None = None,
         signals: Signals | None = None,
     ) -> None:
-        self._module = signals
         self.journal = ListJournal()
         self._devices = devices
         self._clock = devices.clock
@@ -107,11 +105,11 @@ class Controller:
             lambda text: self._audience.say("warning", text),
             signals,
         )
-        self._fingers = HeldFingers(gripper)
         self._signals = StopSignals()
         self._judgement = Judgement()
         self._announcer = Announcer()
         self._operator = operator or OperatorChannel()
+        self._actor = DeviceActor(devices, gripper, signals, self._operator, self._reader.refused)
         self._seen: Observation | None = None
         self._scheduled_s = self._deadline_s = 0.0
         self._ticks = 0
@@ -195,7 +193,7 @@ class Controller:
             status = self._signals.interruptible(tree.tick)
             name, asked = status.name, replace(services.command)
             self._judgement = self._supervisor.judge_command(seen, services.command)
-            sent = self._act(services.command, seen)
+            sent = self._actor.act(services.command, seen, self._judgement)
         finally:  # a tick that failed is recorded too: it is the one that will be looked at
             if name != STOPPED:
                 changes = tree.status_changes
@@ -207,53 +205,10 @@ class Controller:
         """Observe, and let the supervisor judge; the observation says what it allows."""
         seen, joints = self.observe(), self._reader.samples()
         self._judgement = self._supervisor.judge(seen)
-        self._seen = self._fingers.seen(replace(seen, share=self._judgement.share))
+        self._seen = self._actor.seen(replace(seen, share=self._judgement.share))
         if (news := self._announcer.news(self._judgement)) is not None:
             self._audience.say(*news)
         return self._seen, joints
-
-    def _act(self, command: Command, seen: Observation) -> SentCommand:
-        """Carry out a command as far as the supervisor lets it; returns what the devices really sent."""
-        held = self._judgement.action >= Action.HOLD
-        trajectory = gripper = None
-        if held:
-            withhold(command)
-        self._command("arm", lambda: self._devices.arm.pace(self._judgement.share))
-        self._recover(seen)
-        self._command("gripper", lambda: self._fingers.keep(seen, held))
-        if command.stop_arm:
-            self._command("arm", self._devices.arm.stop)
-        elif (follow := command.follow) is not None:
-            trajectory = self._command("arm", lambda: self._devices.arm.follow(follow))
-        if command.activate_gripper:
-            self._command("gripper", self._gripper.activate)
-        if (goal := command.gripper) is not None:
-            gripper = self._command("gripper", lambda: self._gripper.command(goal))
-            self._fingers.sent(goal)
-        if self._module is not None:
-            for name, value in command.signals.items():
-                self._command("signals", partial(self._module.write, name, value))
-        if command.look:
-            self._command("camera wrist", self._devices.wrist.trigger)
-        if (display := command.display) is not None:
-            self._operator.shown(display)
-            self._command("panel", lambda: self._devices.panel.show(display))
-        return SentCommand(trajectory, gripper)
-
-    def _recover(self, seen: Observation) -> None:
-        """Somebody acknowledged: unlock an arm that stopped by itself, activate a gripper that restarted empty."""
-        if not seen.acknowledged:
-            return
-        self._command("arm", self._devices.arm.acknowledge)
-        if any(signal == RESTARTED for signal, _ in self._judgement.reasons) and not seen.gripper.activated:
-            self._command("gripper", self._gripper.activate)
-
-    def _command(self, device: str, order: Callable[[], Answer]) -> Answer | None:
-        try:
-            return order()
-        except Exception as error:  # the next observation tells the supervisor
-            self._reader.refused(device, error)
-            return None
 
     def _record(
         self,
@@ -295,49 +250,33 @@ class Controller:
 
     def _stop(self, tree: TickedTree, services: TickServices) -> tuple[str, list[str]]:
         """The safe stop, ticked and recorded until the arm stands; how things are at its end, and what went wrong."""
-        emergency = self._seen is not None and self._seen.arm.mode == "emergency_stop"
         halted = Command()
 
         def halt_tree() -> None:
             services.command = halted
             tree.halt()
 
-        orders: list[tuple[str, Callable[[], None]]] = [("the arm did not stop", self._devices.arm.stop)]
-        if not emergency:
-            orders.append(("the gripper did not hold", self._gripper.hold))
-        problems = {what: text for what, order in orders if (text := _failure(order))}
-        problem = _failure(halt_tree)
-        if problem:
-            problems["the tree did not halt"] = problem
-        changes: Sequence[StatusChange] = tuple(tree.status_changes)
-        until_s = self._clock.now_s() + self._settings.stop_timeout_s
-        while True:
-            self._sleep()
-            began_s = time.perf_counter()
-            seen = self._stopping_tick(services, changes, began_s)
-            changes = ()
-            if seen is not None and _at_rest(seen):
-                break
-            if self._clock.now_s() >= until_s:
-                unknown = seen is None or any(trouble.device == "arm" for trouble in seen.troubles)
-                what = "not known to stand" if unknown else "still moving"
-                problems["the arm did not come to rest"] = f"{what} {self._settings.stop_timeout_s:g} s after the stop"
-                break
-            for what, order in orders:  # what was refused is ordered again
-                if what in problems and not _failure(order):
-                    del problems[what]
-        return _condition(seen, services.held_part), [f"{what}: {text}" for what, text in problems.items()]
+        orders = stop_orders(self._devices, self._gripper, self._seen)
+        last = {"the tree did not halt": halt_tree}
+        problems = {what: text for what, order in [*orders.items(), *last.items()] if (text := failure(order))}
+        changes = [tuple(tree.status_changes)]
 
-    def _stopping_tick(
-        self, services: TickServices, changes: Sequence[StatusChange], began_s: float
-    ) -> Observation | None:
+        def tick() -> Observation | None:
+            self._sleep()
+            return self._stopping_tick(services, changes.pop() if changes else ())
+
+        seen = await_rest(orders, problems, tick, self._clock.now_s, self._settings.stop_timeout_s)
+        return condition(seen, services.held_part), [f"{what}: {text}" for what, text in problems.items()]
+
+    def _stopping_tick(self, services: TickServices, changes: Sequence[StatusChange]) -> Observation | None:
         """One tick without the tree: see, keep the devices alive, record."""
+        began_s = time.perf_counter()
         try:
             seen, joints = self._look()
             words = self._judgement.reasons
             self._judgement = Judgement(Action.STOP, 0.0, words)
             services.observation = seen
-            self._command("arm", lambda: self._devices.arm.pace(0.0))
+            self._actor.pace(0.0)
             self._record(seen, STOPPING, changes, Command(), SentCommand(), joints, began_s)
         except Exception:  # nothing may keep the loop from trying again until its time is over
             return None
@@ -350,35 +289,3 @@ class Controller:
             self._audience.say("error", outcome.detail)
         self._audience.close(outcome)
         return replace(outcome, observer_problems=tuple(self._audience.problems))
-
-
-def withhold(command: Command) -> None:
-    """Take out of a command what would begin to move; nodes see it and begin again."""
-    command.follow, command.gripper, command.activate_gripper = None, None, False
-    command.signals = {}
-
-
-def _failure(order: Callable[[], object]) -> str:
-    """What an order raised, in words; empty for nothing."""
-    try:
-        order()
-    except Exception as error:  # the safe stop goes on with the other devices
-        return describe(error)
-    return ""
-
-
-def _at_rest(seen: Observation) -> bool:
-    """The arm answered in this tick, gave up its trajectory, and no joint moves."""
-    answered = not any(trouble.device == "arm" for trouble in seen.troubles)
-    return answered and not seen.arm.moving and seen.arm.stands
-
-
-def _condition(seen: Observation | None, part: str | None) -> str:
-    """How the cell was left, for people."""
-    if seen is None:
-        return "nothing is known of arm and gripper"
-    arm = "the arm stands" if _at_rest(seen) else "the arm is not known to stand"
-    if any(trouble.device == "gripper" for trouble in seen.troubles):
-        return f"{arm}, nothing is known of the gripper"
-    holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"
-    return f"{arm}, the gripper {holds}"

@@ -196,10 +196,12 @@ class Rig:
         settings: ControllerSettings | None = None,
         latency_s: float = 0.1,
         observers: Sequence[Observer] = (),
+        gripper: Callable[[ManualClock], FakeGripper] | None = None,
     ) -> None:
         self.clock = ManualClock()
         self.overhead, self.wrist = FakeCamera(self.clock), FakeCamera(self.clock)
-        self.arm, self.gripper, self.panel = FakeArm(self.clock), FakeGripper(self.clock), FakePanel()
+        self.arm, self.panel = FakeArm(self.clock), FakePanel()
+        self.gripper = (gripper or FakeGripper)(self.clock)
         self.observer, self.operator = FakeObserver(), OperatorChannel()
         devices = Devices(self.clock, self.overhead, self.wrist, self.arm, self.panel, lambda: {}, lambda: None)
         self.controller = Controller(

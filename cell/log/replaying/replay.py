@@ -25,7 +25,8 @@ from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.compare import Comparison, Decisions, Difference, decided, differences, logged
 from cell.log.replaying.logged_tree import write_files
 from cell.recording.identity import what_changed
-from cell.running.controller import STOPPED, STOPPING, withhold
+from cell.running.acting import withhold
+from cell.running.controller import STOPPED, STOPPING
 from cell.running.detectors import fitted
 from cell.running.node_library import node_registry
 from cell.running.reload import take_over

@@ -9,7 +9,6 @@ from py_trees.common import Status
 from cell.interfaces.command import Command, GripperCommand
 from cell.interfaces.observation import GripperState, ObjectStatus
 from cell.interfaces.operator import OperatorOrder
-from cell.running.reading import HeldFingers
 from tests.cell.fakes import FakeGripper, Rig
 
 OPEN = GripperCommand(0.085, 0.1, 40.0)
@@ -31,17 +30,15 @@ class RestartingGripper(FakeGripper):
         self.lost = False
 
 
-def restarting(rig: Rig) -> RestartingGripper:
-    """The rig's gripper from now on."""
-    gripper = RestartingGripper(rig.clock)
-    rig.gripper = rig.controller._gripper = rig.controller._reader._gripper = gripper
-    rig.controller._fingers = HeldFingers(gripper)
-    return gripper
+def restarting() -> tuple[Rig, RestartingGripper]:
+    """A rig with such a gripper."""
+    rig = Rig(gripper=RestartingGripper)
+    assert isinstance(rig.gripper, RestartingGripper)
+    return rig, rig.gripper
 
 
 def test_an_empty_gripper_that_restarted_is_activated_once_somebody_acknowledged_it_and_told_its_goal_again() -> None:
-    rig = Rig()
-    gripper = restarting(rig)
+    rig, gripper = restarting()
     calls: list[list[str]] = []
 
     def act(tick: int) -> Status:
@@ -61,8 +58,7 @@ def test_an_empty_gripper_that_restarted_is_activated_once_somebody_acknowledged
 
 
 def test_a_gripper_that_restarted_is_left_alone_as_long_as_nobody_acknowledges() -> None:
-    rig = Rig()
-    gripper = restarting(rig)
+    rig, gripper = restarting()
 
     def act(tick: int) -> Status:
         gripper.lost = tick >= 3
@@ -75,8 +71,7 @@ def test_a_gripper_that_restarted_is_left_alone_as_long_as_nobody_acknowledges()
 
 
 def test_one_with_a_part_between_its_fingers_ends_the_run_and_is_not_activated() -> None:
-    rig = Rig()
-    gripper = restarting(rig)
+    rig, gripper = restarting()
     gripper.held = True
 
     def act(tick: int) -> Status:

@@ -1,0 +1,80 @@
+"""The safe stop: arm and gripper are ordered to stop, and again where that was refused, until the arm stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from cell.interfaces.devices import Devices, Gripper
+from cell.interfaces.observation import Observation
+from cell.running.reading import describe
+
+Order = Callable[[], object]
+
+
+def stop_orders(devices: Devices, gripper: Gripper, seen: Observation | None) -> Mapping[str, Order]:
+    """What has to be ordered, by what is wrong while it is not done; an emergency stop cuts the gripper's power."""
+    orders: dict[str, Order] = {"the arm did not stop": devices.arm.stop}
+    if seen is None or seen.arm.mode != "emergency_stop":
+        orders["the gripper did not hold"] = gripper.hold
+    return orders
+
+
+def failure(order: Order) -> str:
+    """What an order raised, in words; empty for nothing."""
+    try:
+        order()
+    except Exception as error:  # the safe stop goes on with the other devices
+        return describe(error)
+    return ""
+
+
+def await_rest(
+    orders: Mapping[str, Order],
+    problems: dict[str, str],
+    tick: Callable[[], Observation | None],
+    now_s: Callable[[], float],
+    timeout_s: float,
+) -> Observation | None:
+    """Tick until the arm stands or the time is over; orders that were refused are given again.
+
+    Args:
+        problems: what went wrong so far, by what is wrong; kept up to date.
+        tick: sleeps to the next tick and observes; None where nothing could be observed.
+
+    Returns:
+        The last observation.
+    """
+    until_s = now_s() + timeout_s
+    while True:
+        seen = tick()
+        if seen is not None and at_rest(seen):
+            return seen
+        if now_s() >= until_s:
+            unknown = seen is None or any(trouble.device == "arm" for trouble in seen.troubles)
+            what = "not known to stand" if unknown else "still moving"
+            problems["the arm did not come to rest"] = f"{what} {timeout_s:g} s after the stop"
+            return seen
+        for what, order in orders.items():
+            if what in problems and not failure(order):
+                del problems[what]
+
+
+def at_rest(seen: Observation) -> bool:
+    """The arm answered in this tick, gave up its trajectory, and no joint moves."""
+    answered = not any(trouble.device == "arm" for trouble in seen.troubles)
+    return answered and not seen.arm.moving and seen.arm.stands
+
+
+def condition(seen: Observation | None, part: str | None) -> str:
+    """How the cell was left, for people.
+
+    Args:
+        part: what the tree believes to be between the fingers.
+    """
+    if seen is None:
+        return "nothing is known of arm and gripper"
+    arm = "the arm stands" if at_rest(seen) else "the arm is not known to stand"
+    if any(trouble.device == "gripper" for trouble in seen.troubles):
+        return f"{arm}, nothing is known of the gripper"
+    holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"
+    return f"{arm}, the gripper {holds}"

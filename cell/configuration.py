@@ -83,7 +83,11 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
         for name in LEARNED_KINDS
         if (own := getattr(read.perception, name)) is not None and own.weights is not None
     }
-    perception: dict[str, object] = {**detectors, "crops": _crops(read, planners["grasp"].weights, folder)}
+    perception: dict[str, object] = {
+        **detectors,
+        "folder": read.perception.folder and folder / read.perception.folder,
+        "crops": _crops(read, planners["grasp"].weights, folder),
+    }
     faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
     database = read.gripper_can.database

@@ -55,6 +55,8 @@ class Perception(Model):
         actions: who names what the hand does: classical, slim, paper.
         holes: who reads the holes: classical, plate.
         parts: who finds parts in the wrist camera's view: classical, centre.
+        folder: folder with the weights of trained detectors, as `cell train all` fills it, relative to this file; the
+            shipped ones by default.
         crops: network that tells the `paper` grasp planner what is around each part; beside that planner's weights
             where it is chosen.
         latency_s: in lock-step simulation, clock time from a frame to its answer; by default the p95 of the detectors'
@@ -67,6 +69,7 @@ class Perception(Model):
     actions: DetectorSettings | None = None
     holes: DetectorSettings | None = None
     parts: DetectorSettings | None = None
+    folder: Path | None = None
     crops: Path | None = None
     latency_s: float | None = Field(default=None, ge=0, le=2)
     classical: ClassicalSettings = ClassicalSettings()
@@ -81,7 +84,7 @@ class Perception(Model):
         settings = self.chosen(detector)
         if (detector, settings.kind) == ("hands", "mediapipe"):
             return settings.weights or network_file(model_folder(), "landmark", ON_THE_BENCH)
-        return settings.weights or WEIGHTS / weights_file(detector, settings.kind)
+        return settings.weights or (self.folder or WEIGHTS) / weights_file(detector, settings.kind)
 
     def networks(self, detector: str) -> dict[str, Path]:
         """Every file of weights that the answers of a detector hang on, by name; none for a classical one.

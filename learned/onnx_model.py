@@ -133,22 +133,20 @@ class OnnxModel:
         Raises:
             ModelError: the file is missing, damaged, has no card, or is of another kind.
         """
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise ModelError(f"{path}: cannot read the weights: {error.strerror}") from error
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        try:
-            session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-        except LOAD_ERRORS as error:
-            raise ModelError(f"{path}: not an ONNX file, or damaged: {str(error).splitlines()[0]}") from error
+        content, session = _opened(path)
         card = _card(path, session.get_modelmeta().custom_metadata_map)
         if card.kind != kind:
             raise ModelError(f"{path}: holds a {card.kind!r} model, but a {kind!r} model is wanted")
         return OnnxModel(path, card, session, hashlib.sha256(content).hexdigest())
+
+    @staticmethod
+    def card_of(path: Path) -> ModelCard:
+        """The card of a file of any kind.
+
+        Raises:
+            ModelError: the file is missing, damaged, or has no card.
+        """
+        return _card(path, _opened(path)[1].get_modelmeta().custom_metadata_map)
 
     def require_vocabulary(self, use: str, wanted: tuple[str, ...]) -> None:
         """Check that the file was trained for these words.
@@ -172,6 +170,21 @@ class OnnxModel:
             if not np.isfinite(value).all():
                 raise ModelError(f"{self.path}: output {name!r} is not finite")
         return dict(zip(self.outputs, values, strict=True))
+
+
+def _opened(path: Path) -> tuple[bytes, onnxruntime.InferenceSession]:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{path}: cannot read the weights: {error.strerror}") from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    try:
+        return content, onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    except LOAD_ERRORS as error:
+        raise ModelError(f"{path}: not an ONNX file, or damaged: {str(error).splitlines()[0]}") from error
 
 
 def _card(path: Path, metadata: Mapping[str, str]) -> ModelCard:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import shlex
 import shutil
 import subprocess
@@ -12,6 +14,8 @@ from pathlib import Path
 from cell.commands.terminal import console
 from cell.interfaces.errors import InputError
 
+RECIPE = "recipe.json"  # in the folder: what it was made by, and for
+
 
 def make_data(what: str, folder: Path, options: Mapping[str, object], *flags: str) -> None:
     """Run `cell data WHAT` into a folder, unless it is there already; what was interrupted is made anew.
@@ -20,9 +24,15 @@ def make_data(what: str, folder: Path, options: Mapping[str, object], *flags: st
         options: by name, as in {"--look": "varied"}.
 
     Raises:
-        InputError: the data could not be made; what the command said is in the message.
+        InputError: the data could not be made; what the command said is in the message. Or the folder holds data of
+            other options, or of another product or bench.
     """
+    config = options.get("--config")
+    given = {name: value for name, value in options.items() if name != "--config"}
+    recipe = {"data": what, **given, **dict.fromkeys(flags, True)}
+    recipe |= {"made_for": fingerprint(config)} if isinstance(config, Path) else {}
     if (folder / "manifest.json").exists():
+        _require(folder, json.loads(json.dumps(recipe)))
         console().print(f"data: {folder}, made before", highlight=False)
         return
     words = ["data", what, *flags, *(str(word) for option in options.items() for word in option)]
@@ -34,4 +44,30 @@ def make_data(what: str, folder: Path, options: Mapping[str, object], *flags: st
     if done.returncode:
         said = (done.stderr.strip() or f"status {done.returncode}").splitlines()[-1]
         raise InputError(f"training data could not be made: {said}")
+    (unfinished / RECIPE).write_text(json.dumps(recipe, indent=1) + "\n", encoding="utf-8")
     unfinished.rename(folder)
+
+
+def fingerprint(config: Path) -> str:
+    """Of the product and the bench of a configuration, which training data show."""
+    from cell.configuration import load_configuration, load_product
+
+    configuration = load_configuration(config)
+    product = load_product(configuration, config)
+    told = product.model_dump_json() + configuration.bench.model_dump_json()
+    return hashlib.sha256(told.encode()).hexdigest()[:16]
+
+
+def _require(folder: Path, recipe: dict[str, object]) -> None:
+    """Check that data which are there are those that are wanted; folders that people made are taken as they are."""
+    path = folder / RECIPE
+    if not path.exists():
+        return
+    found = json.loads(path.read_text("utf-8"))
+    if found != recipe:
+        other = sorted(name for name in {*found, *recipe} if found.get(name) != recipe.get(name))
+        words = {"made_for": "product or bench"}
+        raise InputError(
+            f"{folder}: training data that were made otherwise ({', '.join(words.get(name, name) for name in other)}); "
+            "remove the folder, or name another --out"
+        )

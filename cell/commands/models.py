@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from cell.commands import actions as action_commands
+from cell.commands import all_weights, things, worlds
 from cell.commands import data as data_commands
 from cell.commands import faults as fault_commands
 from cell.commands import grasp as grasp_commands
@@ -12,18 +13,19 @@ from cell.commands import hands as hand_commands
 from cell.commands import noise as noise_commands
 from cell.commands import semantic as semantic_commands
 from cell.commands import system as system_commands
-from cell.commands import things, worlds
 from cell.commands import train as train_commands
 
-train_app = typer.Typer(help="Train planners and write their ONNX files; without a name, all that the product needs.")
+train_app = typer.Typer(help="Train planners and detectors; without a name, the planners that the product needs.")
 train_app.callback(invoke_without_command=True)(train_commands.train_all)
-eval_app = typer.Typer(no_args_is_help=True, help="Score a planner on generated scenarios.")
+eval_app = typer.Typer(no_args_is_help=True, help="Score planners, detectors and whole assemblies.")
 eval_app.command("faults")(fault_commands.faults)
 eval_app.command("encounters")(fault_commands.encounters)
 data_app = typer.Typer()
 data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)
 data_app.command("grasp")(grasp_commands.data)
+train_app.command("all")(all_weights.train_all)
+eval_app.command("weights")(all_weights.evaluate_weights)
 train_app.command("holes")(things.train_holes)
 train_app.command("parts")(things.train_parts)
 eval_app.command("holes")(things.evaluate_holes)

@@ -90,24 +90,11 @@ def latency(
 
     In lock-step simulation answers come as late as the model cards tell (`perception.latency_s`).
     """
-    import numpy as np
-
-    from cell.commands.frame_sources import open_source
-    from cell.configuration import detected_by, load_configuration, load_product, simulated
-    from cell.evaluating.latency import finding_s, note_latencies, watching_s
-    from cell.evaluating.things import tray_frames
+    from cell.configuration import detected_by, load_configuration, simulated
+    from cell.evaluating.latency import note_latencies
 
     configuration: Configuration = detected_by(simulated(load_configuration(config), look), perception)
-    product = load_product(configuration, config)
-    overhead = configuration.bench.overhead
-    source = open_source(f"sim:{first_seed}", "overhead", configuration, product, overhead.mount.pose)
-    spent = watching_s(configuration, product, islice(source.frames, frames))
-    seeds = range(first_seed, first_seed + trays)
-    spent["parts"] = finding_s(configuration, product, tray_frames(configuration, product, seeds))
-    found = {
-        name: {f"p{percent}_ms": round(1e3 * float(np.percentile(values, percent)), 2) for percent in (50, 95)}
-        for name, values in spent.items()
-    }
+    found = latencies_ms(configuration, config, frames, trays, first_seed)
     rows = {name: f"{each['p50_ms']} / {each['p95_ms']} ms" for name, each in found.items()}
     console().print(table(f"median / 95 %, {configuration.perception.words}, {look}", rows))
     if note:
@@ -116,6 +103,28 @@ def latency(
             console().print(f"noted in {path}", highlight=False)
     if as_json:
         print_json({"look": look, "perception": configuration.perception.words, **found})
+
+
+def latencies_ms(
+    configuration: Configuration, config: Path, frames: int, trays: int, first_seed: int
+) -> dict[str, dict[str, float]]:
+    """Median and 95th percentile of each detector's processor time, by detector; "frame" is all that watches."""
+    import numpy as np
+
+    from cell.commands.frame_sources import open_source
+    from cell.configuration import load_product
+    from cell.evaluating.latency import finding_s, watching_s
+    from cell.evaluating.things import tray_frames
+
+    product, overhead = load_product(configuration, config), configuration.bench.overhead
+    source = open_source(f"sim:{first_seed}", "overhead", configuration, product, overhead.mount.pose)
+    spent = watching_s(configuration, product, islice(source.frames, frames))
+    seeds = range(first_seed, first_seed + trays)
+    spent["parts"] = finding_s(configuration, product, tray_frames(configuration, product, seeds))
+    return {
+        name: {f"p{percent}_ms": round(1e3 * float(np.percentile(values, percent)), 2) for percent in (50, 95)}
+        for name, values in spent.items()
+    }
 
 
 def _words(value: object) -> str:

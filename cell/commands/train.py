@@ -26,7 +26,7 @@ def train_all(
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
 ) -> None:
-    """Train all that the product of a configuration needs, and say what to write into it."""
+    """Train the planners that the product of a configuration needs; `cell train all` trains its detectors, too."""
     if context.invoked_subcommand is not None:
         return
     from cell.commands.weights import need_torch, new_weights
@@ -56,6 +56,7 @@ def train_all(
 
         train_noise([recorded / "segments.jsonl"], None, config)
         lines["semantic"].append("confusions: confusions.json")
+    say("its detectors: cell train all --plan", highlight=False)
     say(f"in {config}:")
     say("planners:", highlight=False)
     for planner in ("semantic", "grasp"):

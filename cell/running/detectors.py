@@ -162,8 +162,7 @@ def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
         for use, words in wanted.items():
             if known.get(use, words) != words:
                 told = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"
-                train = " && ".join(f"cell train {name}" for name in LEARNED_KINDS if getattr(perception, name) is None)
-                what = f"perception is classical (colours, outlines): {told}; `{train}` trains detectors for it"
+                what = f"perception is classical (colours, outlines): {told}; `cell train all` trains detectors for it"
                 return perception.model_copy(update={"kind": "classical"}), what
     return perception, ""
 

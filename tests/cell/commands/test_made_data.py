@@ -8,6 +8,7 @@ import pytest
 
 from cell.commands.made_data import make_data
 from cell.interfaces.errors import InputError
+from cell.interfaces.files import shipped
 
 
 def test_data_are_made_once_and_what_was_interrupted_is_made_anew(tmp_path: Path) -> None:
@@ -28,3 +29,18 @@ def test_data_are_made_once_and_what_was_interrupted_is_made_anew(tmp_path: Path
 def test_what_the_command_said_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no look 'moonlight'"):
         make_data("hands", tmp_path / "some", {"--look": "moonlight"})
+
+
+def test_data_of_other_options_or_of_another_product_are_not_taken(tmp_path: Path) -> None:
+    config = tmp_path / "cell.yaml"
+    for name in ("cell.yaml", "products.yaml"):
+        (tmp_path / name).write_text(shipped("config", name).read_text())
+    folder, options = tmp_path / "some", {"--look": "nominal", "--recordings": 1, "--first-seed": 3, "--config": config}
+    make_data("actions", folder, options, "--thin")
+    make_data("actions", folder, options, "--thin")
+    with pytest.raises(InputError, match=r"otherwise \(--recordings\); remove the folder"):
+        make_data("actions", folder, {**options, "--recordings": 2}, "--thin")
+    products = tmp_path / "products.yaml"
+    products.write_text(products.read_text().replace("mass_kg: 0.08", "mass_kg: 0.09"))
+    with pytest.raises(InputError, match="product or bench"):
+        make_data("actions", folder, options, "--thin")

@@ -1,0 +1,252 @@
+"""`cell train all` makes every file of weights by the command on its model card; `cell eval weights` compares them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cell.commands.detectors import LookOption, TestSeedOption
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json, table
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from cell.configuration import Configuration
+    from cell.evaluating.row_file import RowFile
+
+FOLDER, ROWS = Path("trained"), "training.jsonl"
+PAPER_GRASP_S, PLANNER_S = 180.0, 60.0  # of processor time; these commands take no --budget
+DETECTORS = ("hands", "actions", "holes", "parts")
+LATENCY_FRAMES, LATENCY_TRAYS, LATENCY_SEED = 120, 20, 800_000
+
+
+@dataclass(frozen=True)
+class Step:
+    """One training.
+
+    Attributes:
+        words: after `cell train`.
+        files: what it writes, the one that `--out` names first.
+        seconds: of processor time, about.
+    """
+
+    words: tuple[str, ...]
+    files: tuple[str, ...]
+    seconds: float
+
+    @property
+    def command(self) -> str:
+        """As a line; the same on the model card."""
+        return shlex.join(["cell", "train", *self.words])
+
+
+def train_all(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the weights and their training data.")] = FOLDER,
+    budget: Annotated[
+        str | None, typer.Option(help="Processor time for all detectors together, as 2h; by default as on the cards.")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(help="Only hands, actions, holes, parts, grasp or semantic; may be repeated.")
+    ] = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Say what would be done, and do nothing.")] = False,
+    config: ConfigOption = CONFIGURATION,
+) -> None:
+    """Make every file of weights for a product, data included; interrupted, the same command goes on there."""
+    from cell.commands.weights import need_torch
+    from cell.configuration import load_configuration, load_product
+
+    configuration = load_configuration(config)
+    product = load_product(configuration, config)
+    every = list(steps_of_shipped())
+    legal = dict.fromkeys(step.words[0] for step in every)
+    for name in only or ():
+        if name not in legal:
+            raise InputError(f"--only {name}: there is no such one; legal: {', '.join(legal)}")
+    steps = _scaled([step for step in every if step.words[0] in (only or legal)], budget)
+    say = console().print
+    minutes = sum(step.seconds for step in steps) / 60
+    say(f"for {product.name}, into {out}/, about {minutes:.0f} minutes of one CPU core:", highlight=False)
+    for step in steps:
+        say(f"- {step.command} ({step.seconds / 60:.0f} minutes): {', '.join(step.files)}", highlight=False)
+    if plan:
+        return
+    need_torch()
+    rows = _rows(out, config)
+    for number, step in enumerate(steps, 1):
+        _do(step, out, config, rows, f"{number} of {len(steps)}")
+    if all((out / f"{name}_{kind}.onnx").exists() for name, kind in _kinds()):
+        _note_latencies(configuration, config, out)
+    say(f"in {config}:", highlight=False)
+    for line in _lines(out, config):
+        say(line, highlight=False)
+
+
+def evaluate_weights(
+    folder: Annotated[Path, typer.Argument(help="Folder of `cell train all`.")],
+    against: Annotated[Path | None, typer.Option(help="Another one; the shipped weights by default.")] = None,
+    look: LookOption = "varied",
+    first_seed: TestSeedOption = 900_000,
+    recordings: Annotated[int, typer.Option(min=1, help="Looks of the plate, trays, and assemblies.")] = 6,
+    only: Annotated[
+        list[str] | None, typer.Option(help="Only hands, actions, holes or parts; may be repeated.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="File that keeps what was measured: interrupted, go on.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Whether trained detectors have the figures of others: both are scored on the same images, one after the other."""
+    from cell.configuration import load_configuration, load_product, simulated
+    from cell.evaluating.row_file import RowFile
+    from cell.evaluating.weights import Sample, score_weights
+    from cell.settings import WEIGHTS
+
+    for name in only or ():
+        if name not in DETECTORS:
+            raise InputError(f"--only {name}: there is no such detector; legal: {', '.join(DETECTORS)}")
+    for one in (folder, against):
+        if one is not None and not one.is_dir():
+            raise InputError(f"{one}: there is no such folder; make it with: cell train all --out {one}")
+    configuration = simulated(load_configuration(config), look, "varied")
+    sample = Sample(configuration, load_product(configuration, config), first_seed, recordings)
+    folders = {"before": against or WEIGHTS, "now": folder}
+    heading = {"command": "weights", "look": look, **sample.told, **{name: str(one) for name, one in folders.items()}}
+    rows = RowFile(out, heading)
+    kept = {(row["detector"], row["which"]) for row in rows.rows}
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for detector in only or DETECTORS:
+        found[detector] = {}
+        for name, one in folders.items():
+            if (detector, name) not in kept:
+                rows.add({"detector": detector, "which": name, "scores": score_weights(sample, one, detector)})
+            found[detector][name] = _scores(rows, detector, name)
+        before, now = found[detector].values()
+        shown = {key: f"{before[key]:.4g}   {now[key]:.4g}   {now[key] - before[key]:+.4g}" for key in now}
+        console().print(table(f"{detector}, {look}: {folders['before']}, {folder}, difference", shown))
+    if as_json:
+        print_json({**heading, "detectors": found})
+
+
+def _scores(rows: RowFile, detector: str, which: str) -> dict[str, float]:
+    row = next(row for row in rows.rows if (row["detector"], row["which"]) == (detector, which))
+    scores = row["scores"]
+    assert isinstance(scores, dict)
+    return scores
+
+
+def steps_of_shipped() -> Iterator[Step]:
+    """The commands on the cards of all shipped weights, each once."""
+    from cell.commands.budget import seconds
+    from cell.settings import WEIGHTS
+
+    files: dict[str, list[str]] = {}
+    for path in sorted(WEIGHTS.iterdir(), key=lambda path: (len(path.stem), path.name)):
+        if path.suffix in (".onnx", ".json"):
+            files.setdefault(_command_of(path), []).append(path.name)
+    for command, names in files.items():
+        words = shlex.split(command)[2:]
+        budget = words[words.index("--budget") + 1] if "--budget" in words else ""
+        fixed_s = PAPER_GRASP_S if {"grasp", "paper"} <= set(words) else PLANNER_S
+        yield Step(tuple(words), tuple(names), seconds(budget) if budget else fixed_s)
+
+
+def _command_of(path: Path) -> str:
+    from learned.onnx_model import OnnxModel
+
+    if path.suffix == ".onnx":
+        return OnnxModel.card_of(path).command
+    read = json.loads(path.read_text("utf-8"))
+    return str(read["card"]["command"] if "card" in read else read["source"])
+
+
+def _scaled(steps: Sequence[Step], budget: str | None) -> list[Step]:
+    """The detectors' budgets, all longer or shorter by the same factor."""
+    from cell.commands.budget import seconds
+
+    if budget is None:
+        return list(steps)
+    factor = seconds(budget) / max(1.0, sum(step.seconds for step in steps if "--budget" in step.words))
+    scaled = []
+    for step in steps:
+        words = list(step.words)
+        if "--budget" in words:
+            words[words.index("--budget") + 1] = f"{max(1, round(factor * step.seconds))}s"
+        share = factor if "--budget" in words else 1.0
+        scaled.append(Step(tuple(words), step.files, step.seconds * share))
+    return scaled
+
+
+def _rows(out: Path, config: Path) -> RowFile:
+    """What was trained into a folder before, for the same product.
+
+    Raises:
+        InputError: it holds the shipped weights, or others that this command did not make.
+    """
+    from cell.commands.made_data import fingerprint
+    from cell.evaluating.row_file import RowFile
+    from cell.settings import WEIGHTS
+
+    if out.resolve() == WEIGHTS.resolve():
+        raise InputError(f"--out {out}: holds the shipped weights; name another folder")
+    kept = out / ROWS
+    if out.is_dir() and any(out.iterdir()) and not kept.exists():
+        raise InputError(f"--out {out}: is not empty, and nothing in it was made by `cell train all`")
+    return RowFile(kept, {"command": "train all", "made_for": fingerprint(config)})
+
+
+def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str) -> None:
+    """Train, unless that was done."""
+    say = console().print
+    done = [row for row in rows.rows if row.get("command") == step.command]
+    if done and all((out / name).exists() for name in step.files):
+        say(f"{place}: {step.command}: made before", highlight=False)
+        return
+    say(f"{place}: {step.command}", highlight=False)
+    words = [*step.words, "--config", str(config), "--out", str(out / step.files[0])]
+    began_s = time.monotonic()
+    status = subprocess.run([sys.executable, "-m", "cell", "train", *words], check=False).returncode
+    if status:
+        raise InputError(f"`{step.command}` ended with status {status}; the same command goes on there")
+    missing = [name for name in step.files if not (out / name).exists()]
+    if missing:
+        raise InputError(f"`{step.command}` wrote no {', '.join(missing)}")
+    rows.add({"command": step.command, "wall_s": round(time.monotonic() - began_s, 1)})
+
+
+def _kinds() -> Iterator[tuple[str, str]]:
+    from cell.settings import LEARNED_KINDS
+
+    yield from LEARNED_KINDS.items()
+
+
+def _note_latencies(configuration: Configuration, config: Path, out: Path) -> None:
+    """Measure how long answers take, as a run in lock-step wants to know, and write that onto the cards."""
+    from cell.commands.system import latencies_ms
+    from cell.configuration import simulated
+    from cell.evaluating.latency import note_latencies
+    from cell.settings import Perception
+
+    trained = configuration.model_copy(update={"perception": Perception(kind="learned", folder=out.resolve())})
+    found = latencies_ms(simulated(trained, "varied"), config, LATENCY_FRAMES, LATENCY_TRAYS, LATENCY_SEED)
+    note_latencies(trained.perception, {name: found[name]["p95_ms"] for name in DETECTORS})
+    told = ", ".join(f"{name} {found[name]['p95_ms']} ms" for name in DETECTORS)
+    console().print(f"an answer takes (95 %): {told}", highlight=False)
+
+
+def _lines(out: Path, config: Path) -> list[str]:
+    """What takes the weights into use."""
+    folder = Path(os.path.relpath(out.resolve(), config.resolve().parent))
+    return [
+        f"perception: {{kind: learned, folder: {folder}}}",
+        "planners:",
+        f"  semantic: {{kind: factored, weights: {folder}/semantic_factored.onnx}}",
+        f"  grasp: {{kind: pairwise, weights: {folder}/grasp_pairwise.onnx}}",
+    ]

@@ -1,0 +1,121 @@
+"""`cell train all` covers all shipped weights, goes on where it stopped, and writes over nothing of anybody's."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.commands import all_weights
+from cell.commands.all_weights import ROWS, steps_of_shipped
+from cell.commands.main import main
+from cell.configuration import load_configuration
+from cell.interfaces.files import shipped
+from cell.settings import WEIGHTS
+
+MOST_S = 2 * 3600
+
+
+@pytest.fixture
+def trained(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """Trainings that copy the shipped files; what they were called with."""
+    calls: list[list[str]] = []
+
+    def copy(words: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+        calls.append(words)
+        out = Path(words[words.index("--out") + 1])
+        out.parent.mkdir(parents=True, exist_ok=True)
+        step = next(step for step in steps_of_shipped() if step.files[0] == out.name)
+        for name in step.files:
+            shutil.copy(WEIGHTS / name, out.parent / name)
+        return subprocess.CompletedProcess(words, 0)
+
+    monkeypatch.setattr(subprocess, "run", copy)
+    monkeypatch.setattr(all_weights, "_note_latencies", lambda *_: None)
+    return calls
+
+
+def test_every_shipped_file_is_made_by_one_step_and_all_of_them_take_at_most_two_hours() -> None:
+    steps = list(steps_of_shipped())
+    files = [name for step in steps for name in step.files]
+    assert sorted(files) == sorted(path.name for path in WEIGHTS.iterdir())
+    assert sum(step.seconds for step in steps) <= MOST_S
+    for step in steps:
+        assert step.files[0].startswith(step.words[0])
+        assert all(name.startswith(Path(step.files[0]).stem) for name in step.files)
+
+
+def test_it_says_what_it_would_do_and_makes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "all", "--plan", "--out", str(tmp_path / "new"), "--budget", "10m"]) == 0
+    told = capsys.readouterr().err
+    assert "cell train holes --budget" in told
+    assert not (tmp_path / "new").exists()
+
+
+def test_interrupted_it_goes_on_with_the_next_training(tmp_path: Path, trained: list[list[str]]) -> None:
+    out = tmp_path / "new"
+    assert main(["train", "all", "--out", str(out), "--only", "holes"]) == 0
+    assert len(trained) == 1
+    assert main(["train", "all", "--out", str(out)]) == 0
+    assert len(trained) == len(list(steps_of_shipped()))  # the holes only once
+    assert main(["train", "all", "--out", str(out)]) == 0
+    assert len(trained) == len(list(steps_of_shipped()))
+    (out / "holes_plate.onnx").unlink()
+    assert main(["train", "all", "--out", str(out)]) == 0
+    assert trained[-1][-1].endswith("holes_plate.onnx")
+
+
+@pytest.mark.usefixtures("trained")
+def test_the_lines_that_it_ends_with_take_the_folder_into_use(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("cell.yaml", "products.yaml"):
+        (tmp_path / name).write_text(shipped("config", name).read_text())
+    config = tmp_path / "cell.yaml"
+    assert main(["train", "all", "--out", str(tmp_path / "new"), "--config", str(config)]) == 0
+    told = capsys.readouterr().err.splitlines()
+    line = next(line for line in told if line.startswith("perception:"))
+    text = config.read_text()
+    assert "\nperception:" in text
+    own = text[: text.index("\nperception:")] + "\n" + line + "\nplanners:" + text.split("\nplanners:", 1)[1]
+    config.write_text(own)
+    read = load_configuration(config)
+    assert read.perception.weights("holes") == tmp_path / "new" / "holes_plate.onnx"
+    assert set(read.perception.networks("hands").values()) <= set((tmp_path / "new").iterdir())
+
+
+@pytest.mark.usefixtures("trained")
+def test_what_it_did_not_make_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = {path.name: path.read_bytes() for path in WEIGHTS.iterdir()}
+    assert main(["train", "all", "--out", str(WEIGHTS)]) == 2
+    assert "shipped weights" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in WEIGHTS.iterdir()} == before
+    (tmp_path / "holes_plate.onnx").write_text("mine")
+    assert main(["train", "all", "--out", str(tmp_path)]) == 2
+    assert "not empty" in capsys.readouterr().err
+    assert (tmp_path / "holes_plate.onnx").read_text() == "mine"
+
+
+@pytest.mark.usefixtures("trained")
+def test_a_folder_of_another_product_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "new"
+    assert main(["train", "all", "--out", str(out), "--only", "holes"]) == 0
+    rows = (out / ROWS).read_text().splitlines()
+    (out / ROWS).write_text(rows[0].replace('"made_for": "', '"made_for": "0') + "\n" + "\n".join(rows[1:]))
+    assert main(["train", "all", "--out", str(out)]) == 2
+    assert "name another" in capsys.readouterr().err
+
+
+def test_wrong_names_and_folders_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, told in (
+        (["train", "all", "--only", "arms"], "legal: hands"),
+        (["train", "all", "--budget", "soon"], "90s, 30m or 2h"),
+        (["eval", "weights", str(tmp_path / "none")], "no such folder"),
+        (["eval", "weights", str(tmp_path), "--only", "arms"], "legal: hands"),
+        (["eval", "weights", str(tmp_path), "--only", "holes", "--recordings", "1"], "cannot read the weights"),
+    ):
+        assert main(words) == 2
+        assert told in capsys.readouterr().err

@@ -63,6 +63,7 @@ class ContactMonitor:
         self._model, self._data = world.model, world.data
         self._parts = {part.body: part.name for part in world.bodies}
         self._codes = np.array([self._code(geom) for geom in range(world.model.ngeom)], dtype=np.uint8)
+        self._human_geoms = (self._codes & (SKIN | FLESH)) > 0
         self._tool = int(world.model.body("tool").id)
         self._now: Contact | None = None
         self._told = self._forgotten = 0
@@ -73,10 +74,9 @@ class ContactMonitor:
     def observe(self, time_s: float, /) -> None:
         """Look at the contacts of the last physics step."""
         geoms = self._data.contact.geom
-        codes = self._codes[geoms]
-        both = codes[:, 0] | codes[:, 1]
         touches: list[tuple[int, int, int]] = []
-        if (both & (SKIN | FLESH)).any():
+        if self._human_geoms[geoms].any():
+            both = self._codes[geoms[:, 0]] | self._codes[geoms[:, 1]]
             touches = [(int(index), *geoms[index]) for index in np.flatnonzero(both & SKIN)]
             touches += self._through_parts(geoms, both)
         if touches:

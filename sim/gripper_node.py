@@ -26,6 +26,7 @@ HEARTBEAT_PERIOD_S = 0.100
 QUIET_LIMIT_S = 1.0
 HOMING_M_S, HOMING_N = 0.15, 40.0
 RELEASE_M_S, RELEASE_N = 0.02, 20.0
+OPENING_STEP_MM, CURRENT_STEP_A = 1 / 3, 0.01  # of gPO and gCU
 EMERGENCY_BASE = 0xFF00  # CANopen: device specific
 SLACK_S = 1e-6
 
@@ -181,8 +182,8 @@ class GripperNode:
             "gOBJ": self._jaw.status,
             "gFLT": fault,
             "gPR": self._request["rPR"],
-            "gPO": opening_mm,
-            "gCU": self._jaw.current_a,
+            "gPO": _in_steps(opening_mm, OPENING_STEP_MM),
+            "gCU": _in_steps(self._jaw.current_a, CURRENT_STEP_A),
         }
 
     def _node_state(self) -> NodeState:
@@ -198,8 +199,13 @@ class GripperNode:
         if values != last_values:  # most frames repeat the one before, and encoding takes longer than sending
             message = self._database.get_message_by_name(name)
             frame_id, data = message.frame_id, message.encode(values)
-            self._encoded[name] = dict(values), frame_id, data
+            self._encoded[name] = values, frame_id, data
         self._bus.send(can.Message(arbitration_id=frame_id, data=data, is_extended_id=False))
+
+
+def _in_steps(value: float, step: float) -> float:
+    """What a register can tell; a finger that trembles less than a step tells the same again."""
+    return round(value / step) * step
 
 
 def _request(opening_mm: float) -> dict[str, float]:

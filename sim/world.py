@@ -80,7 +80,7 @@ class World:
         self.arm_qpos = np.array([joint.qposadr[0] for joint in joints])
         self.arm_qvel = np.array([joint.dofadr[0] for joint in joints])
         self.arm_ctrl = np.array([self.model.actuator(name).id for name in JOINTS])
-        self._fingers = [self.model.joint(f"finger_{side}").qposadr[0] for side in ("left", "right")]
+        self._fingers = [int(self.model.joint(f"finger_{side}").qposadr[0]) for side in ("left", "right")]
         self._opening_ctrl = self.model.actuator("opening").id
         self._tool = self.model.body("tool").id
         self.set_arm(bench.arm_park_rad)
@@ -101,7 +101,8 @@ class World:
     @property
     def opening_m(self) -> float:
         """Distance between the gripper's pads."""
-        return float(self.data.qpos[self._fingers].sum())
+        left, right = self._fingers
+        return float(self.data.qpos[left] + self.data.qpos[right])
 
     def step_period(self) -> None:
         """Advance by one control period."""

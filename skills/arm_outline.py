@@ -23,38 +23,44 @@ class ArmOutline:
 
     def __init__(self, checker: CollisionChecker) -> None:
         self._model, self._geometry = checker.model, checker.arm_with_part(HELD_RADIUS_M)
-        self._data, self._placed = self._model.createData(), self._geometry.createData()
+        self._data, self._at = self._model.createData(), self._geometry.createData()
         objects = self._geometry.geometryObjects
         self._links = [number for number, item in enumerate(objects) if item.parentJoint > FIXED_JOINTS]
         self.names = tuple(objects[number].name for number in self._links)
-        self._corners = np.array([_corners(objects[number].geometry) for number in self._links])
-        self._part = np.array([name == HELD for name in self.names])
+        self._shapes = [objects[number].geometry for number in self._links]
+        self._corners = np.array([_corners(shape) for shape in self._shapes])
+        self._all = np.ones(len(self._links), dtype=bool)
+        self._always = np.array([name != HELD for name in self.names])
+        self._request = coal.DistanceRequest()
 
     def distances(self, joints_rad: Array, body: coal.Convex, holding: bool) -> tuple[Array, Array]:
         """Least distances (L,) in [m], and the ways (L, 3) from the body to the links; infinite for a part not held."""
-        self._place(joints_rad)
-        distances, ways = np.full(len(self._links), np.inf), np.zeros((len(self._links), 3))
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
-        for row, number in enumerate(self._links):
-            if self._part[row] and not holding:
-                continue
-            placement, shape = self._placed.oMg[number], self._geometry.geometryObjects[number].geometry
+        return self.rooms(self.placed(joints_rad), body, holding, self._all)
+
+    def placed(self, joints_rad: Array) -> Array:
+        """Where the links are: world_from_link (L, 4, 4)."""
+        pinocchio.updateGeometryPlacements(self._model, self._data, self._geometry, self._at, joints_rad)
+        return np.array([self._at.oMg[number].homogeneous for number in self._links])
+
+    def rooms(self, placed: Array, body: coal.Convex, holding: bool, wanted: Array) -> tuple[Array, Array]:
+        """The same as `distances` for the links (L,) that are wanted; infinite for all others."""
+        distances, ways = np.full(len(placed), np.inf), np.zeros((len(placed), 3))
+        request, result = self._request, coal.DistanceResult()
+        for row in np.flatnonzero(wanted if holding else wanted & self._always):
             result.clear()
-            link = coal.Transform3s(placement.rotation, placement.translation)
-            distances[row] = coal.distance(shape, link, body, HERE, request, result)
+            link = coal.Transform3s(placed[row, :3, :3], placed[row, :3, 3])
+            distances[row] = coal.distance(self._shapes[row], link, body, HERE, request, result)
             ways[row] = result.getNearestPoint1() - result.getNearestPoint2()
         return distances, ways
 
-    def corners_m(self, joints_rad: Array) -> Array:
-        """Corners (L, 8, 3) of boxes around the links; no point of a link is faster than its fastest corner."""
-        self._place(joints_rad)
-        turned = np.array([self._placed.oMg[number].rotation for number in self._links])
-        moved = np.array([self._placed.oMg[number].translation for number in self._links])
-        corners: Array = np.einsum("lij,lcj->lci", turned, self._corners) + moved[:, None]
-        return corners
+    def corners_m(self, placed: Array) -> Array:
+        """Corners (K, L, 8, 3) of boxes around the links at K times; no point of a link is faster than the fastest.
 
-    def _place(self, joints_rad: Array) -> None:
-        pinocchio.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, joints_rad)
+        Args:
+            placed: (K, L, 4, 4), see `placed`.
+        """
+        corners: Array = self._corners @ placed[..., :3, :3].swapaxes(2, 3) + placed[..., None, :3, 3]
+        return corners
 
 
 def _corners(shape: coal.CollisionGeometry) -> Array:

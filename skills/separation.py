@@ -26,6 +26,7 @@ from skills.settings import SeparationSettings, SixFloats
 
 MARK_S = 0.04  # between places of the path that are looked at
 MARKS = 18  # so many: the arm is slow before it is past the last
+NUMBERS: Array = np.arange(-1, MARKS + 1, dtype=np.float64)
 PLAY_S = 0.01  # a step of the braking that is played through
 SHARES = 24  # that are tried, from the slow one to all
 LEAST_BRAKING = 0.5  # of what the joints may do, also where the path itself brakes or turns
@@ -57,8 +58,8 @@ class _Stretch:
     """The next stretch of a path as planned: K pieces of MARK_S, L links, 6 joints.
 
     Attributes:
-        rooms_m: (K, L) from the person, the least at both ends of a piece.
-        coming_m_s: (K, L) how fast the person comes nearer to each link.
+        rooms_m: (K, L) from the person, the least at both ends of a piece; infinite for a link that is slow there.
+        coming_m_s: (K, L) how fast the person comes nearer to each link that is fast there.
         speeds_m_s: (K, L) of the fastest point of each link, in this piece or the one before, as the arm trails.
         joints_rad_s, bends_rad_s2: (K, 6).
     """
@@ -139,15 +140,22 @@ class SeparationMonitor:
         self, person: coal.Convex, velocity_m_s: tuple[float, float] | None, holding: bool, ahead: Following
     ) -> _Stretch:
         trajectory, path_s = ahead
-        joints = np.array([trajectory.at(path_s + number * MARK_S) for number in range(-1, MARKS + 1)])
-        corners = np.array([self.outline.corners_m(one) for one in joints])
-        between = np.linalg.norm(np.diff(corners, axis=0), axis=3).max(axis=2) / MARK_S
-        found = [self.outline.distances(one, person, holding) for one in joints[1:]]
+        joints = trajectory.along(path_s + NUMBERS * MARK_S)
+        places = np.array([self.outline.placed(one) for one in joints])
+        steps_m = np.diff(self.outline.corners_m(places), axis=0)
+        between = np.sqrt(np.einsum("klci,klci->klc", steps_m, steps_m).max(axis=2)) / MARK_S
+        speeds_m_s = np.maximum(between[:-1], between[1:])
+        fast = speeds_m_s > self.settings.slow_m_s  # nobody asks for the others
+        asked = np.zeros((MARKS + 1, fast.shape[1]), dtype=bool)
+        asked[:-1] |= fast
+        asked[1:] |= fast
+        found = [self.outline.rooms(at, person, holding, wanted) for at, wanted in zip(places[1:], asked, strict=True)]
         rooms_m = np.array([rooms for rooms, _ in found])
+        ways = np.array([ways for _, ways in found[:-1]])
         return _Stretch(
             rooms_m=np.minimum(rooms_m[:-1], rooms_m[1:]),
-            coming_m_s=np.array([self._coming_m_s(velocity_m_s, ways) for _, ways in found[:-1]]),
-            speeds_m_s=np.maximum(between[:-1], between[1:]),
+            coming_m_s=self._coming_m_s(velocity_m_s, ways),
+            speeds_m_s=speeds_m_s,
             joints_rad_s=(joints[2:] - joints[:-2]) / (2 * MARK_S),
             bends_rad_s2=(joints[2:] - 2 * joints[1:-1] + joints[:-2]) / MARK_S**2,
         )
@@ -199,13 +207,13 @@ class SeparationMonitor:
         return not bool(inside)
 
     def _coming_m_s(self, velocity_m_s: tuple[float, float] | None, ways: Array) -> Array:
-        """How fast the person comes nearer along each of the ways (L, 3): at least at half of its speed, as it may
+        """How fast the person comes nearer along each of the ways (..., 3): at least at half of its speed, as it may
         turn; at a hand's full speed where that is not known."""
         if velocity_m_s is None:
-            return np.full(len(ways), self.settings.hand_speed_m_s)
+            return np.full(ways.shape[:-1], self.settings.hand_speed_m_s)
         velocity = np.array(velocity_m_s)
-        speed, lengths = float(np.linalg.norm(velocity)), np.linalg.norm(ways[:, :2], axis=1)
-        towards = np.where(lengths < TINY, speed, ways[:, :2] @ velocity / np.maximum(lengths, TINY))
+        speed, lengths = float(np.linalg.norm(velocity)), np.hypot(ways[..., 0], ways[..., 1])
+        towards = np.where(lengths < TINY, speed, ways[..., :2] @ velocity / np.maximum(lengths, TINY))
         coming: Array = np.maximum(towards, speed / 2)
         return coming
 

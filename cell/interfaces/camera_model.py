@@ -41,6 +41,11 @@ class CameraModel:
             ]
         )
 
+    @property
+    def middle_px(self) -> Array:
+        """The principal point (2,), as (column, row)."""
+        return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
+
     def project(self, world_from_camera: Pose, points_m: Array) -> Array:
         """World points (n, 3) in [m] to pixels (n, 2) as (column, row)."""
         in_camera = world_from_camera.inverse().transform(points_m)
@@ -57,7 +62,7 @@ class CameraModel:
         """Where a pinhole camera's pixels (n, 2) are seen through this lens."""
         if self.plain:
             return pixels
-        middle = self.matrix[:2, 2]
+        middle = self.middle_px
         straight = (pixels - middle) / self.focal_px
         bent: Array = straight * self._stretch(straight) * self.focal_px + middle
         return bent
@@ -66,7 +71,7 @@ class CameraModel:
         """The inverse of `bent`."""
         if self.plain:
             return pixels
-        middle = self.matrix[:2, 2]
+        middle = self.middle_px
         bent = (pixels - middle) / self.focal_px
         straight = bent
         for _ in range(ITERATIONS):
@@ -81,8 +86,9 @@ class CameraModel:
 
     def onto_plane(self, world_from_camera: Pose, pixels: Array, height_m: float) -> Array:
         """Pixels (n, 2) as (column, row) to the world points (n, 3) where their rays meet z = height_m."""
-        homogeneous = np.column_stack([self.straightened(pixels), np.ones(len(pixels))])
-        rays = homogeneous @ np.linalg.inv(self.matrix).T @ world_from_camera.rotation.T
+        in_camera = np.ones((len(pixels), 3))
+        in_camera[:, :2] = (self.straightened(pixels) - self.middle_px) / self.focal_px
+        rays = in_camera @ world_from_camera.rotation.T
         origin = np.array(world_from_camera.position_m)
         scale = (height_m - origin[2]) / rays[:, 2:3]
         points: Array = origin + rays * scale

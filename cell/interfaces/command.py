@@ -33,7 +33,11 @@ class JointTrajectory:
 
     def at(self, time_s: float) -> Array:
         """Joint positions (6,) at a time since the start, held at the ends."""
-        return np.array([np.interp(time_s, self.times_s, column) for column in self.positions_rad.T])
+        return self.along(time_s)
+
+    def along(self, times_s: Array | float) -> Array:
+        """The same at many times (n,) at once: (n, 6)."""
+        return np.array([np.interp(times_s, self.times_s, column) for column in self.positions_rad.T]).T
 
 
 @dataclass(frozen=True)

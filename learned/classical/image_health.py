@@ -30,6 +30,7 @@ SAME_SHIFT_PX = 3
 SHIFT_FRAMES, LEAST_RESPONSE = 5, 0.1
 MOVED_FRAMES, ASTRAY_FRAMES = 8, 45
 SIDE_SAMPLES = 24
+STEEPEST = 4 * 255  # of what the Laplacian makes of grey levels
 GRID = 4  # every fourth pixel is enough for light and colour
 
 
@@ -48,7 +49,9 @@ class ImageHealth:
 
     def __init__(self, bench: Bench, product: Product) -> None:
         view = View(bench.overhead.model, bench.overhead.mount.pose)
-        self._edges = [_across_px(view, edge) for edge in _edges_m(bench, product)]
+        self._edges = np.array([_across_px(view, edge) for edge in _edges_m(bench, product)])
+        size_px = bench.overhead.model.width_px, bench.overhead.model.height_px
+        self._in_view = ((self._edges >= 0) & (self._edges < size_px)).all(axis=(1, 2, 3))
         self._baseline: list[_Figures] = []
         self._before: NDArray[np.uint8] | None = None
         self._same = self._moved = self._astray = 0
@@ -81,7 +84,9 @@ class ImageHealth:
 
     def _shifted(self, grey: NDArray[np.uint8]) -> str:
         """Whether the plate stands elsewhere in the image than the calibration says."""
-        offsets = [_offset_px(places, grey) for places in self._edges]
+        x, y = self._edges[self._in_view, ..., 0], self._edges[self._in_view, ..., 1]
+        profiles = iter(np.median(grey[y, x].astype(float), axis=1))  # across each edge
+        offsets = [_offset_px(next(profiles)) if seen else None for seen in self._in_view]
         shifts = [px for px in (_shift_px(*offsets[:2]), _shift_px(*offsets[2:])) if px is not None]
         near, whole_px = max(shifts, default=0.0), self._since_start_px(grey)
         self._moved = self._moved + 1 if near > MOVED_PX else 0
@@ -193,8 +198,16 @@ def _figures(small: NDArray[np.uint8], grey: NDArray[np.uint8]) -> _Figures:
     levels = small.astype(np.float32) + 1.0
     green = levels[..., 1]
     red, blue = (np.log(np.median(levels[..., channel] / green)) for channel in (0, 2))
-    sharpness = float(np.percentile(np.abs(cv2.Laplacian(grey, cv2.CV_16S)[::2]), 99.5))
-    return _Figures(float(levels.mean()), float(red), float(blue), sharpness)
+    steps = np.abs(cv2.Laplacian(grey, cv2.CV_16S)[::2])
+    return _Figures(float(levels.mean()), float(red), float(blue), _percentile(steps, 99.5))
+
+
+def _percentile(steps: NDArray[np.int16], percent: float) -> float:
+    """Of whole numbers from 0 to STEEPEST, as `np.percentile`: counted, which is ten times as fast as sorted."""
+    counts = cv2.calcHist([steps.view(np.uint16)], [0], None, [STEEPEST + 1], [0, STEEPEST + 1])
+    at, share = divmod((steps.size - 1) * percent / 100, 1)
+    low, high = np.searchsorted(np.cumsum(counts.ravel().astype(np.int64)), (at, at + 1), side="right")
+    return float(low + share * (high - low))
 
 
 def _edges_m(bench: Bench, product: Product) -> list[tuple[Array, Array]]:
@@ -225,16 +238,12 @@ def _across_px(view: View, edge: tuple[Array, Array]) -> NDArray[np.intp]:
     return places
 
 
-def _offset_px(places: NDArray[np.intp], grey: NDArray[np.uint8]) -> float | None:
+def _offset_px(profile: Array) -> float | None:
     """How far out of the plate its edge is seen, in pixels; None where no edge is seen.
 
     Args:
-        places: the pixels across it.
+        profile: (2 SEARCH_PX + 1,) grey levels across it.
     """
-    height, width = grey.shape
-    if (places < 0).any() or (places[..., 0] >= width).any() or (places[..., 1] >= height).any():
-        return None
-    profile = np.median(grey[places[..., 1], places[..., 0]].astype(float), axis=0)
     drops = np.abs(profile[4:] - profile[:-4])  # across five pixels
     if drops.max() < LEAST_STEP:
         return None

@@ -1,12 +1,16 @@
 """Whole `cell run`s in pairs, one after the other: how much faster the overlap of physics and frames is, and its cost.
 
-python -m tests.benchmarks.overlap --pairs 3 [--before CHECKOUT]
+python -m tests.benchmarks.overlap --pairs 3 [--before CHECKOUT] [--classical]
+
+Byte code is compiled before. Processor time is that of all processes of a run. Beside the ratios of whole assemblies
+stand those of a simulated second, as two releases take different times for the same bracket.
 """
 
 from __future__ import annotations
 
 import argparse
 import ctypes
+import json
 import os
 import subprocess
 import sys
@@ -21,15 +25,31 @@ from rich.table import Table
 
 from tests import ROOT
 
+FIRST_TICKS_S = 0.03
 PR_SET_CHILD_SUBREAPER = 36  # orphans become ours, and their processor time is counted once they end
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What one run took."""
+    """What one run took.
+
+    Attributes:
+        cell_s: how long it lasted in the cell.
+    """
 
     wall_s: float
     processor_s: float
+    cell_s: float = 1.0
+
+    @property
+    def wall_each_s(self) -> float:
+        """For a second in the cell."""
+        return self.wall_s / self.cell_s
+
+    @property
+    def processor_each_s(self) -> float:
+        """For a second in the cell."""
+        return self.processor_s / self.cell_s
 
 
 def main() -> None:
@@ -38,24 +58,40 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=3)
     parser.add_argument("--before", type=Path, help="checkout to compare with; by default this one without overlap")
     parser.add_argument("--max-duration-s", type=float, default=300.0, help="end runs after so much simulated time")
+    parser.add_argument("--classical", action="store_true", help="classical perception in both, as it was before")
     options = parser.parse_args()
     adopt_orphans()
     console = Console(stderr=True)
     pairs: list[tuple[Cost, Cost]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        after = configuration(ROOT, folder / "after.yaml", True, options.max_duration_s)
+        use_byte_code(folder)
         checkout, overlap = (options.before.resolve(), None) if options.before else (ROOT, False)
-        before = configuration(checkout, folder / "before.yaml", overlap, options.max_duration_s)
+        for duration_s in (FIRST_TICKS_S, options.max_duration_s):
+            after = configuration(ROOT, folder / "after.yaml", True, duration_s)
+            before = configuration(checkout, folder / "before.yaml", overlap, duration_s)
+            if options.classical:
+                for path in (before, after):
+                    path.write_text(path.read_text().replace("kind: learned", "kind: classical"))
+            if duration_s == FIRST_TICKS_S:  # they compile
+                run(checkout, before, 0, folder), run(ROOT, after, 0, folder)
         for seed in range(options.first_seed, options.first_seed + options.pairs):
             first, second = run(checkout, before, seed, folder), run(ROOT, after, seed, folder)
             pairs.append((first, second))
             console.print(
                 f"seed {seed}: {first.wall_s / second.wall_s:.2f} x as fast, "
-                f"{second.processor_s / first.processor_s:.2f} x the processor time",
+                f"{second.processor_s / first.processor_s:.2f} x the processor time; "
+                f"before {first.wall_s:.1f} s, {first.processor_s:.1f} s, {first.cell_s:.1f} s in the cell; "
+                f"after {second.wall_s:.1f} s, {second.processor_s:.1f} s, {second.cell_s:.1f} s",
                 highlight=False,
             )
     Console().print(table(pairs))
+
+
+def use_byte_code(folder: Path) -> None:
+    """From now on, what was compiled once is not compiled again, as where the cell is installed."""
+    os.environ["PYTHONPYCACHEPREFIX"] = str(folder / "byte-code")
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 def adopt_orphans() -> None:
@@ -82,20 +118,18 @@ def run(checkout: Path, configured: Path, seed: int, folder: Path) -> Cost:
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
     log = folder / f"{time.monotonic_ns()}.mcap"
     began_s, spent_s = time.monotonic(), processor_s()
-    process = subprocess.Popen(
-        [*command, "--log", str(log)],
-        cwd=checkout,
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    process.wait()
+    said = folder / "said.json"
+    with said.open("w") as out:
+        process = subprocess.Popen(
+            [*command, "--log", str(log)], cwd=checkout, env=environment, stdout=out, stderr=subprocess.DEVNULL
+        )
+        process.wait()
     wall_s = time.monotonic() - began_s
     while True:
         try:
             os.wait()
         except ChildProcessError:
-            return Cost(wall_s, processor_s() - spent_s)
+            return Cost(wall_s, processor_s() - spent_s, float(json.loads(said.read_text())["sim_time_s"]))
 
 
 def processor_s() -> float:
@@ -108,13 +142,13 @@ def table(pairs: list[tuple[Cost, Cost]]) -> Table:
     """Medians, and the ratios of the pairs."""
     before, after = zip(*pairs, strict=True)
     shown = Table("median", "before", "after", "of a pair: least, median, most", title=f"{len(pairs)} paired runs")
-    for name, ratios in (
-        ("wall_s", sorted(one.wall_s / two.wall_s for one, two in pairs)),
-        ("processor_s", sorted(two.processor_s / one.processor_s for one, two in pairs)),
-    ):
-        values = [f"{median(getattr(cost, name) for cost in costs):.2f}" for costs in (before, after)]
-        what = "x as fast" if name == "wall_s" else "x as much"
-        shown.add_row(name, *values, f"{ratios[0]:.2f}, {median(ratios):.2f}, {ratios[-1]:.2f} {what}")
+    for name in ("wall_s", "wall_each_s", "processor_s", "processor_each_s"):
+        told = [[float(getattr(cost, name)) for cost in costs] for costs in (before, after)]
+        faster = name.startswith("wall")
+        ratios = sorted(one / two if faster else two / one for one, two in zip(*told, strict=True))
+        what = "x as fast" if faster else "x as much"
+        spread = f"{ratios[0]:.2f}, {median(ratios):.2f}, {ratios[-1]:.2f} {what}"
+        shown.add_row(name, *(f"{median(values):.3g}" for values in told), spread)
     return shown
 
 

@@ -6,7 +6,6 @@ python -m tests.benchmarks.startup --times 5 [--before CHECKOUT]
 from __future__ import annotations
 
 import argparse
-import os
 import tempfile
 from pathlib import Path
 from statistics import median
@@ -15,9 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tests import ROOT
-from tests.benchmarks.overlap import adopt_orphans, configuration, run
-
-FIRST_TICKS_S = 0.03
+from tests.benchmarks.overlap import FIRST_TICKS_S, adopt_orphans, configuration, run, use_byte_code
 
 
 def main() -> None:
@@ -29,8 +26,7 @@ def main() -> None:
     checkouts = [ROOT, *([options.before.resolve()] if options.before else [])]
     spent: dict[Path, list[float]] = {checkout: [] for checkout in checkouts}
     with tempfile.TemporaryDirectory() as name:
-        os.environ["PYTHONPYCACHEPREFIX"] = f"{name}/byte-code"
-        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+        use_byte_code(Path(name))
         for number in range(options.times + 1):
             for checkout in checkouts:
                 path = configuration(checkout, Path(name) / "cell.yaml", None, FIRST_TICKS_S)

@@ -59,7 +59,8 @@ class ArmOutline:
         Args:
             placed: (K, L, 4, 4), see `placed`.
         """
-        corners: Array = self._corners @ placed[..., :3, :3].swapaxes(2, 3) + placed[..., None, :3, 3]
+        turned = np.einsum("klij,lcj->klci", placed[..., :3, :3], self._corners)
+        corners: Array = turned + placed[..., None, :3, 3]
         return corners
 
 

@@ -143,7 +143,7 @@ class SeparationMonitor:
         joints = trajectory.along(path_s + NUMBERS * MARK_S)
         places = np.array([self.outline.placed(one) for one in joints])
         steps_m = np.diff(self.outline.corners_m(places), axis=0)
-        between = np.sqrt(np.einsum("klci,klci->klc", steps_m, steps_m).max(axis=2)) / MARK_S
+        between = np.linalg.norm(steps_m, axis=3).max(axis=2) / MARK_S
         speeds_m_s = np.maximum(between[:-1], between[1:])
         fast = speeds_m_s > self.settings.slow_m_s  # nobody asks for the others
         asked = np.zeros((MARKS + 1, fast.shape[1]), dtype=bool)
@@ -212,7 +212,7 @@ class SeparationMonitor:
         if velocity_m_s is None:
             return np.full(ways.shape[:-1], self.settings.hand_speed_m_s)
         velocity = np.array(velocity_m_s)
-        speed, lengths = float(np.linalg.norm(velocity)), np.hypot(ways[..., 0], ways[..., 1])
+        speed, lengths = float(np.linalg.norm(velocity)), np.linalg.norm(ways[..., :2], axis=-1)
         towards = np.where(lengths < TINY, speed, ways[..., :2] @ velocity / np.maximum(lengths, TINY))
         coming: Array = np.maximum(towards, speed / 2)
         return coming

@@ -51,7 +51,8 @@ class ImageHealth:
         view = View(bench.overhead.model, bench.overhead.mount.pose)
         self._edges = np.array([_across_px(view, edge) for edge in _edges_m(bench, product)])
         size_px = bench.overhead.model.width_px, bench.overhead.model.height_px
-        self._in_view = ((self._edges >= 0) & (self._edges < size_px)).all(axis=(1, 2, 3))
+        inside = (self._edges >= 0) & (self._edges < size_px)
+        self._in_view = np.array([one.all() for one in inside])
         self._baseline: list[_Figures] = []
         self._before: NDArray[np.uint8] | None = None
         self._same = self._moved = self._astray = 0

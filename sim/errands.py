@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, OperatorOrder, Question
+from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, PLACED_BY_HAND, OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 from sim.diary import Diary
 from sim.handwork import ARCH_M, RELAXED_GAP_M, Handwork, Script
@@ -184,6 +184,12 @@ def goal_answer(question: Question, wanted: Mapping[str, str]) -> str:
 def help_answer(by_hand: bool) -> str:
     """What a person says who helps."""
     return PLACED_BY_HAND if by_hand else HELP_GIVEN
+
+
+def mend_answer(question: Question, mended: bool) -> str:
+    """What a person says who was told that something is wrong: that it was mended, or that it is right so."""
+    legal = [one.value for one in question.answers]
+    return HELP_GIVEN if mended or IS_RIGHT not in legal else IS_RIGHT
 
 
 def choice_answer(question: Question, done: bool) -> str:

@@ -116,6 +116,7 @@ class Lapses(Model):
         hesitate_s: how long, least and most.
         regrips: the part is set down again after the grasp and gripped anew.
         wrong_part: a part of another type is fetched and placed; it is noticed afterwards, and taken away.
+        overlooks: a part of another type that was placed is not noticed until somebody tells.
         takes_away: a part that sits well is taken away again.
     """
 
@@ -125,6 +126,7 @@ class Lapses(Model):
     hesitate_s: Span = (0.3, 1.2)
     regrips: Share = 0.0
     wrong_part: Share = 0.0
+    overlooks: Share = 0.0
     takes_away: Share = 0.0
 
 
@@ -249,7 +251,12 @@ PERSONS = {
     "absent": Person(pause_s=(1e6, 1e6)),  # nobody does anything
     "ordinary": _ORDINARY,
     "varied": _VARIED,  # for data made without physics: there, a pinch holds anywhere
-    "careless": _ORDINARY.model_copy(update={"robot": BesideRobot(waits=0.3, intrusions_per_min=12.0)}),
+    "careless": _ORDINARY.model_copy(
+        update={
+            "robot": BesideRobot(waits=0.3, intrusions_per_min=12.0),
+            "lapses": _ORDINARY.lapses.model_copy(update={"overlooks": 0.3}),
+        }
+    ),
 }
 
 

@@ -37,6 +37,7 @@ class Placing:
         self._rng, self._diary, self._polite = rng, diary, polite
         self._tries = dict.fromkeys(wanted, 0)
         self._mistakes: dict[str, str] = {}  # body in the wrong hole by position
+        self._unnoticed: dict[str, str] = {}  # as long as nobody tells the person
         self._origins_m: dict[str, Array] = {}
 
     def possible(self, position: str) -> bool:
@@ -63,12 +64,28 @@ class Placing:
         return lying if lying is not None and empty and _graspable(lying) else None
 
     def complete(self) -> bool:
-        """Whether every position has its part, as it should sit."""
-        seen = {position: self._sight.in_hole(position) for position in self._wanted}
-        return all(
-            one is not None and one.part == self._wanted[position] and self._sight.seated(one, position)
-            for position, one in seen.items()
-        )
+        """Whether every position has its part, as it should sit, as far as the person notices."""
+        return all(self.right(position) or self._overlooked(position) for position in self._wanted)
+
+    def right(self, position: str) -> bool:
+        """Whether a position has its part, as it should sit."""
+        seen = self._sight.in_hole(position)
+        return seen is not None and seen.part == self._wanted[position] and self._sight.seated(seen, position)
+
+    def _overlooked(self, position: str) -> bool:
+        seen = self._sight.in_hole(position)
+        return seen is not None and seen.body == self._unnoticed.get(position)
+
+    def mend(self, position: str) -> Script:
+        """Somebody says that something is wrong there: set the right part straight, take out any other."""
+        seen = self._sight.in_hole(position)
+        if seen is None or not _graspable(seen):
+            return
+        if seen.part == self._wanted[position]:
+            yield from self.fill(position)
+            return
+        self._tries[position] = 0
+        yield from self.take_away(position)
 
     def fill(self, position: str) -> Generator[None, None, bool]:
         """Fill one position, or set a crooked part straight; returns whether the part sits as it should."""
@@ -85,7 +102,8 @@ class Placing:
             yield from self._bring(seen, position)
         yield from self._let_go(seen, position)
         if seen.part != self._wanted[position]:
-            self._mistakes[position] = seen.body
+            overlooked = self._happens(self._person.lapses.overlooks)
+            (self._unnoticed if overlooked else self._mistakes)[position] = seen.body
         now = self._sight.in_hole(position)
         seated = now is not None and self._sight.seated(now, position)
         if seated and self._happens(self._person.lapses.takes_away):
@@ -94,16 +112,17 @@ class Placing:
         return seated and seen.part == self._wanted[position]
 
     def take_away(self, position: str) -> Script:
-        """Take a part out of its hole and put it back where it came from."""
+        """Take a part out of its hole and put it back where it came from; one of the robot's before the bracket."""
         seen = self._sight.in_hole(position)
         if seen is None:
             return
         self._mistakes.pop(position, None)
+        self._unnoticed.pop(position, None)
         self._diary.note("take away", part=seen.part, position=position)
         self._diary.begin("transit")
         yield from self._work.grasp(seen)
         if self._work.holds(seen.body):
-            home_m = self._origins_m[seen.body]
+            home_m = self._origins_m.get(seen.body, self._sight.set_down_m(seen.part))
             yield from self._work.carry(seen.body, home_m)
             if self._work.holds(seen.body):
                 yield from self._work.insert(seen.body, home_m)

@@ -17,7 +17,7 @@ from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from sim.diary import ActionEvent, Diary
-from sim.errands import Errands, Replies, choice_answer, goal_answer, help_answer
+from sim.errands import Errands, Replies, choice_answer, goal_answer, help_answer, mend_answer
 from sim.hand import Hand, hand_rest_m
 from sim.handwork import ARCH_M, RELAXED_GAP_M, Handwork, Script
 from sim.intrusion import Intrusion, Sequel
@@ -245,9 +245,22 @@ class Worker:
                     yield from self._errands.help(question.part)
                     yield from self._go_to_rest()
                 self._replies.answer(question, help_answer(by_hand))
+            elif question.kind == "mend":
+                mended = yield from self._mend(question.positions)
+                self._replies.answer(question, mend_answer(question, mended))
             elif question.kind == "choice":
                 brought = yield from self._take_brought()
                 self._replies.answer(question, choice_answer(question, brought))
+
+    def _mend(self, positions: Sequence[str]) -> Generator[None, None, bool]:
+        """Take out what is wrong in these holes and set straight what is crooked; returns whether anything was."""
+        yield from self._let_robot_work()
+        wrong = [position for position in positions if not self._placing.right(position)]
+        for position in wrong:
+            yield from self._placing.mend(position)
+        if wrong:
+            yield from self._go_to_rest()
+        return bool(wrong)
 
     def _take_brought(self) -> Generator[None, None, bool]:
         """Put what the robot laid before the bracket into its hole; returns whether nothing of it is left there."""

@@ -94,12 +94,28 @@ class Guard:
         return Verdict("act", f"{part} at {position} has probability {probability:.2f}")
 
     def asks_for_goal(self, plan: AssemblyPlan, state: AssemblyState) -> bool:
-        """Whether a person should say which goal is built: it looks like none, or the first act would be a guess."""
+        """Whether a person should say which goal is built: it looks like none, or the first act would be a guess.
+
+        So it is where what is placed fits no known goal, and none is so probable that something must be wrong.
+        """
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         if state.told_goal is not None:
             return False
+        if self.fits_none(state) and self.sure_goal(plan, state) is None:
+            return True
         sure = max(plan.next_belief.values(), default=0.0) >= self._settings.act_probability
         return unknown >= self._settings.ask_probability or (sure and self._doubts(unknown))
+
+    def fits_none(self, state: AssemblyState) -> bool:
+        """Whether no known goal has every placed part where it is."""
+        wanted = map(self._product.goal_placements, self._product.goals)
+        return not any(all(goal.get(at) == part for at, part in state.placed.items()) for goal in wanted)
+
+    def sure_goal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
+        """The goal that a person told, or that is probable enough to act on; None where it is none that is known."""
+        goal = plan.goal if state.told_goal is None else state.told_goal
+        sure = state.told_goal is not None or plan.goal_belief[goal] >= self._settings.act_probability
+        return goal if sure and goal in self._product.goals else None
 
     def _doubts(self, unknown: float) -> bool:
         return self._settings.doubt_probability < 1 and unknown >= self._settings.doubt_probability

@@ -8,7 +8,7 @@ from typing import Literal
 
 OrderKind = Literal["acknowledge", "answer", "finish", "goal", "pause", "place", "resume", "stop"]
 Pause = Literal["none", "now", "after part"]
-QuestionKind = Literal["help", "goal", "bracket", "choice", "text"]
+QuestionKind = Literal["help", "mend", "goal", "bracket", "choice", "text"]
 
 ORDERS: dict[OrderKind, str] = {
     "acknowledge": "acknowledge what holds the cell",
@@ -21,7 +21,7 @@ ORDERS: dict[OrderKind, str] = {
     "stop": "end the run in a safe stop",
 }
 LETTERS_MAX = 200  # of an answer in words of one's own
-HELP_GIVEN, PLACED_BY_HAND = "done", "placed"
+HELP_GIVEN, PLACED_BY_HAND, IS_RIGHT = "done", "placed", "right"
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,13 @@ class Question:
 
     Attributes:
         number: tells the questions of a run apart, from 1.
-        kind: "help" with a part, which "goal" is built, to change the "bracket", a "choice" of a tree's own, or a
-            "text" that anybody may write.
+        kind: "help" with a part, to "mend" what is wrong in the bracket, which "goal" is built, to change the
+            "bracket", a "choice" of a tree's own, or a "text" that anybody may write.
         reason: why it asks.
         tried: what the robot tried before; empty where it tried nothing.
         todo: what the person should do.
         part: type of the part concerned, or empty.
+        positions: holes of the bracket that are concerned.
         answers: the legal ones; none for a text, or where the cameras see what was done.
     """
 
@@ -61,6 +62,7 @@ class Question:
     todo: str = ""
     part: str = ""
     answers: tuple[Answer, ...] = ()
+    positions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

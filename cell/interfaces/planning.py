@@ -34,11 +34,15 @@ class AssemblyState:
         told_goal: what the person said when asked: a goal's name, or UNKNOWN_GOAL; None where nothing was said.
         doubts: by position, how probable each part type is there by the action that filled it; of positions whose hole
             has not shown its part yet.
+        kept: part type by position, of what looks wrong and stays as it is: it is not asked about again.
+        known_wrong: of these, what nobody said is right.
     """
 
     placed: Mapping[str, str]
     told_goal: str | None = None
     doubts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    kept: Mapping[str, str | None] = field(default_factory=dict)
+    known_wrong: Mapping[str, str | None] = field(default_factory=dict)
 
     def with_placement(self, part: str, position: str, shares: Mapping[str, float] | None = None) -> AssemblyState:
         """The state after one more part.

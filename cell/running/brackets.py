@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import resource
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from cell.interfaces.perception import Frame
@@ -19,6 +22,8 @@ class Bracket:
     Attributes:
         finished: every hole was seen filled; None while it is worked on.
         inferred_goal: most probable goal when it ended.
+        known_wrong: holes that the cell knew to be wrong, and that nobody mended.
+        rss_mb: memory of this process when it ended; None where the system does not tell.
     """
 
     number: int
@@ -27,6 +32,8 @@ class Bracket:
     finished: bool | None = None
     inferred_goal: str | None = None
     help_requests: int = 0
+    known_wrong: tuple[str, ...] = ()
+    rss_mb: float | None = None
 
     @property
     def sim_time_s(self) -> float:
@@ -60,6 +67,8 @@ class BracketTally:
                     self.brackets.append(Bracket(int(str(fields["number"])), now_s, now_s))
             elif topic == "bracket" and self._open is not None:
                 self._open.end_s = now_s
+                self._open.known_wrong = tuple(fields.get("known_wrong") or ())
+                self._open.rss_mb = memory_mb()
                 self._open.finished = bool(fields["finished"])
             elif topic == "help" and self.brackets:
                 self.brackets[-1].help_requests += 1
@@ -116,4 +125,14 @@ def _row(one: Bracket, judged: Mapping[str, object]) -> dict[str, object]:
         "robot_placements": judged.get("robot_placements"),
         "human_placements": judged.get("human_placements"),
         "help_requests": one.help_requests,
+        "known_wrong": list(one.known_wrong),
+        "rss_mb": one.rss_mb,
     }
+
+
+def memory_mb() -> float | None:
+    """Memory that this process has now."""
+    with suppress(OSError):
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        return round(pages * resource.getpagesize() / 2**20, 1)
+    return None

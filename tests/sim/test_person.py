@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cell.interfaces.errors import InputError
-from cell.interfaces.pose import Array
+from cell.interfaces.pose import Array, Pose
 from sim.clutter import gap, rectangle
+from sim.handwork import Script
 from sim.person import PERSONS, Lapses, Person, ScrewHabits, Storage, load_person
 from sim.storage import COMMON_BIN_M, lay_out, person_set
 from tests.sim.worker_bench import Shift, bench, product, world_of
@@ -58,6 +59,13 @@ def lapsing(lapses: Lapses, seed: int = 0) -> Shift:
     return Shift("g0", seed, person, world_of(person, seed))
 
 
+def play(shift: Shift, script: Script) -> None:
+    """Let the hand do this and nothing else."""
+    for _ in script:
+        shift.worker._work.send()
+        shift.world.step_period()
+
+
 @pytest.mark.parametrize(
     ("lapses", "act"),
     [
@@ -86,6 +94,27 @@ def test_no_wrong_part_stays_even_where_the_person_gives_up() -> None:
     shift = lapsing(Lapses(wrong_part=1.0))
     assert shift.until(lambda: shift.worker.done, 600.0)
     assert shift.placed() == {}
+
+
+def test_a_wrong_part_that_is_overlooked_stays_until_somebody_tells() -> None:
+    shift = lapsing(Lapses(wrong_part=1.0, overlooks=1.0))
+    assert shift.until(lambda: len(shift.placed()) == 1, 30.0)
+    [(position, part)] = shift.placed().items()
+    shift.until(lambda: False, 8.0)
+    assert shift.placed()[position] == part
+    play(shift, shift.worker._placing.mend(position))
+    assert position not in shift.placed()
+
+
+def test_a_part_of_the_robot_is_taken_out_and_put_before_the_bracket() -> None:
+    shift = lapsing(Lapses())
+    body = shift.world.bodies[0]
+    x, y = product().bracket.holes_m["p3"]
+    shift.world.place(body, bench().bracket.pose @ Pose((x, y, 0.0)))
+    shift.world.settle()
+    shift.period()
+    play(shift, shift.worker._placing.take_away("p3"))
+    assert "p3" not in shift.placed()
 
 
 def test_a_part_that_sits_is_taken_away_again() -> None:

@@ -8,7 +8,13 @@ from cell.running.node_library import node_registry
 from tests import ROOT
 from trees.testing import TreeBench
 
-BEGUN = {"WaitForAction": "R", "BracketTaken": "F", "AssemblyFinished": "FS"}
+BEGUN = {
+    "WaitForAction": "R",
+    "BracketTaken": "F",
+    "AssemblyFinished": "FS",
+    "AwaitMistake": "R",
+    "AwaitMisfit": "R",
+}
 
 
 def bench(answers: Mapping[str, str]) -> TreeBench:
@@ -50,6 +56,24 @@ def test_a_run_that_begins_with_a_part_in_the_gripper_puts_it_back_before_anythi
     order = [event.removeprefix("start ") for event in made.events if event.startswith("start ")]
     assert order.index("ReturnToTray") < order.index("WaitForEmptyBracket")
     assert order.index("IdentifyHeldPart") < order.index("LookAtTray") < order.index("ReturnToTray")
+
+
+def test_a_wrong_part_is_told_beside_the_work_and_asked_again_before_it_is_left() -> None:
+    answers = {"ShiftIsOver": "S", "AssemblyFinished": "FFFFFFFS", "AwaitMistake": "RSR"}
+    made = bench({**answers, "AskToMend": "RFRS"})
+    assert run(made, 40).endswith("S")
+    assert (made.started("AskToMend"), made.started("LeaveMistake")) == (2, 0)
+    made = bench({**answers, "AskToMend": "RFRF"})
+    assert run(made, 40).endswith("S")
+    assert (made.started("AskToMend"), made.started("LeaveMistake")) == (2, 1)
+
+
+def test_a_bracket_with_something_wrong_in_it_does_not_end() -> None:
+    made = bench({"ShiftIsOver": "S", "AssemblyFinished": "S", "BracketIsRight": "FFFFS", "AwaitMistake": "R"})
+    told = run(made, 40)
+    assert told.endswith("S")
+    assert made.started("EndBracket") == 1
+    assert told.index("S") >= 4
 
 
 def test_ahead_of_the_person_a_shift_goes_the_same_way_and_asks_beside_the_work() -> None:

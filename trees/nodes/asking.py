@@ -142,6 +142,7 @@ class AskWhichGoal(Asks):
     plan = InputPort(AssemblyPlan, "belief over goals")
     state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
     wait_s = InputPort(float, "longest wait for an answer", default=60.0)
+    unattended = InputPort(bool, "ask also where nobody is known to be there", default=False)
 
     def initialise(self) -> None:
         self._asked_s = self.services.observation.time_s
@@ -150,10 +151,10 @@ class AskWhichGoal(Asks):
         services, plan, state = self.services, self.plan.get(), self.state.get()
         doubtful = services.guard.asks_for_goal(plan, state)
         if self._question is None:
-            if not doubtful or not services.observation.operator.present:
+            if not doubtful or not (services.observation.operator.present or self.unattended.get()):
                 self.feedback_message = "nothing to ask" if not doubtful else "nobody to ask"
                 return Status.FAILURE
-            self._ask(plan)
+            self._ask(plan, state)
             return Status.RUNNING
         answer = self.answered()
         if answer is not None:
@@ -165,7 +166,7 @@ class AskWhichGoal(Asks):
             return Status.SUCCESS
         return Status.FAILURE if self.late(self.wait_s.get()) else Status.RUNNING
 
-    def _ask(self, plan: AssemblyPlan) -> None:
+    def _ask(self, plan: AssemblyPlan, state: AssemblyState) -> None:
         services = self.services
         product = services.product
         ranked = sorted(product.goals, key=lambda goal: -plan.goal_belief.get(goal, 0.0))[:LIKELIEST_N]
@@ -178,6 +179,8 @@ class AskWhichGoal(Asks):
         reason = f"I am not sure that this is {plan.goal}: a product that I do not know has probability {unknown:.2f}"
         if plan.goal == UNKNOWN_GOAL:
             reason = "this looks like no product that I know"
+        elif services.guard.fits_none(state):
+            reason = "what is in the bracket fits no product that I know"
         self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))
         services.show(help_request=f"{reason}; which one is it?")
         services.journal.note("help", text=reason, goals=ranked)

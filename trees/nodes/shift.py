@@ -117,11 +117,11 @@ class EndBracket(CellNode):
 
     def update(self) -> Status:
         services = self.services
-        view, placed = services.observation.bench, self.state.get().placed
+        view, placed, kept = services.observation.bench, self.state.get().placed, self.state.get().kept
         seen = [view.holes[name].part if view and name in view.holes else None for name in services.product.positions]
         parts = tuple(part for part in seen if part is not None)
         finished = len(parts) == len(seen)
-        learned = services.learn(services, parts) if finished else None
+        learned = services.learn(services, parts) if finished and not kept else None
         self.feedback_message = f"bracket {self.number.get()} {'finished' if finished else 'taken away'}"
         services.journal.note(
             "bracket",
@@ -130,6 +130,7 @@ class EndBracket(CellNode):
             finished=finished,
             placed=dict(placed),
             goal=learned,
+            known_wrong=list(self.state.get().known_wrong),
         )
         return Status.SUCCESS
 

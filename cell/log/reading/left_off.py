@@ -59,7 +59,7 @@ def _after(left: LeftOff, topic: str, fields: dict[str, Any], product: Product) 
     if topic == "bracket" and fields["edge"] == "begin":
         if fields.get("resumed"):
             return replace(left, bracket=fields["number"], ended=False)
-        return replace(left, bracket=fields["number"], ended=False, placed={}, told_goal=None)
+        return replace(left, bracket=fields["number"], ended=False, placed={}, told_goal=None, kept={}, known_wrong={})
     if topic == "bracket":
         return _ended(left, fields, product)
     if topic == "belief" and fields.get("edge"):
@@ -68,6 +68,9 @@ def _after(left: LeftOff, topic: str, fields: dict[str, Any], product: Product) 
         return replace(left, placed={**others, position: part} if part is not None else others)
     if topic == "belief" and "told" in fields:
         return replace(left, told_goal=fields["told"])
+    if topic == "belief" and "kept" in fields:
+        wrong = fields["kept"] if fields["known_wrong"] else {}
+        return replace(left, kept={**left.kept, **fields["kept"]}, known_wrong={**left.known_wrong, **wrong})
     if topic == "skill":  # "grasping o1", "carrying o1"
         named = [word for word in str(fields.get("reason")).split() if word in product.parts]
         return replace(left, held_part=named[-1]) if named else left

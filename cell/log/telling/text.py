@@ -30,6 +30,9 @@ def note_text(topic: str, fields: Mapping[str, Any]) -> str:
     if topic == "belief" and "edge" in fields:
         part, position = fields["edge"]
         return f"placed     {part or 'nothing'} at {position}, known from: {fields.get('source', '')}"
+    if topic == "belief" and "kept" in fields:
+        holes = ", ".join(f"{part or 'what is'} in {position}" for position, part in fields["kept"].items())
+        return f"stays      {holes}: {fields.get('reason', '')}"
     if topic == "belief" and "goals" in fields:
         goals = "  ".join(f"{name} {share:.1%}" for name, share in fields["goals"].items())
         placed = " ".join(f"{position}={part}" for position, part in fields.get("placed", {}).items())

@@ -151,6 +151,14 @@ def test_where_nothing_is_doubtful_or_nobody_is_there_it_fails_at_once() -> None
     assert to.display.questions == ()
 
 
+def test_where_the_tree_says_so_it_asks_though_nobody_is_known_to_be_there() -> None:
+    to = services()
+    node = which_goal(to, DOUBTFUL)
+    node.unattended.entry.value = True
+    assert node.execute() is Status.RUNNING
+    assert [question.kind for question in to.display.questions] == ["goal"]
+
+
 def test_an_operator_corrects_the_goal_once() -> None:
     to = services()
     node: Any = alone(HearOperator("hear"), to, state=AssemblyState({}))

@@ -97,8 +97,8 @@ function drawn(placements, states = null) {
     const state = states?.[name];
     const full = !states || state?.placed;
     const spot = make("circle", {
-      cx: y, cy: x, r: 0.025, fill: part && full ? colour(part) : "none", stroke: part ? colour(part) : "gray",
-      "stroke-width": state?.who === "robot" && !full ? 0.008 : 0.004, "stroke-dasharray": full ? null : "0.010 0.006",
+      cx: y, cy: x, r: 0.025, fill: part && full ? colour(part) : "none", stroke: state?.wrong ? "#ff4136" : part ? colour(part) : "gray",
+      "stroke-width": state?.wrong || (state?.who === "robot" && !full) ? 0.008 : 0.004, "stroke-dasharray": full ? null : "0.010 0.006",
     });
     const label = { x: y, y: x + 0.046, "font-size": 0.016, "text-anchor": "middle", fill: "currentColor" };
     return make("g", {}, spot, ...(states ? [make("text", label, name)] : []));
@@ -162,7 +162,9 @@ function showMarks(hand) {
   $("overlay").dataset.sequence = hand.sequence;
 }
 
-function showBracket({ bracket }) {
+function showBracket({ bracket, questions }) {
+  const asked = new Set(questions.flatMap((one) => one.positions));
+  for (const one of bracket) one.wrong = asked.has(one.position);
   const states = Object.fromEntries(bracket.map((one) => [one.position, one]));
   const { box, items } = drawn(Object.fromEntries(bracket.map((one) => [one.position, one.part])), states);
   $("bracket").setAttribute("viewBox", box);
@@ -171,8 +173,8 @@ function showBracket({ bracket }) {
   const rows = bracket.map((one) => {
     const robot = one.who === "robot";
     const who = one.placed ? (robot ? S.placedByRobot : S.placedByPerson) : robot ? S.nextHere : S.remains;
-    const next = !one.placed && robot ? "next" : null;
-    const words = one.part ? `${title(one.part)}: ${who}` : S.notKnown;
+    const next = one.wrong ? "wrong" : !one.placed && robot ? "next" : null;
+    const words = one.wrong ? S.lookHere : one.part ? `${title(one.part)}: ${who}` : S.notKnown;
     return make("li", { class: next }, make("b", {}, one.position), words);
   });
   $("holes").replaceChildren(...rows);

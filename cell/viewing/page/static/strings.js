@@ -33,6 +33,7 @@ export const STRINGS = {
   pausing: "pause after this part",
   placedByRobot: "placed by the robot",
   placedByPerson: "placed by you",
+  lookHere: "please look here",
   remains: "still to be placed",
   notKnown: "not known yet",
   nextHere: "the robot brings it next",

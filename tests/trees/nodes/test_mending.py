@@ -1,0 +1,201 @@
+"""What looks wrong in the bracket: told after a while, asked again, mended, right as it is, or known to be wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from py_trees.common import Status
+
+from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, OperatorOrder, OperatorState
+from cell.interfaces.perception import HoleView
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
+from trees.nodes.mending import AskToMend, AwaitMisfit, AwaitMistake, BracketIsRight, LeaveMistake, Mistake
+from trees.nodes.services import Services
+from trees.testing import alone
+
+G1 = PRODUCT.goal_placements("g1")
+P1, P2 = list(G1)[:2]
+TOLD = AssemblyState({}, told_goal="g1")
+ODD = next(part for part in PRODUCT.parts if part != G1[P2])
+WRONG = (Mistake(P2, "wrong", ODD, G1[P2]),)
+NO_IDEA = replace(SURE, goal_belief={"g0": 0.2, "g1": 0.2, "g2": 0.1, UNKNOWN_GOAL: 0.5})
+
+
+def shows(to: Services, time_s: float, parts: Mapping[str, str | None] = {}, upright: bool = True) -> None:
+    """A new view, in which these holes hold these parts."""
+    seen = {position: HoleView(part, 1.0, time_s, upright) for position, part in {**dict.fromkeys(G1), **parts}.items()}
+    see(to, time_s, holes=seen)
+
+
+def waiting(to: Services, state: AssemblyState = TOLD, plan: AssemblyPlan = SURE) -> Any:
+    return alone(AwaitMistake("wait"), to, state=state, plan=plan)
+
+
+def asking(to: Services, mistakes: tuple[Mistake, ...] = WRONG, **ports: Any) -> Any:
+    return alone(AskToMend("ask"), to, mistakes=mistakes, state=TOLD, plan=SURE, **ports)
+
+
+def says(to: Services, value: str) -> None:
+    """The newest question is answered."""
+    order = OperatorOrder("answer", value, to.display.questions[-1].number)
+    to.observation = replace(to.observation, operator=OperatorState(present=True, said=(order,)))
+
+
+def told(
+    to: Services, node: Any, end_s: float, parts: Mapping[str, str | None], upright: bool = True
+) -> tuple[Mistake, ...]:
+    """What is told after a view that stays the same for so long."""
+    time_s = 0.0
+    while time_s < end_s:
+        shows(to, time_s, parts, upright)
+        if node.execute() is Status.SUCCESS:
+            return tuple(node.mistakes.entry.value)
+        time_s += 0.5
+    return ()
+
+
+def test_a_wrong_part_is_told_only_when_it_stayed() -> None:
+    to = services()
+    assert told(to, waiting(to), 5.5, {P2: ODD}) == ()
+    assert told(to, waiting(to), 8.0, {P2: ODD}) == WRONG
+
+
+def test_parts_that_were_swapped_are_told_together() -> None:
+    to = services()
+    other = next(name for name in G1 if G1[name] != G1[P1])
+    found = told(to, waiting(to), 8.0, {P1: G1[other], other: G1[P1]})
+    assert {(one.position, one.kind) for one in found} == {(P1, "wrong"), (other, "wrong")}
+
+
+def test_without_a_known_goal_only_what_a_bracket_cannot_take_is_wrong() -> None:
+    to = services()
+    unknown = AssemblyState({}, told_goal=UNKNOWN_GOAL)
+    part, kind = min(PRODUCT.parts.items(), key=lambda item: item[1].quantity)
+    names = list(G1)[: kind.quantity + 1]
+    assert told(to, waiting(to, unknown), 8.0, dict.fromkeys(names[:-1], part)) == ()
+    found = told(to, waiting(to, unknown), 8.0, dict.fromkeys(names, part))
+    assert {(one.position, one.kind) for one in found} == {(name, "surplus") for name in names}
+    assert told(to, waiting(to, AssemblyState({}), NO_IDEA), 8.0, {P2: ODD}) == ()
+
+
+def test_a_part_that_does_not_stand_straight_is_told() -> None:
+    to = services()
+    assert told(to, waiting(to), 8.0, {P1: G1[P1]}, upright=False) == (Mistake(P1, "crooked", G1[P1]),)
+
+
+def test_a_hole_that_cannot_be_read_for_long_is_told() -> None:
+    to = services()
+    node = waiting(to)
+    found: tuple[Mistake, ...] = ()
+    for time_s in range(60):
+        rest = {name: HoleView(None, 1.0, float(time_s)) for name in list(G1)[1:]}
+        see(to, float(time_s), holes=rest)
+        if node.execute() is Status.SUCCESS:
+            found = node.mistakes.entry.value
+            break
+    assert found == (Mistake(P1, "hidden"),)
+    assert 45 <= time_s < 50
+
+
+def test_the_question_says_what_is_wrong_where_and_what_to_do() -> None:
+    to = services()
+    shows(to, 9.0, {P2: ODD})
+    node = asking(to)
+    assert node.execute() is Status.RUNNING
+    (question,) = to.display.questions
+    wanted = f"{P2} holds the {PRODUCT.title(ODD)}, where this bracket needs the {PRODUCT.title(G1[P2])}"
+    assert (question.kind, question.reason, question.todo) == ("mend", wanted, "take it out")
+    assert question.positions == (P2,)
+    assert [answer.value for answer in question.answers] == [HELP_GIVEN, IS_RIGHT]
+
+
+@pytest.mark.parametrize("now", [None, G1[P2]])
+def test_the_bench_answers(now: str | None) -> None:
+    to = services()
+    shows(to, 9.0, {P2: ODD})
+    node = asking(to)
+    node.execute()
+    shows(to, 15.0, {P2: now})
+    assert node.execute() is Status.SUCCESS
+    assert to.display.questions == ()
+
+
+def test_who_says_done_without_having_done_it_is_asked_again() -> None:
+    to = services()
+    shows(to, 9.0, {P2: ODD})
+    node = asking(to)
+    node.execute()
+    says(to, HELP_GIVEN)
+    assert node.execute() is Status.RUNNING
+    shows(to, 13.0, {P2: ODD})
+    assert node.execute() is Status.FAILURE
+    assert node.execute() is Status.RUNNING
+    (question,) = to.display.questions
+    assert (question.number, question.tried) == (2, "I asked this before, and it looks the same")
+
+
+def test_nobody_answers() -> None:
+    to = services()
+    shows(to, 0.0, {P2: ODD})
+    node = asking(to, wait_s=60.0)
+    node.execute()
+    shows(to, 59.0, {P2: ODD})
+    assert node.execute() is Status.RUNNING
+    shows(to, 61.0, {P2: ODD})
+    assert node.execute() is Status.FAILURE
+
+
+def test_what_a_person_says_is_right_is_not_asked_again_and_lets_the_bracket_end() -> None:
+    to = services()
+    shows(to, 9.0, {P2: ODD})
+    assert alone(BracketIsRight("right"), to, state=TOLD, plan=SURE).execute() is Status.FAILURE
+    node = asking(to)
+    node.execute()
+    says(to, IS_RIGHT)
+    assert node.execute() is Status.SUCCESS
+    state = node.state.get()
+    assert (state.kept, state.known_wrong) == ({P2: ODD}, {})
+    assert told(to, waiting(to, state), 9.0, {P2: ODD}) == ()
+    assert alone(BracketIsRight("right"), to, state=state, plan=SURE).execute() is Status.SUCCESS
+
+
+def test_what_nobody_mends_is_known_to_be_wrong() -> None:
+    to = services()
+    node: Any = alone(LeaveMistake("leave"), to, mistakes=WRONG, state=TOLD)
+    assert node.execute() is Status.SUCCESS
+    assert node.state.get().known_wrong == {P2: ODD}
+    assert told(to, waiting(to, node.state.get()), 9.0, {P2: ODD}) == ()
+    other = next(part for part in PRODUCT.parts if part not in (ODD, G1[P2]))
+    assert told(to, waiting(to, node.state.get()), 9.0, {P2: other}), "another part there is another mistake"
+
+
+def test_what_fits_no_product_is_asked_about_though_none_is_so_unlikely() -> None:
+    to = services()
+    shows(to, 0.0)
+    to.observation = replace(to.observation, operator=OperatorState(present=True))
+    odd = AssemblyState({P1: "o3", P2: "o3"})
+    puzzled = replace(SURE, goal_belief={"g0": 0.8, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.2}, next_belief={})
+    assert to.guard.fits_none(odd)
+    assert to.guard.asks_for_goal(puzzled, odd)
+    assert not to.guard.asks_for_goal(puzzled, AssemblyState({P1: PRODUCT.goal_placements("g0")[P1]}))
+    node: Any = alone(AwaitMisfit("misfit"), to, state=odd)
+    assert node.execute() is Status.RUNNING
+    shows(to, 5.0)
+    assert node.execute() is Status.RUNNING
+    shows(to, 6.1)
+    assert node.execute() is Status.SUCCESS
+
+
+def test_a_full_bracket_of_no_known_product_waits_for_a_word_where_somebody_is_there() -> None:
+    to = services()
+    see(to, 1.0, holes=EMPTY_HOLES)
+    right: Any = alone(BracketIsRight("right"), to, state=AssemblyState({}), plan=NO_IDEA)
+    assert right.execute() is Status.SUCCESS
+    to.observation = replace(to.observation, operator=OperatorState(present=True))
+    assert right.execute() is Status.FAILURE
+    right.state.entry.value = AssemblyState({}, told_goal=UNKNOWN_GOAL)
+    assert right.execute() is Status.SUCCESS

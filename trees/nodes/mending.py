@@ -1,0 +1,285 @@
+"""Mistakes that stay in the bracket: noticed, told to the person, and watched until they are mended."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from py_trees.common import Status
+
+from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, Answer
+from cell.interfaces.perception import HoleView
+from cell.interfaces.planning import AssemblyPlan, AssemblyState
+from cell.interfaces.product import Product
+from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.nodes.asking import Asks
+from trees.nodes.services import CellNode, Services
+
+MistakeKind = Literal["wrong", "surplus", "crooked", "hidden"]
+KINDS: tuple[MistakeKind, ...] = ("wrong", "surplus", "crooked", "hidden")  # in the order in which they are told
+TODO: dict[MistakeKind, tuple[str, str]] = {
+    "wrong": ("take it out", "take them out"),
+    "surplus": ("take out what does not belong there", "take out what does not belong there"),
+    "crooked": ("set it straight", "set them straight"),
+    "hidden": ("clear the view, or take out what does not belong there",) * 2,
+}
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """Something in one hole that a person should mend.
+
+    Attributes:
+        kind: "wrong": the goal has another part there; "surplus": more such parts than a bracket takes; "crooked":
+            the part does not stand straight; "hidden": nothing could be read there for a while.
+        part: type of the part in the hole; None where that is not known.
+        wanted: type of the part that belongs there; None where that is not known.
+    """
+
+    position: str
+    kind: MistakeKind
+    part: str | None = None
+    wanted: str | None = None
+
+
+Mistakes = tuple[Mistake, ...]
+
+
+def mistakes_in(services: Services, plan: AssemblyPlan, state: AssemblyState) -> Mistakes:
+    """What looks wrong now, by holes; without what a person said is right, and without what cannot be read."""
+    view, product = services.observation.bench, services.product
+    holes = view.holes if view else {}
+    seen = {name: hole for name, hole in holes.items() if hole.part and state.kept.get(name) != hole.part}
+    goal = services.guard.sure_goal(plan, state)
+    wanted = product.goal_placements(goal) if goal is not None else {}
+    return tuple(_judged(product, seen, wanted))
+
+
+def _judged(product: Product, seen: dict[str, HoleView], wanted: dict[str, str]) -> Iterator[Mistake]:
+    counts = Counter(hole.part for hole in seen.values())
+    for position, hole in seen.items():
+        part = hole.part
+        if part not in product.parts:
+            yield Mistake(position, "surplus", part)
+        elif wanted and wanted[position] != part:
+            yield Mistake(position, "wrong", part, wanted[position])
+        elif counts[part] > product.parts[part].quantity and not wanted:
+            yield Mistake(position, "surplus", part)
+        elif not hole.upright:
+            yield Mistake(position, "crooked", part)
+
+
+class AwaitMistake(CellNode):
+    """Wait until something in the bracket has looked wrong for a while, and tell which holes.
+
+    A person who notices it mends it by themselves meanwhile. Mistakes of one kind are told together.
+    """
+
+    state = InputPort(AssemblyState, "what is placed so far")
+    plan = InputPort(AssemblyPlan, "belief over goals")
+    settle_s = InputPort(float, "how long it must look wrong", default=6.0)
+    hidden_s = InputPort(float, "how long nothing could be read in a hole", default=45.0)
+    mistakes = OutputPort(tuple[Mistake, ...], "what is to be mended")
+    persistent = ("_since_s", "_began_s")
+
+    _began_s: float | None = None
+
+    def prepare(self) -> None:
+        self._since_s: dict[Mistake, float] = {}  # when each was first seen
+
+    def update(self) -> Status:
+        view = self.services.observation.bench
+        if view is None:
+            self.feedback_message = "no view of the bench yet"
+            return Status.RUNNING
+        self._began_s = view.time_s if self._began_s is None else self._began_s
+        now = mistakes_in(self.services, self.plan.get(), self.state.get())
+        self._since_s = {one: self._since_s.get(one, view.holes[one.position].seen_s) for one in now}
+        settled = [one for one in now if self._stood_s(one) >= self.settle_s.get()]
+        settled += self._hidden()
+        for kind in KINDS:
+            if told := tuple(one for one in settled if one.kind == kind):
+                self.mistakes.set(told)
+                self.feedback_message = reason_of(self.services.product, told)
+                return Status.SUCCESS
+        self.feedback_message = f"watches {' '.join(one.position for one in now)}" if now else ""
+        return Status.RUNNING
+
+    def _stood_s(self, mistake: Mistake) -> float:
+        """How long it was seen so; a hole that a hand covers tells nothing new."""
+        view = self.services.observation.bench
+        assert view is not None
+        return view.holes[mistake.position].seen_s - self._since_s[mistake]
+
+    def _hidden(self) -> list[Mistake]:
+        view, kept = self.services.observation.bench, self.state.get().kept
+        assert view is not None
+        assert self._began_s is not None
+        last_s = {name: view.holes[name].seen_s if name in view.holes else self._began_s for name in self._positions}
+        return [
+            Mistake(name, "hidden")
+            for name, seen_s in last_s.items()
+            if name not in kept and view.time_s - seen_s >= self.hidden_s.get()
+        ]
+
+    @property
+    def _positions(self) -> tuple[str, ...]:
+        return self.services.product.positions
+
+
+class AwaitMisfit(CellNode):
+    """Wait until what is placed has fitted no known product for a while: a new one, or is something in it wrong?"""
+
+    state = InputPort(AssemblyState, "what is placed so far, and which goal was told")
+    settle_s = InputPort(float, "how long it must fit none", default=6.0)
+
+    _since_s: float | None = None
+
+    def initialise(self) -> None:
+        self._since_s = None
+
+    def update(self) -> Status:
+        services, state = self.services, self.state.get()
+        if state.told_goal is not None or not services.guard.fits_none(state):
+            self._since_s = None
+            self.feedback_message = ""
+            return Status.RUNNING
+        now_s = services.observation.time_s
+        self._since_s = now_s if self._since_s is None else self._since_s
+        self.feedback_message = "it fits no product that is known"
+        return Status.SUCCESS if now_s - self._since_s >= self.settle_s.get() else Status.RUNNING
+
+
+class AskToMend(Asks):
+    """Tell the person what is wrong in the bracket, and wait until the bench shows that it was mended.
+
+    Succeeds when it looks otherwise, or when the person says that it is right. Fails when it still looks the same
+    though somebody says that it was mended, and when nobody answers in time.
+    """
+
+    mistakes = InputPort(tuple[Mistake, ...], "what is to be mended")
+    plan = InputPort(AssemblyPlan, "belief over goals")
+    state = InOutPort(AssemblyState, "what is placed so far, and what a person said is right")
+    look_s = InputPort(float, "how long it is looked at again after somebody says that it was mended", default=3.0)
+    wait_s = InputPort(float, "longest wait for it; 0 waits for ever", default=0.0)
+    persistent = ("_before",)
+
+    _before: Mistakes = ()  # what was asked about last
+    _done_s: float | None = None
+
+    def initialise(self) -> None:
+        services, mistakes = self.services, self.mistakes.get()
+        reason, todo = reason_of(services.product, mistakes), todo_of(mistakes)
+        again, self._before = mistakes == self._before, mistakes
+        self._asked_s, self._done_s = services.observation.time_s, None
+        answers = [Answer(HELP_GIVEN, "done, look again")]
+        if mistakes[0].kind != "hidden":
+            answers.append(Answer(IS_RIGHT, "it is right so"))
+        positions = tuple(one.position for one in mistakes)
+        tried = "I asked this before, and it looks the same" if again else ""
+        self._question = services.ask(
+            "mend", reason, tried=tried, todo=todo, positions=positions, answers=tuple(answers)
+        )
+        services.show(help_request=f"{reason}: {todo}")
+        services.journal.note("help", text=f"{reason}: {todo}", reason=reason, tried=tried, positions=list(positions))
+        self.feedback_message = reason
+
+    def update(self) -> Status:
+        services, mistakes = self.services, self.mistakes.get()
+        if not self._stands(mistakes):
+            self.feedback_message = "it looks otherwise now"
+            return Status.SUCCESS
+        answer = self.answered()
+        if answer == IS_RIGHT:
+            keep(self, mistakes, "a person says that it is right")
+            return Status.SUCCESS
+        if answer is not None:
+            self._done_s = services.observation.time_s if self._done_s is None else self._done_s
+            if services.observation.time_s - self._done_s >= self.look_s.get():
+                self.feedback_message = "it still looks the same"
+                return Status.FAILURE
+        elif self.wait_s.get() > 0 and self.late(self.wait_s.get()):
+            return Status.FAILURE
+        return Status.RUNNING
+
+    def _stands(self, mistakes: Mistakes) -> bool:
+        """Whether all of it still looks as it was told."""
+        view = self.services.observation.bench
+        if mistakes[0].kind == "hidden":
+            seen_s = [view.holes[one.position].seen_s for one in mistakes if view and one.position in view.holes]
+            return all(time_s < self._asked_s for time_s in seen_s)
+        return set(mistakes) <= set(mistakes_in(self.services, self.plan.get(), self.state.get()))
+
+
+class LeaveMistake(CellNode):
+    """Nobody mends it: note that the bracket is known to be wrong there, and do not ask again."""
+
+    mistakes = InputPort(tuple[Mistake, ...], "what was to be mended")
+    state = InOutPort(AssemblyState, "what is placed so far, and what stays as it is")
+
+    def update(self) -> Status:
+        keep(self, self.mistakes.get(), "it was not mended", known_wrong=True)
+        return Status.SUCCESS
+
+
+class BracketIsRight(CellNode):
+    """Nothing in the bracket looks wrong, but for what a person wants as it is.
+
+    Where somebody is there to answer, a full bracket that is like no known product is not right before they say so.
+    """
+
+    state = InputPort(AssemblyState, "what is placed so far")
+    plan = InputPort(AssemblyPlan, "belief over goals")
+    node_type = "Condition"
+    instant = True
+
+    def update(self) -> Status:
+        services, plan, state = self.services, self.plan.get(), self.state.get()
+        if found := mistakes_in(services, plan, state):
+            self.feedback_message = reason_of(services.product, found[:1])
+        elif services.observation.operator.present and services.guard.asks_for_goal(plan, state):
+            self.feedback_message = "it is not known which product this is"
+        else:
+            self.feedback_message = ""
+            return Status.SUCCESS
+        return Status.FAILURE
+
+
+def keep(node: AskToMend | LeaveMistake, mistakes: Mistakes, why: str, known_wrong: bool = False) -> None:
+    """Take it as it is from now on, in this bracket."""
+    holes = {one.position: one.part for one in mistakes}
+    state = node.state.get()
+    wrong = {**state.known_wrong, **holes} if known_wrong else state.known_wrong
+    node.state.set(replace(state, kept={**state.kept, **holes}, known_wrong=wrong))
+    node.services.journal.note("belief", kept=holes, known_wrong=known_wrong, reason=why)
+    node.feedback_message = why
+
+
+def reason_of(product: Product, mistakes: Mistakes) -> str:
+    """What is wrong, for people."""
+    kind, names = mistakes[0].kind, _listed([one.position for one in mistakes])
+    if kind == "wrong":
+        return "; ".join(
+            f"{one.position} holds the {product.title(one.part or '')}, where this bracket needs the"
+            f" {product.title(one.wanted or '')}"
+            for one in mistakes
+        )
+    if kind == "surplus":
+        there = Counter(one.part or "something" for one in mistakes)
+        told = (f"{product.title(part)} {count} times" for part, count in there.items())
+        return f"{names} hold more than a bracket takes: {', '.join(told)}"
+    if kind == "crooked":
+        return f"the {product.title(mistakes[0].part or '')} in {names} does not stand straight"
+    return f"I have not been able to see into {names} for a while"
+
+
+def todo_of(mistakes: Mistakes) -> str:
+    """What the person should do."""
+    one, several = TODO[mistakes[0].kind]
+    return one if len(mistakes) == 1 else several
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

@@ -8,22 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import mujoco
 import numpy as np
 
-from cell.interfaces.bench import Bench
+from cell.interfaces.bench import Bench, Tray
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.solid import span_m
 from cell.interfaces.truth import TruthEvent
+from sim.clutter import ScenePart, add_to_clutter, full_set
 from sim.diary import ActionEvent
 from sim.hand import CURL_JOINT, DIGITS, GANTRY, WRIST_JOINTS, add_hand
 from sim.handing import Giver, parts_in_tray
 from sim.look import NOMINAL, Look
 from sim.person import Person
+from sim.settings import ClutterSettings
 from sim.storage import Bin, Layout, lay_out
 from sim.worker import Worker
 from sim.world import WorldPart, build_world
@@ -35,6 +37,7 @@ FINGER_M = 0.012  # of the fingertips that lies against a part, ahead of and beh
 NEAR_M = 0.004  # a pinch this far outside a part still takes it
 CATCHES_M = 0.012  # a part let go this close to a hole's axis goes in
 SPREAD_M = 0.0008  # how far off the axis it then stands
+AWAY_M = (0.0, 0.0, -1.0)  # where nobody sees a part
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class KinematicBench:
 
     def __init__(self, product: Product, bench: Bench, person: Person, look: Look = NOMINAL) -> None:
         self._product, self._bench, self._person = product, bench, person
-        layout = lay_out(product, bench, person.storage, np.random.default_rng(0), handing=True)
+        layout = self._laid_out(np.random.default_rng(0), np.random.default_rng(0))
         self._bins: tuple[Bin, ...] = layout.bins
         hand = partial(add_hand, bench=bench, person=look.person, habits=person)
         self.world = build_world(product, bench, layout.parts, None, hand, look, layout.bins)
@@ -93,10 +96,11 @@ class KinematicBench:
         """
         streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)]
         self._rng = streams[2]
-        self._reset(lay_out(self._product, self._bench, self._person.storage, streams[0], handing=True))
+        self._reset(self._laid_out(streams[0], np.random.default_rng([seed, 9])))
         wanted = self._product.goal_placements(goal)
         worker = Worker(self.world, self._product, self._bench, self._person, wanted, streams[1], streams[0])
-        self._giver = Giver(self.world, parts_in_tray(self.world), worker.has, streams[3])
+        handed_over = tuple(part for part in parts_in_tray(self.world) if part.owner == "person")
+        self._giver = Giver(self.world, handed_over, worker.has, streams[3])
         every = max(1, round(1 / (rate_hz * PERIOD_S)))
         times, tips, palms = [], [], []
         period, over = 0, math.inf
@@ -144,12 +148,24 @@ class KinematicBench:
             mujoco.mj_kinematics(world.model, world.data)
             self._put(giver.holding, world.tool_pose() @ offset)
 
+    def _laid_out(self, rng: np.random.Generator, rng_of_robot: np.random.Generator) -> Layout:
+        """The person's parts, and as many of the robot's as there happen to be in the tray; the others are away."""
+        product, bench = self._product, self._bench
+        layout = lay_out(product, bench, self._person.storage, rng, handing=True)
+        handed_over = [(one.part, one.world_from_part) for one in layout.parts if _in_tray(bench.tray, one)]
+        types = rng_of_robot.permutation(full_set(product)).tolist()
+        room = max(0, len(types) - len(handed_over))
+        there = types[: int(rng_of_robot.integers(room + 1))]
+        stands = add_to_clutter(product, bench.tray, handed_over, there, rng_of_robot, ClutterSettings())
+        away = (ScenePart(name, Pose(AWAY_M)) for name in types[len(there) :])
+        return replace(layout, parts=(*layout.parts, *stands, *away))
+
     def _reset(self, layout: Layout) -> None:
         data = self.world.data
         data.qpos[:], data.ctrl[:], self._held = self._start, 0.0, None
         left = list(layout.parts)
         for part in self.world.bodies:
-            scene = next(one for one in left if one.part == part.part)
+            scene = next(one for one in left if (one.part, one.owner) == (part.part, part.owner))
             left.remove(scene)
             self._put(part, scene.world_from_part)
         mujoco.mj_kinematics(self.world.model, data)
@@ -210,3 +226,8 @@ class KinematicBench:
             if abs(x - centre[0]) < size[0] / 2 and abs(y - centre[1]) < size[1] / 2:
                 return centre[2]
         return 0.0
+
+
+def _in_tray(tray: Tray, part: ScenePart) -> bool:
+    away = np.abs(np.array(part.world_from_part.position_m) - np.array(tray.centre_m))
+    return bool((away[:2] < np.array(tray.size_m) / 2).all())

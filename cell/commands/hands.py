@@ -21,23 +21,26 @@ from cell.commands.terminal import (
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from cell.configuration import Configuration
     from cell.interfaces.perception import HandTracker
     from cell.interfaces.product import Product
 
 FIRST_VALIDATION_SEED = 800_000
-RECORDING_S = 3.3  # of processor time: to make a recording's frames, and to train on them
+DATA_S, EPOCH_S = 1.0, 0.23  # of processor time: to make a recording's frames, and to train on them once
+LOOKS = {"wide": (0.45, 0), "varied": (0.35, 300_000), "nominal": (0.2, 500_000)}  # share of the data, and first seed
+VALIDATION_SHARE = 0.08
 
 
 def train(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File of weights; the finder goes beside it.")] = None,
     data: Annotated[
-        Path | None, typer.Option(help="Folder of `cell data hands`; made anew by default, of the look `varied`.")
+        list[Path] | None,
+        typer.Option(help="Folder of `cell data hands`; may be repeated. By default made anew, of several looks."),
     ] = None,
     budget: Annotated[str, typer.Option(help="Processor time for data and training, as in 90s, 30m or 2h.")] = "30m",
-    epochs: Annotated[int, typer.Option(min=1, help="How often each frame is seen.")] = 10,
+    epochs: Annotated[int, typer.Option(min=1, help="How often each frame is seen.")] = 18,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -53,31 +56,25 @@ def train(
     configuration = load_configuration(config)
     product = load_product(configuration, config)
     weights = out or new_weights("hands", "slim", config)
-    made = {
-        "train": (data or weights.with_suffix(".data"), 0, max(4, int(budget_s / RECORDING_S))),
-        "validation": (
-            weights.with_suffix(".validation"),
-            FIRST_VALIDATION_SEED,
-            max(2, int(budget_s / RECORDING_S / 12)),
-        ),
-    }
-    for folder, first_seed, recordings in made.values():
-        options = {"--look": "varied", "--recordings": recordings, "--first-seed": first_seed, "--config": config}
-        make_data("hands", folder, options)
+    recordings = max(4, int(budget_s / (DATA_S + EPOCH_S * epochs)))
+    validation = weights.with_suffix(".validation")
+    apart = {"--recordings": max(2, int(VALIDATION_SHARE * recordings)), "--first-seed": FIRST_VALIDATION_SEED}
+    make_data("hands", validation, {"--look": "varied", **apart, "--config": config})
+    folders = data or _made(recordings, weights, config)
     from learned.hands.score import score_readings
     from learned.hands.slim import SlimReader
     from learned.hands.train import train_hands
 
     setup, types = configuration.bench.overhead, tuple(product.parts)
     scores = train_hands(
-        made["train"][0],
+        folders,
         setup,
         product,
         weights,
         seed,
-        score=lambda: score_readings(SlimReader(setup, types, weights), configuration.bench, made["validation"][0]),
+        score=lambda: score_readings(SlimReader(setup, types, weights), configuration.bench, validation),
         epochs=epochs,
-        command=_command(budget, epochs, seed, data),
+        command=_command(budget, epochs, seed, data or ()),
     )
     report_scores(f"hand tracker in {weights}", scores, as_json=False)
     console().print(f"in {config}, perception: hands: {{kind: slim, weights: {weights}}}", highlight=False)
@@ -85,9 +82,21 @@ def train(
         print_json(scores)
 
 
-def _command(budget: str, epochs: int, seed: int, data: Path | None) -> str:
+def _made(recordings: int, weights: Path, config: Path) -> list[Path]:
+    """Folders of data, one for each look."""
+    from cell.commands.made_data import make_data
+
+    folders = []
+    for look, (share, first_seed) in LOOKS.items():
+        folders.append(weights.with_suffix(f".{look}"))
+        of_look = {"--look": look, "--recordings": max(1, round(share * recordings)), "--first-seed": first_seed}
+        make_data("hands", folders[-1], {**of_look, "--config": config})
+    return folders
+
+
+def _command(budget: str, epochs: int, seed: int, data: Sequence[Path]) -> str:
     """What makes the same weights again."""
-    given = [] if data is None else ["--data", str(data)]
+    given = [word for folder in data for word in ("--data", str(folder))]
     return shlex.join(
         ["cell", "train", "hands", "--budget", budget, "--epochs", str(epochs), "--seed", str(seed), *given]
     )

@@ -25,6 +25,8 @@ PATCH_PX = REGION_PX + 48  # a region and the room that it is shifted in
 LEAST_VISIBLE = 0.25  # of a hand that is to be found; less is neither right nor wrong
 EDGE_PX = 4.0  # a hand whose centre is nearer to the image's edge is neither, too
 NO_HAND_WITHIN = 0.8  # of a region: of places that are shown as empty
+TOOL_AWAY = 0.55  # of a region: a gripper so far from every hand is shown as no hand
+TOOL_JITTER = 0.12  # of a region, standard deviation: a hand may be seen in any part of it
 
 
 @dataclass(frozen=True)
@@ -67,8 +69,11 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: it is no such folder, or a line is damaged.
     """
+    told = ("hands", "log")
     rows = labelled_rows(
-        folder, "hands", lambda row: {"file": folder / row["file"], "hands": row["hands"], "log": row["log"]}
+        folder,
+        "hands",
+        lambda row: {"file": folder / row["file"], **{name: row[name] for name in told}, "tool_px": row.get("tool_px")},
     )
     if not rows:
         raise InputError(f"{folder / ROWS}: holds no frames")
@@ -87,15 +92,15 @@ def read_image(path: Path) -> Image:
     return np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def load_hands(folder: Path, setup: CameraSetup, types: Sequence[str], seed: int) -> HandData:
-    """Read a folder.
+def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str], seed: int) -> HandData:
+    """Read folders.
 
     Args:
         setup: of the camera that took the frames.
         types: of parts, in the order of the product.
 
     Raises:
-        InputError: it is no such folder, is damaged, or was made for another camera or product.
+        InputError: one is no such folder, is damaged, or was made for another camera or product.
     """
     regions, rng = Regions.of(setup), np.random.default_rng([seed, 5])
     view = View(setup.model, setup.mount.pose)
@@ -104,7 +109,7 @@ def load_hands(folder: Path, setup: CameraSetup, types: Sequence[str], seed: int
     unsure: list[list[float]] = []
     samples: list[tuple[Any, ...]] = []
     lengths_m: list[float] = []
-    for frame, row in enumerate(rows_of(folder)):
+    for frame, row in enumerate(one for folder in folders for one in rows_of(folder)):
         image = read_image(row["file"])
         if image.shape[:2] != (setup.height_px, setup.width_px):
             raise InputError(f"{row['file']}: must be {setup.width_px} x {setup.height_px} pixels, as the camera's are")
@@ -116,10 +121,11 @@ def load_hands(folder: Path, setup: CameraSetup, types: Sequence[str], seed: int
             if sure:
                 samples.append(_sample(regions, view, image, centre, hand, types))
                 lengths_m.append(palm_length_m(hand))
-        samples += [_sample(regions, view, image, place, None, types) for place in _empty(regions, hands, rng)]
+        empty = (*_empty(regions, hands, rng), *_gripper(regions, hands, row["tool_px"], rng))
+        samples += [_sample(regions, view, image, place, None, types) for place in empty]
     columns = [np.stack(column) for column in zip(*samples, strict=True)]
     patches, points, boxes, facts, heights_m, log_angles, held, places = columns
-    digest = hashlib.sha256((folder / ROWS).read_bytes()).hexdigest()
+    digest = hashlib.sha256(b"".join((folder / ROWS).read_bytes() for folder in folders)).hexdigest()
     return HandData(
         np.stack(small),
         np.array(centres).reshape(-1, 3),
@@ -179,3 +185,17 @@ def _empty(regions: Regions, hands: Sequence[tuple[Array, Any]], rng: np.random.
         if all(np.abs(place - centre).max() > NO_HAND_WITHIN * regions.side_px for centre, _ in hands):
             yield place
             return
+
+
+def _gripper(
+    regions: Regions, hands: Sequence[tuple[Array, Any]], tool_px: Sequence[float] | None, rng: np.random.Generator
+) -> Iterator[Array]:
+    """About the robot's gripper, where it is in the image and away from hands: it is what looks most like one."""
+    if tool_px is None:
+        return
+    centre: Array = np.array(tool_px) + rng.normal(0.0, TOOL_JITTER * regions.side_px, 2)
+    away_px = [np.abs(centre - one).max() for one, _ in hands]
+    if ((centre >= 0) & (centre < regions.size_px)).all() and min(
+        away_px, default=np.inf
+    ) > TOOL_AWAY * regions.side_px:
+        yield centre

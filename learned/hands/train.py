@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,7 +62,7 @@ class Training:
 
 
 def train_hands(
-    folder: Path,
+    folders: Sequence[Path],
     setup: CameraSetup,
     product: Product,
     out: Path,
@@ -76,17 +76,17 @@ def train_hands(
     """Train both networks and write them, the reader to `out` and the finder beside it.
 
     Args:
-        folder: of `cell data hands`.
+        folders: of `cell data hands`.
         score: scores of the tracker that reads `out`.
 
     Returns:
         The scores.
 
     Raises:
-        InputError: the folder cannot be used.
+        InputError: a folder cannot be used.
     """
     types = tuple(product.parts)
-    training = Training(load_hands(folder, setup, types, seed), seed, epochs, quiet)
+    training = Training(load_hands(folders, setup, types, seed), seed, epochs, quiet)
     card = ModelCard(
         kind=FINDER_KIND,
         config={

@@ -1,26 +1,25 @@
 """Frames of the overhead camera, and where every hand in them really is.
 
-Where the arm is parked, it is put into another pose of its work in every stretch of frames, so that detectors see it
-beside hands; where it hands a part over, it stays as it is.
+Where the arm is parked, it is put into another pose of its work in every stretch of frames, mostly with a part between
+its fingers, so that detectors see it beside hands; where it hands a part over, it stays as it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.bench import JOINTS
 from cell.interfaces.perception import Frame, Side
 from cell.interfaces.pose import Array
 from sim.data.actions import Source
 from sim.data.folder import DataFolder
 from sim.data.recording import CAMERA, Moment
 from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection, fingertip
+from sim.data.working_arm import WorkingArm
 from sim.studio import ScenePoses, show_poses
 from sim.world import World
 
@@ -28,12 +27,6 @@ FRAMES = 16  # of each recording
 EVERY_STRETCH = 45  # frames in which the arm stands still, where all are written
 POINTS = ("palm", "pinch", "thumb", "index", "wrist", "radial", "ulnar", "held")  # radial: the thumb's edge of the palm
 BLOCKS_M = 0.02  # what is nearer to the camera than a point by more hides it
-PARKED_SHARE = 0.3  # of stretches in which the arm is out of the way
-ARM_TRIES = 20
-MOVED_M = 0.005
-ARM_CLEAR_M = 0.16  # between the arm and the fingertips
-ARM_LEAST_HEIGHT_M = 0.06
-PAN_RAD, BEND_RAD = (-0.5, 1.3), 0.35  # of the arm about the pose from which it looks into the tray
 SHOWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
 
 
@@ -60,10 +53,15 @@ class HandTruth:
 
 @dataclass(frozen=True)
 class HandFrame:
-    """A frame, all hands that reach into it, and the poses that it was taken of."""
+    """A frame, all hands that reach into it, where the gripper's fingertips are, and the poses that it was taken of.
+
+    Attributes:
+        tool_px: (column, row), also where it is out of the image.
+    """
 
     frame: Frame
     hands: tuple[HandTruth, ...]
+    tool_px: tuple[float, float]
     poses: ScenePoses
 
 
@@ -83,7 +81,7 @@ def write_hands(source: Source, folder: DataFolder, every: bool = False) -> None
     for seen in hand_frames(source, stretches):
         file = folder.image(f"images/{source.name}-{seen.frame.sequence:06d}.jpg", seen.frame.image)
         row = {"file": file, "log": source.name, "frame": seen.frame.sequence, "time_s": round(seen.frame.time_s, 4)}
-        folder.row("hands", {**row, "hands": [_row(hand) for hand in seen.hands]})
+        folder.row("hands", {**row, "hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px})
 
 
 def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFrame]:
@@ -91,13 +89,13 @@ def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFram
     assembly, bench = source.assembly, source.bench
     photographer = assembly.photographer(bench)
     projection = Projection(assembly.world, CAMERA, bench.overhead, assembly.look)
-    arm = _Arm(assembly.world, bench.arm_look_rad, np.random.default_rng([assembly.seed, 3]))
+    arm = WorkingArm(assembly.world, bench.arm_look_rad, np.random.default_rng([assembly.seed, 3]))
     hands = _hands_of(source)
     data = mujoco.MjData(assembly.world.model)
     for stretch in stretches:
         moments = [assembly.moments[index] for index in stretch]
         works = any(arm.moved(assembly.moments[0], moment) for moment in moments)
-        pose = None if works else arm.draw([moment.fingertips_m for moment in moments])
+        pose = None if works else arm.draw(moments)
         for index in stretch:
             moment = assembly.moments[index]
             exposure = replace(moment.exposure, moments=tuple(arm.put(one, pose) for one in moment.exposure.moments))
@@ -105,7 +103,9 @@ def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFram
             show_poses(data, poses)
             held = assembly.held[index]
             told = (hand.truth(moment, poses, held, projection, data) for hand in hands)
-            yield HandFrame(photographer.take(exposure), tuple(one for one in told if one is not None), poses)
+            seen = tuple(one for one in told if one is not None)
+            column, row = projection.pixels(poses, arm.fingertips_m(poses)[np.newaxis])[0]
+            yield HandFrame(photographer.take(exposure), seen, _rounded((column, row), 2), poses)  # type: ignore[arg-type]
     photographer.close()
 
 
@@ -206,61 +206,6 @@ def _hands_of(source: Source) -> list[_HandModel]:
         palm, first, *_, last, wrist, _ = rest = shown("second_hand")
         found.append(_HandModel(world, False, sides[1], np.array(rest[:-1]), palm, last, first, wrist))
     return found
-
-
-class _Arm:
-    """Poses of the arm at its work, written over those of a moment."""
-
-    def __init__(self, world: World, look_rad: Sequence[float], rng: np.random.Generator) -> None:
-        self._world, self._look_rad, self._rng = world, np.array(look_rad), rng
-        self._data = mujoco.MjData(world.model)
-
-    @cached_property
-    def _geoms(self) -> NDArray[np.int64]:
-        model = self._world.model
-        root = model.body_rootid[model.body("tool").id]
-        return np.flatnonzero(model.body_rootid[model.geom_bodyid] == root)
-
-    def moved(self, first: Moment, now: Moment) -> bool:
-        """Whether it is elsewhere than it was at first."""
-        before, after = (one.exposure.moments[-1][GEOM_POSITIONS][self._geoms] for one in (first, now))
-        return bool(np.abs(after - before).max() > MOVED_M)
-
-    def draw(self, tips_m: Sequence[Array]) -> tuple[Array, Array] | None:
-        """Where its shapes are in a pose that keeps away from fingertips; None where it stays parked."""
-        if self._rng.random() < PARKED_SHARE:
-            return None
-        for _ in range(ARM_TRIES):
-            self._data.qpos[:] = self._world.data.qpos
-            self._data.qpos[self._world.arm_qpos] = self._joints()
-            mujoco.mj_kinematics(self._world.model, self._data)
-            centres = self._data.geom_xpos[self._geoms]
-            tool = self._data.body("tool").xpos
-            near_m = min(float(np.linalg.norm(centres - tip, axis=1).min()) for tip in tips_m)
-            if near_m > ARM_CLEAR_M and tool[2] > ARM_LEAST_HEIGHT_M:
-                return centres.copy(), self._data.geom_xmat[self._geoms].copy()
-        return None
-
-    def put(self, poses: ScenePoses, pose: tuple[Array, Array] | None) -> ScenePoses:
-        """The poses of a moment with the arm in another one."""
-        if pose is None:
-            return poses
-        changed = list(poses)
-        for field, values in zip((GEOM_POSITIONS, GEOM_TURNS), pose, strict=True):
-            changed[field] = poses[field].copy()
-            changed[field][self._geoms] = values
-        return tuple(changed)
-
-    def _joints(self) -> Array:
-        """Somewhere over tray and bracket, the tool pointing down."""
-        joints = self._look_rad.copy()
-        lift, elbow, turn = self._rng.uniform(-BEND_RAD, BEND_RAD, 3)
-        joints[JOINTS.index("shoulder_pan")] += self._rng.uniform(*PAN_RAD)
-        joints[JOINTS.index("shoulder_lift")] += lift
-        joints[JOINTS.index("elbow")] += elbow
-        joints[JOINTS.index("wrist_1")] -= lift + elbow
-        joints[JOINTS.index("wrist_3")] += 4 * turn
-        return joints
 
 
 def _rounded(values: Array, digits: int) -> tuple[float, ...]:

@@ -82,7 +82,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def data(folder: Path) -> HandData:
-    return load_hands(folder, SETUP, TYPES, 0)
+    return load_hands([folder], SETUP, TYPES, 0)
 
 
 def test_regions_lie_about_their_hands(data: HandData) -> None:
@@ -159,7 +159,7 @@ def test_the_reader_learns_a_batch(data: HandData) -> None:
 def test_training_writes_two_files_that_find_hands(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "hands_slim.onnx"
     scores = train_hands(
-        folder,
+        [folder],
         SETUP,
         PRODUCT,
         out,
@@ -180,9 +180,23 @@ def test_training_writes_two_files_that_find_hands(folder: Path, tmp_path: Path)
     assert REGION_PX == 96
 
 
+def test_the_gripper_is_shown_as_no_hand_unless_one_is_there(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / "data", frames=2)
+    rows = [json.loads(line) for line in (folder / "hands.jsonl").read_text().splitlines()]
+    (x, y), side_px = rows[1]["hands"][0]["points_px"]["palm"], Regions.of(SETUP).side_px
+    away_px = x + (side_px if x < SETUP.width_px / 2 else -side_px)
+    counts = {}
+    for name, tool_px in {"none": None, "apart": [away_px, y], "here": [x, y], "unseen": [-50.0, y]}.items():
+        rows[1]["tool_px"] = tool_px
+        (folder / "hands.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+        counts[name] = int((load_hands([folder], SETUP, TYPES, 0).facts[:, 0] == 0).sum())
+    assert counts["apart"] == counts["none"] + 1
+    assert counts["here"] == counts["unseen"] == counts["none"]
+
+
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cell data hands"):
-        load_hands(tmp_path, SETUP, TYPES, 0)
+        load_hands([tmp_path], SETUP, TYPES, 0)
     (tmp_path / "hands.jsonl").write_text('{"format": "cell.hands"}\n{"file": 3}\n')
     with pytest.raises(InputError, match=r"hands\.jsonl:2"):
-        load_hands(tmp_path, SETUP, TYPES, 0)
+        load_hands([tmp_path], SETUP, TYPES, 0)

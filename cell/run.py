@@ -42,6 +42,7 @@ from cell.running.injection import Injection, Injections
 from cell.running.lateness import Lateness
 from cell.running.node_library import node_registry
 from cell.running.operator import OperatorChannel
+from cell.running.own_body import OwnBody
 from cell.running.reload import WatchedTree
 from cell.running.services import TickClock, load_planners, make_services
 from cell.running.statistics import RunStatistics
@@ -219,8 +220,9 @@ def drive(
             signal_bus = open_bus(module.interface, module.channel, module.bitrate)
             signals = CanSignals(signal_bus, devices.clock, module)
             stack.callback(signals.close)
+        own_body = OwnBody(motion.separation.outline)
         controller = Controller(
-            devices, gripper, *executors, configuration.controller, supervisor, observers, operator, signals
+            devices, gripper, *executors, configuration.controller, supervisor, observers, operator, signals, own_body
         )
         services = make_services(
             configuration,

@@ -115,7 +115,8 @@ class RenderProcess:
 
     def _begin(self, detector: int, frame: Frame) -> Callable[[], Any]:
         """Send a frame of ours to a detector; the answer is waited for by who calls the result."""
-        return partial(_awaited, self._send(("answer", next(self._numbers)), (detector, frame.camera, frame.sequence)))
+        job = detector, frame.camera, frame.sequence, frame.robot_m
+        return partial(_awaited, self._send(("answer", next(self._numbers)), job))
 
     def _send(self, key: tuple[object, ...], job: object) -> Future[Any]:
         future: Future[Any] = Future()
@@ -217,8 +218,9 @@ class _Worker:
             return None
         if key[0] == "built":
             return self._build(key[1], *job)
-        detector, camera, sequence = job
-        return self._detectors[detector](next(kept for kept in self._frames[camera] if kept.sequence == sequence))
+        detector, camera, sequence, robot_m = job
+        frame = next(kept for kept in self._frames[camera] if kept.sequence == sequence)
+        return self._detectors[detector](frame.beside(robot_m))
 
     def _take(self, exposure: Exposure) -> None:
         frame = self._photographer.take(exposure)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.pose import Pose
+from cell.interfaces.pose import Array, Pose
 
 SEGMENT_FRAMES = 45  # 3 s at 15 FPS, section 3.2 of the paper
 ActionKind = Literal["assembly", "screw", "transit", "idle"]
@@ -26,6 +26,8 @@ class Frame:
         sequence: number of the frame, from 0, without gaps unless frames were lost.
         image: (height, width, 3) uint8, RGB.
         world_from_camera: where the camera was when the frame was taken.
+        robot_m: (links, n, 3) points around the robot's links and what it holds when the frame was taken: each link is
+            in the hull of its points. In the world frame; None where nobody knows.
     """
 
     camera: str
@@ -33,6 +35,11 @@ class Frame:
     time_s: float
     image: NDArray[np.uint8] = field(repr=False, compare=False)
     world_from_camera: Pose
+    robot_m: Array | None = field(default=None, repr=False, compare=False)
+
+    def beside(self, robot_m: Array | None) -> Frame:
+        """The same frame, with where the robot was."""
+        return replace(self, robot_m=robot_m)
 
 
 class PendingFrame(Frame):
@@ -46,8 +53,10 @@ class PendingFrame(Frame):
         image: Callable[[], NDArray[np.uint8]],
         world_from_camera: Pose,
         done: Callable[[], bool] = lambda: True,
+        robot_m: Array | None = None,
     ) -> None:
         fields = {"camera": camera, "sequence": sequence, "time_s": time_s, "world_from_camera": world_from_camera}
+        fields["robot_m"] = robot_m
         for name, value in {**fields, "_pending": image, "_done": done}.items():
             object.__setattr__(self, name, value)
 
@@ -63,8 +72,14 @@ class PendingFrame(Frame):
         done: Callable[[], bool] = vars(self)["_done"]
         return done()
 
+    def beside(self, robot_m: Array | None) -> PendingFrame:
+        """As in `Frame`; the image still comes later."""
+        own = vars(self)
+        told = self.camera, self.sequence, self.time_s, own["_pending"], self.world_from_camera, own["_done"]
+        return PendingFrame(*told, robot_m)
+
     def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
-        return Frame, (self.camera, self.sequence, self.time_s, self.image, self.world_from_camera)
+        return Frame, (self.camera, self.sequence, self.time_s, self.image, self.world_from_camera, self.robot_m)
 
 
 @dataclass(frozen=True)

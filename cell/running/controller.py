@@ -24,6 +24,7 @@ from cell.running.announcing import Announcer
 from cell.running.audience import Audience
 from cell.running.inference import Executor
 from cell.running.operator import OperatorChannel
+from cell.running.own_body import OwnBody
 from cell.running.reading import DeviceReader, describe
 from cell.running.safe_stop import await_rest, condition, failure, stop_orders
 from cell.running.signals import Interrupted, StopSignals
@@ -87,6 +88,7 @@ class Controller:
         observers: Sequence[Observer] = (),
         operator: OperatorChannel | None = None,
         signals: Signals | None = None,
+        own_body: OwnBody | None = None,
     ) -> None:
         self.journal = ListJournal()
         self._devices = devices
@@ -104,6 +106,7 @@ class Controller:
             self._audience.frame,
             lambda text: self._audience.say("warning", text),
             signals,
+            own_body,
         )
         self._signals = StopSignals()
         self._judgement = Judgement()

@@ -20,6 +20,7 @@ from cell.interfaces.observation import (
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.interfaces.signals import Signals
 from cell.running.inference import Executor
+from cell.running.own_body import OwnBody
 
 Value = TypeVar("Value")
 
@@ -50,6 +51,7 @@ class DeviceReader:
     Args:
         framed: told of every new camera frame.
         say: told of frames that a detector had no time for.
+        own_body: tells the detector of overhead frames where the robot is.
     """
 
     def __init__(
@@ -61,8 +63,9 @@ class DeviceReader:
         framed: Callable[[Frame], None],
         say: Callable[[str], None],
         signals: Signals | None = None,
+        own_body: OwnBody | None = None,
     ) -> None:
-        self._signals = signals
+        self._signals, self._own_body = signals, own_body
         self._devices, self._gripper = devices, gripper
         self._watcher, self._finder = watcher, finder
         self._framed, self._say = framed, say
@@ -83,12 +86,14 @@ class DeviceReader:
         Raises:
             DeviceFault: arm or gripper cannot be read and never could.
         """
+        self._arm = self._read("arm", self._devices.arm.state) or self._arm
+        self._fingers = self._read("gripper", self._gripper.state) or self._fingers
+        if self._own_body is not None and self._arm is not None and self._fingers is not None:
+            self._own_body.keep(self._arm, self._fingers)
         self._detect(self._overhead, self._watcher, "overhead")
         self._detect(self._wrist, self._finder, "wrist")
         self._bench = self._read("detector overhead", self._watcher.poll) or self._bench
         self._parts = self._read("detector wrist", self._finder.poll) or self._parts
-        self._arm = self._read("arm", self._devices.arm.state) or self._arm
-        self._fingers = self._read("gripper", self._gripper.state) or self._fingers
         signals = self._read("signals", self._signals.read) if self._signals is not None else None
         troubles, self._troubles = tuple(self._troubles), []
         if self._arm is None or self._fingers is None:
@@ -113,6 +118,8 @@ class DeviceReader:
         if frame is None:
             return
         self._framed(frame)
+        if self._own_body is not None and reader is self._overhead:
+            frame = frame.beside(self._own_body.at(frame.time_s))
         if self._read(f"detector {name}", lambda: executor.submit(frame)) is False:
             self._say(f"the detector of camera {name} is late: frame dropped")
 

@@ -310,7 +310,7 @@ class _Host:
 
         def begin(frame: Frame) -> Callable[[], Value]:
             number = self._cell.next_number()
-            self._cell.order("host.begin", number, detector, frame.camera, frame.sequence)
+            self._cell.order("host.begin", number, detector, frame.camera, frame.sequence, frame.robot_m)
             return lambda: self._cell.call("host.answer", number)
 
         return begin

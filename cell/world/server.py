@@ -156,10 +156,10 @@ class WorldServer:
         if order.what == "can":
             self._buses.put(*order.arguments)
         elif order.what == "host.begin":
-            number, detector, camera, sequence = order.arguments
+            number, detector, camera, sequence, robot_m = order.arguments
             frame = next((one for one in self._pending[camera] if one.sequence == sequence), None)
             if frame is not None:
-                self._answers[number] = self._hosted[detector](frame)
+                self._answers[number] = self._hosted[detector](frame.beside(robot_m))
         else:
             with suppress(CellError):
                 self._method(order.what)(*order.arguments)

@@ -14,11 +14,13 @@ from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
 from learned.hands.height import PalmLength, heights_m
+from learned.hands.own_robot import OwnRobot
 from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Regions
 
 NEW_CONFIDENCE, LEAST_CONFIDENCE = 0.5, 0.3  # of a hand that was not seen before, and of one that was
 LOST_S = 0.25  # after which a hand that comes back is a new one
+COMES_BACK_S = 2.0  # for so long it is expected where it was lost, also on the robot
 NEAR_SHARE = 0.45  # of a region's side: a hand is found again within it
 ACTING_KEEPS = 0.7  # share of the former opinion of which hand works, and of which side it is
 TAKES_OVER = 0.3  # by which another hand must look more like the one that works
@@ -57,6 +59,7 @@ class _Track:
     seen_s: float
     acting: float
     left: float
+    away: bool  # it was once seen where the robot was not: then it is a hand, wherever it goes
     smooth: dict[str, _Smooth] = field(default_factory=dict)
     smoothed_s: float = -math.inf
     speed_px_s: Array = field(default_factory=lambda: np.zeros(2))
@@ -90,6 +93,7 @@ class HandTracks:
         self._palm_length = palm_length or PalmLength(0.0, 1.0)
         self._near_px = NEAR_SHARE * Regions.of(bench.overhead).side_px
         self._tracks: list[_Track] = []
+        self._lost: list[_Track] = []
         self._works: _Track | None = None
         self._others: tuple[HandSample, ...] = ()
 
@@ -105,17 +109,27 @@ class HandTracks:
             DeviceFault: the image has not the size of the camera.
         """
         view, now_s = View.of(self._setup.model, frame), frame.time_s
-        self._tracks = [one for one in self._tracks if 0 < now_s - one.seen_s <= LOST_S]
+        self._lose(now_s)
         readings = self._reader.read(frame.image, [one.expected_px(now_s) for one in self._tracks])
-        self._assign(readings, now_s)
+        self._assign(readings, now_s, OwnRobot(frame, view, self._reader, self._near_px))
         seen = [one for one in self._tracks if one.seen_s == now_s]
         self._choose(seen)
         samples = {id(one): _sample(one, view, frame, heights_m(one.reading, view, self._palm_length)) for one in seen}
         self._others = tuple(samples[id(one)] for one in seen if one is not self._works)
         return samples.get(id(self._works))
 
-    def _assign(self, readings: list[Reading], now_s: float) -> None:
-        """Give readings to tracks, nearest first; sure ones that are left begin tracks."""
+    def _lose(self, now_s: float) -> None:
+        """Forget hands that were not seen for long; where they were is remembered longer."""
+        kept = [one for one in self._tracks if 0 < now_s - one.seen_s <= LOST_S]
+        self._lost += [one for one in self._tracks if one not in kept and one.away]
+        self._lost = [one for one in self._lost if 0 < now_s - one.seen_s <= COMES_BACK_S]
+        self._tracks = kept
+
+    def _assign(self, readings: list[Reading], now_s: float, robot: OwnRobot) -> None:
+        """Give readings to tracks, nearest first; sure ones that are left begin tracks.
+
+        What has been seen on the robot alone, and is explained by it, is no hand.
+        """
         pairs = sorted(
             (float(np.linalg.norm(track.expected_px(now_s) - reading.centre_px)), t, r)
             for t, track in enumerate(self._tracks)
@@ -124,12 +138,23 @@ class HandTracks:
         left_tracks, left = set(range(len(self._tracks))), set(range(len(readings)))
         for away_px, t, r in pairs:
             if away_px < self._near_px and t in left_tracks and r in left:
-                self._tracks[t].take(readings[r], now_s)
                 left_tracks.discard(t)
                 left.discard(r)
+                track = self._tracks[t]
+                if track.away or not robot.explains(readings[r]):
+                    track.take(readings[r], now_s)
+                    track.away |= not robot.under(readings[r])
         for r in sorted(left):
             if readings[r].confidence >= NEW_CONFIDENCE:
-                self._tracks.append(_Track(readings[r], now_s, readings[r].acting, readings[r].left))
+                away = not robot.under(readings[r]) or self._was_seen(readings[r])
+                if away or not robot.explains(readings[r]):
+                    self._tracks.append(_Track(readings[r], now_s, readings[r].acting, readings[r].left, away))
+
+    def _was_seen(self, reading: Reading) -> bool:
+        """Whether a hand was lost about there: it may have come back."""
+        return any(
+            float(np.linalg.norm(one.reading.centre_px - reading.centre_px)) < self._near_px for one in self._lost
+        )
 
     def _choose(self, seen: list[_Track]) -> None:
         """Which hand works: the one that did, unless another looks more like it by far."""

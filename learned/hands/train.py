@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from cell.interfaces.bench import CameraSetup
+from cell.interfaces.errors import ModelError
 from cell.interfaces.product import Product
 from learned.fitting import Checkpoint, fit
 from learned.hands.augment import varied
@@ -22,7 +23,7 @@ from learned.hands.dataset import PATCH_PX, HandData, load_hands
 from learned.hands.networks import FINDER_CELLS, HEAT_PX, Finder, Found, Read, Reader, split_facts
 from learned.hands.regions import REGION_PX, planes
 from learned.hands.slim import FINDER_KIND, READER_KIND, finder_file
-from learned.onnx_model import ModelCard
+from learned.onnx_model import ModelCard, OnnxModel
 from learned.torch_model import TorchModel, write_weights
 
 EPOCHS = 10
@@ -102,13 +103,31 @@ def train_hands(
         command=command,
         seed=seed,
     )
-    finder = fit_finder(training, out.with_suffix(".finder.checkpoint"))
-    small = {"image": planes(training.data.small[:1])}
-    write_weights(TorchModel(finder, Found._fields, card), finder_file(out), [small], dict, tolerance=TOLERANCE)
-    reader = fit_reader(training, len(types), out.with_suffix(".checkpoint"))
+    checkpoint = out.with_suffix(".checkpoint")
+    if not (checkpoint.exists() and _is_made(finder_file(out), card)):  # else it goes on after the finder
+        finder = fit_finder(training, out.with_suffix(".finder.checkpoint"))
+        small = {"image": planes(training.data.small[:1])}
+        write_weights(TorchModel(finder, Found._fields, card), finder_file(out), [small], dict, tolerance=TOLERANCE)
+    reader = fit_reader(training, len(types), checkpoint)
     region = {"region": planes(_middle(training.data.patches[:2])), "place": training.data.places[:2]}
     model = TorchModel(reader, Read._fields, card.model_copy(update={"kind": READER_KIND}))
     return write_weights(model, out, [region], score, any_rows=True, tolerance=TOLERANCE)
+
+
+def _is_made(path: Path, wanted: ModelCard) -> bool:
+    """Whether a file holds what this very training made."""
+    if not path.exists():
+        return False
+    try:
+        card = OnnxModel.load(path, wanted.kind).card
+    except ModelError:
+        return False
+    return (card.command, card.seed, card.config, card.data_sha256) == (
+        wanted.command,
+        wanted.seed,
+        wanted.config,
+        wanted.data_sha256,
+    )
 
 
 def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:

@@ -105,7 +105,8 @@ def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFram
             told = (hand.truth(moment, poses, held, projection, data) for hand in hands)
             seen = tuple(one for one in told if one is not None)
             column, row = projection.pixels(poses, arm.fingertips_m(poses)[np.newaxis])[0]
-            yield HandFrame(photographer.take(exposure), seen, _rounded((column, row), 2), poses)  # type: ignore[arg-type]
+            frame = photographer.take(exposure).beside(arm.points_m(poses, pose))
+            yield HandFrame(frame, seen, (round(float(column), 2), round(float(row), 2)), poses)
     photographer.close()
 
 

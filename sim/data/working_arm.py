@@ -27,6 +27,7 @@ PAN_RAD, BEND_RAD = (-0.8, 1.3), 0.6  # of the arm about the pose from which it 
 HOLDS_SHARE = 0.6  # of these poses, in which the gripper holds a part
 OPENINGS_M = (0.0, 0.0425)  # of one finger that holds nothing
 FINGERS = ("finger_left", "finger_right")
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,16 @@ class WorkingArm:
         """(3,) Between the pads of its fingers."""
         middle: Array = poses[GEOM_POSITIONS][self._pads].mean(axis=0)
         return middle
+
+    def points_m(self, poses: ScenePoses, pose: ArmPose | None) -> Array:
+        """(shapes, 8, 3) corners of boxes around its shapes, and around what it holds in a pose of ours."""
+        geoms, model = self._geoms if pose is None else pose.geoms, self._world.model
+        shown = geoms[model.geom_group[geoms] < 3]
+        boxes = model.geom_aabb[shown]
+        corners = boxes[:, None, :3] + _CORNERS * boxes[:, None, 3:]
+        turns = poses[GEOM_TURNS][shown].reshape(-1, 3, 3)
+        points: Array = np.einsum("gij,gcj->gci", turns, corners) + poses[GEOM_POSITIONS][shown][:, None]
+        return points
 
     def draw(self, moments: Sequence[Moment]) -> ArmPose | None:
         """A pose that keeps away from the person's fingertips; None where it stays parked."""

@@ -1,0 +1,87 @@
+"""What in an image is the robot itself, by where the cell knows it to be, and whether it explains a hand that is read.
+
+Robots cannot hide a hand by this: a hand counts as explained only where its palm and fingertips lie on the robot, the
+reader is not sure of it, and nothing like a hand is left where the robot is painted over.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Array
+from learned.classical.box_model import View, fill, outline
+from learned.hands.reading import HandReader, Reading
+from learned.hands.regions import Image
+
+SURE = 0.99  # a reader that is so sure is believed: true hands have more, the gripper has less
+BEYOND_M = 0.03  # so far beside the robot's outline a point still lies on it
+RING_PX = 12  # the robot is painted in the colour of what is around it
+LEAST_DEPTH_M = 0.05  # links nearer to the camera are not drawn
+LEFT_CONFIDENCE = 0.5  # of what is read where the robot is painted over: a hand is left
+
+
+class OwnRobot:
+    """The robot in one frame.
+
+    Args:
+        near_px: readings so near to each other are of one hand.
+    """
+
+    def __init__(self, frame: Frame, view: View, reader: HandReader, near_px: float) -> None:
+        self._image, self._reader, self._near_px = frame.image, reader, near_px
+        self._mask = None if frame.robot_m is None else _mask(frame.image, frame.robot_m, view)
+        self._on: NDArray[np.uint8] | None = None
+        if self._mask is not None and frame.robot_m is not None:
+            beyond_px = round(BEYOND_M * view.pixels_per_m(frame.robot_m.reshape(-1, 3).mean(axis=0).tolist()))
+            self._on = cv2.dilate(self._mask, _disc(beyond_px)).astype(np.uint8)
+        self._painted: Image | None = None
+
+    def under(self, reading: Reading) -> bool:
+        """Whether palm and fingertips lie on the robot; False where nobody knows where the robot is."""
+        if self._on is None:
+            return False
+        height, width = self._on.shape
+        points = np.array([reading.points_px["palm"], reading.points_px["pinch"]]).round().astype(int)
+        columns, rows = points[:, 0].clip(0, width - 1), points[:, 1].clip(0, height - 1)
+        return bool(self._on[rows, columns].all())
+
+    def explains(self, reading: Reading) -> bool:
+        """Whether a reading is nothing but the robot."""
+        return reading.confidence < SURE and self.under(reading) and not self._left(reading)
+
+    def _left(self, reading: Reading) -> bool:
+        """Whether a hand is seen there without the robot, too."""
+        if self._painted is None:
+            self._painted = self._without_robot()
+        found = self._reader.read(self._painted, [reading.centre_px])
+        return any(
+            one.confidence >= LEFT_CONFIDENCE
+            and float(np.linalg.norm(one.centre_px - reading.centre_px)) < self._near_px
+            for one in found
+        )
+
+    def _without_robot(self) -> Image:
+        assert self._mask is not None
+        covered = cv2.dilate(self._mask, _disc(2)) > 0
+        ring = (cv2.dilate(self._mask, _disc(RING_PX)) > 0) & ~covered
+        painted = self._image.copy()
+        painted[covered] = np.median(painted[ring], axis=0) if ring.any() else painted.mean(axis=(0, 1))
+        return painted
+
+
+def _mask(image: Image, robot_m: Array, view: View) -> NDArray[np.uint8]:
+    """1 where a link is, (height, width)."""
+    height, width = image.shape[:2]
+    mask = np.zeros((height, width), np.uint8)
+    for points in robot_m:
+        if float(view.depths(points).min()) > LEAST_DEPTH_M:
+            mask |= fill((height, width), outline(view.pixels(points)))
+    return mask
+
+
+def _disc(radius_px: int) -> NDArray[np.uint8]:
+    size = 2 * radius_px + 1
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)).astype(np.uint8)

@@ -1,8 +1,13 @@
-"""Makes what in docs/ is made by programs: `make pictures`. Plots of experiments come from `cell eval`."""
+"""Makes what in docs/ is made by programs: `make pictures`. Plots of experiments come from `cell eval`.
+
+python -m tests.docs.pictures [docs/looks.png ...]
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from functools import partial
 
 from cell.running.node_library import node_registry
 from tests import ROOT
@@ -27,18 +32,28 @@ PAGE = "docs/page.png"
 SEEDS = {"nominal": 1, "varied": 14, "hard": 9}
 
 
-def main() -> None:
+def main(names: list[str]) -> None:
+    """Make these, or all."""
     from tests.docs.page_shot import shot
     from tests.docs.parts_sheet import sheet
     from tests.docs.photograph import look_sheet_of, photograph, png
 
-    for name, make in MADE.items():
-        (ROOT / name).write_text(make())
-    (ROOT / PHOTOGRAPH).write_bytes(png(photograph()))
-    (ROOT / PARTS).write_bytes(png(sheet()))
-    (ROOT / LOOKS).write_bytes(png(look_sheet_of(SEEDS)))
-    (ROOT / PAGE).write_bytes(shot())
+    made: dict[str, Callable[[], bytes]] = {
+        **{name: partial(_text, make) for name, make in MADE.items()},
+        PHOTOGRAPH: lambda: png(photograph()),
+        PARTS: lambda: png(sheet()),
+        LOOKS: lambda: png(look_sheet_of(SEEDS)),
+        PAGE: shot,
+    }
+    if unknown := set(names) - set(made):
+        sys.exit(f"nothing makes {', '.join(sorted(unknown))}; known: {', '.join(made)}")
+    for name in names or made:
+        (ROOT / name).write_bytes(made[name]())
+
+
+def _text(make: Callable[[], str]) -> bytes:
+    return make().encode()
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

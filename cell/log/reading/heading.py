@@ -30,11 +30,11 @@ def run_row(path: Path) -> Row:
     """
     files = files_of(path)
     try:
-        said = [_metadata(file) for file in (files[0], files[-1])]
+        said = [_metadata(file) for file in dict.fromkeys((files[0], files[-1]))]
     except (McapError, struct.error, ValueError, OSError, _NoIndexError):
         log = read_log(path)
         return _row(files, dict(log.metadata), dict(log.outcome), dict(log.result), log.unfinished)
-    first, last = said
+    first, last = said[0], said[-1]
     missing = "" if "outcome" in last else "the run's end is not in it"
     return _row(files, first.get("run", {}), last.get("outcome", {}), last.get("result", {}), missing)
 

@@ -11,6 +11,7 @@ import numpy as np
 from cell.interfaces.pose import Array
 from sim.hand_motion import PEAK_TO_MEAN
 from sim.handwork import ARCH_M, RELAXED_GAP_M, Handwork, Script
+from sim.over_parts import OverParts
 from sim.person import BesideRobot, drawn, happens
 from sim.worker_sight import Sight
 
@@ -77,14 +78,19 @@ class Intrusion:
         arrives_s = min(PEAK_TO_MEAN * far_m / speed_m_s, LOOK_AHEAD_S)
         target_m = within_reach(tool_m + velocity_m_s * arrives_s - np.array([HALF_HAND_M, 0.0, 0.0]))
         duration_s = PEAK_TO_MEAN * float(np.linalg.norm(target_m - self._work.position_m)) / speed_m_s
-        yield from self._work.reach(target_m, 0.0, RELAXED_GAP_M, duration_s=duration_s)
+        over = OverParts(self._sight.tops_m, self._work.dt_s)
+        for _ in self._work.reach(target_m, 0.0, RELAXED_GAP_M, duration_s=duration_s):
+            self._work.position_m = over.lifted(self._work.position_m, target_m)
+            yield
 
     def _chase(self, speed_m_s: float) -> Script:
         """Go to where the tool is, wherever it goes, until the hand is there or gives up."""
         velocity, elapsed_s, dt_s = np.zeros(3), 0.0, self._work.dt_s
+        place_m, over = self._work.position_m, OverParts(self._sight.tops_m, dt_s)
         while elapsed_s < GIVES_UP_S:
             tool_m, _ = self._sight.tool()
-            way_m = within_reach(tool_m - np.array([HALF_HAND_M, 0.0, 0.0])) - self._work.position_m
+            target_m = within_reach(tool_m - np.array([HALF_HAND_M, 0.0, 0.0]))
+            way_m = target_m - place_m
             far_m = float(np.linalg.norm(way_m))
             if far_m < THERE_M:
                 return
@@ -92,7 +98,8 @@ class Intrusion:
             change = wanted - velocity
             size = float(np.linalg.norm(change))
             velocity = velocity + change * min(1.0, ACCELERATION_M_S2 * dt_s / max(size, 1e-9))
-            self._work.position_m = self._work.position_m + velocity * dt_s
+            place_m = place_m + velocity * dt_s
+            self._work.position_m = over.lifted(place_m, target_m)
             elapsed_s += dt_s
             yield
 

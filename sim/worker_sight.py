@@ -95,6 +95,15 @@ class Sight:
                 return seen
         return None
 
+    @property
+    def tops_m(self) -> Array:
+        """Where the parts in the bracket end above (n, 3)."""
+        standing = [seen for name in self.holes_m if (seen := self.in_hole(name)) is not None]
+        heights = [self._product.parts[one.part].size_m[2] for one in standing]
+        tops: Array = np.array([one.pose.position_m for one in standing]).reshape(-1, 3)
+        tops[:, 2] += heights
+        return tops
+
     def seated(self, seen: SeenPart, position: str) -> bool:
         """Whether a part stands in a hole as it should."""
         offset = np.array(seen.pose.position_m) - self.holes_m[position]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ from sim.clutter import standing
 from sim.contacts import ContactMonitor
 from sim.person import BesideRobot, Person
 from sim.settings import SimSettings
-from tests.sim.rig import Rig
+from sim.worker import Worker
+from tests.sim.rig import Rig, downwards
 
 SWEEP_RAD = (0.75, 0.0, 0.0, 0.0, 0.0, 0.0)  # of the base: the tool goes from the tray to the bracket
 RUDE = Person(robot=BesideRobot(waits=0.0, chases=0.0))
@@ -129,3 +131,48 @@ def test_a_part_in_the_gripper_counts_as_the_robot(product: Product, bench: Benc
         assert part.name in {one.robot for one in contacts(opened).all()}
     finally:
         rig.close()
+
+
+@pytest.mark.parametrize("chases", [0.0, 1.0])
+def test_a_hand_at_a_part_goes_over_the_parts_on_its_way_to_the_arm(
+    product: Product, bench: Bench, chases: float
+) -> None:
+    slow = bench.overhead.model_copy(update={"rate_hz": 0.01})
+    blind = bench.model_copy(update={"overhead": slow})
+    rude = Person(robot=BesideRobot(waits=0.0, chases=chases))
+    opened = SimCell(product, blind, SimSettings(person=rude), "virtual", "over", 1, "g0")
+    rig = Rig(opened, "over")
+    try:
+        stands = fill_bracket(opened)
+        rig.move(downwards(0.60, -0.10, 0.20, 0.0), 1.5)
+        assert opened.worker is not None
+        touch(opened.worker, next(reversed(stands.values())))
+        rig.wait(1.6)
+        opened.worker.intrude("freeze", speed_m_s=1.2)
+        rig.wait(1.6)
+        assert contacts(opened).all()  # it got there
+        for part in opened.world.bodies:
+            if part.name in stands:
+                moved_m = math.dist(opened.world.part_pose(part).position_m, stands[part.name].position_m)
+                assert moved_m < 0.003, part.name
+    finally:
+        rig.close()
+
+
+def fill_bracket(cell: SimCell) -> dict[str, Pose]:
+    """A part of the person's in every hole; poses by body."""
+    world, stands = cell.world, {}
+    spare = [part for part in world.bodies if part.owner == "person"]
+    bracket = world.bench.bracket.pose
+    for part, (x, y) in zip(spare, world.product.bracket.holes_m.values(), strict=True):
+        stands[part.name] = bracket @ Pose.from_yaw((x, y, 0.0), math.pi / 2)
+        world.place(part, stands[part.name])
+    return stands
+
+
+def touch(worker: Worker, part: Pose) -> None:
+    """Begin to bring the fingertips to the head of a part, from above."""
+    work = worker._work
+    x, y, z = part.position_m
+    over_m, at_m = np.array([x, y, z + 0.15]), np.array([x, y, z + 0.05])
+    worker._intruding = chain(work.reach(over_m, 0.0, 0.025), work.reach(at_m))

@@ -13,15 +13,17 @@ from cell.commands.log_terminal import (
     FromOption,
     JsonOption,
     LogArgument,
+    OverwriteOption,
     UntilOption,
     beside,
     read,
-    read_span,
     say,
     spared,
+    streamed,
     tell_comparison,
     tell_entries,
     tell_json,
+    tell_lack,
     tell_nothing,
 )
 from cell.interfaces.errors import InputError
@@ -49,13 +51,19 @@ log_app = typer.Typer(no_args_is_help=True, help="Question and compare logs.")
 def report(
     log: LogArgument,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file; beside the log by default.")] = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one HTML page about a run; it needs no network."""
+    """Write one HTML page about a run; it needs no network. Of a run in parts that lasts hours, the shift alone."""
+    from cell.log.telling.overview import is_long, write_overview
     from cell.log.telling.report import write_report
 
-    page = spared(out or beside(log, ".html"), log)
-    size = write_report(read(log), page)
+    page, stream = spared(out or beside(log, ".html"), log, overwrite), streamed(log)
+    if is_long(stream.parts):
+        size = write_overview(stream, page)
+        tell_lack(log, stream)
+    else:
+        size = write_report(read(log), page)
     if as_json:
         tell_json({"report": str(page), "bytes": size})
     else:
@@ -68,7 +76,8 @@ def info(log: LogArgument, as_json: JsonOption = False) -> None:
     from cell.log.telling import query as question
     from cell.log.telling.text import info_lines
 
-    answer = question.info(read(log))
+    answer = question.info(stream := streamed(log))
+    tell_lack(log, stream)
     if as_json:
         tell_json(answer)
     else:
@@ -87,11 +96,10 @@ def ticks(
     from cell.log.telling import query as question
     from cell.log.telling.text import tick_lines
 
-    tell_entries(
-        question.ticks(read_span(log, from_s, until_s), from_s, until_s, everything),
-        as_json,
-        lambda tick: "\n".join(tick_lines(tick)),
-    )
+    stream = streamed(log, from_s, until_s)
+    found = question.ticks(stream, from_s, until_s, everything)
+    tell_entries(found, as_json, lambda tick: "\n".join(tick_lines(tick)))
+    tell_lack(log, stream)
 
 
 @log_app.command()
@@ -114,9 +122,9 @@ def query(
     asked = question.Query(node, status, key, topic, from_s, until_s)
     from cell.log.telling.text import short
 
-    tell_entries(
-        question.query(read_span(log, from_s, until_s), asked), as_json, lambda entry: short(entry, LONGEST_VALUE)
-    )
+    stream = streamed(log, from_s, until_s)
+    tell_entries(question.query(stream, asked), as_json, lambda entry: short(entry, LONGEST_VALUE))
+    tell_lack(log, stream)
 
 
 @log_app.command()
@@ -129,7 +137,8 @@ def nodes(
     """Say of every node of the tree how often it was ticked, how long it ran and how it ended."""
     from cell.log.telling.node_statistics import node_statistics, statistics_lines
 
-    found = node_statistics(read(log), from_s, until_s)
+    found = node_statistics(stream := streamed(log), from_s, until_s)
+    tell_lack(log, stream)
     if not any(node.ticks for node in found):
         tell_nothing()
     elif as_json:
@@ -146,13 +155,14 @@ def diff(
     html: Annotated[
         Path | None, typer.Option("--html", help="Also write a page: why first, both side by side.")
     ] = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> int:
     """Compare what two logs saw and decided, tick by tick; 0 where all is the same, 1 where it differs."""
     from cell.log.telling import query as question
 
     if html is not None:
-        spared(html, (one, other))
+        spared(html, (one, other), overwrite)
     logs = read([one]), read([other])
     unfinished = "; ".join(log.unfinished for log in logs if log.unfinished)
     names, found = (one.name, other.name) if one.name != other.name else ("A", "B"), question.diff(*logs)
@@ -186,6 +196,7 @@ def export_log(
     log: LogArgument,
     to: Annotated[ExportFormat, typer.Option(help="Format.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; beside the log by default.")] = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write a log for other tools: tables, transitions for Groot2, a video, MCAP for Rerun, a LeRobot data set.
@@ -204,7 +215,7 @@ def export_log(
     tables = {ExportFormat.transitions, ExportFormat.notes}
     endings = {ExportFormat.video: ".mp4", ExportFormat.rerun: ".rerun.mcap"}
     ending = endings.get(to, f".{to.value}.parquet" if to in tables else f".{to.value}")
-    target = spared(out or beside(log, ending), log)
+    target = spared(out or beside(log, ending), log, overwrite)
     count = export(read(log), to.value, target)
     what = {ExportFormat.btlog: "transitions", ExportFormat.video: "frames", ExportFormat.rerun: "lines"}.get(
         to, "rows"
@@ -272,15 +283,18 @@ def _tell_table(names: list[str], rows: list[tuple[object, ...]]) -> None:
 def sheet(
     log: LogArgument,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file; beside the log by default.")] = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Make the contact sheet of a run from its log."""
     from cell.log.telling.contact_sheet import write_sheet
     from cell.viewing.moments import Moments
 
-    target = spared(out or beside(log, ".png"), log)
-    recorded, moments = read(log), Moments()
-    for tick in recorded.ticks:
-        moments.see(tick.observation, tick.notes)
+    target = spared(out or beside(log, ".png"), log, overwrite or out is None)  # there runs put theirs
+    recorded, moments = streamed(log), Moments()
+    for piece in recorded:
+        for tick in piece.ticks:
+            moments.see(tick.observation, tick.notes)
+    tell_lack(log, recorded)
     try:
         made = write_sheet(recorded.path, moments, recorded.outcome.get("reason", recorded.unfinished), target)
     except OSError as error:

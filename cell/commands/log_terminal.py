@@ -14,15 +14,17 @@ import typer
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.log.reading.reader import Log
+    from cell.log.reading.reader import Log, LogStream
     from cell.log.replaying.compare import Comparison
 
 DIFFERS = 1
+OWN_PAGE = b'<meta name="generator" content="cell">'
 SHOWN_NODES = 15
 
 LogArgument = Annotated[
     list[Path], typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; the first one brings all.")
 ]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it is there.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]
 
 
@@ -50,30 +52,45 @@ def read(paths: Sequence[Path]) -> Log:
     return log
 
 
-def read_span(paths: Sequence[Path], from_s: float, until_s: float) -> Log:
-    """The parts of a log that hold a span of the run's clock; what they lack is said on standard error."""
-    from cell.log.reading.indexed import parts_within
-    from cell.log.reading.reader import files_of, read_log
+def streamed(paths: Sequence[Path], from_s: float = 0.0, until_s: float = math.inf) -> LogStream:
+    """A log file by file, however long it is: the parts that hold a span of the run's clock."""
+    from cell.log.reading.indexed import FOREVER_S, parts_within
+    from cell.log.reading.reader import LogStream, files_of
 
     files = files_of(paths[0]) if len(paths) == 1 else list(paths)
-    within = parts_within(files, from_s, until_s)
-    if within == files:
-        return read(paths)
-    log = read_log(within)
-    for gap in log.gaps:
-        sys.stderr.write(f"cell: {log.path}: {gap}\n")
-    return log
+    return LogStream(parts_within(files, min(from_s, FOREVER_S), min(until_s, FOREVER_S)))
 
 
-def spared(target: Path, sources: Iterable[Path]) -> Path:
-    """Where something is written.
+def tell_lack(paths: Sequence[Path], stream: LogStream) -> None:
+    """What a log lacks that was read to its end, or the parts of it that were: on standard error."""
+    from cell.log.reading.reader import files_of
+
+    files = files_of(paths[0]) if len(paths) == 1 else list(paths)
+    for lack in (stream.unfinished,) if list(stream.parts) == files else stream.gaps:
+        if lack:
+            sys.stderr.write(f"cell: {stream.path}: {lack}\n")
+
+
+def spared(target: Path, sources: Iterable[Path], overwrite: bool) -> Path:
+    """Where something is written: a new file, or a page of this program that stands there.
 
     Raises:
-        InputError: that is one of the files that it is made of.
+        InputError: that is one of the files that it is made of, or somebody else's file and may not be replaced.
     """
     if target.exists() and any(source.exists() and target.samefile(source) for source in sources):
         raise InputError(f"{target}: is what is read; choose another file to write")
+    if target.is_file() and not overwrite and not _own_page(target):
+        raise InputError(f"{target}: exists already; choose another file, or add --overwrite")
     return target
+
+
+def _own_page(path: Path) -> bool:
+    """Whether a file is a page that this program wrote."""
+    try:
+        with path.open("rb") as file:
+            return OWN_PAGE in file.read(300)
+    except OSError:
+        return False
 
 
 def beside(paths: Sequence[Path], suffix: str) -> Path:

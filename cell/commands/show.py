@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cell.commands.log_terminal import spared
+from cell.commands.log_terminal import OverwriteOption, spared
 from cell.commands.terminal import console
 from cell.interfaces.errors import InputError
 
@@ -43,12 +43,13 @@ def show(
     svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
     own_nodes: NodesOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Print the trees of a file, or draw them; of a log or a running cell with what every node does."""
     if (source is None) != running:
         raise InputError("name a tree file or a log, or say --running")
     for drawing in filter(None, (svg, png)):
-        spared(drawing, filter(None, [source]))
+        spared(drawing, filter(None, [source]), overwrite)
     if source is not None and source.suffix not in LOGS:
         if not math.isinf(at_s):
             raise InputError("--at goes with a log")
@@ -87,10 +88,15 @@ def _show_file(file: Path, svg: Path | None, png: Path | None, own_nodes: Iterab
 
 
 def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:
-    from cell.commands.log_terminal import read
+    from cell.commands.log_terminal import streamed, tell_lack
     from cell.log.telling.tree_at import tree_at
 
-    return tree_at(read([log]), at_s, own_nodes)
+    stream = streamed([log])
+    shown = tree_at(stream, at_s, own_nodes)
+    tell_lack([log], stream)
+    if shown.last and at_s > shown.time_s:
+        sys.stderr.write(f"cell: {log}: ends at {shown.time_s:.2f} s; this is its last tick\n")
+    return shown
 
 
 def _monitored(port: int) -> TreeAt:

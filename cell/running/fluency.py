@@ -45,9 +45,10 @@ class Fluency:
         self._before_s = seen.time_s
         self._moves += record.sent.trajectory is not None
         holds = record.judgement is not None and record.judgement.action >= Action.HOLD
-        self._interventions += holds and not self._holding
-        self._holding = holds
-        self._held_s += period_s if holds else 0.0
+        stopped = holds and (self._holding or seen.arm.moving or record.command.follow is not None)
+        self._interventions += stopped and not self._holding
+        self._holding = stopped
+        self._held_s += period_s if stopped else 0.0
         human = seen.bench is not None and seen.bench.action.kind != "idle"
         robot = seen.arm.moving or seen.gripper.object_status is ObjectStatus.MOVING
         self._add(period_s, human, robot)

@@ -118,6 +118,8 @@ def main() -> None:
         middle_s = play(kept, log, options.hours, options.limit_s) / 2
         for question in (("ticks", "--all"), ("query", "--topic", "verdict"), ("query", "--node", "PlacePart")):
             ask(log, middle_s, question)
+        for whole in (("log", "info"), ("log", "nodes"), ("report",)):
+            ask_all(log, whole)
 
 
 def one_bracket(folder: Path, seed: int) -> Kept:
@@ -238,6 +240,15 @@ def ask(log: Path, from_s: float, question: tuple[str, ...]) -> None:
     print(
         f"cell log {asked}, 10 s: {answers} answers, {took_s} s, processor {cpu_s} s, {memory:.0f} MB{measured.stderr}"
     )
+
+
+def ask_all(log: Path, question: tuple[str, ...]) -> None:
+    """A question about the whole log, in a process of its own."""
+    command = [sys.executable, "-m", "cell", *question, str(log)]
+    measured = subprocess.run([sys.executable, "-c", MEASURE, *command], capture_output=True, text=True, check=True)
+    took_s, cpu_s, most_kb, _ = measured.stdout.split()
+    memory = float(most_kb) / 1e3
+    print(f"cell {' '.join(question)}, whole: {took_s} s, processor {cpu_s} s, {memory:.0f} MB{measured.stderr}")
 
 
 def memory_mb() -> float:

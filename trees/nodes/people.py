@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
 from py_trees.common import Status
 
-from cell.interfaces.perception import PartsView
+from cell.interfaces.perception import HandSample, PartsView
 from cell.interfaces.pose import Array
 from trees.engine.ports import InputPort
 from trees.engine.vocabulary import Hole
@@ -48,11 +49,16 @@ class WaitForAction(CellNode):
 
 
 class HandWatch(CellNode):
-    """Base of the nodes that wait while the hand is near the way to something, or while nothing is known of it."""
+    """Base of the nodes that wait while the hand is near the way to something, or while nothing is known of it.
+
+    A hand that leaves is as far away as it will be when the arm arrives, one that comes is as near.
+    """
 
     abstract = True
 
     distance_m = InputPort(float, "how near is too near", default=0.20)
+    lookahead_s = InputPort(float, "the hand counts as where it will be after this time", default=0.0)
+    way_m = InputPort(float, "how much of the way counts, from the tool on; all of it by default", default=10.0)
     stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5)
 
     def target(self) -> tuple[str, Array]:
@@ -67,8 +73,9 @@ class HandWatch(CellNode):
         if view.hand is None:
             return Status.SUCCESS
         name, target_m = self.target()
-        way = (np.array(self.services.tool_on_bench_m()), target_m)
-        nearest_m = min(distance_m(point, *way) for point in (view.hand.fingertips_m, view.hand.palm_m))
+        way = beginning(np.array(self.services.tool_on_bench_m()), target_m, self.way_m.get())
+        soon = moved(view.hand, self.lookahead_s.get())
+        nearest_m = min(distance_m(point, *way) for point in (soon.fingertips_m, soon.palm_m))
         if nearest_m >= self.distance_m.get():
             return Status.SUCCESS
         self.feedback_message = f"the hand is near the way to {name}"
@@ -111,6 +118,21 @@ def hole_on_bench_m(services: Services, position: str) -> Array:
     """Where a hole is on the bench, (2,)."""
     hole = np.array([*services.product.bracket.holes_m[position], 0.0])
     return services.bench.bracket.pose.transform(hole)[:2]
+
+
+def beginning(start: Array, end: Array, length_m: float) -> tuple[Array, Array]:
+    """The first piece of the straight way between two points, all (2,)."""
+    whole_m = float(np.linalg.norm(end - start))
+    return start, end if whole_m <= length_m else start + (end - start) * (length_m / whole_m)
+
+
+def moved(hand: HandSample, time_s: float) -> HandSample:
+    """The hand where it will be if it goes on as it moves now."""
+    if hand.velocity_m_s is None or time_s == 0.0:
+        return hand
+    x, y = (time_s * speed_m_s for speed_m_s in hand.velocity_m_s)
+    tips, palm = hand.fingertips_m, hand.palm_m
+    return replace(hand, fingertips_m=(tips[0] + x, tips[1] + y), palm_m=(palm[0] + x, palm[1] + y))
 
 
 def distance_m(point: tuple[float, float], start: Array, end: Array) -> float:

@@ -5,7 +5,6 @@ A log of a killed process has no index; it is read whole.
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import struct
@@ -15,18 +14,15 @@ from pathlib import Path
 from typing import BinaryIO
 
 from mcap.exceptions import McapError
-from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Footer, Statistics, SummaryOffset
-from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
 from cell.interfaces.errors import LogError
+from cell.log.reading.footer import statistics
 from cell.log.reading.mcap_file import Message, read_mcap
 from cell.log.reading.reader import files_of
 
 FOREVER_S = 1e9
-FOOTER_BYTES = 9 + 20 + 8  # head, content, magic at the end of the file
 
 
 class IndexedLog:
@@ -116,35 +112,13 @@ def parts_within(paths: Sequence[Path], from_s: float, until_s: float) -> list[P
 
 
 def _ends_ns(path: Path) -> float:
-    counted = _statistics(path)
+    counted = statistics(path)
     return math.inf if counted is None else float(counted.message_end_time)
 
 
 def _begins_ns(path: Path) -> float:
-    counted = _statistics(path)
+    counted = statistics(path)
     return -math.inf if counted is None else float(counted.message_start_time)
-
-
-def _statistics(path: Path) -> Statistics | None:
-    """How many messages a file has, and from when to when; None where it does not say.
-
-    Read from the offsets at the end of the file, without the index of its chunks.
-    """
-    try:
-        with path.open("rb") as stream:
-            stream.seek(-FOOTER_BYTES, io.SEEK_END)
-            footer = next(StreamReader(stream, skip_magic=True).records)
-            if not isinstance(footer, Footer) or not footer.summary_offset_start:
-                return None
-            stream.seek(footer.summary_offset_start)
-            for record in StreamReader(stream, skip_magic=True).records:
-                if isinstance(record, SummaryOffset) and record.group_opcode == Opcode.STATISTICS:
-                    stream.seek(record.group_start)
-                    found = next(StreamReader(stream, skip_magic=True).records)
-                    return found if isinstance(found, Statistics) else None
-    except (McapError, struct.error, ValueError, OSError, StopIteration):
-        return None
-    return None
 
 
 class _NoIndexError(Exception):

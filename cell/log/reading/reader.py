@@ -7,12 +7,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cell.interfaces.errors import LogError
+from cell.log.reading.footer import metadata_names
 from cell.log.reading.mcap_file import PROFILE, McapContent, Message, read_mcap
 from cell.log.reading.ticks import SNAPSHOT, Gap, TickBuilder
 from cell.log.reading.ticks import LoggedTick as LoggedTick  # who reads a log needs them
 from cell.log.reading.ticks import Note as Note
 from cell.recording import digest
 from cell.recording.parts import part_number, parts_of, whole_path
+
+LOSSY = {"recovered", "dropped"}  # metadata of files that say themselves that something is missing
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,10 @@ class Log:
             return False
         return digest.inputs_sha256((message.topic, message.data) for message in self.messages) != recorded
 
+    def __iter__(self) -> Iterator[Piece]:
+        """All of it, as one piece, as a LogStream gives many."""
+        yield Piece(list(self.ticks), list(self.messages))
+
     @property
     def ticks_of_run(self) -> int:
         """How many ticks the run had, as far as the log knows: more than are here where some are missing."""
@@ -75,6 +82,80 @@ class _Part:
     follows: bool
 
 
+@dataclass(frozen=True)
+class Piece:
+    """What one file of a log holds: whole ticks, and all messages that no file before it had, in order."""
+
+    ticks: list[LoggedTick]
+    messages: list[Message]
+
+
+class LogStream:
+    """A log that may be long, read file by file: only one of its parts is in memory.
+
+    Iterate over it once. `attachments` and `metadata` are there with the first piece, the rest after the last one.
+
+    Attributes:
+        path, parts, attachments, metadata, outcome, result, unfinished, gaps: as in Log.
+        altered: whether something that the run saw was changed in the file.
+
+    Args:
+        path: as for `read_log`.
+    """
+
+    def __init__(self, path: Path | Sequence[Path]) -> None:
+        self.parts = tuple(files_of(path) if isinstance(path, Path) else path)
+        self.path = self.parts[0]
+        self.attachments: Mapping[str, bytes] = {}
+        self.metadata: Mapping[str, str] = {}
+        self.outcome: Mapping[str, str] = {}
+        self.result: Mapping[str, str] = {}
+        self.unfinished = ""
+        self.gaps: tuple[Gap, ...] = ()
+        self.altered = False
+        self._first_tick: int | None = None
+
+    def __iter__(self) -> Iterator[Piece]:
+        """Raises LogError where a file cannot be read, is no log of a run, is damaged or lacks a message inside."""
+        first = last = None
+        told: list[str] = []
+        inputs = digest.InputDigest()
+        ticks = TickBuilder(self.path, any(LOSSY & metadata_names(path) for path in self.parts))
+        for part in _parts(self.parts):
+            if first is None or last is None:
+                first = last = part
+                self.attachments, self.metadata = part.content.attachments, part.content.metadata.get("run", {})
+                ticks.begin(0 if part.number <= 1 and not part.content.cropped else None)
+                ticks.lossy |= bool(part.content.cropped)
+            else:
+                told += _broken_off(last, ticks)
+            ticks.lossy |= bool(LOSSY & part.content.metadata.keys())
+            piece = self._piece(part, ticks, inputs)
+            part.content.messages = []
+            yield piece
+            last = part
+        assert first is not None
+        assert last is not None
+        self.outcome = last.content.metadata.get("outcome", {})
+        self.result = last.content.metadata.get("result", {})
+        self.unfinished = "; ".join([*told, *_missing(first, last, ticks)])
+        self.gaps = tuple(ticks.gaps)
+        recorded = self.outcome.get(digest.NAME)
+        known = recorded is not None and not self.unfinished and self._first_tick == 0
+        self.altered = known and inputs.text() != recorded
+
+    def _piece(self, part: _Part, ticks: TickBuilder, inputs: digest.InputDigest) -> Piece:
+        messages = _beyond_head(part.content.messages) if part.follows else part.content.messages
+        for message in messages:
+            inputs.add(message.topic, message.data)
+            if message.encoding == "json":
+                ticks.take(message)
+        done = ticks.take_away()
+        if self._first_tick is None and done:
+            self._first_tick = done[0].number
+        return Piece(done, messages)
+
+
 def read_log(path: Path | Sequence[Path]) -> Log:
     """Read a whole log; one of a killed process is read up to its last whole tick and says so in `unfinished`.
 
@@ -85,34 +166,23 @@ def read_log(path: Path | Sequence[Path]) -> Log:
     Raises:
         LogError: a file cannot be read, is no log of a run, is damaged or lacks a message in its middle.
     """
-    paths = files_of(path) if isinstance(path, Path) else list(path)
-    parts = list(_parts(paths))
-    first, last = parts[0], parts[-1]
-    lossy = bool(first.content.cropped) or any(
-        name in part.content.metadata for part in parts for name in ("recovered", "dropped")
-    )
-    ticks = TickBuilder(first.path, lossy, 0 if first.number <= 1 and not first.content.cropped else None)
+    stream = LogStream(path)
+    ticks: list[LoggedTick] = []
     messages: list[Message] = []
-    told: list[str] = []
-    for part in parts:
-        new = _beyond_head(part.content.messages) if part.follows else part.content.messages
-        for message in new:
-            if message.encoding == "json":
-                ticks.take(message)
-        messages += new
-        if part is not last:
-            told += _broken_off(part, ticks)
+    for piece in stream:
+        ticks += piece.ticks
+        messages += piece.messages
     return Log(
-        path=first.path,
-        attachments=first.content.attachments,
-        metadata=first.content.metadata.get("run", {}),
-        outcome=last.content.metadata.get("outcome", {}),
-        result=last.content.metadata.get("result", {}),
-        ticks=tuple(ticks.done),
+        path=stream.path,
+        attachments=stream.attachments,
+        metadata=stream.metadata,
+        outcome=stream.outcome,
+        result=stream.result,
+        ticks=tuple(ticks),
         messages=tuple(messages),
-        unfinished="; ".join([*told, *_missing(first, last, ticks)]),
-        gaps=tuple(ticks.gaps),
-        parts=tuple(paths),
+        unfinished=stream.unfinished,
+        gaps=stream.gaps,
+        parts=stream.parts,
     )
 
 
@@ -171,8 +241,8 @@ def _missing(first: _Part, last: _Part, ticks: TickBuilder) -> list[str]:
     if cropped := first.content.cropped:
         told.append(f"the beginning was cropped: {sum(cropped.values())} messages of {', '.join(sorted(cropped))}")
     counted = last.content.metadata.get("outcome", {}).get("ticks", "")
-    if counted.isdigit() and ticks.done and ticks.done[-1].number + 1 < int(counted):
-        told.append(f"the end was cropped: the run had {counted} ticks, the last one here is {ticks.done[-1].number}")
+    if counted.isdigit() and ticks.last is not None and ticks.last + 1 < int(counted):
+        told.append(f"the end was cropped: the run had {counted} ticks, the last one here is {ticks.last}")
     if ticks.blind:
         told.append(f"{ticks.blind} ticks saw answers of detectors that are missing")
     if last.content.unfinished:

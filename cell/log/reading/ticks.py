@@ -109,21 +109,22 @@ class TickBuilder:
     Args:
         path: of the log, for messages.
         lossy: the log itself says that something is missing: what is left of half a tick is passed over, too.
-        first: number of the first tick; None where it may be any.
 
     Attributes:
-        done: whole ticks.
+        done: whole ticks that were not taken away yet.
+        last: number of the newest whole tick; None before the first.
         gaps: ticks that are missing between them.
         blind: how many ticks saw an answer of a detector that is missing; their observations hold None for it.
         pending: number of a tick that is not whole at the end.
     """
 
-    def __init__(self, path: Path, lossy: bool = False, first: int | None = 0) -> None:
+    def __init__(self, path: Path, lossy: bool = False) -> None:
         self.done: list[LoggedTick] = []
+        self.last: int | None = None
         self.gaps: list[Gap] = []
         self.blind = 0
-        self._path, self._lossy = path, lossy
-        self._next = first
+        self._path, self.lossy = path, lossy
+        self._next: int | None = 0
         self._pending: _Pending | None = None
         self._outside: list[Note] = []
         self._bench: BenchView | None = None
@@ -155,6 +156,15 @@ class TickBuilder:
             what = f"message of {topic} at {message.time_ns / 1e9:.3f} s does not hold what it should"
             raise LogError(self._path, f"{what}: {type(error).__name__}: {error}") from None
 
+    def begin(self, first: int | None) -> None:
+        """Before the first message: the number of the first tick; None where it may be any."""
+        self._next = first
+
+    def take_away(self) -> list[LoggedTick]:
+        """Whole ticks since the last call."""
+        taken, self.done = self.done, []
+        return taken
+
     def break_off(self) -> None:
         """The rest of a tick that is not whole is not there, as its file ends."""
         self._pending = None
@@ -162,7 +172,7 @@ class TickBuilder:
     def _open(self, fields: dict[str, Any]) -> None:
         number = int(fields["tick"])
         if self._pending is not None:
-            if not self._lossy:
+            if not self.lossy:
                 raise LogError(self._path, f"tick {self._pending.number} is not whole when tick {number} begins")
             self._pending = None
         expected = number if self._next is None else self._next
@@ -198,7 +208,7 @@ class TickBuilder:
         known_parts = self._parts if parts == (self._parts and self._parts.sequence) else None
         lost = (known_bench is None and bench is not None) or (known_parts is None and parts is not None)
         wrong = (bench is None and self._bench is not None) or (parts is None and self._parts is not None)
-        if wrong or (lost and not (self._lossy or self.gaps)):
+        if wrong or (lost and not (self.lossy or self.gaps)):
             raise LogError(self._path, f"tick {number} saw answers {bench} and {parts}, which are not in the log")
         self.blind += lost
         return known_bench, known_parts
@@ -208,7 +218,7 @@ class TickBuilder:
         if topic == "/judgement":
             fields["reasons"] = [_reason(one) for one in fields["reasons"]]
         if self._pending is None or number != self._pending.number:
-            if self._lossy:
+            if self.lossy:
                 return  # of a tick that lost its beginning: it counts as missing
             raise LogError(self._path, f"a message of {topic} for tick {number} stands outside of that tick")
         if topic.startswith("/note/"):
@@ -225,8 +235,8 @@ class TickBuilder:
         assert pending is not None
         if "/tick" in pending.parts:
             self.done.append(pending.whole())
-            self._next = number + 1
-        elif not self._lossy:
+            self.last, self._next = number, number + 1
+        elif not self.lossy:
             raise LogError(self._path, f"tick {number} has no message of /tick")
 
 

@@ -13,7 +13,7 @@ from cell.interfaces.errors import LogError
 from cell.interfaces.model import Model
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml
-from cell.log.reading.reader import Log
+from cell.log.reading.reader import Log, LogStream
 from cell.running.node_library import node_registry
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
@@ -24,7 +24,7 @@ PRODUCT, CONFIGURATION = "product.yaml", "configuration.yaml"
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
-def logged_tree(log: Log, more: Iterable[str] = ()) -> Tree:
+def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:
     """Load it with the nodes of this version.
 
     Args:
@@ -43,7 +43,7 @@ def logged_tree(log: Log, more: Iterable[str] = ()) -> Tree:
         return load_tree(Path(folder) / name, node_registry(more=more))
 
 
-def write_files(log: Log, files: Mapping[str, bytes], folder: Path) -> None:
+def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) -> None:
     """Put attachments of a log into a folder, in folders of their own as their names say.
 
     Raises:

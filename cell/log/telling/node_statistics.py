@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from array import array
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from statistics import median
 
-from cell.log.reading.reader import Log, LoggedTick
-from cell.log.telling.summary import tick_period_s
+from cell.log.reading.reader import Log, LoggedTick, LogStream
 from trees.engine.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
+
+TICK_S = 0.04  # of a log that holds only one
 
 
 @dataclass
@@ -32,18 +36,23 @@ class NodeStatistics:
     reason: str = ""
 
 
-def node_statistics(log: Log, from_s: float = 0.0, until_s: float = float("inf")) -> list[NodeStatistics]:
+def node_statistics(log: Log | LogStream, from_s: float = 0.0, until_s: float = float("inf")) -> list[NodeStatistics]:
     """Of every node that was ticked in a span of time [s], in the order of the tree."""
     nodes: dict[int, NodeStatistics] = {}
     running: set[int] = set()
-    period_s = tick_period_s(log)
-    for tick in log.ticks:
+    ran: Counter[int] = Counter()
+    gaps_s, before_s = array("d"), None
+    for tick in (tick for piece in log for tick in piece.ticks):
+        if before_s is not None:
+            gaps_s.append(tick.time_s - before_s)
+        before_s = tick.time_s
         counted = from_s <= tick.time_s <= until_s
         touched = _follow(tick, nodes, running, counted)
         for uid in touched | running if counted else ():
             nodes[uid].ticks += 1
-        for uid in running if counted else ():
-            nodes[uid].running_s += period_s
+        ran.update(running if counted else ())
+    for uid, ticks in ran.items():
+        nodes[uid].running_s = ticks * (median(gaps_s) if gaps_s else TICK_S)
     return [nodes[uid] for uid in sorted(nodes) if nodes[uid].ticks]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from array import array
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any
 
 import orjson
 
-from cell.log.reading.reader import Log
+from cell.log.reading.reader import Log, LogStream
 from cell.log.replaying.compare import Comparison, Difference, differences, input_differences, logged
 from cell.recording.schemas import plain
 
@@ -36,20 +37,28 @@ class Query:
     until_s: float = FOREVER
 
 
-def info(log: Log) -> dict[str, Any]:
+def info(log: Log | LogStream) -> dict[str, Any]:
     """A log in a few lines: how the run ended, what is attached, how many messages there are of which topic."""
-    counts = Counter(message.topic for message in log.messages)
+    counts: Counter[str] = Counter()
     sizes: Counter[str] = Counter()
-    for message in log.messages:
-        sizes[message.topic] += len(message.data)
-    wall_s = sorted(tick.wall_s for tick in log.ticks)
+    wall_s, overruns, first_s, last_s = array("d"), 0, 0.0, 0.0
+    for piece in log:
+        for message in piece.messages:
+            counts[message.topic] += 1
+            sizes[message.topic] += len(message.data)
+        if piece.ticks:
+            first_s = first_s if wall_s else piece.ticks[0].time_s
+            last_s = piece.ticks[-1].time_s
+        wall_s.extend(tick.wall_s for tick in piece.ticks)
+        overruns += sum(tick.overrun for tick in piece.ticks)
+    wall_s = array("d", sorted(wall_s))
     return {
         "log": str(log.path),
         "parts": [path.name for path in log.parts] if len(log.parts) > 1 else [],
         "bytes": sum(path.stat().st_size for path in log.parts or (log.path,)),
-        "ticks": len(log.ticks),
-        "duration_s": log.ticks[-1].time_s - log.ticks[0].time_s if log.ticks else 0.0,
-        "overruns": sum(tick.overrun for tick in log.ticks),
+        "ticks": len(wall_s),
+        "duration_s": last_s - first_s,
+        "overruns": overruns,
         "tick_wall_p50_ms": round(1e3 * wall_s[len(wall_s) // 2], 3) if wall_s else None,
         "tick_wall_max_ms": round(1e3 * wall_s[-1], 3) if wall_s else None,
         "unfinished": log.unfinished,
@@ -62,9 +71,11 @@ def info(log: Log) -> dict[str, Any]:
     }
 
 
-def ticks(log: Log, from_s: float = 0.0, until_s: float = FOREVER, all_ticks: bool = False) -> Iterator[dict[str, Any]]:
+def ticks(
+    log: Log | LogStream, from_s: float = 0.0, until_s: float = FOREVER, all_ticks: bool = False
+) -> Iterator[dict[str, Any]]:
     """Ticks with what happened in them; those in which nothing was decided only where all are asked for."""
-    for tick in log.ticks:
+    for tick in (tick for piece in log for tick in piece.ticks):
         told = tick.notes or tick.command or tick.display or tick.status != "RUNNING"
         if from_s <= tick.time_s <= until_s and (told or all_ticks):
             yield {
@@ -79,12 +90,12 @@ def ticks(log: Log, from_s: float = 0.0, until_s: float = FOREVER, all_ticks: bo
             }
 
 
-def query(log: Log, asked: Query) -> Iterator[dict[str, Any]]:
+def query(log: Log | LogStream, asked: Query) -> Iterator[dict[str, Any]]:
     """Entries that fit everything asked: status changes where a node or a status is asked, else whole messages."""
     if asked.node is not None or asked.status is not None:
         yield from (entry for entry in _changes(log, asked) if asked.key is None or _has(entry, asked.key))
         return
-    for message in log.messages:
+    for message in (message for piece in log for message in piece.messages):
         time_s = message.time_ns / 1e9
         if message.encoding != "json" or not asked.from_s <= time_s <= asked.until_s:
             continue
@@ -110,8 +121,8 @@ def diff(one: Log, other: Log) -> Comparison:
     return comparison
 
 
-def _changes(log: Log, asked: Query) -> Iterator[dict[str, Any]]:
-    for tick in log.ticks:
+def _changes(log: Log | LogStream, asked: Query) -> Iterator[dict[str, Any]]:
+    for tick in (tick for piece in log for tick in piece.ticks):
         if not asked.from_s <= tick.time_s <= asked.until_s or asked.topic not in (None, "tick", "/tick"):
             continue
         for change in tick.changes:

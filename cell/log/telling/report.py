@@ -76,6 +76,7 @@ def report_html(log: Log) -> str:
     return rendered(
         TEMPLATE,
         log=log,
+        parts=[],
         shift=shift_of(log),
         axis=axis,
         width=WIDTH,

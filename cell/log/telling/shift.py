@@ -9,6 +9,7 @@ quality: share of the ended brackets in which every hole was seen filled, or of 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -85,10 +86,15 @@ class Shift:
 
 def shift_of(log: Log) -> Shift | None:
     """The shift that a log tells of; None where its tree named no brackets."""
-    brackets = _brackets(log)
+    return shift_from(log.ticks, lambda: log.result)
+
+
+def shift_from(ticks: Iterable[LoggedTick], result: Callable[[], Mapping[str, str]]) -> Shift | None:
+    """The same from ticks that are read once; how the job was done is asked for after the last of them."""
+    brackets = _brackets(ticks)
     if not brackets:
         return None
-    _judge(log, brackets)
+    _judge(result(), brackets)
     ended = [one for one in brackets if one.finished is not None]
     lengths = [one.length_s for one in ended if one.finished]
     worked_s = sum(one.length_s for one in brackets)
@@ -101,11 +107,11 @@ def shift_of(log: Log) -> Shift | None:
     )
 
 
-def _brackets(log: Log) -> list[BracketRow]:
+def _brackets(ticks: Iterable[LoggedTick]) -> list[BracketRow]:
     found: list[BracketRow] = []
     asked: list[Any] = []
-    before_s = log.ticks[0].time_s if log.ticks else 0.0
-    for tick in log.ticks:
+    before_s = 0.0
+    for tick in ticks:
         if found and found[-1].finished is None:
             found[-1].end_s = tick.time_s
             if reason := _waits_for(tick, asked):
@@ -150,10 +156,10 @@ def _note(topic: str, fields: Any, tick: LoggedTick, found: list[BracketRow]) ->
         now.questions.append(str(fields.get("text")))
 
 
-def _judge(log: Log, brackets: list[BracketRow]) -> None:
+def _judge(result: Mapping[str, str], brackets: list[BracketRow]) -> None:
     """Say of each bracket whether it is right, where the log's result knows."""
     try:
-        told = json.loads(log.result["brackets"]) if "brackets" in log.result else []
+        told = json.loads(result["brackets"]) if "brackets" in result else []
     except (ValueError, TypeError):
         told = []
     known = {one.get("number"): one for one in told if isinstance(one, dict)}

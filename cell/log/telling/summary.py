@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from statistics import median
 
 from py_trees.common import Status
 
 from cell.interfaces.errors import InputError, LogError
+from cell.log.reading.mcap_file import Message
 from cell.log.reading.reader import Log
 from cell.log.reading.viewer_messages import LINE, decoded
 from cell.log.replaying.logged_tree import logged_tree
@@ -228,11 +230,16 @@ def lines(log: Log) -> list[Line]:
     Raises:
         LogError: a line of the log is damaged.
     """
+    return lines_from(log.path, log.messages)
+
+
+def lines_from(path: Path, messages: Iterable[Message]) -> list[Line]:
+    """The same from messages that are read once; the path is for what is wrong."""
     found: list[Line] = []
-    for message in log.messages:
+    for message in messages:
         if message.topic != LINES:
             continue
-        said = decoded(log.path, message, LINE)
+        said = decoded(path, message, LINE)
         line = Line(message.time_ns / 1e9, LEVELS.get(said.level, "error"), said.message)
         if found and (found[-1].level, found[-1].text) == (line.level, line.text):
             found[-1] = replace(found[-1], count=found[-1].count + 1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.command import JointTrajectory
+from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.judgement import Action as Judged
 from cell.interfaces.judgement import Judgement
 from cell.interfaces.perception import Action, HandSample
@@ -55,6 +55,15 @@ def test_interventions_and_motions_are_counted() -> None:
         fluency.tick(replace(tick(number, False, True, held), sent=sent))
     found = fluency.report()
     assert (found["interventions"], found["moves"], found["held_s"]) == (2, 5, pytest.approx(0.12))
+
+
+def test_an_arm_that_stands_and_wants_nothing_is_not_held() -> None:
+    fluency = Fluency(lambda _: (0.0, 0.0))
+    wants = Command(follow=JointTrajectory(np.zeros(1), np.zeros((1, 6))))
+    for number, one in enumerate((Command(), Command(), wants, Command())):
+        fluency.tick(replace(tick(number, False, False, held=True), command=one))
+    found = fluency.report()
+    assert (found["interventions"], found["held_s"]) == (1, pytest.approx(0.08))
 
 
 def test_where_nobody_acts_there_are_no_shares() -> None:

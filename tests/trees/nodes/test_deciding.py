@@ -9,7 +9,7 @@ from py_trees.common import Status
 
 from cell.interfaces.errors import ModelError
 from cell.interfaces.journal import ListJournal
-from cell.interfaces.perception import Action, HoleView
+from cell.interfaces.perception import Action, HandSample, HoleView
 from cell.interfaces.planning import AssemblyState, GraspPlan
 from tests.trees.nodes.rig import (
     BENCH,
@@ -98,6 +98,30 @@ def test_the_arm_waits_for_a_near_hand_and_for_a_fresh_view() -> None:
     assert node.update() is Status.SUCCESS
     at.observation = replace(at.observation, time_s=3.0)
     assert node.update() is Status.RUNNING
+
+
+def test_a_hand_counts_as_where_it_will_be_and_so_much_of_the_way() -> None:
+    at = services()
+    x, y, _ = BENCH.bracket.position_m
+    y += PRODUCT.bracket.holes_m["p3"][1]
+
+    def answer(hand: HandSample, **ports: float) -> Status:
+        node = WaitForHandClear("clear")
+        node.setup(services=at)
+        node.position.entry.value = "p3"  # type: ignore[union-attr]
+        for name, value in ports.items():
+            getattr(node, name).entry.value = value
+        see(at, 1.0, hand=hand)
+        return node.update()
+
+    leaves = replace(hand_at(x + 0.15, y), velocity_m_s=(0.5, 0.0))
+    comes = replace(hand_at(x + 0.3, y), velocity_m_s=(-0.5, 0.0))
+    assert (answer(leaves), answer(comes)) == (Status.RUNNING, Status.SUCCESS)
+    assert answer(leaves, lookahead_s=0.4) is Status.SUCCESS
+    assert answer(comes, lookahead_s=0.4) is Status.RUNNING
+    rests = hand_at(x, y)
+    assert answer(rests, way_m=0.05) is Status.SUCCESS, "the arm is far away yet"
+    assert answer(rests, way_m=5.0) is Status.RUNNING
 
 
 def test_the_arm_waits_for_a_hand_near_the_part_that_it_goes_to() -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import gc
 import os
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,10 @@ from cell.interfaces.command import Command, Display
 from cell.interfaces.errors import LogError
 from cell.log.reading.indexed import IndexedLog, parts_within
 from cell.log.reading.mcap_file import read_mcap
-from cell.log.reading.reader import Log, read_log
+from cell.log.reading.reader import Log, LogStream, read_log
 from cell.log.replaying.replay import Replay
+from cell.log.telling.node_statistics import node_statistics
+from cell.log.telling.query import Query, info, query
 from cell.recording import file as log_file
 from cell.recording import joint_samples
 from cell.recording.packing import pack
@@ -67,6 +71,30 @@ def test_all_parts_together_are_the_log_in_one_file(path: Path) -> None:
     path.unlink()
     assert told(read_log(path)) == told(whole), "the name without a number stands for all parts"
     assert told(read_log(parts_of(path))) == told(whole)
+
+
+def test_a_stream_tells_the_same_part_by_part(path: Path) -> None:
+    whole, stream = read_log(path), LogStream(path)
+    sizes, ticks, messages = [], [], []
+    for piece in stream:
+        sizes.append(len(piece.ticks))
+        ticks += piece.ticks
+        messages += piece.messages
+    assert sizes == [10, 10, 10, 10]
+    assert (tuple(ticks), tuple(messages)) == (whole.ticks, whole.messages)
+    assert (stream.outcome, stream.unfinished, stream.altered) == (whole.outcome, "", False)
+    assert info(LogStream(path)) == info(whole)
+    assert node_statistics(LogStream(path)) == node_statistics(whole)
+    assert list(query(LogStream(path), Query(topic="tick"))) == list(query(whole, Query(topic="tick")))
+
+
+def test_a_stream_holds_one_part_at_a_time(tmp_path: Path) -> None:
+    recorded(tmp_path / "log.mcap", rotate_s=0.4)
+    pieces = iter(LogStream(tmp_path / "log.mcap"))
+    first = weakref.ref(next(pieces).ticks[0].observation)
+    next(pieces), next(pieces)
+    gc.collect()
+    assert first() is None
 
 
 def test_a_part_can_be_read_alone(path: Path) -> None:

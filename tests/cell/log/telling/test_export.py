@@ -131,4 +131,7 @@ def test_what_a_log_lacks_is_a_typed_error(assembly_log: Log, tmp_path: Path) ->
     with pytest.raises(LogError, match="no tick"):
         export(replace(assembly_log, ticks=()), "csv", tmp_path / "ticks.csv")
     assert main(["log", "export", str(assembly_log.path), "--to", "csv", "-o", str(tmp_path / "no" / "x.csv")]) == 2
+    (tmp_path / "mine.csv").write_text("mine")
+    assert main(["log", "export", str(assembly_log.path), "--to", "csv", "-o", str(tmp_path / "mine.csv")]) == 2
+    assert (tmp_path / "mine.csv").read_text() == "mine"
     assert main(["log", "export", str(assembly_log.path), "--to", "xls"]) == 2

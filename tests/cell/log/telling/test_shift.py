@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cell.commands.main import main
 from cell.interfaces.command import Command, Display
 from cell.interfaces.judgement import Action, Judgement
 from cell.interfaces.operator import Question
@@ -14,6 +15,7 @@ from cell.log.reading.reader import read_log
 from cell.log.telling.report import report_html
 from cell.log.telling.shift import Shift, shift_of
 from cell.observer import Outcome
+from cell.recording.parts import part_path
 from cell.recording.recorder import Heading, McapRecorder
 from cell.settings import LogSettings
 from tests.cell.running.test_brackets import BEGIN, END, NEXT, Note, record
@@ -76,6 +78,31 @@ def test_effectiveness_is_the_product_of_its_three_shares(shift: Shift) -> None:
     assert shift.performance == pytest.approx(4 / 7)
     assert shift.quality == 0.5
     assert shift.oee == pytest.approx(shift.availability * shift.performance * 0.5)
+
+
+def test_a_long_shift_is_told_part_by_part(tmp_path: Path) -> None:
+    path = tmp_path / "long.mcap"
+    recorder = McapRecorder(
+        path, LogSettings(camera_frames=False, rotate_s=600), Heading({}, {}), result=lambda: {"brackets": JUDGED}
+    )
+    ends: tuple[Note, ...] = (("bracket", {**END[0][1], "placed": {}, "goal": "g0"}),)
+    notes = {1: BEGIN, 7: ends, 8: NEXT, 11: SECOND_END}
+    for number in range(12):
+        one = record(number, notes.get(number, ()))
+        recorder.tick(replace(one, observation=replace(one.observation, tick=number, time_s=number * 300.0)))
+        recorder.settle()
+    recorder.close(Outcome("finished", "", 12, 0, 3300.0, 0.1))
+    page = tmp_path / "long.html"
+    assert main(["report", str(path)]) == 0
+    told = page.read_text()
+    assert "The shift" in told
+    assert f"cell report {part_path(path, 2)}" in told
+    assert "What the nodes did" not in told
+    assert main(["report", str(path)]) == 0, "its own page may be written anew"
+    page.write_text("<html>mine</html>")
+    assert main(["report", str(path)]) == 2
+    assert page.read_text() == "<html>mine</html>"
+    assert main(["report", str(path), "--overwrite"]) == 0
 
 
 def test_a_log_without_brackets_is_no_shift(tmp_path: Path) -> None:

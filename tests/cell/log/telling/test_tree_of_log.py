@@ -96,6 +96,11 @@ def test_the_command_line_shows_a_log(tmp_path: Path, capsys: pytest.CaptureFixt
     assert {"4", "3"} <= frames  # something runs, something succeeded
     assert main(["log", "nodes", str(log), "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[0])["ticks"] > 500
+    assert main(["show", str(log), "--at", "20", "--svg", str(svg)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["show", str(log), "--at", "20", "--svg", str(svg), "--overwrite"]) == 0
+    assert main(["show", str(log), "--at", "999"]) == 0
+    assert "this is its last tick" in capsys.readouterr().err
     assert main(["show"]) == 2
     assert "name a tree file or a log" in capsys.readouterr().err
     assert main(["show", "trees/assemble.xml", "--at", "3"]) == 2

@@ -119,8 +119,8 @@ class ContactMonitor:
         name = model.body(model.geom_bodyid[geom]).name
         if name.startswith("hand"):
             touch = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
-            flesh = {(hand.CONTYPE, hand.CONAFFINITY), (hand.CONTYPE, hand.FOREARM_CONAFFINITY)}
-            return SKIN if touch == palette.SKIN_TOUCH else FLESH if touch in flesh else 0
+            flesh = hand.CONTYPE, hand.CONAFFINITY
+            return SKIN if touch == palette.SKIN_TOUCH else FLESH if touch == flesh else 0
         if int(model.geom_bodyid[geom]) in self._parts:
             return PART
         return FINGER if name.startswith("finger_") else 0
@@ -173,8 +173,7 @@ class ContactMonitor:
         return float(np.linalg.norm(jacobian[:, self._arm] @ self._driven_rad_s()))
 
     def _human(self, geom: int) -> str:
-        forearm = self._model.geom_group[geom] == hand.FOREARM_SKIN_GROUP
-        forearm |= self._model.geom_conaffinity[geom] == hand.FOREARM_CONAFFINITY
+        forearm = self._model.geom_group[geom] in (hand.FOREARM_GROUP, hand.FOREARM_SKIN_GROUP)
         return "forearm" if forearm else "hand"
 
     def _extend(self, now: Contact) -> None:

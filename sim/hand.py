@@ -27,10 +27,10 @@ MAX_GAP_M = 0.11
 # Flesh touches parts, table, bins and bracket (sim/palette.py). Each shape has a hidden twin of the same size that
 # touches the robot, as stiff as a person: ISO/TS 15066, Table A.3, gives 75 N/mm for hands and 40 N/mm for forearms.
 CONTYPE, CONAFFINITY = 4, 3
-FOREARM_CONAFFINITY = 2  # parts alone
 HAND_N_M, FOREARM_N_M = 75e3, 40e3
 MOVING_MASS_KG = 1.1  # of hand and forearm here; MuJoCo takes stiffness for each kilogram
 SKIN_DAMPING = 0.6  # of 2 for critical damping: flesh is soft and dull
+FOREARM_GROUP = 2
 SKIN_GROUP, FOREARM_SKIN_GROUP = 3, 4  # hidden from the cameras
 PUSH_N, TWIST_NM, PINCH_N = 150.0, 8.0, 150.0  # the most that the person's arm, wrist and fingers give
 
@@ -50,7 +50,7 @@ FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever i
     "friction": (1.2, 0.01, 0.0001),
     "priority": 1,
 }
-FOREARM_TOUCH = {**FLESH_TOUCH, "conaffinity": FOREARM_CONAFFINITY}
+FOREARM_TOUCH = {**FLESH_TOUCH, "group": FOREARM_GROUP}
 
 TOOL_AWAY_M = 1.6
 TOOL_FRICTION = (0.3, 0.005, 0.0001)  # metal on metal

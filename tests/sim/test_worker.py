@@ -8,7 +8,7 @@ import pytest
 from cell.interfaces.command import Display
 from cell.interfaces.pose import Pose
 from sim.clutter import ScenePart
-from sim.hand import CONAFFINITY, Hand
+from sim.hand import CONAFFINITY, FOREARM_GROUP, Hand
 from sim.person import Grip, Person, ScrewHabits
 from sim.storage import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_of, world_with_hand
@@ -213,9 +213,27 @@ def test_the_hand_does_not_go_through_the_table() -> None:
         for geom in range(world.model.ngeom)
         if world.model.body(world.model.geom_bodyid[geom]).name.startswith("hand")
         and world.model.geom_conaffinity[geom] == CONAFFINITY
+        and world.model.geom_group[geom] != FOREARM_GROUP
     )
     assert lowest > -0.03
     assert hand.position_m[2] > -0.01
+
+
+def test_the_forearm_does_not_go_through_the_table() -> None:
+    """A wrist that bends back presses it down; without a table it would go 7 cm lower."""
+    world = world_of(Person(grip=Grip(tilt_rad=(0.0, 0.6))), 1)
+    hand = Hand(world.model, world.data)
+    for _ in range(150):
+        hand.command(np.array([0.75, -0.55, 0.08]), 0.0, 0.02, tilt_rad=-0.6)
+        world.step_period()
+    model, data = world.model, world.data
+    [sleeve] = (
+        geom
+        for geom in np.flatnonzero(model.geom_group == FOREARM_GROUP)
+        if model.geom(geom).matid[0] == model.material("hand_sleeve").id
+    )
+    radius_m, half_m, _ = model.geom_size[sleeve]
+    assert data.geom_xpos[sleeve][2] - abs(data.geom_xmat[sleeve][8]) * half_m - radius_m > -0.005
 
 
 def test_ring_and_little_finger_lie_otherwise_from_grasp_to_grasp() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -22,7 +23,7 @@ from learned.calibration.check import WORLD
 from learned.calibration.solve import Shot, fit_camera, holes_off_m
 from learned.holes.dataset import Plate, load_plates
 from learned.holes.evaluate import HoleFindings, evaluate_holes
-from learned.holes.reader import Reading
+from learned.holes.reader import VOTES, Reading
 from learned.parts.dataset import Scene, load_scenes
 from learned.parts.evaluate import Findings, evaluate_parts
 from sim.data.folder import DataFolder
@@ -37,7 +38,7 @@ from skills.kinematics import Kinematics
 from skills.planner import MotionPlanner
 
 Cameras = Literal["calibrated", "believed", "true"]
-AGAIN = 3  # times that a hole reader sees a still: it believes what stands for some frames
+FRAMES = VOTES  # in a row of each still of the plate, each with noise of its own
 
 
 @dataclass(frozen=True)
@@ -84,21 +85,21 @@ def score_parts(task: Task, seeds: Sequence[int], mixed: bool) -> dict[str, floa
 
 
 def score_holes(task: Task, seeds: Sequence[int], stills: int) -> dict[str, float]:
-    """Scores on some stills of the plate for each seed, by name."""
+    """Scores on some stills of the plate for each seed, by name; a reader watches each for some frames."""
     findings = HoleFindings()
     for seed in seeds:
         plates = _plates(task, seed, stills)
-        bench = _bench(task, seed, plates[0])
-        detectors = task.detectors(bench, "holes")
-
-        def read(plate: Plate, detectors: Detectors = detectors) -> Mapping[str, Reading | None]:
+        detectors = task.detectors(_bench(task, seed, plates[0]), "holes")
+        for first in range(0, len(plates), FRAMES):
             reader: HoleReader = detectors.make("holes")
-            for number in range(AGAIN):
-                views = reader.read(Frame("overhead", number, number / 15, plate.image, plate.believed), None)
-            return {name: Reading(view.part, view.upright, view.confidence) for name, view in views.items()}
-
-        evaluate_holes(plates, read, findings, AGAIN)
+            evaluate_holes(plates[first : first + FRAMES], partial(_watch, reader), findings)
     return findings.scores()
+
+
+def _watch(reader: HoleReader, plates: Sequence[Plate]) -> Mapping[str, Reading | None]:
+    for number, plate in enumerate(plates):
+        views = reader.read(Frame("overhead", number, number / 15, plate.image, plate.believed), None)
+    return {name: Reading(view.part, view.upright, view.confidence) for name, view in views.items()}
 
 
 def score_calibration(task: Task, seeds: Sequence[int]) -> dict[str, float]:
@@ -145,7 +146,7 @@ def _plates(task: Task, seed: int, stills: int) -> list[Plate]:
     kinds = sometimes_steel(task.product, task.steel_share, seed)
     with tempfile.TemporaryDirectory(prefix="cell-eval-") as name:
         folder, configuration = DataFolder(Path(name) / "plates", "cell eval holes"), task.configuration
-        write_plates(kinds, configuration.bench, configuration.devices.simulation, seed, folder, stills, reach)
+        write_plates(kinds, configuration.bench, configuration.devices.simulation, seed, folder, stills, reach, FRAMES)
         return load_plates([Path(name) / "plates"])
 
 

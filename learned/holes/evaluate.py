@@ -14,7 +14,7 @@ from learned.scores import wilson
 
 BARE, COVERED = 0.04, 0.15  # share hidden up to which an answer is due, and from which none is
 
-Read = Callable[[Plate], Mapping[str, Reading | None]]
+Read = Callable[[Sequence[Plate]], Mapping[str, Reading | None]]
 
 
 @dataclass
@@ -77,11 +77,10 @@ class HoleFindings:
         return told
 
 
-def evaluate_holes(plates: Sequence[Plate], read: Read, findings: HoleFindings, looks: int = 1) -> None:
-    """Add to the findings what a reader says about stills, each of which it looks at so many times."""
-    for plate in plates:
-        began_s = time.process_time()
-        readings = read(plate)
-        findings.seconds.append((time.process_time() - began_s) / looks)
-        for hole in plate.holes:
-            findings.add(hole, readings.get(hole.position))
+def evaluate_holes(frames: Sequence[Plate], read: Read, findings: HoleFindings) -> None:
+    """Add to the findings what a reader says about a still that it sees in some frames."""
+    began_s = time.process_time()
+    readings = read(frames)
+    findings.seconds.append((time.process_time() - began_s) / len(frames))
+    for hole in frames[-1].holes:
+        findings.add(hole, readings.get(hole.position))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +13,14 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample, HoleView
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.exposure import levelled
+from learned.exposure import Image, levelled
 from learned.holes.crops import hole_crops, squares_m
 from learned.onnx_model import Network, OnnxModel
 
+Answer = Mapping[str, Array]  # of one frame: "kinds" (holes, types + 1), "upright" and "covered" (holes,)
+
 KIND = "holes.plate"
-SETTLE_FRAMES = 3  # equal readings in a row before a hole's view changes
+VOTES = 3  # frames in a row whose mean answer a hole's view follows
 # Keys of the model card: probabilities below which emptiness, and a type, are not said.
 LEAST_EMPTY, LEAST_FILLED = "least_empty", "least_filled"
 
@@ -28,7 +31,7 @@ COVERED = 0.5  # probability from which a hole counts as covered
 
 @dataclass(frozen=True)
 class Reading:
-    """What one frame shows at one hole.
+    """What a frame, or some in a row, show at one hole.
 
     Attributes:
         part: None where it is empty.
@@ -39,13 +42,9 @@ class Reading:
     upright: bool
     confidence: float
 
-    def same(self, other: Reading) -> bool:
-        """Whether it says the same, whatever the confidence."""
-        return self.part == other.part and self.upright == other.upright
-
 
 class HoleNetwork:
-    """What the network says about the holes of single frames."""
+    """What the network says about the holes of frames."""
 
     def __init__(self, bench: Bench, product: Product, network: Network) -> None:
         self._model, self._network = bench.overhead.model, network
@@ -55,10 +54,14 @@ class HoleNetwork:
         self._least = {empty: float(str(network.card.config.get(key, 0.9))) for empty, key in KEYS.items()}
         self._least[True] = max(self._least[True], SURELY_EMPTY)
 
-    def read(self, image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], camera: Pose) -> dict[str, Reading | None]:
-        """By position; None where a hole is covered, or nothing can be said for sure."""
-        answer = self._network.run({"crops": hole_crops(levelled(image), self._model, camera, self._squares)})
-        rows = zip(self._positions, answer["kinds"], answer["upright"], answer["covered"], strict=True)
+    def answer(self, image: Image, camera: Pose) -> Answer:
+        """Probabilities of one frame."""
+        return self._network.run({"crops": hole_crops(levelled(image), self._model, camera, self._squares)})
+
+    def read(self, *answers: Answer) -> dict[str, Reading | None]:
+        """By position, from the mean of some answers; None where a hole is covered, or nothing can be said for sure."""
+        means = {name: np.mean([one[name] for one in answers], axis=0) for name in ("kinds", "upright", "covered")}
+        rows = zip(self._positions, means["kinds"], means["upright"], means["covered"], strict=True)
         return {position: self._reading(kinds, float(up), float(hidden)) for position, kinds, up, hidden in rows}
 
     def _reading(self, kinds: Array, upright: float, covered: float) -> Reading | None:
@@ -77,7 +80,7 @@ class PlateHoleReader:
     def __init__(self, bench: Bench, product: Product, network: Network) -> None:
         self._camera = bench.overhead.mount.pose
         self._network = HoleNetwork(bench, product, network)
-        self._candidates: dict[str, tuple[Reading, int]] = {}
+        self._answers: deque[Answer] = deque(maxlen=VOTES)
         self._views: dict[str, HoleView] = {}
 
     @staticmethod
@@ -90,19 +93,15 @@ class PlateHoleReader:
         return PlateHoleReader(bench, product, OnnxModel.load(path, KIND))
 
     def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
-        """Holes by position name, as far as ever seen; what covers a hole is seen in the image, whatever `hand` is."""
-        del hand
-        for position, reading in self._network.read(frame.image, self._camera).items():
-            self._settle(position, reading, frame.time_s)
-        return dict(sorted(self._views.items()))
+        """Holes by position name, as far as ever seen; what covers a hole is seen in the image, whatever `hand` is.
 
-    def _settle(self, position: str, reading: Reading | None, time_s: float) -> None:
-        """Take a reading over once it stood for some frames; one that agrees with the view refreshes it."""
-        if reading is None:
-            self._candidates.pop(position, None)
-            return
-        candidate, count = self._candidates.get(position, (reading, 0))
-        count = count + 1 if candidate.same(reading) else 1
-        self._candidates[position] = (reading, count)
-        if count >= SETTLE_FRAMES:
-            self._views[position] = HoleView(reading.part, reading.confidence, time_s, reading.upright)
+        A view follows the mean of the last frames: what noise alone makes doubtful in one is said, and a single wrong
+        one changes nothing.
+        """
+        del hand
+        self._answers.append(self._network.answer(frame.image, self._camera))
+        if len(self._answers) == VOTES:
+            for position, reading in self._network.read(*self._answers).items():
+                if reading is not None:
+                    self._views[position] = HoleView(reading.part, reading.confidence, frame.time_s, reading.upright)
+        return dict(sorted(self._views.items()))

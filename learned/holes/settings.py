@@ -29,4 +29,4 @@ class HoleTraining(Schedule):
     weight_decay: float = Field(default=3e-4, ge=0, le=1)
     validation_share: float = Field(default=0.15, gt=0, lt=1)
     most_called_empty: float = Field(default=0.0005, gt=0, le=0.1)
-    most_misnamed: float = Field(default=0.001, gt=0, le=0.1)
+    most_misnamed: float = Field(default=0.004, gt=0, le=0.1)

@@ -155,11 +155,19 @@ class Plate:
 
 
 def write_plates(
-    product: Product, bench: Bench, settings: SimSettings, seed: int, folder: DataFolder, stills: int, reach: Reach
+    product: Product,
+    bench: Bench,
+    settings: SimSettings,
+    seed: int,
+    folder: DataFolder,
+    stills: int,
+    reach: Reach,
+    frames: int = 1,
 ) -> None:
-    """An image and a row of plates.jsonl for each still; look and stills are drawn from the seed.
+    """An image and a row of plates.jsonl for each frame; look and stills are drawn from the seed.
 
     Args:
+        frames: in a row of each still, which differ by the sensor's noise.
         reach: joints that bring the tool to a place with its fingers down and a heading; None where the arm cannot.
     """
     plate = Plate(product, bench, settings, seed, reach)
@@ -173,7 +181,7 @@ def write_plates(
     for number in range(stills):
         still = plate.shuffle()
         exposure = Exposure(CAMERA, number, 0.0, world.camera_pose(CAMERA), (visible_poses(world.data),))
-        frame = photographer.take(exposure)
+        taken = [photographer.take(exposure) for _ in range(frames)]
         hidden = masks.of(masks.bodies(exposure.moments[0]), [*hiding, *(part.body for part in still.held)])
         holes = [
             {
@@ -184,18 +192,19 @@ def write_plates(
             }
             for (position, (part, upright)), hole in zip(still.holes.items(), _holes_m(product, bench), strict=True)
         ]
-        name = f"seed{seed:06d}-{number:02d}"
-        folder.row(
-            "plates",
-            {
-                "file": folder.image(f"images/{name}.png", frame.image),
-                "log": f"seed{seed:06d}",
-                "camera": CAMERA,
-                "world_from_camera": told_pose(frame.world_from_camera),
-                "true_camera": true_camera(world, CAMERA, bench.overhead),
-                "holes": holes,
-            },
-        )
+        for place, frame in enumerate(taken):
+            name = f"seed{seed:06d}-{number:02d}" + (f"-{place:02d}" if frames > 1 else "")
+            folder.row(
+                "plates",
+                {
+                    "file": folder.image(f"images/{name}.png", frame.image),
+                    "log": f"seed{seed:06d}",
+                    "camera": CAMERA,
+                    "world_from_camera": told_pose(frame.world_from_camera),
+                    "true_camera": true_camera(world, CAMERA, bench.overhead),
+                    "holes": holes,
+                },
+            )
     photographer.close()
     masks.close()
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.perception import Frame
 from learned.holes.crops import CROP_PX, hole_crops, squares_m
-from learned.holes.reader import SETTLE_FRAMES, PlateHoleReader
+from learned.holes.reader import VOTES, PlateHoleReader
 from learned.onnx_model import ModelCard
 
 CONFIGURATION = load_configuration()
@@ -70,18 +70,32 @@ def test_the_middle_of_a_crop_is_the_hole() -> None:
         assert abs(columns.mean() - (CROP_PX - 1) / 2) < 2
 
 
-def test_a_view_changes_after_equal_readings_in_a_row_and_stays_while_covered() -> None:
+def test_a_view_follows_some_frames_in_a_row_and_stays_while_covered() -> None:
     said = Said()
     reader = PlateHoleReader(BENCH, PRODUCT, said)
-    assert watch(reader, range(SETTLE_FRAMES - 1)) == {}
-    assert watch(reader, range(SETTLE_FRAMES - 1, SETTLE_FRAMES)) == dict.fromkeys(PRODUCT.positions)
+    assert watch(reader, range(VOTES - 1)) == {}
+    assert watch(reader, range(VOTES - 1, VOTES)) == dict.fromkeys(PRODUCT.positions)
     said.kind, said.covered = 1, 0.9
     assert watch(reader, range(10, 20)) == dict.fromkeys(PRODUCT.positions)
     said.covered = 0.0
-    assert watch(reader, range(20, 20 + SETTLE_FRAMES)) == dict.fromkeys(PRODUCT.positions, TYPES[0])
+    assert watch(reader, range(20, 20 + VOTES)) == dict.fromkeys(PRODUCT.positions, TYPES[0])
 
 
 def test_what_is_not_sure_is_not_said() -> None:
     said = Said()
     said.sure = 0.85
     assert watch(PlateHoleReader(BENCH, PRODUCT, said), range(10)) == {}
+
+
+def test_frames_that_are_doubtful_one_by_one_are_believed_together_and_a_wrong_one_changes_nothing() -> None:
+    said = Said()
+    reader = PlateHoleReader(BENCH, PRODUCT, said)
+    empty = dict.fromkeys(PRODUCT.positions)
+    for number, sure in enumerate((0.88, 0.99, 0.88)):
+        said.sure = sure
+        views = watch(reader, range(number, number + 1))
+    assert views == empty
+    said.kind, said.sure = 2, 0.99
+    assert watch(reader, range(3, 4)) == empty
+    said.kind = 0
+    assert watch(reader, range(4, 10)) == empty

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +27,12 @@ def test_bare_holes_are_read_and_filled_ones_are_not_called_empty(tmp_path: Path
     write_plates(PRODUCT, BENCH, look, SEED, folder, 20, lambda *_: np.array(BENCH.arm_park_rad))
     network = HoleNetwork(BENCH, PRODUCT, OnnxModel.load(WEIGHTS / "holes_plate.onnx", KIND))
 
-    def read(plate: Plate) -> dict[str, Reading | None]:
-        return network.read(plate.image, BENCH.overhead.mount.pose)
+    def read(frames: Sequence[Plate]) -> dict[str, Reading | None]:
+        return network.read(*(network.answer(plate.image, BENCH.overhead.mount.pose) for plate in frames))
 
     findings = HoleFindings()
-    evaluate_holes(load_plates([tmp_path / "new"]), read, findings)
+    for plate in load_plates([tmp_path / "new"]):
+        evaluate_holes([plate], read, findings)
     scores = findings.scores()
     assert scores["holes"] > 60
     assert scores["said"] > 0.95

@@ -46,7 +46,8 @@ def test_a_short_training_reads_what_it_was_shown(tmp_path: Path) -> None:
     assert scores["validation_right"] > 0.9
     network = OnnxModel.load(out, "holes.plate")
     assert all(0.6 <= float(str(network.card.config[key])) < 1 for key in (LEAST_EMPTY, LEAST_FILLED))
-    readings = HoleNetwork(BENCH, PRODUCT, network).read(plates[0].image, BENCH.overhead.mount.pose)
+    reader = HoleNetwork(BENCH, PRODUCT, network)
+    readings = reader.read(reader.answer(plates[0].image, BENCH.overhead.mount.pose))
     said = {name: reading.part for name, reading in readings.items() if reading is not None}
     truth = {hole.position: hole.part for hole in plates[0].holes}
     assert said.items() <= truth.items()

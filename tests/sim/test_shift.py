@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from cell.interfaces.pose import Array, Pose
 from sim.cell import SimCell
 from sim.jobs import NOT_LISTED, Jobs
 from sim.person import Person, ShiftHabits
+from sim.score import Placement
 from sim.settings import SimSettings
 from sim.worker import Worker
 from tests.sim.worker_bench import bench, product
@@ -25,6 +27,7 @@ G1 = product().goal_placements("g1")
 HELP = Question(1, "help", "no o3", part="o3", answers=(Answer("done", ""), Answer("placed", "")))
 EMPTY_PLEASE = Question(2, "bracket", "the bracket is finished")
 TAKE_IT = Question(4, "choice", "take it", answers=(Answer("taken", ""), Answer("not needed", "")))
+MEND = Question(5, "mend", "wrong", positions=("p2",), answers=(Answer("done", ""), Answer("right", "")))
 WHICH = Question(3, "goal", "which?", answers=(Answer("g0", "", product().goal_placements("g0")), Answer("g1", "", G1)))
 
 
@@ -99,6 +102,21 @@ def test_help_sets_the_part_into_the_tray_and_says_so(cell: SimCell) -> None:
     pressed = answered(cell)
     assert [(order.kind, order.value, order.question) for order in pressed] == [("answer", "done", 1)]
     assert in_tray(cell)["o3"] == 1
+
+
+def test_a_wrong_part_that_the_cell_tells_of_is_taken_out_and_what_is_right_is_said_to_be(cell: SimCell) -> None:
+    body = next(body for body in cell.world.bodies if body.part == "o3" and body.owner == "robot")
+    x, y = product().bracket.holes_m["p2"]
+    cell.world.place(body, bench().bracket.pose @ Pose((x, y, 0.0)))
+    person(cell).show(Display(questions=(MEND,)))
+    pressed = answered(cell)
+    assert pressed == [OperatorOrder("answer", "done", MEND.number)]
+    assert cell.score.placements().get("p2") != Placement("o3", True, None)
+    wanted = next(body for body in cell.world.bodies if body.part == G1["p2"] and body.owner == "robot")
+    cell.world.place(wanted, bench().bracket.pose @ Pose((x, y, 0.0)))
+    person(cell).show(Display())
+    person(cell).show(Display(questions=(replace(MEND, number=6),)))
+    assert answered(cell) == [OperatorOrder("answer", "right", 6)]
 
 
 def test_what_the_robot_puts_down_before_the_bracket_is_taken_when_asked(cell: SimCell) -> None:

@@ -18,6 +18,7 @@ from cell.log.reading.reader import Log
 from cell.log.reading.ticks import LoggedTick
 
 HOLDS = (Action.HOLD.name, Action.STOP.name)
+BESIDE_WORK = ("bracket", "mend")  # kinds of questions that hold nothing up by themselves
 
 
 @dataclass
@@ -32,6 +33,7 @@ class BracketRow:
         fetched: type of the part that the robot fetched last for a position.
         questions: what was asked, in words.
         waits_s: seconds by reason in which the cell was held, or a question stood.
+        known_wrong: holes that the cell knew to be wrong when it ended.
     """
 
     number: int
@@ -44,6 +46,7 @@ class BracketRow:
     fetched: dict[str, str] = field(default_factory=dict)
     questions: list[str] = field(default_factory=list)
     waits_s: dict[str, float] = field(default_factory=dict)
+    known_wrong: list[str] = field(default_factory=list)
 
     @property
     def length_s(self) -> float:
@@ -130,7 +133,7 @@ def _waits_for(tick: LoggedTick, asked: list[Any]) -> str:
     judgement = tick.judgement or {}
     if judgement.get("action") in HOLDS and judgement.get("reasons"):
         return str(judgement["reasons"][0]["words"])
-    return next((str(one["reason"]) for one in asked if one["kind"] != "bracket"), "")
+    return next((str(one["reason"]) for one in asked if one["kind"] not in BESIDE_WORK), "")
 
 
 def _note(topic: str, fields: Any, tick: LoggedTick, found: list[BracketRow]) -> None:
@@ -141,7 +144,8 @@ def _note(topic: str, fields: Any, tick: LoggedTick, found: list[BracketRow]) ->
         return
     now = found[-1]
     if topic == "bracket" and fields["edge"] == "end":
-        now.end_s, now.finished, now.goal = tick.time_s, fields["finished"], fields["goal"] or ""
+        now.end_s, now.finished, now.goal = tick.time_s, fields["finished"], fields.get("goal") or ""
+        now.known_wrong = list(fields.get("known_wrong") or ())
     elif topic == "belief" and fields.get("edge"):
         part, position = fields["edge"]
         if part is None:

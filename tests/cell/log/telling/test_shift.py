@@ -73,6 +73,20 @@ def test_waits_are_summed_by_their_reason(shift: Shift) -> None:
     assert dict(shift.waits_s) == {"the hand is too near": 1.0, "there is no safety valve (o3) in the tray": 3.0}
 
 
+def test_a_question_beside_the_work_is_no_wait_and_what_stays_wrong_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "mend.mcap"
+    recorder = McapRecorder(path, LogSettings(camera_frames=False), Heading({}, {}))
+    mend = Display(questions=(Question(1, "mend", "p2 holds the safety valve (o3)", positions=("p2",)),))
+    end: tuple[Note, ...] = (("bracket", {**END[0][1], "placed": {}, "goal": None, "known_wrong": ["p2"]}),)
+    for one in (record(0), record(1, BEGIN), replace(record(2), command=Command(display=mend)), record(9, end)):
+        recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
+    recorder.close(Outcome("finished", "", 4, 0, 9.0, 0.1))
+    told = shift_of(read_log(path))
+    assert told is not None
+    assert (told.waits_s, told.brackets[0].known_wrong) == ([], ["p2"])
+    assert "known to be wrong: p2" in report_html(read_log(path))
+
+
 def test_effectiveness_is_the_product_of_its_three_shares(shift: Shift) -> None:
     assert shift.availability == pytest.approx(1 - 4 / 14)
     assert shift.performance == pytest.approx(4 / 7)

@@ -50,6 +50,16 @@ WHICH = Question(
         Answer(UNKNOWN_GOAL, "a new one"),
     ),
 )
+MEND = Question(
+    3,
+    "mend",
+    "p5 holds the gate valve (o1), where this bracket needs the safety valve (o3)",
+    "",
+    "take it out",
+    "",
+    (Answer("done", "done, look again"), Answer("right", "it is right so")),
+    ("p5",),
+)
 
 
 class PageRig:

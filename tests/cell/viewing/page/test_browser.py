@@ -15,7 +15,7 @@ import pytest
 from cell.interfaces.judgement import Action, Judgement
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
-from tests.cell.viewing.page.rig import HELP, WHICH, PageRig
+from tests.cell.viewing.page.rig import HELP, MEND, WHICH, PageRig
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -146,6 +146,20 @@ def test_questions_stand_in_front_and_are_answered(visitor: Visitor) -> None:
     visitor.rig.judgement = Judgement()
     visitor.catch_up()
     assert visitor.page.query_selector_all("#front > *") == []
+
+
+def test_a_hole_that_is_wrong_is_marked_as_long_as_the_question_stands(visitor: Visitor) -> None:
+    visitor.rig.show(questions=(MEND,))
+    visitor.catch_up()
+    visitor.shot(f"mend-{visitor.page.viewport_size['width']}")
+    assert "Please take it out." in visitor.page.inner_text('[data-number="3"]')
+    assert visitor.page.inner_text("#holes .wrong") == "p5please look here"
+    for answer in MEND.answers:
+        visitor.page.click(f'[data-number="3"] [data-value="{answer.value}"]')
+        visitor.says(OperatorOrder("answer", answer.value, 3))
+    visitor.rig.show(questions=())
+    visitor.catch_up()
+    assert visitor.page.query_selector_all("#holes .wrong") == []
 
 
 def test_a_question_is_answered_in_words_of_ones_own(visitor: Visitor) -> None:

@@ -11,7 +11,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,21 +43,33 @@ def main() -> None:
     Console().print(table(runs, goals))
 
 
-def assemble(goal: str, seed: int, person: str = "careful", more: Sequence[str] = ()) -> Run:
-    """The JSON line of one `cell run`; a run that prints none is one that failed to end by itself."""
+def assemble(
+    goal: str,
+    seed: int,
+    person: str = "careful",
+    more: Sequence[str] = (),
+    read: Callable[[Path], Run] = lambda _: {},
+) -> Run:
+    """The JSON line of one `cell run`; a run that prints none is one that failed to end by itself.
+
+    Args:
+        more: arguments of `cell run`.
+        read: looks at the log for more keys.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        log = str(Path(folder) / "log.mcap")
-        command = [sys.executable, "-m", "cell", "run", "--goal", goal, "--seed", str(seed), "--log", log, "--json"]
+        log = Path(folder) / "log.mcap"
+        command = [sys.executable, "-m", "cell", "run", "--goal", goal, "--seed", str(seed), "--log", str(log)]
+        command += ["--json"]
         command += ["--person", person, *more]
         try:
             result = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
         except subprocess.TimeoutExpired:
             return {"goal": goal, "seed": seed, "correct": False, "end": "hung", "reason": f"no end in {LONGEST_S} s"}
-    lines = result.stdout.splitlines()
-    if not lines:
-        return {"goal": goal, "seed": seed, "correct": False, "end": "refused", "reason": result.stderr.strip()}
-    run: Run = {**json.loads(lines[-1]), "exit_status": result.returncode}
-    return run
+        lines = result.stdout.splitlines()
+        if not lines:
+            return {"goal": goal, "seed": seed, "correct": False, "end": "refused", "reason": result.stderr.strip()}
+        run: Run = {**json.loads(lines[-1]), "exit_status": result.returncode, **read(log)}
+        return run
 
 
 def verdict(run: Run) -> str:

@@ -1,8 +1,8 @@
-"""Whole assemblies by `cell run` under every look and beside every person, as a table.
+"""Whole assemblies by `cell run` under every look and beside every person, with each perception, as a table.
 
 Runs that the file has already are not run again: a command that was ended goes on where it stopped.
 
-python -m tests.benchmarks.baseline --runs 6 --first-seed 700 --out runs/baseline.jsonl
+python -m tests.benchmarks.baseline --runs 6 --first-seed 700 --out runs/baseline.jsonl --minutes 60
 python -m tests.benchmarks.baseline --runs 0 --out runs/baseline.jsonl     # the table of what is there
 """
 
@@ -13,22 +13,26 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
 from rich.console import Console
 
 from cell.configuration import load_configuration, load_product
+from cell.evaluating.actions import Told, matched
+from cell.evaluating.row_file import RowFile
+from cell.log.reading.indexed import IndexedLog
 from tests import ROOT
 from tests.benchmarks.assembly import Run, assemble, verdict
 from tests.benchmarks.overlap import configuration
 
+PERCEPTIONS = ("classical", "learned")  # as release 0.1.0 had it, and the default
 LOOKS, PERSONS = ("nominal", "varied", "hard"), ("careful", "ordinary", "careless")
 FAST_M_S = 0.25
+KEYS = ("perception", "look", "person")
 COLUMNS = (
-    "look",
-    "person",
+    *KEYS,
     "runs",
     "finished and right",
     "right in the bracket",
@@ -36,64 +40,72 @@ COLUMNS = (
     "parts by the robot",
     "calls for help",
     "runs with a contact, fast",
+    "the person's placements told; told wrong",
     "simulated time",
 )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=6, help="for each look and person")
+    parser.add_argument("--runs", type=int, default=6, help="for each perception, look and person")
     parser.add_argument("--first-seed", type=int, default=700)
+    parser.add_argument("--perceptions", nargs="+", default=PERCEPTIONS, choices=PERCEPTIONS)
     parser.add_argument("--looks", nargs="+", default=LOOKS)
     parser.add_argument("--persons", nargs="+", default=PERSONS)
     parser.add_argument("--max-duration-s", type=float, default=90.0, help="end runs after so much simulated time")
-    parser.add_argument(
-        "--out", type=Path, required=True, help="one line of JSON for each run; goes on where it stopped"
-    )
+    parser.add_argument("--out", type=Path, required=True, help="one line of JSON for each run")
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no run after so many minutes")
     options = parser.parse_args()
     goals = sorted(load_product(load_configuration()).goals)
     console = Console(stderr=True)
+    rows = RowFile(options.out, {"benchmark": "baseline", "max_duration_s": options.max_duration_s})
+    done = {(row["seed"], *(row[key] for key in KEYS)) for row in rows.rows}
     seeds = range(options.first_seed, options.first_seed + options.runs)
-    done = {_key(run) for run in _runs(options.out)}
-    missing = [key for key in product(seeds, options.looks, options.persons) if key not in done]
     until_s = time.monotonic() + 60 * options.minutes
     with tempfile.TemporaryDirectory() as folder:
-        config = configuration(ROOT, Path(folder) / "cell.yaml", False, options.max_duration_s)
-        for seed, look, person in missing:
-            if time.monotonic() > until_s:
-                break
-            run = assemble(goals[seed % len(goals)], seed, person, ("--look", look, "--config", str(config)))
-            with options.out.open("a") as stream:
-                stream.write(json.dumps({**run, "seed": seed, "look": look, "person": person}) + "\n")
-            console.print(f"{look}, {person}, seed {seed}: {verdict(run)}", highlight=False)
-    runs = _runs(options.out)
+        config = configuration(ROOT, Path(folder) / "cell.yaml", True, options.max_duration_s)
+        for seed, look, person, perception in product(seeds, options.looks, options.persons, options.perceptions):
+            if (seed, perception, look, person) in done or time.monotonic() > until_s:
+                continue
+            told = config.read_text().replace("kind: learned", f"kind: {perception}")
+            (chosen := config.with_name(f"{perception}.yaml")).write_text(told)
+            arguments = ("--look", look, "--config", str(chosen))
+            run = assemble(goals[seed % len(goals)], seed, person, arguments, noticed)
+            rows.add({**run, "seed": seed, "perception": perception, "look": look, "person": person})
+            console.print(f"{perception}, {look}, {person}, seed {seed}: {verdict(run)}", highlight=False)
     print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}")
-    for look, person in product(LOOKS, PERSONS):
-        if chosen := [run for run in runs if (run["look"], run["person"]) == (look, person)]:
-            print(row(look, person, chosen))
+    for cell in product(PERCEPTIONS, LOOKS, PERSONS):
+        if runs := [row for row in rows.rows if tuple(row[key] for key in KEYS) == cell]:
+            print(row_of(cell, runs))
 
 
-def _runs(path: Path) -> list[Run]:
-    """Those of the file; a last line that was cut off is dropped from it."""
-    lines = path.read_text().splitlines(keepends=True) if path.exists() else []
-    if lines and not lines[-1].endswith("\n"):
-        path.write_text("".join(lines[:-1]))
-    return [json.loads(line) for line in lines if line.endswith("\n")]
+def noticed(log: Path) -> Mapping[str, int]:
+    """What the person put into holes, and what the detectors told of that, by the log of a run."""
+    made: list[Told] = []
+    told: list[Told] = []
+    before: tuple[str, str] | None = None
+    for message in IndexedLog(log).messages(topics=("/truth", "/bench")):
+        said = json.loads(message.data)
+        if message.topic == "/truth":
+            if said.get("act") == "release" and said.get("position") is not None:
+                made.append((message.time_ns / 1e9, said["part"], said["position"]))
+            continue
+        action = said["action"]
+        now = (action["part"], action["position"]) if action.get("finished") and action.get("position") else None
+        if now is not None and now != before:
+            told.append((said["time_s"], *now))
+        before = now
+    return {"placed": len(made), "told": len(told), "told_right": len(matched(made, told))}
 
 
-def _key(run: Run) -> tuple[int, str, str]:
-    return int(run["seed"]), run["look"], run["person"]
-
-
-def row(look: str, person: str, runs: Sequence[Run]) -> str:
+def row_of(cell: Sequence[str], runs: Sequence[Run]) -> str:
     """One line of the table."""
     right = [run for run in runs if run["correct"]]
     touched = [run for run in runs if run.get("contacts")]
     fast = sum(run["contact_speed_m_s"] > FAST_M_S for run in touched)
+    told_right = _total(runs, "told_right")
     cells = (
-        look,
-        person,
+        *cell,
         len(runs),
         sum(run["end"] == "finished" for run in right),
         len(right),
@@ -101,6 +113,7 @@ def row(look: str, person: str, runs: Sequence[Run]) -> str:
         f"{_total(runs, 'robot_placements') / len(runs):.1f}",
         _total(runs, "help_requests"),
         f"{len(touched)}, {fast}",
+        f"{told_right} of {_total(runs, 'placed')}; {_total(runs, 'told') - told_right}",
         f"{_total(runs, 'sim_time_s') / len(runs):.0f} s",
     )
     return f"| {' | '.join(map(str, cells))} |"

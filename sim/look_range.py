@@ -8,12 +8,13 @@ detectors are trained on, and `hard` lies outside `varied`.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import ValidationInfo, field_validator, model_validator
+from pydantic import ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic_core import InitErrorDetails
 
 from cell.interfaces.errors import InputError
 from cell.interfaces.files import shipped
@@ -70,7 +71,7 @@ class LookRange(Model):
         named = data.get("base", BASE)
         base = look_range(named if named in presets() else BASE)
         ends = [_merged(end.model_dump(), _end(data, side)) for side, end in enumerate((base.low, base.high))]
-        low, high = (LookFile.model_validate(end) for end in ends)
+        low, high = _checked(ends)
         return {"name": "inline", "low": _plain(low), "high": _plain(high)}
 
     @model_validator(mode="after")
@@ -160,6 +161,22 @@ def _end(data: Any, side: int) -> Any:
     if len(data) == 2 and not any(isinstance(item, list | Mapping) for item in data):
         return data[side]
     return [_end(item, side) for item in data]
+
+
+def _checked(ends: Sequence[Any]) -> list[LookFile]:
+    """Both ends of all ranges. Raises ValidationError with the problems of both, each once."""
+    made: list[LookFile] = []
+    problems: dict[tuple[Any, ...], InitErrorDetails] = {}
+    for end in ends:
+        try:
+            made.append(LookFile.model_validate(end))
+        except ValidationError as error:
+            for one in error.errors(include_url=False):
+                told = InitErrorDetails(type=one["type"], loc=one["loc"], input=one["input"], ctx=one.get("ctx", {}))
+                problems.setdefault((one["loc"], one["type"]), told)
+    if problems:
+        raise ValidationError.from_exception_data("look", list(problems.values()))
+    return made
 
 
 def _merged(base: Any, change: Any) -> Any:

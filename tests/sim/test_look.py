@@ -110,6 +110,15 @@ def test_a_bad_look_file_is_told_with_line_and_column(tmp_path: Path, text: str,
     assert f"{path}:{complaint}" in str(caught.value)
 
 
+def test_problems_at_both_ends_of_ranges_are_told_at_once(tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text("person:\n  skin_tone: [0.6, 7]\n  hand_size: [9, 1]\n  glov: true\n")
+    with pytest.raises(InputError) as caught:
+        look_range("bad.yaml", tmp_path)
+    told = str(caught.value).splitlines()
+    assert len(told) == 3
+    assert all(word in line for word, line in zip(("skin_tone", "hand_size", "'glov'"), told, strict=True))
+
+
 @pytest.mark.parametrize("name", ["hardest", "hard:lights", "no/such.yaml"])
 def test_an_unknown_look_is_refused_with_the_legal_ones(name: str) -> None:
     with pytest.raises(InputError, match="legal: "):

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +68,27 @@ class Segments:
 
     def __len__(self) -> int:
         return len(self.classes)
+
+    def some(self, rows: NDArray[np.int64]) -> Segments:
+        """The segments of these rows (m,); images are shared."""
+        return replace(
+            self,
+            tracks_m=self.tracks_m[rows],
+            crops=self.crops[rows],
+            seen=self.seen[rows],
+            classes=self.classes[rows],
+            released=self.released[rows],
+            guarded=self.guarded[rows],
+            logs=tuple(self.logs[row] for row in rows),
+            sha256=hashlib.sha256(self.sha256.encode() + rows.tobytes()).hexdigest(),
+        )
+
+    def without(self, fold: int, folds: int) -> tuple[Segments, Segments]:
+        """The segments of all recordings but every so many, to learn from, and those of the others."""
+        logs = sorted(set(self.logs))
+        apart = set(logs[fold::folds])
+        inside = np.array([log in apart for log in self.logs])
+        return self.some(np.flatnonzero(~inside)), self.some(np.flatnonzero(inside))
 
 
 @dataclass(frozen=True)

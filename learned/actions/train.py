@@ -68,25 +68,15 @@ def train_actions(
     """
     if kind not in TRAINABLE:
         raise InputError(f"no action detector {kind!r} can be trained; legal: {', '.join(TRAINABLE)}")
-    settings = settings or ActionTraining()
     classes, reader = task.classes, SegmentReader(task.bench, task.product)
-    torch.manual_seed(seed)
-    network = build(kind, len(classes.parts), len(classes.positions), settings.share)
-    learner = _Learner(kind, network, learned, reader, settings, np.random.default_rng([seed, 1]))
-    if budget_s is not None:
-        affordable = int(budget_s / (learner.step_s() * learner.batches))
-        settings = settings.model_copy(update={"epochs": max(1, min(settings.epochs, affordable))})
-    optimiser = torch.optim.AdamW(network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay)
-    identity = f"{kind} {settings.model_dump_json()} {seed} {learned.sha256}"
-    fit(
-        network,
-        optimiser,
-        learner.losses,
-        settings.epochs,
-        learner.batches,
-        largest_gradient=1.0,
-        rng=learner.rng,
-        checkpoint=Checkpoint(out.with_name(out.name + ".training"), identity),
+    network, settings = fit_actions(
+        task,
+        learned,
+        kind,
+        settings or ActionTraining(),
+        budget_s=budget_s,
+        seed=seed,
+        checkpoint=out.with_name(out.name + ".training"),
         quiet=quiet,
     )
     card = ModelCard(
@@ -97,7 +87,6 @@ def train_actions(
         command=command,
         seed=seed,
     )
-    network.eval()
     model = TorchModel(network, ("logits", "released"), card)
     some = asked(kind, validation, np.arange(min(8, len(validation))), reader)
     samples: list[Inputs] = [{name: values[:2] for name, values in some.items()}, some]
@@ -114,6 +103,42 @@ def train_actions(
         return class_scores(validation, posterior, classes) | latencies(times_s(written, validation, reader))
 
     return write_weights(model, out, samples, score, any_rows=True, told=told)
+
+
+def fit_actions(
+    task: Task,
+    learned: Segments,
+    kind: str,
+    settings: ActionTraining,
+    *,
+    budget_s: float | None = None,
+    seed: int = 0,
+    checkpoint: Path | None = None,
+    quiet: bool = True,
+) -> tuple[ActionNet | Lrcn, ActionTraining]:
+    """A network that has learned, ready to answer, and the settings with the epochs that there was time for."""
+    torch.manual_seed(seed)
+    network = build(kind, len(task.classes.parts), len(task.classes.positions), settings.share)
+    reader = SegmentReader(task.bench, task.product)
+    learner = _Learner(kind, network, learned, reader, settings, np.random.default_rng([seed, 1]))
+    if budget_s is not None:
+        affordable = int(budget_s / (learner.step_s() * learner.batches))
+        settings = settings.model_copy(update={"epochs": max(1, min(settings.epochs, affordable))})
+    optimiser = torch.optim.AdamW(network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay)
+    identity = f"{kind} {settings.model_dump_json()} {seed} {learned.sha256}"
+    fit(
+        network,
+        optimiser,
+        learner.losses,
+        settings.epochs,
+        learner.batches,
+        largest_gradient=1.0,
+        rng=learner.rng,
+        checkpoint=None if checkpoint is None else Checkpoint(checkpoint, identity),
+        quiet=quiet,
+    )
+    network.eval()
+    return network, settings
 
 
 @dataclass

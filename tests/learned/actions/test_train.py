@@ -82,3 +82,28 @@ def test_unknown_kinds_are_refused(tmp_path: Path) -> None:
     learned = load_segments([write_folder(tmp_path / "train", 8, 1)], CLASSES)
     with pytest.raises(InputError, match="legal: slim"):
         train_actions(Task(BENCH, PRODUCT), learned, learned, tmp_path / "net.onnx", "guess")
+
+
+def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(tmp_path: Path) -> None:
+    from learned.actions.baselines import KINDS, measure_folds, page, summary
+    from learned.actions.dataset import load_segments
+    from learned.actions.settings import ActionTraining
+    from learned.actions.train import Task
+
+    segments = load_segments([write_folder(tmp_path / "data", 40, 1, whole=True)], CLASSES)
+    apart = [segments.without(fold, 2) for fold in range(2)]
+    for learned, kept in apart:
+        assert not set(learned.logs) & set(kept.logs)
+        assert len(learned) + len(kept) == len(segments)
+    assert not set(apart[0][1].logs) & set(apart[1][1].logs)
+    settings = ActionTraining(epochs=1, batch=8, share=0.05)
+    wanted = [(fold, kind) for fold in range(2) for kind in KINDS]
+    rows = list(measure_folds(Task(BENCH, PRODUCT), segments, wanted, settings, folds=2))
+    assert [(row["fold"], row["kind"]) for row in rows] == wanted
+    told = {(one["kind"], one["control"]): one for one in summary(rows)}
+    assert {kind for kind, _ in told} == set(KINDS)
+    assert ("lrcn", "black crops") not in told
+    assert all(0 <= one["all"][0] <= 1 and one["splits"] == 2 for one in told.values())
+    assert len(page(rows).splitlines()) == 2 + len(told)
+    again = list(measure_folds(Task(BENCH, PRODUCT), segments, wanted[:1], settings, folds=2))
+    assert again[0]["told"] == rows[0]["told"]

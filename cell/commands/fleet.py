@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -133,6 +134,7 @@ def _run(tasks: Iterable[Task], total: int, out: Path, workers: int, scheduler: 
     from cell.fleet.journal import Journal
     from cell.fleet.table import write_table
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: workers end, and nothing of them is left
     journal = Journal(out / "runs.jsonl")
     wanted: dict[str, None] = {}  # in the order of the tasks
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

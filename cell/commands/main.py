@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
@@ -135,10 +136,20 @@ def main(arguments: list[str] | None = None) -> int:
     except typer.Abort:
         return _complain("interrupted", 1)
     except typer.TyperException as error:
-        return _complain(error.format_message(), BAD_INPUT)
+        return _complain(error.format_message() + _usage(error), BAD_INPUT)
     except KeyboardInterrupt:
         return _complain("interrupted", 1)
     return status if isinstance(status, int) else 0
+
+
+def _usage(error: typer.TyperException) -> str:
+    """What to type, where an argument is missing."""
+    context = getattr(error, "ctx", None)
+    if context is None or type(error).__name__ != "MissingParameter":
+        return ""
+    path, usage = context.command_path, context.get_usage().partition(": ")[2]
+    usage = re.sub(r"\{(.*?)\}(\.\.\.)?", r"\1", usage)
+    return f"\n  type: {' '.join(usage.split())}\n  {path} --help explains it"
 
 
 @app.command()
@@ -239,7 +250,7 @@ def _list_run(log: Path) -> None:
 
 @app.command()
 def check(
-    files: Annotated[list[Path], typer.Argument(help="Tree files.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files.")],
     config: Annotated[
         Path | None, typer.Option(help="Configuration whose part types and positions are the only legal ones.")
     ] = None,

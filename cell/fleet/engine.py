@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -37,8 +38,15 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
                 yield client
             return
         with (
+            tempfile.TemporaryDirectory(prefix="cell-sweep-") as folder,  # of all that workers leave behind
+            dask.config.set({"temporary-directory": folder}),
             distributed.LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                silence_logs=50,
+                env={"TMPDIR": folder},
             ) as local,
             distributed.Client(local) as client,
         ):

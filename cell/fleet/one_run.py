@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import multiprocessing
 import os
+import shutil
 import tempfile
 import threading
 import time
@@ -22,6 +23,7 @@ RUNS_A_PROCESS = 100  # then it is begun anew, so that nothing grows
 PARENT_S = 1.0  # how often a run's process looks whether its worker is still there
 TRIES = 2  # a run that kills its process is tried once more
 _pool: ProcessPoolExecutor | None = None
+_folder: str | None = None  # of the run that goes on in this process
 _lock = threading.Lock()
 
 
@@ -45,10 +47,11 @@ def run_task(task: Task) -> Row:
 
 def run_here(task: Task) -> Row:
     """Run in this process; needs its main thread. Bad input is a row, too: the other runs go on."""
+    global _folder
     began_s, began_cpu_s = time.perf_counter(), time.process_time()
-    with tempfile.TemporaryDirectory(prefix="cell-sweep-") as name:
+    with tempfile.TemporaryDirectory(prefix="cell-sweep-") as _folder:
         try:
-            summary = _run(task, Path(name))
+            summary = _run(task, Path(_folder))
         except CellError as error:
             summary = {"end": "refused", "reason": str(error), "finished": False}
     took = {"took_s": round(time.perf_counter() - began_s, 3), "cpu_s": round(time.process_time() - began_cpu_s, 3)}
@@ -94,11 +97,13 @@ def _heading(task: Task) -> Row:
 
 
 def _watch_parent(parent: int) -> None:
-    """A child ends with its worker, also with one that was killed."""
+    """A child ends with its worker, also with one that was killed, and leaves nothing behind."""
 
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(PARENT_S)
+        if _folder is not None:
+            shutil.rmtree(_folder, ignore_errors=True)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True, name="watch parent").start()

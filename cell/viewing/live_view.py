@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import secrets
 import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -38,7 +39,7 @@ class MonitorClient:
     def __init__(self, port: int) -> None:
         self.identity = b""
         self._port = port
-        self._count = 0
+        self._session = secrets.randbits(32)  # tells this client from others: its hooks end with it
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.REQ)
         self._socket.setsockopt(zmq.RCVTIMEO, TIMEOUT_MS)
@@ -86,8 +87,7 @@ class MonitorClient:
         Raises:
             InputError: nobody answers, or refuses to.
         """
-        self._count += 1
-        head = HEADER.pack(PROTOCOL, ord(kind), self._count)
+        head = HEADER.pack(PROTOCOL, ord(kind), self._session)
         self._socket.send_multipart([head, body] if body else [head])
         try:
             head, *bodies = self._socket.recv_multipart()

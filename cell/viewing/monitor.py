@@ -21,6 +21,7 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.perception import Frame
 from cell.observer import Level, Outcome, TickRecord
 from cell.recording.schemas import plain
+from cell.viewing.hook_owners import Owners, key_of
 from cell.viewing.stepping import WAITS
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.literals import shown
@@ -86,6 +87,7 @@ class Monitor:
         self._xml = tree_xml(tree, self._registry).encode()
         self._board = StatusBoard(len(tree.nodes))
         self._hooks = Hooks(tree, self._tell_breakpoint)
+        self._owners = Owners()
         self._resting: list[dict[str, Any]] = []  # hooks that act again with the next request
 
     def frame(self, frame: Frame) -> None:
@@ -115,10 +117,12 @@ class Monitor:
             except zmq.Again:
                 break
             self._asked_s = time.monotonic()
+            self._forget_gone()
             if self._resting:
                 self._order("I", self._resting)
                 self._resting = []
             self._replies.send_multipart(self.answer(request), zmq.NOBLOCK)
+        self._forget_gone()
         if self._with_hooks and time.monotonic() - self._asked_s > HOOKS_REST_AFTER_S and self._hooks.act:
             self._resting = self._hooks.enabled
             self._order("X", {})
@@ -128,10 +132,13 @@ class Monitor:
         try:
             if len(request[0]) != HEADER.size:
                 raise RefusedError(f"the header has {len(request[0])} bytes, not {HEADER.size}")
-            protocol, kind, _ = HEADER.unpack(request[0])
+            protocol, kind, session = HEADER.unpack(request[0])
             if protocol != PROTOCOL:
                 raise RefusedError(f"this is protocol {PROTOCOL}, not {protocol}")
+            self._owners.heard(session, chr(kind) == FEEDBACK)
             body = self._body(chr(kind), b"".join(request[1:]))
+            if chr(kind) == "I":
+                self._owners.inserted(session, self._hooks.dump())
         except RefusedError as error:
             return [b"error", str(error).encode()]
         head = request[0] + self._identity
@@ -179,6 +186,14 @@ class Monitor:
             raise RefusedError("start or stop must follow")
         self._board.stop_recording()
         return None
+
+    def _forget_gone(self) -> None:
+        """A view that was killed takes its hooks along."""
+        gone = self._owners.gone(HOOKS_REST_AFTER_S)
+        self._resting = [hook for hook in self._resting if key_of(hook) not in gone]
+        for hook in self._hooks.dump():
+            if key_of(hook) in gone:
+                self._order("R", {"uid": hook["uid"], "position": hook["position"]})
 
     def _order(self, kind: str, body: Any) -> None:
         """Carry out an order about hooks and tell of it."""

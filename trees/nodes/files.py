@@ -37,6 +37,7 @@ class WorkingFolder:
         """
         file = _inside(path)
         try:
+            _ordinary(file, path)
             if file.exists() and file.stat().st_size > SIZE_LIMIT:
                 raise NodeError(f"{path} is larger than {SIZE_LIMIT} bytes")
             text = file.read_text(encoding="utf-8") if file.exists() else None
@@ -56,8 +57,11 @@ class WorkingFolder:
             raise NodeError(f"{path} would be larger than {SIZE_LIMIT} characters")
         partial, content = file.with_name(file.name + ".partial"), _encoded(path, text)
         try:
+            _ordinary(file, path)
             file.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_bytes(content)
+            partial.unlink(missing_ok=True)  # whatever it is: to open a pipe could take for ever
+            with partial.open("xb") as stream:
+                stream.write(content)
             partial.replace(file)
         except OSError as error:
             raise NodeError(f"{path} cannot be written: {error}") from None
@@ -98,6 +102,16 @@ def _encoded(path: str, text: str) -> bytes:
         return text.encode()
     except UnicodeEncodeError as error:
         raise NodeError(f"{path} cannot be written: {error}") from None
+
+
+def _ordinary(file: Path, path: str) -> None:
+    """A pipe or a device would hold up the tick.
+
+    Raises:
+        NodeError: it is one, or a folder.
+    """
+    if file.exists() and not file.is_file():
+        raise NodeError(f"{path} is no ordinary file")
 
 
 def _inside(path: str) -> Path:

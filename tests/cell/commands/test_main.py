@@ -94,6 +94,8 @@ def test_a_factory_that_is_not_there_is_named_by_line(tmp_path: Path, capsys: py
         (["run", "--pace", "slow"], "slow"),
         (["run", "--seed", "-1"], "0"),
         (["frobnicate"], "frobnicate"),
+        (["check"], "type: cell check [OPTIONS] FILE..."),
+        (["log", "info"], "type: cell log info [OPTIONS] LOG..."),
         (["check", "no/such/file.xml"], "no/such/file.xml: cannot be read"),
         (["eval", "grasp", "--kind", "magic"], "magic"),
         (["run", "--live-port", "99999"], "--live-port"),

@@ -40,7 +40,10 @@ def test_a_sweep_whose_worker_is_killed_has_all_runs(tmp_path: Path) -> None:
     spec, out = tmp_path / "spec.yaml", tmp_path / "out"
     spec.write_text(SPEC)
     command = [sys.executable, "-m", "cell", "sweep", str(spec), "--out", str(out), "--workers", "1", "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as running:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    told = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "env": {**os.environ, "TMPDIR": str(scratch)}}
+    with subprocess.Popen(command, text=True, **told) as running:  # type: ignore[call-overload]
         journal = out / "runs.jsonl"
         while running.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n")):
             time.sleep(0.05)
@@ -51,6 +54,7 @@ def test_a_sweep_whose_worker_is_killed_has_all_runs(tmp_path: Path) -> None:
                 continue
         answer, _ = running.communicate()
     assert running.returncode == 0, answer
+    assert not list(scratch.iterdir()), "something of the killed workers is left"
     rows = read_table(out / "runs.parquet")
     alone = [run_here(task) for task in tasks(load_sweep(spec))]
     assert [row["key"] for row in rows] == [row["key"] for row in alone]

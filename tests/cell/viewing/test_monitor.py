@@ -445,6 +445,33 @@ def test_who_leaves_takes_the_breakpoints_along(make: Callable[..., Bench]) -> N
         client.close()
 
 
+def test_breakpoints_of_a_view_that_was_killed_end_and_those_of_others_stay(
+    make: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make(hooks=True)
+    other = {"uid": LAST, "mode": 0, "desired_status": "SKIPPED", "position": 0}
+    bench.ask("I", json.dumps(other).encode())
+    client = MonitorClient(bench.port)
+    stepper = Stepper(bench.served(client.tree), lambda kind, body: bench.served(lambda: client.order(kind, body)))
+    try:
+        bench.served(client.said)
+        stepper.press("p", {})
+        stepper.keep(bench.statuses(), {})
+        assert len(json.loads(bench.ask("D")[1])) > 1
+    finally:
+        client.close()  # without a word
+    monkeypatch.setattr("cell.viewing.monitor.HOOKS_REST_AFTER_S", -1.0)
+    bench.monitor.serve()
+    monkeypatch.undo()
+    assert {hook["uid"] for hook in json.loads(bench.ask("D")[1])} == {LAST}
+    again = MonitorClient(bench.port)
+    try:
+        bench.served(again.statuses)
+    finally:
+        again.close()
+    assert [hook["enabled"] for hook in json.loads(bench.ask("D")[1])] == [True]
+
+
 def test_only_nodes_that_are_asked_are_said_to_wait_at_a_breakpoint(make: Callable[..., Bench]) -> None:
     bench = make(hooks=True)
     bench.ask("I", json.dumps({"uid": FIRST}).encode())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -177,6 +178,16 @@ def test_what_somebody_else_wrote_is_neither_loaded_nor_replaced() -> None:
         provided = {"n": 1} if node.startswith("Save") else {}
         assert run(f'<{node} file="mine.json" n="{{n}}"/>', services(), **provided)[0] is Status.FAILURE
     assert json.loads(Path("mine.json").read_text()) == {"entries": {"n": 1}}
+
+
+@pytest.mark.parametrize("node", ["SaveBlackboard", "LoadBlackboard", "AppendRow"])
+@pytest.mark.parametrize("name", ["a.json", "a.json.partial"])
+def test_a_pipe_never_holds_up_a_tick(node: str, name: str) -> None:
+    os.mkfifo(name)
+    provided = {} if node == "LoadBlackboard" else {"n": 1}
+    status, _ = run(f'<{node} file="a.json" n="{{n}}"/>', services(), **provided)
+    fails = name == "a.json" or node == "LoadBlackboard"
+    assert status is (Status.FAILURE if fails else Status.SUCCESS)
 
 
 @pytest.mark.parametrize("x_m", [str(10**400), "NaN", "Infinity", '"nan"', "50", "null", "[]"])

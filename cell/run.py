@@ -52,7 +52,7 @@ from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from cell.viewing.typed_orders import TypedOrders
 from cell.world import real_time
-from cell.world.opening import SIMULATED, configured_devices, connect, own_world
+from cell.world.opening import SIMULATED, configured_devices, connect, drawn_from, own_world
 from skills.can_gripper import CanGripper, Tap
 from skills.can_signals import CanSignals
 from skills.checked_arm import CheckedArm
@@ -98,7 +98,6 @@ def run(options: RunOptions, console: Console) -> RunResult:
     with located(options.configuration, configuration):
         product = load_product(configuration, options.configuration)
         tree = options.load(product, configuration)
-        log = log_path(options, configuration.log)
         configuration, told = fitted(configuration, product)
         if told:
             console.print(told, highlight=False)
@@ -113,6 +112,10 @@ def run(options: RunOptions, console: Console) -> RunResult:
                 console.print(f"the world at {world} is gone: this is another one", highlight=False)
                 world = None
             options = replace(options, world=world)
+        if options.world is not None:
+            drawn = drawn_from(options.world)
+            options = replace(options, seed=drawn.seed, goal=drawn.goal)
+        log = log_path(options, configuration.log)
         planners, faults = load_planners(configuration, product), load_faults(configuration)
         return _run(options, Files(configuration, product, tree, planners, faults, left_off), tally, log, console)
 

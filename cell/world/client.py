@@ -59,7 +59,7 @@ class RemoteCell:
         self._lock = threading.RLock()
         self._fault: DeviceFault | None = None
         self._numbers = itertools.count()
-        self._connection = _connected(address, patience_s, alive)
+        self._connection = connected(address, patience_s, alive)
         self._connection.send(Hello(pace, dict(cell)))
         try:
             welcome = self._connection.recv()
@@ -322,7 +322,12 @@ def _emptied(kept: list[Value]) -> list[Value]:
     return taken
 
 
-def _connected(address: Path, patience_s: float, alive: Callable[[], bool]) -> Connection:
+def connected(address: Path, patience_s: float = 0.0, alive: Callable[[], bool] = lambda: True) -> Connection:
+    """A connection to the world at an address.
+
+    Raises:
+        InputError: nobody is there.
+    """
     until_s = time.monotonic() + patience_s
     while True:
         trial = socket.socket(socket.AF_UNIX)

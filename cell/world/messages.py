@@ -32,6 +32,19 @@ class Hello:
 
 
 @dataclass(frozen=True)
+class Ask:
+    """Somebody wants to know which world this is, and goes again."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What the world was drawn from."""
+
+    seed: int
+    goal: str
+
+
+@dataclass(frozen=True)
 class Refused:
     """No controller is let in, and why."""
 

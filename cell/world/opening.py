@@ -15,12 +15,12 @@ from typing import Any
 
 from cell.configuration import Configuration
 from cell.interfaces.devices import Devices
-from cell.interfaces.errors import CellError, SettingError
+from cell.interfaces.errors import CellError, InputError, SettingError
 from cell.interfaces.product import Product
 from cell.world import real_time
 from cell.world.buses import CarriedBuses
-from cell.world.client import RemoteCell
-from cell.world.messages import Pace
+from cell.world.client import RemoteCell, connected
+from cell.world.messages import Ask, Drawn, Pace
 from cell.world.server import WorldServer
 
 SIMULATED = "sim.cell:open_cell"  # the factory whose devices may live in a process of their own
@@ -68,9 +68,28 @@ def open_world(
         unless_opened.callback(devices.close)
         buses = CarriedBuses(configuration)
         unless_opened.callback(buses.close)
-        server = WorldServer(devices, buses, address, period_s, identity(product), private, watch)
+        server = WorldServer(devices, buses, address, period_s, identity(product), Drawn(seed, goal), private, watch)
         unless_opened.pop_all()
     return server, devices
+
+
+def drawn_from(address: Path) -> Drawn:
+    """What the world at an address was drawn from.
+
+    Raises:
+        InputError: nobody is there, or nobody who tells.
+    """
+    connection = connected(address)
+    try:
+        connection.send(Ask())
+        drawn = connection.recv()
+    except (EOFError, OSError):
+        drawn = None
+    finally:
+        connection.close()
+    if not isinstance(drawn, Drawn):
+        raise InputError(f"{address}: the world does not tell what it was drawn from")
+    return drawn
 
 
 def connect(configuration: Configuration, product: Product, address: Path, pace: Pace) -> RemoteCell:

@@ -19,7 +19,7 @@ from cell.interfaces.errors import CellError, InputError
 from cell.interfaces.observation import ArmState, JointSamples
 from cell.interfaces.perception import Frame, PendingFrame
 from cell.world.buses import CarriedBuses
-from cell.world.messages import Advance, Answer, Call, Hello, Order, Pace, Refused, Snapshot, Welcome
+from cell.world.messages import Advance, Answer, Ask, Call, Drawn, Hello, Order, Pace, Refused, Snapshot, Welcome
 from cell.world.pacing import Pacer
 
 GONE_S = 1.0  # simulated time that passes when a controller in lock-step has gone: its arm stops by itself
@@ -34,6 +34,7 @@ class WorldServer:
         buses: the CAN buses of the devices' process.
         period_s: step of the world on the wall's time.
         cell: what this cell is, by name; a controller that takes it for another one is refused.
+        drawn: what the world was drawn from.
         private: it ends when its first controller has gone.
         watch: told the world's time after every advance; for trials.
     """
@@ -45,9 +46,11 @@ class WorldServer:
         address: Path,
         period_s: float,
         cell: Mapping[str, str],
+        drawn: Drawn,
         private: bool = False,
         watch: Callable[[float], None] = lambda _: None,
     ) -> None:
+        self._drawn = drawn
         self._devices, self._buses, self._address, self._period_s = devices, buses, address, period_s
         self._cell, self._private, self._watch = dict(cell), private, watch
         self._connection: Connection | None = None
@@ -94,6 +97,10 @@ class WorldServer:
         connection = Connection(taken.detach())
         try:
             hello = connection.recv()
+            if isinstance(hello, Ask):
+                connection.send(self._drawn)
+                connection.close()
+                return
             problem = self._refusal(hello)
             if problem:
                 connection.send(Refused(problem))

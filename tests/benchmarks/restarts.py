@@ -30,6 +30,7 @@ from cell.evaluating.bare_host import without_pixels
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
 from cell.world.buses import CarriedBuses
+from cell.world.messages import Drawn
 from cell.world.opening import identity
 from cell.world.server import WorldServer
 from sim.cell import SimCell
@@ -83,7 +84,13 @@ class Trial:
         address = self.folder / "world.sock"
         period_s = simulation.physics.control_period_s
         server = WorldServer(
-            devices, CarriedBuses(configuration), address, period_s, identity(PRODUCT), watch=self._watch
+            devices,
+            CarriedBuses(configuration),
+            address,
+            period_s,
+            identity(PRODUCT),
+            Drawn(self.seed, wanted),
+            watch=self._watch,
         )
         lines: list[dict[str, Any]] = []
         controllers = threading.Thread(target=self._controllers, args=(address, lines, server), daemon=True)

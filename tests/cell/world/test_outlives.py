@@ -17,8 +17,8 @@ from cell.interfaces.devices import KEEP_ALIVE_S
 from cell.interfaces.errors import DeviceFault, InputError
 from cell.interfaces.observation import ArmState
 from cell.world.client import RemoteCell
-from cell.world.messages import Pace
-from cell.world.opening import connect
+from cell.world.messages import Drawn, Pace
+from cell.world.opening import connect, drawn_from
 from tests.processes import started
 
 CONFIGURATION = load_configuration()
@@ -27,9 +27,9 @@ TURN_RAD, LONG_S = 1.2, 4.0
 
 
 @contextmanager
-def world(folder: Path) -> Iterator[Path]:
+def world(folder: Path, *more: str) -> Iterator[Path]:
     address = folder / "world.sock"
-    with started([sys.executable, "-m", "cell", "world", "--at", str(address)]) as process:
+    with started([sys.executable, "-m", "cell", "world", "--at", str(address), *more]) as process:
         assert process.stderr is not None
         assert "the world is at" in process.stderr.readline()
         yield address
@@ -100,3 +100,14 @@ def test_a_world_that_dies_is_a_fault_of_its_devices_and_time_goes_on(tmp_path: 
         cell.devices.arm.stop()
     assert cell.devices.report() == {}
     cell.close()
+
+
+def test_a_world_tells_what_it_was_drawn_from_also_while_somebody_works_there(tmp_path: Path) -> None:
+    with world(tmp_path, "--seed", "41", "--goal", "g1") as address:
+        assert drawn_from(address) == Drawn(41, "g1")
+        first = controller(address, "fast")
+        assert drawn_from(address) == Drawn(41, "g1")
+        assert first.devices.arm.state().stands
+        first.close()
+    with pytest.raises(InputError, match="no world is there"):
+        drawn_from(tmp_path / "nowhere.sock")

@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all check bench pictures train-deps hands readers constraints doctor clean .venv/browser
+.PHONY: help run test test-all check bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -12,6 +12,7 @@ PACKAGES := cell trees skills learned sim config
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri libopengl0 libosmesa6 fonts-dejavu-core
 RUN_ARGS ?= --goal random --seed 1
 TEST_ARGS ?=
+WEIGHTS_ARGS ?=
 JUNIT ?=
 export JUNIT
 
@@ -34,6 +35,7 @@ help:
 	@echo "make bench      benchmarks"
 	@echo "make test-all   the tests and the long experiments"
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
+	@echo "make weights    all shipped weights again, into trained/ (over an hour; WEIGHTS_ARGS=\"--plan\" says what it does)"
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
 	@echo "make readers    .venv-readers: LeRobot and Rerun, which open the exports of logs in 'make test-all' (0.6 GB)"
 	@echo "make pictures   docs: the pictures, and the page of all keys"
@@ -70,6 +72,9 @@ pictures: .venv/tests .venv/system
 	$(BIN)/python -m tests.docs.pictures
 
 train-deps: .venv/tests
+
+weights: .venv/tests .venv/system
+	$(BIN)/cell train all $(WEIGHTS_ARGS)
 
 hands: .venv/tests
 	$(BIN)/cell hands fetch

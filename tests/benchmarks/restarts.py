@@ -156,6 +156,8 @@ class Trial:
         if question.kind == "goal":
             fitting = [name for name in PRODUCT.goals if placed.items() <= PRODUCT.goal_placements(name).items()]
             return len(fitting) == 1 and self.seed % 2 == 0
+        if question.kind == "mend":
+            return not self._cell.score.report()["wrong_placements"]
         if not question.part:  # "take the part out of the gripper"
             return self.seed % 2 == 0 or self._held() is None
         return False

@@ -251,6 +251,7 @@ def keep(node: AskToMend | LeaveMistake, mistakes: Mistakes, why: str, known_wro
     """Take it as it is from now on, in this bracket."""
     holes = {one.position: one.part for one in mistakes}
     state = node.state.get()
+    known_wrong = known_wrong and mistakes[0].kind != "hidden"  # what cannot be read is not known
     wrong = {**state.known_wrong, **holes} if known_wrong else state.known_wrong
     node.state.set(replace(state, kept={**state.kept, **holes}, known_wrong=wrong))
     node.services.journal.note("belief", kept=holes, known_wrong=known_wrong, reason=why)

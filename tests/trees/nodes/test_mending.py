@@ -173,6 +173,18 @@ def test_what_nobody_mends_is_known_to_be_wrong() -> None:
     assert told(to, waiting(to, node.state.get()), 9.0, {P2: other}), "another part there is another mistake"
 
 
+def test_a_hole_that_nobody_clears_is_not_asked_about_again_and_not_known_to_be_wrong() -> None:
+    to = services()
+    node: Any = alone(LeaveMistake("leave"), to, mistakes=(Mistake(P1, "hidden"),), state=TOLD)
+    assert node.execute() is Status.SUCCESS
+    state = node.state.get()
+    assert (state.kept, state.known_wrong) == ({P1: None}, {})
+    waits = waiting(to, state)
+    for time_s in range(60):
+        see(to, float(time_s), holes={name: HoleView(None, 1.0, float(time_s)) for name in list(G1)[1:]})
+        assert waits.execute() is Status.RUNNING
+
+
 def test_what_fits_no_product_is_asked_about_though_none_is_so_unlikely() -> None:
     to = services()
     shows(to, 0.0)

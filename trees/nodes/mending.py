@@ -166,13 +166,13 @@ class AskToMend(Asks):
     wait_s = InputPort(float, "longest wait for it; 0 waits for ever", default=0.0)
     persistent = ("_before",)
 
-    _before: Mistakes = ()  # what was asked about last
+    _before: Mistakes = ()  # what was asked about last, where that changed nothing
     _done_s: float | None = None
 
     def initialise(self) -> None:
         services, mistakes = self.services, self.mistakes.get()
         reason, todo = reason_of(services.product, mistakes), todo_of(mistakes)
-        again, self._before = mistakes == self._before, mistakes
+        again, self._before = mistakes == self._before, ()
         self._asked_s, self._done_s = services.observation.time_s, None
         answers = [Answer(HELP_GIVEN, "done, look again")]
         if mistakes[0].kind != "hidden":
@@ -199,10 +199,14 @@ class AskToMend(Asks):
             self._done_s = services.observation.time_s if self._done_s is None else self._done_s
             if services.observation.time_s - self._done_s >= self.look_s.get():
                 self.feedback_message = "it still looks the same"
-                return Status.FAILURE
+                return self._in_vain(mistakes)
         elif self.wait_s.get() > 0 and self.late(self.wait_s.get()):
-            return Status.FAILURE
+            return self._in_vain(mistakes)
         return Status.RUNNING
+
+    def _in_vain(self, mistakes: Mistakes) -> Status:
+        self._before = mistakes
+        return Status.FAILURE
 
     def _stands(self, mistakes: Mistakes) -> bool:
         """Whether all of it still looks as it was told."""

@@ -136,6 +136,11 @@ def test_who_says_done_without_having_done_it_is_asked_again() -> None:
     assert node.execute() is Status.RUNNING
     (question,) = to.display.questions
     assert (question.number, question.tried) == (2, "I asked this before, and it looks the same")
+    shows(to, 15.0)
+    assert node.execute() is Status.SUCCESS
+    shows(to, 99.0, {P2: ODD})
+    assert node.execute() is Status.RUNNING
+    assert not to.display.questions[0].tried, "it was mended in between"
 
 
 def test_nobody_answers() -> None:

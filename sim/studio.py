@@ -65,14 +65,16 @@ class Studio:
         return image
 
     def _renderer(self, width_px: int, height_px: int) -> mujoco.Renderer:
-        """With a buffer no larger than the image: for each image all of it is cleared."""
+        """With a buffer no larger than the image, all of which is cleared for each image, and without a sky."""
         screen = self._scene.model.vis.global_
         largest = screen.offwidth, screen.offheight
         screen.offwidth, screen.offheight = width_px, height_px
         try:
-            return mujoco.Renderer(self._scene.model, height_px, width_px)
+            renderer = mujoco.Renderer(self._scene.model, height_px, width_px)
         finally:
             screen.offwidth, screen.offheight = largest
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # every camera looks down
+        return renderer
 
     def close(self) -> None:
         """Let go of the graphics contexts; open ones complain when Python exits."""

@@ -27,7 +27,7 @@ from cell.settings import (
     SemanticPlannerSettings,
 )
 from sim.look_range import look_range
-from sim.person import load_person
+from sim.persons import load_person
 from skills.settings import CanSettings, MotionSettings, SignalSettings
 from trees.guard import GuardSettings
 

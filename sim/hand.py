@@ -16,7 +16,8 @@ from cell.interfaces.pose import Array
 from sim import hand_shapes as shapes
 from sim import palette
 from sim.look import NOMINAL, Appearance
-from sim.person import PERSONS, Person
+from sim.person import Person
+from sim.persons import PERSONS
 
 CAREFUL = PERSONS["careful"]
 SPECULAR = 0.1

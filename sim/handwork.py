@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import PartType, Product
+from cell.interfaces.pose import Array
+from cell.interfaces.product import Product
+from sim.gripping import Gripping, fold_yaw, turn
 from sim.hand import Hand
 from sim.hand_motion import at_pace, min_jerk, plan_reach
 from sim.person import Person, drawn
-from sim.pinch import top_m, widest, widest_near_end
+from sim.pinch import top_m
 from sim.worker_sight import SeenPart, Sight
 
 Script = Iterator[None]
@@ -21,10 +22,6 @@ Script = Iterator[None]
 CLEAR_M = 0.025  # between a carried part's peg and the tallest part in the bracket
 HOVER_M = 0.03  # of the fingertips over a part before they close around it
 RELAXED_GAP_M = 0.025
-SQUEEZE_M = 0.016  # commanded below the part's width: 20 N a finger
-LOST_GRIP_M = 0.006  # gap this far below the part's width: nothing is between the fingers
-LOST_PART_M = 0.07
-CLOSED_M = 0.002  # gap this far above the part's width: the fingers lie against it
 BEFORE_PART_M = 0.06  # in front of a part that is held out
 LETS_GO_S = 0.7  # how long a robot takes to notice and to open its fingers
 MOST_YAW_RAD = 1.3
@@ -50,17 +47,6 @@ class ScrewMotion:
     rate_hz: float
     radius_m: float
     yaw_rad: float
-
-
-@dataclass(frozen=True)
-class GripStyle:
-    """How one part is gripped; see `Grip`."""
-
-    tilt_rad: float
-    roll_rad: float
-    curl_rad: float
-    from_middle_m: float | None
-    open_m: float
 
 
 class Handwork:
@@ -103,10 +89,9 @@ class Handwork:
 
     def become(self, person: Person) -> None:
         """From now on the hand is this person's."""
-        self._grip_habits = person.grip
         self.pace = drawn(person.pace, self._chance)
         self._motion = at_pace(person.motion, self.pace)
-        self._style = self._draw_style()
+        self._gripping = Gripping(self._hand, self._product, person.grip, self._chance)
 
     def send(self) -> None:
         """Command the hand."""
@@ -149,15 +134,15 @@ class Handwork:
 
     def grasp(self, seen: SeenPart) -> Script:
         """Reach over a standing part, close the fingers around its end and lift it."""
-        self._style = self._draw_style()
+        self._gripping.another()
         yaw_rad = fold_yaw(seen.pose.yaw_rad)
-        grip_m, across_m, top_m = self._grip(seen, yaw_rad)
+        grip_m, across_m, top_m = self._gripping.around(seen, yaw_rad)
         over_m = np.array([grip_m[0], grip_m[1], top_m + HOVER_M])
-        _, width_m = self._pinch_place(self._product.parts[seen.part])
-        wrist_rad = (self._style.tilt_rad, self._style.roll_rad, self._style.curl_rad)
-        yield from self.reach(over_m, yaw_rad, across_m + self._style.open_m, arch_m=ARCH_M, wrist_rad=wrist_rad)
+        style = self._gripping.style
+        wrist_rad = (style.tilt_rad, style.roll_rad, style.curl_rad)
+        yield from self.reach(over_m, yaw_rad, across_m + style.open_m, arch_m=ARCH_M, wrist_rad=wrist_rad)
         yield from self.reach(grip_m, haste=STEADY)
-        yield from self.pinch(width_m - SQUEEZE_M)
+        yield from self.pinch(self._gripping.closed_m(seen.part))
         yield from self.wait(LOOK_S)
         if self.holds(seen.body):
             lift_m = max(self.clear_height_m - seen.pose.position_m[2], 0.02)
@@ -165,28 +150,23 @@ class Handwork:
 
     def take_over(self, seen: SeenPart) -> Script:
         """Take a part that the robot holds out: from the front, and wait until it lets go."""
-        self._style = self._draw_style()
+        self._gripping.another()
         yaw_rad = fold_yaw(seen.pose.yaw_rad)
-        grip_m, across_m, _ = self._grip(seen, yaw_rad)
+        grip_m, across_m, _ = self._gripping.around(seen, yaw_rad)
         back_m = turn(yaw_rad, np.array([BEFORE_PART_M, 0.0, 0.0]))
-        _, width_m = self._pinch_place(self._product.parts[seen.part])
-        yield from self.reach(grip_m + back_m, yaw_rad, across_m + self._style.open_m, arch_m=ARCH_M)
+        yield from self.reach(grip_m + back_m, yaw_rad, across_m + self._gripping.style.open_m, arch_m=ARCH_M)
         yield from self.reach(grip_m, haste=STEADY)
-        yield from self.pinch(width_m - SQUEEZE_M)
+        yield from self.pinch(self._gripping.closed_m(seen.part))
         yield from self.wait(LETS_GO_S)
         yield from self.reach(self.position_m + back_m, haste=STEADY)
 
     def pinches(self, body: str) -> bool:
         """Whether the fingers are closed around a part."""
-        _, width_m = self._pinch_place(self._product.parts[self._sight.part(body).part])
-        return self.holds(body) and self._hand.gap_m < width_m + CLOSED_M
+        return self._gripping.closed_around(self._sight.part(body))
 
     def holds(self, body: str) -> bool:
         """Whether a part is between the fingers."""
-        seen = self._sight.part(body)
-        _, width_m = self._pinch_place(self._product.parts[seen.part])
-        apart_m = float(np.linalg.norm(np.array(seen.pose.position_m) - self._hand.position_m))
-        return self._hand.gap_m > width_m - LOST_GRIP_M and apart_m < LOST_PART_M
+        return self._gripping.holds(self._sight.part(body))
 
     def carry(self, body: str, target_m: Array) -> Script:
         """Bring a held part over its target."""
@@ -200,7 +180,10 @@ class Handwork:
         yield from self.reach(*self._hand_for(body, before_m), haste=STEADY)
         yield from self.wait(LOOK_S)
         yield from self.reach(*self._hand_for(body, before_m), haste=CAREFUL)
-        yield from self.reach(*self._hand_for(body, target_m - np.array([0.0, 0.0, PRESS_M])), haste=CAREFUL)
+        yield from self.reach(
+            *self._hand_for(body, target_m - np.array([0.0, 0.0, PRESS_M])),
+            haste=CAREFUL,
+        )
         if self._sight.part(body).pose.position_m[2] > target_m[2] + NOT_IN_M:
             yield from self._search()
 
@@ -215,7 +198,7 @@ class Handwork:
 
     def let_go(self, part: str) -> Script:
         """Open the fingers."""
-        yield from self.pinch(self._product.parts[part].size_m[1] + self._style.open_m)
+        yield from self.pinch(self._gripping.opened_m(part))
 
     def back_off(self) -> Script:
         """Move the fingers up and away towards the person, and put a tool away."""
@@ -226,8 +209,8 @@ class Handwork:
     def reach_over(self, seen: SeenPart, height_m: float, *, tool: bool) -> Script:
         """Bring the fingertips, or the tool's end, over a placed part, where they screw, or down on it."""
         part = self._product.parts[seen.part]
-        self._style = self._draw_style()
-        pinch_m = self._pinch_place(part)[0]
+        self._gripping.another()
+        pinch_m = self._gripping.place(seen.part)[0]
         place_m = np.array(seen.pose.position_m) + np.array([pinch_m[0], pinch_m[1], part.size_m[2] + height_m])
         if not tool:
             yield from self.reach(place_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M / 2)
@@ -251,47 +234,8 @@ class Handwork:
             self.yaw_rad = ease * motion.yaw_rad * math.sin(phase)
             yield
 
-    def _grip(self, seen: SeenPart, yaw_rad: float) -> tuple[Array, float, float]:
-        """Where to pinch a part that may lean; how wide it is across the fingers and how high it reaches, as it stands.
-
-        Returns:
-            The pinch (3,), the width and the height of the top, in [m].
-        """
-        part = self._product.parts[seen.part]
-        length_m, width_m, height_m = part.size_m
-        corners_m = seen.pose.transform(
-            np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0, 1)])
-            * (length_m, width_m, height_m)
-        )
-        across = turn(yaw_rad, np.array([0.0, 1.0, 0.0]))
-        offsets_m = (corners_m - np.array(seen.pose.position_m)) @ across
-        grip_m = np.array(seen.pose.position_m) + turn(yaw_rad, np.array(self._pinch_place(part)[0]))
-        grip_m += across * (offsets_m.max() + offsets_m.min()) / 2
-        return grip_m, float(np.ptp(offsets_m)), float(corners_m[:, 2].max())
-
-    def _pinch_place(self, part: PartType) -> tuple[tuple[float, float, float], float]:
-        """Where in its frame a part is pinched in the present style, and how wide it is there."""
-        if self._style.from_middle_m is None:
-            return widest_near_end(part)
-        return widest(part, round(self._style.from_middle_m, 3))
-
-    def _draw_style(self) -> GripStyle:
-        """How the next part is gripped; nothing is drawn where the person always does it alike."""
-        habits = self._grip_habits
-        return GripStyle(
-            tilt_rad=drawn(habits.tilt_rad, self._chance),
-            roll_rad=drawn(habits.roll_rad, self._chance),
-            curl_rad=drawn(habits.curl_rad, self._chance),
-            from_middle_m=None if habits.from_middle_m is None else drawn(habits.from_middle_m, self._chance),
-            open_m=drawn(habits.open_m, self._chance),
-        )
-
     def _hand_for(self, body: str, target_m: Array) -> tuple[Array, float]:
-        """Where the hand must be so that the held part is at `target_m` with its long side along x."""
-        pose: Pose = self._sight.part(body).pose
-        held_m = turn(-self._hand.yaw_rad, np.array(pose.position_m) - self._hand.position_m)
-        yaw_rad = -fold_yaw(pose.yaw_rad - self._hand.yaw_rad)
-        return target_m - turn(yaw_rad, held_m), yaw_rad
+        return self._gripping.hand_for(self._sight.part(body).pose, target_m)
 
     def _search(self) -> Script:
         """Press on and move in a growing circle."""
@@ -302,18 +246,3 @@ class Handwork:
             radius_m = SEARCH_M * min(elapsed_s / SEARCH_S, 1.0)
             self.position_m = centre_m + radius_m * np.array([math.cos(phase), math.sin(phase), 0.0])
             yield
-
-
-def fold_yaw(yaw_rad: float) -> float:
-    """The same line's heading in (-pi/2, pi/2]: a part looks alike from both ends."""
-    folded = math.fmod(yaw_rad, math.pi)
-    if folded > math.pi / 2:
-        return folded - math.pi
-    return folded + math.pi if folded <= -math.pi / 2 else folded
-
-
-def turn(yaw_rad: float, vector_m: Array) -> Array:
-    """A vector (3,) turned about the vertical."""
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    x, y, z = (float(value) for value in vector_m)
-    return np.array([c * x - s * y, s * x + c * y, z])

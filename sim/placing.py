@@ -8,7 +8,8 @@ import numpy as np
 
 from cell.interfaces.pose import Array
 from sim.diary import Diary
-from sim.handwork import MOST_YAW_RAD, Handwork, Script, fold_yaw
+from sim.gripping import fold_yaw
+from sim.handwork import MOST_YAW_RAD, Handwork, Script
 from sim.person import Order, Person, drawn, happens
 from sim.worker_sight import GRASPABLE_TILT_RAD, SeenPart, Sight
 

@@ -9,7 +9,8 @@ from pydantic import Field, WithJsonSchema, model_validator
 from cell.interfaces.model import Disagreement, Model
 from sim.hardware import HARDWARE, NamedHardware
 from sim.look_range import LookRange
-from sim.person import PERSONS, Person
+from sim.person import Person
+from sim.persons import PERSONS
 
 LOOK_AS_WRITTEN = {"anyOf": [{"type": "string"}, {"type": "object"}]}
 

@@ -24,7 +24,7 @@ from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from sim.kinematic import KinematicBench, Recording
 from sim.labels import guarded, labels
-from sim.person import load_person
+from sim.persons import load_person
 
 TEST_SEED = 900_000  # seeds of training, validation and test never meet
 VALIDATION_SEED = 800_000

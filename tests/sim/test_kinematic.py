@@ -9,7 +9,8 @@ import pytest
 
 from sim.kinematic import KinematicBench, Recording
 from sim.labels import guarded, labels
-from sim.person import PERSONS, Lapses, Person, Storage
+from sim.person import Lapses, Person, Storage
+from sim.persons import PERSONS
 from tests.sim.worker_bench import bench, product
 
 

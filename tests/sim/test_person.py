@@ -11,7 +11,8 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Array, Pose
 from sim.clutter import gap, rectangle
 from sim.handwork import Script
-from sim.person import PERSONS, Lapses, Person, ScrewHabits, Storage, load_person
+from sim.person import Lapses, Person, ScrewHabits, Storage
+from sim.persons import PERSONS, load_person
 from sim.storage import COMMON_BIN_M, lay_out, person_set
 from tests.sim.worker_bench import Shift, bench, product, world_of
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cell.interfaces.product import Product
@@ -22,7 +22,9 @@ def run_summary(summary: Mapping[str, Any], product: Product, tick_hz: float) ->
             rows[heading] = str(summary[key])
     if problems := summary.get("observer_problems"):
         rows["beside the run"] = "; ".join(map(str, problems))
-    if "placements" in summary:
+    if summary.get("brackets"):
+        rows |= _shift(summary)
+    elif "placements" in summary:
         rows |= _assembly(summary, product)
     rows["time"] = (
         f"{summary['sim_time_s']:.1f} s in the cell, {summary['wall_time_s']:.1f} s on the clock "
@@ -49,7 +51,7 @@ def _lateness(summary: Mapping[str, Any]) -> str:
 def _result(summary: Mapping[str, Any]) -> str:
     if not summary["finished"]:
         return f"{summary['end']}: {summary['reason']}"
-    if not summary.get("placements"):
+    if summary.get("brackets") or not summary.get("placements"):
         return "finished"
     return "finished, and the bracket is right" if summary.get("correct") else "finished, but the bracket is not right"
 
@@ -69,6 +71,28 @@ def _assembly(summary: Mapping[str, Any], product: Product) -> Rows:
     if summary.get("contacts"):
         rows["contacts"] = f"{summary['contacts']} of hand and robot, up to {summary['contact_speed_m_s']:.2f} m/s"
     rows["calls for help"] = str(summary["help_requests"] or "none")
+    return rows
+
+
+def _shift(summary: Mapping[str, Any]) -> Rows:
+    """Of brackets one after the other: how many came right, who placed the parts, what was asked."""
+    done: Sequence[Mapping[str, Any]] = summary["brackets"]
+    finished = [one for one in done if one["finished"]]
+    told = [f"{len(done)} begun, {len(finished)} finished", f"{summary['right']} right"]
+    told += [f"{count} {words}" for words in ("wrong", "unfinished") if (count := summary[words])]
+    rows = {"brackets": ", ".join(told)}
+    if known := [f"{one['number']} ({', '.join(one['known_wrong'])})" for one in done if one.get("known_wrong")]:
+        rows["known to be wrong"] = f"bracket {'; '.join(known)}"
+    if finished:
+        mean_s = sum(one["sim_time_s"] for one in finished) / len(finished)
+        rows["a bracket took"] = (
+            f"{mean_s:.0f} s on average, {max(one['sim_time_s'] for one in finished):.0f} s at most"
+        )
+    by = {who: sum(one.get(f"{who}_placements") or 0 for one in done) for who in ("robot", "human")}
+    rows["placed by"] = f"robot {by['robot']}, person {by['human']}"
+    if summary.get("contacts"):
+        rows["contacts"] = f"{summary['contacts']} of hand and robot, up to {summary['contact_speed_m_s']:.2f} m/s"
+    rows["questions"] = str(summary["asked"] or "none")
     return rows
 
 

@@ -78,8 +78,9 @@ def _shift(summary: Mapping[str, Any]) -> Rows:
     """Of brackets one after the other: how many came right, who placed the parts, what was asked."""
     done: Sequence[Mapping[str, Any]] = summary["brackets"]
     finished = [one for one in done if one["finished"]]
-    told = [f"{len(done)} begun, {len(finished)} finished", f"{summary['right']} right"]
-    told += [f"{count} {words}" for words in ("wrong", "unfinished") if (count := summary[words])]
+    told = [f"{len(done)} begun, {len(finished)} finished"]
+    judged = any(one.get("correct") is not None for one in done)
+    told += [f"{summary[word]} {word}" for word in ("right", "wrong") if judged and (summary[word] or word == "right")]
     rows = {"brackets": ", ".join(told)}
     if known := [f"{one['number']} ({', '.join(one['known_wrong'])})" for one in done if one.get("known_wrong")]:
         rows["known to be wrong"] = f"bracket {'; '.join(known)}"

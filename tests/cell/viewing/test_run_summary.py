@@ -29,12 +29,19 @@ def test_parts_have_their_titles_and_nothing_is_python() -> None:
 
 
 def test_a_shift_is_told_by_its_brackets() -> None:
-    one = {"finished": True, "sim_time_s": 60.0, "robot_placements": 2, "human_placements": 4, "known_wrong": []}
+    one = {
+        "finished": True,
+        "sim_time_s": 60.0,
+        "robot_placements": 2,
+        "human_placements": 4,
+        "known_wrong": [],
+        "correct": True,
+    }
     taken = {**one, "number": 2, "finished": False, "sim_time_s": 99.0, "known_wrong": ["p2", "p6"]}
     shift = {"brackets": [{**one, "number": 1}, taken], "right": 1, "wrong": 0, "unfinished": 1, "asked": 3}
     rows = run_summary({**SUMMARY, "correct": False, **shift}, PRODUCT, 25.0)
     assert rows["result"] == "finished", "the last bracket alone says nothing of the shift"
-    assert rows["brackets"] == "2 begun, 1 finished, 1 right, 1 unfinished"
+    assert rows["brackets"] == "2 begun, 1 finished, 1 right"
     assert rows["known to be wrong"] == "bracket 2 (p2, p6)"
     assert rows["a bracket took"] == "60 s on average, 60 s at most"
     assert (rows["placed by"], rows["questions"]) == ("robot 4, person 8", "3")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -92,12 +93,19 @@ def evaluate(
     confusions: Annotated[
         Path | None, typer.Option(help="Write what the first kind takes for what, for planners.semantic.confusions.")
     ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File that keeps a line of JSON for each assembly; what is in it is not run.")
+    ] = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
-    """Let detectors of actions watch whole assemblies, tracker in the loop, and compare with the truth."""
+    """Let detectors of actions watch whole assemblies, tracker in the loop, and compare with the truth.
+
+    Interrupted, it prints the tables of what was run; with the same --out it goes on there.
+    """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.actions import at_pace, evaluate_actions, evaluate_segments
+    from cell.evaluating.actions import Tally, at_pace, evaluate_actions, evaluate_segments
+    from cell.evaluating.row_file import RowFile
     from learned.actions.classes import Classes
     from sim.data.splits import seeds
 
@@ -114,15 +122,29 @@ def evaluate(
         told = {"look": look, "person": person, "pace": pace, "first_seed": first_seed, "recordings": recordings}
         print_json({**told, **scores})
         return
-    tallies = evaluate_actions(
-        configuration,
-        product,
-        kinds,
-        wanted,
-        true_track=true_track,
-        physics=physics,
-        weights={} if weights is None else {kinds[0]: weights},
+    tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
+    told = {"look": look, "person": person, "pace": pace, "tracker": tracker, "physics": physics}
+    kept = RowFile(
+        out, {"command": "actions", **told, "kinds": kinds, "weights": None if weights is None else str(weights)}
     )
+    rows: list[dict[str, Any]] = [row for row in kept.rows if row.get("seed") in wanted]
+    chosen = {} if weights is None else {kinds[0]: weights}
+    try:
+        for seed in wanted:
+            if all(row["seed"] != seed for row in rows):
+                of_seed = evaluate_actions(
+                    configuration, product, kinds, [seed], true_track=true_track, physics=physics, weights=chosen
+                )
+                rows.append({"seed": seed, "kinds": {name: asdict(tally) for name, tally in of_seed.items()}})
+                kept.add(rows[-1])
+    except KeyboardInterrupt:
+        console().print(f"interrupted after {len(rows)} of {len(wanted)} assemblies")
+    if not rows:
+        return
+    tallies = {name: Tally() for name in kinds}
+    for row in rows:
+        for name, tally in tallies.items():
+            tally.add(row["kinds"][name])
     classes = Classes.of(product)
     found = {name: tally.summary(classes) for name, tally in tallies.items()}
     if confusions is not None:
@@ -133,13 +155,10 @@ def evaluate(
         source = f"cell eval actions --look {look} --person {person} --first-seed {first_seed}"
         Confusions.learned(layout, reports).save(confusions, layout, len(reports), source)
     for name, scores in found.items():
-        rows = {key: _words(value) for key, value in scores.items() if key != "confusions"}
-        console().print(table(f"{name}, look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})", rows))
+        words = {key: _words(value) for key, value in scores.items() if key != "confusions"}
+        console().print(table(f"{name}, look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})", words))
     if as_json:
-        tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
-        told = {"look": look, "person": person, "pace": pace, "first_seed": first_seed, "recordings": recordings}
-        told["tracker"] = tracker
-        print_json({**told, "kinds": found})
+        print_json({**told, "first_seed": first_seed, "recordings": len(rows), "kinds": found})
 
 
 def _note_confusions(weights: Path, kind: str, product: Product, command: str) -> Path:

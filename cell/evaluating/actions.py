@@ -51,6 +51,11 @@ class Tally:
     delays_s: list[float] = field(default_factory=list)
     latency_s: list[float] = field(default_factory=list)
 
+    def add(self, other: Mapping[str, Any]) -> None:
+        """What was answered in more recordings, as `dataclasses.asdict` or a line of JSON has it."""
+        for name, value in other.items():
+            setattr(self, name, getattr(self, name) + value)
+
     def shares(self, classes: Classes) -> dict[str, Any]:
         """Shares of segments that were named right, with their intervals, and what was taken for what."""
         truth, named, guarded = (np.array(column) for column in zip(*self.rows, strict=True))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from cell.commands.models import eval_app
 from cell.configuration import load_configuration, load_product, simulated
 from cell.evaluating.actions import Tally, evaluate_actions, matched, share
 from cell.evaluating.system import Listener, table_1, with_goals
@@ -67,6 +71,33 @@ def test_table_1_has_a_row_for_each_number_of_goals() -> None:
     assert list(with_goals(PRODUCT, 2).goals) == ["g0", "g1"]
     with pytest.raises(InputError, match="4 goals"):
         with_goals(PRODUCT, 4)
+
+
+def test_an_evaluation_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def watch(_: object, __: object, kinds: list[str], seeds: list[int], **___: object) -> dict[str, Tally]:
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        asked.extend(seeds)
+        tally = Tally(rows=[(0, 0, False), (19, 18, seeds[0] % 2 == 0)], placed=2, told=1, right=1, latency_s=[0.01])
+        return dict.fromkeys(kinds, tally)
+
+    monkeypatch.setattr("cell.evaluating.actions.evaluate_actions", watch)
+    words = ["actions", "--look", "nominal", "--recordings", "3", "--out", str(tmp_path / "rows.jsonl"), "--json"]
+    stopped = CliRunner().invoke(eval_app, words)
+    assert "interrupted after 2 of 3" in stopped.output
+    assert json.loads(stopped.output.splitlines()[-1])["kinds"]["slim"]["all_segments"]["n"] == 4
+    asked.clear()
+    whole = CliRunner().invoke(eval_app, words)
+    assert asked == [900_002]
+    found = json.loads(whole.output.splitlines()[-1])
+    assert found["recordings"] == 3
+    assert found["kinds"]["slim"]["outside_guard"] == share(3, 4)
+    assert found["kinds"]["slim"]["placements"] == share(3, 6)
+    asked.clear()
+    other = CliRunner().invoke(eval_app, [*words, "--look", "varied"])
+    assert isinstance(other.exception, InputError)
 
 
 @pytest.mark.slow

@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SchedulerOption, console, print_json
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
     from cell.fleet.spec import Task
 
-WorkersOption = Annotated[int, typer.Option(min=1, help="Processes on this machine; half its processors by default.")]
-SchedulerOption = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://host:8786.")]
+FleetWorkersOption = Annotated[
+    int, typer.Option("--workers", min=1, help="Processes on this machine; half its processors by default.")
+]
 WORKERS = max(1, (os.cpu_count() or 2) // 2)
 WORSE = 1
 
@@ -26,7 +27,7 @@ WORSE = 1
 def sweep(
     spec: Annotated[Path, typer.Argument(help="YAML file: seeds, trees, configurations, people, looks, faults.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder; a sweep that is there goes on.")] = Path("sweep"),
-    workers: WorkersOption = WORKERS,
+    workers: FleetWorkersOption = WORKERS,
     scheduler: SchedulerOption = None,
     logs: Annotated[bool, typer.Option("--logs", help="Keep the log of every run, with images, in OUT/logs.")] = False,
     as_json: JsonOption = False,
@@ -64,7 +65,7 @@ def compare(
         bool, typer.Option("--pixels/--no-pixels", help="Render; else hands, holes and parts come from the truth.")
     ] = True,
     config: ConfigOption = CONFIGURATION,
-    workers: WorkersOption = WORKERS,
+    workers: FleetWorkersOption = WORKERS,
     scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
 ) -> int:

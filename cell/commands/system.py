@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json, table
+from cell.commands.terminal import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    SchedulerOption,
+    WorkersOption,
+    console,
+    print_json,
+    table,
+)
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,6 +47,8 @@ def system(
     out: Annotated[
         Path | None, typer.Option(help="File that keeps a line of JSON for each assembly; what is in it is not run.")
     ] = None,
+    workers: WorkersOption = 1,
+    scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
@@ -47,6 +59,7 @@ def system(
     from cell.configuration import detected_by, load_configuration, simulated
     from cell.evaluating.row_file import RowFile
     from cell.evaluating.system import evaluate_system, table_1
+    from cell.fleet.engine import mapped
 
     if perception not in (None, *KINDS):
         raise InputError(f"--perception {perception}: legal: {', '.join(KINDS)}")
@@ -60,7 +73,8 @@ def system(
     done = {(row["goals"], row["seed"]) for row in rows}
     left = [one for one in wanted if one not in done]
     try:
-        for row in evaluate_system(configuration, config, left, calibrated=cameras == "calibrated"):
+        work = partial(evaluate_system, configuration, config, calibrated=cameras == "calibrated")
+        for row in mapped(work, left, workers, scheduler):
             kept.add(row)
             rows.append(row)
             console().print(row, highlight=False)

@@ -27,6 +27,12 @@ PersonOption = Annotated[
         "--person", help="The simulated person: careful, ordinary, careless, or a YAML file; A,B take turns in a shift."
     ),
 ]
+WorkersOption = Annotated[
+    int, typer.Option("--workers", min=1, help="Processes on this machine; more than 1 needs cell[fleet].")
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, as tcp://host:8786.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="End standard output with one line of JSON.")]
 
 

@@ -161,6 +161,13 @@ def fast_rows(path: Path, pairs: Pairs, seed: int, tell: Callable[[Row], None]) 
     tell({**row, "fault": "none", "state": "none"})
 
 
+def fast_list(path: Path, pairs: Pairs, seed: int) -> list[Row]:
+    """The rows that `fast_rows` tells."""
+    rows: list[Row] = []
+    fast_rows(path, pairs, seed, rows.append)
+    return rows
+
+
 def fault_try(path: Path, fault: str, state: str, seed: int, *, rendered: bool = True) -> Row:
     """One run of the robot alone with one fault: rest, fetch a part, put it into a hole, call for help."""
     return _trial(path, Injection(fault, state), seed, rendered=rendered)

@@ -6,7 +6,7 @@ robot was allowed to make that belong to the person's goal. SC: assemblies that 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 from cell.configuration import Configuration, load_faults, load_product
 from cell.evaluating.actions import Told, matched, share
 from cell.evaluating.things import calibrated_bench
+from cell.interfaces.bench import Bench
 from cell.interfaces.errors import DeviceFault, InputError
 from cell.interfaces.files import shipped
 from cell.interfaces.perception import Action, Frame
@@ -74,23 +75,31 @@ def with_goals(product: Product, count: int) -> Product:
 
 
 def evaluate_system(
-    configuration: Configuration, path: Path, wanted: Sequence[tuple[int, int]], *, calibrated: bool = True
-) -> Iterator[dict[str, Any]]:
-    """A row for each assembly, as soon as it is over.
+    configuration: Configuration, path: Path, count: int, seed: int, *, calibrated: bool = True
+) -> dict[str, Any]:
+    """The row of one assembly.
 
     Args:
         path: the configuration's file.
-        wanted: how many goals are possible, and the seed.
+        count: how many goals are possible.
         calibrated: the cameras were calibrated in this look, as `cell calibrate` does it; else they hang elsewhere
             than the bench file says, as the look has it.
     """
     product = load_product(configuration, path)
-    known: tuple[int, Configuration] | None = None
-    for count, seed in wanted:
-        if known is None or known[0] != seed:
-            bench = calibrated_bench(configuration, product, seed) if calibrated else configuration.bench
-            known = seed, configuration.model_copy(update={"bench": bench})
-        yield {"goals": count, "seed": seed, **assemble(known[1], with_goals(product, count), seed)}
+    if calibrated:
+        configuration = configuration.model_copy(update={"bench": _calibrated(configuration, product, seed)})
+    return {"goals": count, "seed": seed, **assemble(configuration, with_goals(product, count), seed)}
+
+
+_last: tuple[Configuration, Product, int, Bench] | None = None
+
+
+def _calibrated(configuration: Configuration, product: Product, seed: int) -> Bench:
+    """Cameras as they are calibrated in a look; the last one is kept, as a seed is run for several numbers of goals."""
+    global _last
+    if _last is None or _last[:3] != (configuration, product, seed):
+        _last = configuration, product, seed, calibrated_bench(configuration, product, seed)
+    return _last[3]
 
 
 def assemble(configuration: Configuration, product: Product, seed: int) -> dict[str, Any]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import itertools
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any
 
 from cell.fleet.extra import needed
-from cell.fleet.one_run import Row, run_task
+from cell.fleet.one_run import Row, T, in_child, run_task
 from cell.fleet.spec import Task
+from cell.interfaces.errors import CellError
 
 WAITING_PER_WORKER = 2  # runs that are handed out ahead, so that no worker waits and memory stays small
 LOSSES = 20  # workers that may be lost over one run before it is given up
@@ -76,6 +79,51 @@ def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = ru
         yield _row(future, task)
         future.release()
         hand_out(_room(client) - len(by_key))
+
+
+def mapped(
+    work: Callable[..., T], arguments: Iterable[tuple[Any, ...]], workers: int = 1, address: str | None = None
+) -> Iterator[T]:
+    """What a function answers to each of the arguments, in their order: one by one in this process, or by workers.
+
+    Each is called in a process of its own. Arguments are taken only as workers need them, and what is still under way
+    when nobody wants more is given up. So the answers are the same as those of one call after the other.
+
+    Args:
+        work: of a module that workers can import.
+        workers: processes on this machine; 1 for none but this one.
+        address: of a Dask scheduler, in their place.
+
+    Raises:
+        CellError: as the function raises it, or a call brought down every process that tried it.
+    """
+    if workers == 1 and address is None:
+        yield from (work(*one) for one in arguments)
+        return
+    with cluster(workers, address) as client:
+        client.wait_for_workers(1, timeout=COLD_S)
+        waiting = iter(arguments)
+        pending: deque[Any] = deque()
+        try:
+            while True:
+                room = max(0, _room(client) - len(pending))
+                pending.extend(
+                    client.submit(in_child, work, *one, pure=False) for one in itertools.islice(waiting, room)
+                )
+                if not pending:
+                    return
+                yield _answer(pending.popleft())
+        finally:
+            client.cancel(list(pending))
+
+
+def _answer(future: Any) -> Any:
+    error = future.exception()
+    if error is None:
+        return future.result()
+    if isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker":
+        raise CellError(f"a worker was lost again and again: {error}") from error
+    raise error
 
 
 def timed(rows: Iterable[Row], told: Callable[[int, float, Row], None]) -> Iterator[Row]:

@@ -10,15 +10,17 @@ import shutil
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cell.fleet.spec import Task
 from cell.interfaces.errors import CellError
 
 Row = dict[str, Any]
+T = TypeVar("T")
 RUNS_A_PROCESS = 100  # then it is begun anew, so that nothing grows
 PARENT_S = 1.0  # how often a run's process looks whether its worker is still there
 TRIES = 2  # a run that kills its process is tried once more
@@ -29,9 +31,21 @@ _lock = threading.Lock()
 
 def run_task(task: Task) -> Row:
     """Run in the worker's child process; a run that brings the process down twice is a row that says so."""
+    try:
+        return in_child(run_here, task)
+    except BrokenProcessPool:
+        return {**_heading(task), "end": "crashed", "reason": "the run brought its process down", "took_s": 0.0}
+
+
+def in_child(work: Callable[..., T], *arguments: Any) -> T:
+    """What a function answers in the worker's child process.
+
+    Raises:
+        BrokenProcessPool: it brings the process down, twice.
+    """
     global _pool
     with _lock:
-        for _ in range(TRIES):
+        for tried in range(TRIES):
             if _pool is None:
                 context = multiprocessing.get_context("spawn")
                 _pool = ProcessPoolExecutor(
@@ -39,10 +53,12 @@ def run_task(task: Task) -> Row:
                     max_tasks_per_child=RUNS_A_PROCESS,
                 )  # fmt: skip
             try:
-                return _pool.submit(run_here, task).result()
+                return _pool.submit(work, *arguments).result()
             except BrokenProcessPool:
                 _pool = None
-    return {**_heading(task), "end": "crashed", "reason": "the run brought its process down", "took_s": 0.0}
+                if tried + 1 == TRIES:
+                    raise
+    raise AssertionError("tried at least once")
 
 
 def run_here(task: Task) -> Row:

@@ -1,0 +1,40 @@
+"""Calls on workers give what calls one by one give: in order, only as many as are wanted, errors as they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cell.fleet.engine import mapped
+from cell.interfaces.errors import CellError, InputError
+from tests.cell.fleet import working
+
+
+def test_one_worker_is_this_process_and_takes_what_is_wanted() -> None:
+    taken: list[int] = []
+
+    def numbers() -> Iterator[tuple[int]]:
+        for number in range(9):
+            taken.append(number)
+            yield (number,)
+
+    answers = mapped(math.factorial, numbers())
+    assert [next(answers) for _ in range(3)] == [1, 1, 2]
+    assert taken == [0, 1, 2]
+
+
+def test_workers_answer_in_order_though_one_is_killed(tmp_path: Path) -> None:
+    marks = [(number, str(tmp_path / "killed") if number == 2 else "") for number in range(8)]
+    answers = mapped(working.squared, iter(marks), workers=2)
+    assert list(answers) == [number**2 for number in range(8)]
+    assert (tmp_path / "killed").exists()
+
+
+def test_an_error_is_what_the_call_raised_and_a_call_that_kills_is_told() -> None:
+    with pytest.raises(InputError, match="no such thing"):
+        list(mapped(working.refused, [(1,)], workers=2))
+    with pytest.raises(CellError, match="lost again"):
+        list(mapped(working.dies, [()], workers=2))

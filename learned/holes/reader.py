@@ -26,7 +26,7 @@ LEAST_EMPTY, LEAST_FILLED = "least_empty", "least_filled"
 
 KEYS = {True: LEAST_EMPTY, False: LEAST_FILLED}
 SURELY_EMPTY = 0.9  # emptiness is never said below, however few recordings a validation had
-COVERED = 0.5  # probability from which a hole counts as covered
+COVERED = {True: 0.5, False: 0.6}  # probability from which a hole that looks empty, or filled, counts as covered
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class HoleNetwork:
     def _reading(self, kinds: Array, upright: float, covered: float) -> Reading | None:
         best = int(kinds.argmax())
         sure = float(kinds[best])
-        if covered > COVERED or sure < self._least[best == 0]:
+        if covered > COVERED[best == 0] or sure < self._least[best == 0]:
             return None
         if best == 0:
             return Reading(None, True, sure)

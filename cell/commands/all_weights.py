@@ -129,8 +129,8 @@ def evaluate_weights(
                 rows.add({"detector": detector, "which": name, "scores": score_weights(sample, one, detector)})
             found[detector][name] = _scores(rows, detector, name)
         before, now = found[detector].values()
-        shown = {key: f"{before[key]:.4g}   {now[key]:.4g}   {now[key] - before[key]:+.4g}" for key in now}
-        console().print(table(f"{detector}, {look}: {folders['before']}, {folder}, difference", shown))
+        shown = {key: f"{before[key]:.4g} -> {now[key]:.4g} ({now[key] - before[key]:+.4g})" for key in now}
+        console().print(table(f"{detector}, {look}: {folders['before']} -> {folder} (difference)", shown))
     if as_json:
         print_json({**heading, "detectors": found})
 

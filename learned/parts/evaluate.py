@@ -48,6 +48,7 @@ class Findings:
         precisions = {
             name: [average_precision(self.found.get((name, level), []), count) for level in range(len(IOU))]
             for name, count in self.things.items()
+            if count
         }
         types = [precisions[name] for name in product.parts if name in precisions]
         told: dict[str, float] = {"things": float(sum(self.things.values())), "standing": float(self.standing)}

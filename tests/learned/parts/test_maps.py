@@ -11,7 +11,7 @@ from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.pose import Pose
 from learned.parts.augment import sample
 from learned.parts.dataset import Label, Scene
-from learned.parts.evaluate import average_precision
+from learned.parts.evaluate import Findings, average_precision, judge
 from learned.parts.maps import HEIGHT_UNIT_M, UPRIGHT, overlap, peaks
 
 CONFIGURATION = load_configuration()
@@ -72,3 +72,12 @@ def test_average_precision_of_perfect_half_and_useless_detectors() -> None:
     assert average_precision([(0.9, False), (0.8, True)], 1) == 0.5
     assert average_precision([(0.9, False)], 1) == 0.0
     assert average_precision([], 3) == 0.0
+
+
+def test_types_that_are_not_in_the_images_do_not_count() -> None:
+    findings = Findings()
+    judge(scene(label(TYPES[0], 101.0, 80.0, 0.4, True)), (), PRODUCT, findings)
+    scores = findings.scores(PRODUCT)
+    assert scores["map_50"] == scores["map_50_95"] == 0.0
+    assert "ap_50_unknown" not in scores
+    assert all(math.isfinite(value) for value in scores.values())

@@ -19,7 +19,7 @@ from learned.exposure import levelled
 from learned.onnx_model import Network, OnnxModel
 from learned.parts.crops import crop_of
 from learned.parts.dataset import UNKNOWN, surface_of
-from learned.parts.maps import INPUT_PX, Peak, network_input, peaks
+from learned.parts.maps import INPUT_PX, Peak, network_input, overlap, peaks
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
@@ -29,6 +29,7 @@ NEAREST_M = 0.05  # from the camera to the tray
 AXIS_PX = 8.0
 FAR_M, FAR_RAD = 0.002, 0.04  # what the pose net moves by more than this, it sees again where it put it
 SAME_M = 0.012  # two standing parts cannot be nearer
+SAME_BOX = 0.5  # intersection over union, from which something else is the same thing as one that stands
 
 
 def pose_file(centre: Path) -> Path:
@@ -71,6 +72,9 @@ class CentrePartDetector:
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
         """Everything in and near the tray: standing parts first, then what lies and what is unknown.
 
+        Where its type is in doubt, what does not stand comes once for every type that it may be of, each with a
+        confidence of its own.
+
         Raises:
             DeviceFault: the image has not the size that the camera was set up with.
         """
@@ -87,9 +91,10 @@ class CentrePartDetector:
         found = [self._scaled(peak) for peak in peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE)]
         known = [peak for peak in found if peak.kind < len(self._types) and peak.score > LEAST_GRASPED]
         standing = self._refined(frame, [one for peak in known for one in self._supposed(frame, peak)])
-        stands = {id(one.peak) for one in standing}
         answers = [self._standing(frame, one, features) for one in standing]
-        answers += [self._other(frame, peak, features) for peak in found if id(peak) not in stands]
+        boxes = [np.array(one.box_px, float) for one in answers] + [one.peak.box_px for one in standing]
+        others = [peak for peak in found if all(overlap(peak.box_px, box) < SAME_BOX for box in boxes)]
+        answers += [self._other(frame, peak, features) for peak in others]
         return tuple(one for one in answers if self._near_tray(one))
 
     def _looks_down(self, world_from_camera: Pose) -> bool:
@@ -155,10 +160,9 @@ class CentrePartDetector:
         yaw = (one.yaw_rad + turn / 2) % turn - turn / 2
         bottom_m = self._bench.tray.centre_m[2] + kind.peg_length_m
         pose = Pose.from_yaw((float(one.place_m[0]), float(one.place_m[1]), bottom_m), yaw)
-        score = one.peak.score * one.standing
         seen = self._bench.wrist.model.project(frame.world_from_camera, pose.transform(self._surfaces[name]))
         box = _box(np.concatenate([seen.min(axis=0), seen.max(axis=0)]))
-        return PartDetection(name, score, pose, kind.size_m, box, _embedding(one.peak, features))
+        return PartDetection(name, one.peak.score, pose, kind.size_m, box, _embedding(one.peak, features))
 
     def _other(self, frame: Frame, peak: Peak, features: NDArray[np.float32]) -> PartDetection:
         """A part that does not stand, or something unknown: where it lies, as well as the centre net knows."""

@@ -83,10 +83,10 @@ def _peak(kind: int, score: float, column: int, row: int, values: NDArray[np.flo
 
 
 def _apart(found: Sequence[Peak], most: float = 0.5) -> list[Peak]:
-    """Without things that a surer one of any type already stands for."""
+    """Without what a surer one of its type already stands for; of what type a thing is may stay open."""
     kept: list[Peak] = []
     for peak in found:
-        if all(overlap(peak.box_px, other.box_px) < most for other in kept):
+        if all(peak.kind != other.kind or overlap(peak.box_px, other.box_px) < most for other in kept):
             kept.append(peak)
     return kept
 

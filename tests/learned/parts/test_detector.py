@@ -14,8 +14,9 @@ from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.settings import WEIGHTS
 from learned.parts.dataset import Scene, load_scenes
-from learned.parts.detector import CentrePartDetector
+from learned.parts.detector import SAME_BOX, CentrePartDetector
 from learned.parts.evaluate import Findings, evaluate_parts
+from learned.parts.maps import overlap
 from sim.data.folder import DataFolder
 from sim.data.objects import write_objects
 from sim.data.variety import mixed_clutter
@@ -59,6 +60,14 @@ def test_answers_have_what_a_planner_needs(scenes: list[Scene]) -> None:
         left, top, right, bottom = one.box_px
         assert left < right
         assert top < bottom
+
+
+def test_what_stands_is_nothing_else_too(scenes: list[Scene]) -> None:
+    detector = CentrePartDetector.load(BENCH, PRODUCT, SHIPPED)
+    for scene in scenes:
+        found = detector.detect(Frame("wrist", 0, 0.0, scene.image, scene.believed))
+        standing, others = ([np.array(one.box_px, float) for one in found if one.upright == up] for up in (True, False))
+        assert all(overlap(one, other) < SAME_BOX for one in standing for other in others)
 
 
 def test_a_camera_that_does_not_look_down_sees_nothing_and_a_wrong_size_is_a_fault() -> None:

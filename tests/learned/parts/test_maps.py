@@ -81,3 +81,10 @@ def test_types_that_are_not_in_the_images_do_not_count() -> None:
     assert scores["map_50"] == scores["map_50_95"] == 0.0
     assert "ap_50_unknown" not in scores
     assert all(math.isfinite(value) for value in scores.values())
+
+
+def test_a_thing_of_doubtful_type_is_told_once_for_each() -> None:
+    drawn = sample(scene(label(TYPES[0], 101.0, 80.0, 0.4, True), label(TYPES[2], 103.0, 81.0, 0.4, True)), TYPES,
+                   FLOOR_M, None)  # fmt: skip
+    found = peaks(drawn.heat, drawn.further, 0.5)
+    assert sorted(peak.kind for peak in found) == [0, 2]

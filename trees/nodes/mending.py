@@ -169,16 +169,40 @@ class AskToMend(Asks):
     _before: Mistakes = ()  # what was asked about last, where that changed nothing
     _done_s: float | None = None
 
+    _asked: Mistakes = ()
+
     def initialise(self) -> None:
-        services, mistakes = self.services, self.mistakes.get()
+        self._asked_s, self._done_s = self.services.observation.time_s, None
+        self._asked = self._standing(self.mistakes.get())
+        again, self._before = self._asked == self._before, ()
+        if self._asked:
+            self._ask("I asked this before, and it looks the same" if again else "")
+
+    def update(self) -> Status:
+        services = self.services
+        if not self._standing(self._asked):
+            self.feedback_message = "it looks otherwise now"
+            return Status.SUCCESS
+        answer = self.answered()
+        if answer == IS_RIGHT:
+            keep(self, self._asked, "a person says that it is right")
+            return Status.SUCCESS
+        if answer is not None:
+            self._done_s = services.observation.time_s if self._done_s is None else self._done_s
+            if services.observation.time_s - self._done_s >= self.look_s.get():
+                self.feedback_message = "it still looks the same"
+                return self._in_vain()
+        elif self.wait_s.get() > 0 and self.late(self.wait_s.get()):
+            return self._in_vain()
+        return Status.RUNNING
+
+    def _ask(self, tried: str) -> None:
+        services, mistakes = self.services, self._asked
         reason, todo = reason_of(services.product, mistakes), todo_of(mistakes)
-        again, self._before = mistakes == self._before, ()
-        self._asked_s, self._done_s = services.observation.time_s, None
         answers = [Answer(HELP_GIVEN, "done, look again")]
         if mistakes[0].kind != "hidden":
             answers.append(Answer(IS_RIGHT, "it is right so"))
         positions = tuple(one.position for one in mistakes)
-        tried = "I asked this before, and it looks the same" if again else ""
         self._question = services.ask(
             "mend", reason, tried=tried, todo=todo, positions=positions, answers=tuple(answers)
         )
@@ -186,35 +210,21 @@ class AskToMend(Asks):
         services.journal.note("help", text=f"{reason}: {todo}", reason=reason, tried=tried, positions=list(positions))
         self.feedback_message = reason
 
-    def update(self) -> Status:
-        services, mistakes = self.services, self.mistakes.get()
-        if not self._stands(mistakes):
-            self.feedback_message = "it looks otherwise now"
-            return Status.SUCCESS
-        answer = self.answered()
-        if answer == IS_RIGHT:
-            keep(self, mistakes, "a person says that it is right")
-            return Status.SUCCESS
-        if answer is not None:
-            self._done_s = services.observation.time_s if self._done_s is None else self._done_s
-            if services.observation.time_s - self._done_s >= self.look_s.get():
-                self.feedback_message = "it still looks the same"
-                return self._in_vain(mistakes)
-        elif self.wait_s.get() > 0 and self.late(self.wait_s.get()):
-            return self._in_vain(mistakes)
-        return Status.RUNNING
-
-    def _in_vain(self, mistakes: Mistakes) -> Status:
-        self._before = mistakes
+    def _in_vain(self) -> Status:
+        self._before = self._standing(self._asked)
         return Status.FAILURE
 
-    def _stands(self, mistakes: Mistakes) -> bool:
-        """Whether all of it still looks as it was told."""
+    def _standing(self, mistakes: Mistakes) -> Mistakes:
+        """Those that still look as they were told."""
         view = self.services.observation.bench
-        if mistakes[0].kind == "hidden":
-            seen_s = [view.holes[one.position].seen_s for one in mistakes if view and one.position in view.holes]
-            return all(time_s < self._asked_s for time_s in seen_s)
-        return set(mistakes) <= set(mistakes_in(self.services, self.plan.get(), self.state.get()))
+        holes = view.holes if view else {}
+        now = mistakes_in(self.services, self.plan.get(), self.state.get())
+        return tuple(
+            one
+            for one in mistakes
+            if one in now
+            or (one.kind == "hidden" and (one.position not in holes or holes[one.position].seen_s < self._asked_s))
+        )
 
 
 class LeaveMistake(CellNode):

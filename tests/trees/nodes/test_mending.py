@@ -124,6 +124,26 @@ def test_the_bench_answers(now: str | None) -> None:
     assert to.display.questions == ()
 
 
+def test_of_two_mistakes_the_question_stands_until_both_are_mended_and_the_next_names_what_is_left() -> None:
+    to = services()
+    odd = next(part for part in PRODUCT.parts if part != G1[P1])
+    both = (Mistake(P1, "wrong", odd, G1[P1]), *WRONG)
+    shows(to, 9.0, {P1: odd, P2: ODD})
+    node = asking(to, both)
+    node.execute()
+    shows(to, 12.0, {P2: ODD})
+    assert node.execute() is Status.RUNNING
+    assert list(to.display.questions[0].positions) == [P1, P2]
+    says(to, HELP_GIVEN)
+    node.execute()
+    shows(to, 16.0, {P2: ODD})
+    assert node.execute() is Status.FAILURE
+    node.execute()
+    assert list(to.display.questions[0].positions) == [P2]
+    shows(to, 20.0)
+    assert node.execute() is Status.SUCCESS
+
+
 def test_who_says_done_without_having_done_it_is_asked_again() -> None:
     to = services()
     shows(to, 9.0, {P2: ODD})

@@ -6,12 +6,13 @@ reader is not sure of it, and nothing like a hand is left where the robot is pai
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.perception import Frame
-from cell.interfaces.pose import Array
 from learned.classical.box_model import View, fill, outline
 from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Image
@@ -31,22 +32,17 @@ class OwnRobot:
     """
 
     def __init__(self, frame: Frame, view: View, reader: HandReader, near_px: float) -> None:
-        self._image, self._reader, self._near_px = frame.image, reader, near_px
-        self._mask = None if frame.robot_m is None else _mask(frame.image, frame.robot_m, view)
-        self._on: NDArray[np.uint8] | None = None
-        if self._mask is not None and frame.robot_m is not None:
-            beyond_px = round(BEYOND_M * view.pixels_per_m(frame.robot_m.reshape(-1, 3).mean(axis=0).tolist()))
-            self._on = cv2.dilate(self._mask, _disc(beyond_px)).astype(np.uint8)
-        self._painted: Image | None = None
+        self._image, self._robot_m, self._view = frame.image, frame.robot_m, view
+        self._reader, self._near_px = reader, near_px
 
     def under(self, reading: Reading) -> bool:
         """Whether palm and fingertips lie on the robot; False where nobody knows where the robot is."""
-        if self._on is None:
+        if self._robot_m is None:
             return False
-        height, width = self._on.shape
+        height, width = self._mask.shape
         points = np.array([reading.points_px["palm"], reading.points_px["pinch"]]).round().astype(int)
         columns, rows = points[:, 0].clip(0, width - 1), points[:, 1].clip(0, height - 1)
-        return bool(self._on[rows, columns].all())
+        return bool(self._outline[rows, columns].all())
 
     def explains(self, reading: Reading) -> bool:
         """Whether a reading is nothing but the robot."""
@@ -54,8 +50,6 @@ class OwnRobot:
 
     def _left(self, reading: Reading) -> bool:
         """Whether a hand is seen there without the robot, too."""
-        if self._painted is None:
-            self._painted = self._without_robot()
         found = self._reader.read(self._painted, [reading.centre_px])
         return any(
             one.confidence >= LEFT_CONFIDENCE
@@ -63,23 +57,31 @@ class OwnRobot:
             for one in found
         )
 
-    def _without_robot(self) -> Image:
-        assert self._mask is not None
+    @cached_property
+    def _mask(self) -> NDArray[np.uint8]:
+        """1 where a link is, (height, width)."""
+        height, width = self._image.shape[:2]
+        mask = np.zeros((height, width), np.uint8)
+        for points in () if self._robot_m is None else self._robot_m:
+            if float(self._view.depths(points).min()) > LEAST_DEPTH_M:
+                mask |= fill((height, width), outline(self._view.pixels(points)))
+        return mask
+
+    @cached_property
+    def _outline(self) -> NDArray[np.uint8]:
+        """The mask with what is right beside it."""
+        assert self._robot_m is not None
+        middle = self._robot_m.reshape(-1, 3).mean(axis=0).tolist()
+        return cv2.dilate(self._mask, _disc(round(BEYOND_M * self._view.pixels_per_m(middle)))).astype(np.uint8)
+
+    @cached_property
+    def _painted(self) -> Image:
+        """The image without the robot."""
         covered = cv2.dilate(self._mask, _disc(2)) > 0
         ring = (cv2.dilate(self._mask, _disc(RING_PX)) > 0) & ~covered
         painted = self._image.copy()
         painted[covered] = np.median(painted[ring], axis=0) if ring.any() else painted.mean(axis=(0, 1))
         return painted
-
-
-def _mask(image: Image, robot_m: Array, view: View) -> NDArray[np.uint8]:
-    """1 where a link is, (height, width)."""
-    height, width = image.shape[:2]
-    mask = np.zeros((height, width), np.uint8)
-    for points in robot_m:
-        if float(view.depths(points).min()) > LEAST_DEPTH_M:
-            mask |= fill((height, width), outline(view.pixels(points)))
-    return mask
 
 
 def _disc(radius_px: int) -> NDArray[np.uint8]:

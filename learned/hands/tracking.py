@@ -143,7 +143,7 @@ class HandTracks:
                 track = self._tracks[t]
                 if track.away or not robot.explains(readings[r]):
                     track.take(readings[r], now_s)
-                    track.away |= not robot.under(readings[r])
+                    track.away = track.away or not robot.under(readings[r])
         for r in sorted(left):
             if readings[r].confidence >= NEW_CONFIDENCE:
                 away = not robot.under(readings[r]) or self._was_seen(readings[r])

@@ -14,7 +14,7 @@ from cell.interfaces.errors import InputError, Place, Problem
 from cell.interfaces.files import shipped
 
 SHIPPED = {
-    "config": ("cell.yaml", "products.yaml"),
+    "config": ("cell.yaml", "products.yaml", "products_steel.yaml"),
     "trees": ("ahead.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml", "shift_ahead.xml"),
 }
 OWN = ("README.md", "tests/test_assemble.py")

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from cell.commands.log_files import files
 from cell.commands.log_terminal import (
     DIFFERS,
     FromOption,
@@ -46,6 +47,7 @@ class ExportFormat(StrEnum):
 
 
 log_app = typer.Typer(no_args_is_help=True, help="Question and compare logs.")
+log_app.command()(files)
 
 
 def report(

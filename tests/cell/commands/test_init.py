@@ -16,6 +16,7 @@ FILES = {
     "README.md",
     "config/cell.yaml",
     "config/products.yaml",
+    "config/products_steel.yaml",
     "config/schema/cell.json",
     "config/schema/faults.json",
     "config/schema/look.json",

@@ -23,7 +23,7 @@ def files(
     stream = LogStream(log)
     next(iter(stream), None)
     for name in stream.attachments:
-        check_name(log, name)
+        check_name(stream.path, name)
     write_new(out, stream.attachments)
     written = [str(out / name) for name in stream.attachments]
     if as_json:

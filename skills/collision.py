@@ -12,10 +12,11 @@ import numpy as np
 import pinocchio
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.grasping import PAD_WIDTH_M
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from skills.grip import PAD_WIDTH_M, STROKE_M
+from skills.grip import STROKE_M
 from skills.kinematics import FLANGE, Kinematics, description_share, urdf_text
 from skills.outline import Shape, shapes
 from skills.settings import MotionSettings

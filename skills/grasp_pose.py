@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.grasping import held_off_middle, places_m
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
 from skills.collision import FINGER_SIZE_M, Box, body_box
-from skills.grip import STROKE_M, Grip
+from skills.grip import STROKE_M, Grip, Hold
 from skills.settings import MotionSettings
 
 _DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
@@ -24,14 +25,14 @@ class Grasp:
     """One way to hold a part.
 
     Attributes:
-        grip: the sides that the fingers close on.
+        hold: the sides that the fingers close on, and where.
         world_from_tool: the tool (TCP) when the fingers close.
         opening_m: opening with which the fingers come down.
         height_m: of the TCP above the body's bottom.
         close: with the least room for the fingers, so to be approached slowly.
     """
 
-    grip: Grip
+    hold: Hold
     world_from_tool: Pose
     opening_m: float
     height_m: float
@@ -58,18 +59,25 @@ def grip_of(kind: PartType, opening_m: float, settings: MotionSettings) -> Grip:
     return min(Grip, key=lambda grip: abs(grip.held_m(kind, fingertips_m(kind, grip, settings)) - opening_m))
 
 
+def holds(kind: PartType, grip: Grip, settings: MotionSettings) -> tuple[Hold, ...]:
+    """How a grip may hold a part: in the middle of its sides, and beside it where its shape allows that."""
+    found = tuple(Hold(grip, place) for place in places_m(grip.axis))
+    return found if held_off_middle(kind, grip.axis, fingertips_m(kind, grip, settings)) else found[:1]
+
+
 def grasps(
-    part: PartDetection, kind: PartType, settings: MotionSettings, grip: Grip, *, close: bool = False
+    part: PartDetection, kind: PartType, settings: MotionSettings, hold: Hold, *, close: bool = False
 ) -> tuple[Grasp, Grasp]:
-    """Both ways to take a part with one grip, half a turn apart.
+    """Both ways to hold a part so, half a turn of the tool apart.
 
     Args:
         close: with the least gap between fingers and body instead of the usual one.
     """
-    opening = opening_for(kind, grip, settings.least_finger_clearance_m if close else settings.finger_clearance_m)
-    height = grasp_height_m(kind, grip, settings)
-    first, second = _tool_poses(part.world_from_part, grip, height)
-    return Grasp(grip, first, opening, height, close), Grasp(grip, second, opening, height, close)
+    opening = opening_for(kind, hold.grip, settings.least_finger_clearance_m if close else settings.finger_clearance_m)
+    height = grasp_height_m(kind, hold.grip, settings)
+    first = _tool_pose(part.world_from_part, hold, height)
+    second = _tool_pose(_half_turned(part.world_from_part), hold.turned, height)
+    return Grasp(hold, first, opening, height, close), Grasp(hold.turned, second, opening, height, close)
 
 
 def opening_for(kind: PartType, grip: Grip, clearance_m: float) -> float:
@@ -77,15 +85,22 @@ def opening_for(kind: PartType, grip: Grip, clearance_m: float) -> float:
     return min(STROKE_M, grip.span_m(kind) + 2 * clearance_m)
 
 
-def held_boxes(part: str, kind: PartType, settings: MotionSettings, grip: Grip, *, with_peg: bool) -> tuple[Box, ...]:
-    """A grasped part in the tool frame: its body, and its peg where that must not touch either."""
-    height = grasp_height_m(kind, grip, settings)
-    tool_from_part = (Pose.from_yaw((0.0, 0.0, height), grip.heading_rad) @ _DOWN).inverse()
-    body = body_box(part, tool_from_part, kind.size_m)
+def held_boxes(part: str, kind: PartType, settings: MotionSettings, hold: Hold, *, with_peg: bool) -> tuple[Box, ...]:
+    """A grasped part in the tool frame: its body, and its peg where that must not touch either.
+
+    Where it is not known where it is held, the boxes reach as far as any of that takes them.
+    """
+    height_m = grasp_height_m(kind, hold.grip, settings)
+    tool_from_part = (Pose((0.0, 0.0, height_m)) @ hold.part_from_jaw @ _DOWN).inverse()
+    more = np.zeros(3)
+    more[1 - hold.grip.axis] = 2 * hold.unsure_m
+    length, width, height = kind.size_m + more
+    body = body_box(part, tool_from_part, (float(length), float(width), float(height)))
     if not with_peg:
         return (body,)
     middle = tool_from_part @ Pose((0.0, 0.0, -kind.peg_length_m / 2))
-    return body, Box(part, middle, (kind.peg_diameter_m, kind.peg_diameter_m, kind.peg_length_m))
+    x, y, z = np.array([kind.peg_diameter_m, kind.peg_diameter_m, kind.peg_length_m]) + more
+    return body, Box(part, middle, (float(x), float(y), float(z)))
 
 
 def hole_pose(product: Product, bench: Bench, position: str) -> Pose:
@@ -94,9 +109,10 @@ def hole_pose(product: Product, bench: Bench, position: str) -> Pose:
     return bench.bracket.pose @ Pose((x, y, 0.0))
 
 
-def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings, grip: Grip) -> tuple[Pose, Pose]:
+def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings, hold: Hold) -> tuple[Pose, Pose]:
     """Both tool poses, half a turn apart, that let a held part go just above where it will rest."""
-    return _tool_poses(world_from_part, grip, grasp_height_m(kind, grip, settings) + settings.release_gap_m)
+    height = grasp_height_m(kind, hold.grip, settings) + settings.release_gap_m
+    return _tool_pose(world_from_part, hold, height), _tool_pose(_half_turned(world_from_part), hold, height)
 
 
 def fingers_clear(grasp: Grasp, others: Sequence[PartDetection], settings: MotionSettings) -> bool:
@@ -131,11 +147,17 @@ def gap_m(first: Array, second: Array) -> float:
     return float(np.max(np.maximum(a.min(axis=0) - b.max(axis=0), b.min(axis=0) - a.max(axis=0))))
 
 
-def _tool_poses(world_from_part: Pose, grip: Grip, height_m: float) -> tuple[Pose, Pose]:
-    """Both headings of a tool that looks down on a part, the TCP this far above the body's bottom."""
-    x, y, bottom = world_from_part.position_m
-    yaw = world_from_part.yaw_rad + grip.heading_rad
-    return tool_down((x, y, bottom + height_m), yaw), tool_down((x, y, bottom + height_m), yaw - math.pi)
+def _tool_pose(world_from_part: Pose, hold: Hold, height_m: float) -> Pose:
+    """The tool that looks down on a part, the TCP this far above the body's bottom."""
+    upright = Pose.from_yaw(world_from_part.position_m, world_from_part.yaw_rad)
+    jaw = upright @ hold.part_from_jaw
+    x, y, bottom = jaw.position_m
+    return tool_down((x, y, bottom + height_m), jaw.yaw_rad)
+
+
+def _half_turned(world_from_part: Pose) -> Pose:
+    """An upright part called from its other end."""
+    return Pose.from_yaw(world_from_part.position_m, world_from_part.yaw_rad - math.pi)
 
 
 def _fingers(tool: Pose, opening_m: float) -> tuple[Array, Array]:

@@ -1,15 +1,17 @@
-"""Across which sides of a body the fingers close, and how far apart they then are."""
+"""Across which sides of a body the fingers close, where along them, and how far apart they then are."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import Enum
 
+from cell.interfaces.grasping import OFF_MIDDLE_M, PAD_WIDTH_M
+from cell.interfaces.pose import Pose
 from cell.interfaces.product import PartType
 from cell.interfaces.solid import span_m
 
 STROKE_M = 0.085
-PAD_WIDTH_M = 0.025
 
 
 class Grip(Enum):
@@ -41,6 +43,38 @@ class Grip(Enum):
         """Distance between the pads when they hold the body, the fingertips this far above its bottom."""
         span = span_m(kind.solids, self.axis, {1 - self.axis: _PADS_M, 2: (fingertips_m, math.inf)})
         return self.span_m(kind) if span is None else span[1] - span[0]
+
+
+@dataclass(frozen=True)
+class Hold:
+    """How a part is held.
+
+    Attributes:
+        grip: the sides that the fingers close on.
+        place_m: the pads' middle along these sides, from the part's middle, in the direction of its own axis, when the
+            fingers open along `grip.heading_rad` and not half a turn further.
+        unsure_m: it may be so much farther on either side.
+    """
+
+    grip: Grip
+    place_m: float = 0.0
+    unsure_m: float = 0.0
+
+    @property
+    def part_from_jaw(self) -> Pose:
+        """The middle of the pads above the part's origin; its x axis is the direction in which they open."""
+        x, y = (self.place_m, 0.0) if self.grip.axis == 1 else (0.0, self.place_m)
+        return Pose.from_yaw((x, y, 0.0), self.grip.heading_rad)
+
+    @property
+    def turned(self) -> Hold:
+        """The same, called from the part's other end."""
+        return Hold(self.grip, -self.place_m, self.unsure_m)
+
+
+def hold_of(grip: Grip, last: Hold | None) -> Hold:
+    """How a part is held by a grip: as it was taken last, or, where that is not known, anywhere along its sides."""
+    return last if last is not None and last.grip is grip else Hold(grip, unsure_m=OFF_MIDDLE_M[grip.axis])
 
 
 _PADS_M = (-PAD_WIDTH_M / 2, PAD_WIDTH_M / 2)

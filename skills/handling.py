@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -13,11 +13,22 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
 from skills.collision import Box, body_box, part_box
 from skills.contact import Descend
-from skills.grasp_pose import Grasp, fingers_clear, grasps, grip_of, held_boxes, hole_pose, opening_for, place_poses
-from skills.grip import Grip, possible_grips
+from skills.grasp_pose import (
+    Grasp,
+    fingers_clear,
+    grasps,
+    grip_of,
+    held_boxes,
+    holds,
+    hole_pose,
+    opening_for,
+    place_poses,
+)
+from skills.grip import Grip, Hold, hold_of, possible_grips
 from skills.insertion import Insert
 from skills.phases import Activate, FingersRest, Move, Phase, SetGripper
 from skills.planner import Load, MotionPlanner, at_height
+from skills.settings import MotionSettings
 
 
 def tray_boxes(planner: MotionPlanner, others: Sequence[PartDetection]) -> tuple[Box, ...]:
@@ -57,17 +68,27 @@ def choose_grasp(
     """How to take a part and the joints for it; or why it cannot be taken.
 
     Across the width where the fingers have room there, else across the length, where the stroke allows that; with the
-    usual room around the fingers if there is that much, else with the least.
+    usual room around the fingers if there is that much, else with the least; and only then beside the part's middle.
     """
     settings, kind = planner.settings, planner.product.parts[part.part]
     reasons: dict[Grip, str] = {}
-    for close in (False, True):
-        for grip in possible_grips(kind, settings.least_finger_clearance_m):
-            chosen = _choose(planner, grasps(part, kind, settings, grip, close=close), others, near_rad)
-            if not isinstance(chosen, str):
-                return chosen
-            reasons[grip] = f"{chosen} {grip.value}"
+    for hold, close in ways_to_hold(kind, settings):
+        chosen = _choose(planner, grasps(part, kind, settings, hold, close=close), others, near_rad)
+        if not isinstance(chosen, str):
+            return chosen
+        if hold.place_m == 0.0:
+            reasons[hold.grip] = f"{chosen} {hold.grip.value}"
     return f"cannot take {part.part}: {', '.join(reasons.values()) or 'too wide for the fingers'}"
+
+
+def ways_to_hold(kind: PartType, settings: MotionSettings) -> Iterator[tuple[Hold, bool]]:
+    """All ways to hold a part, the best first, each with whether it leaves the fingers the least room."""
+    grips = possible_grips(kind, settings.least_finger_clearance_m)
+    for close in (False, True):
+        yield from ((Hold(grip), close) for grip in grips)
+    beside = [hold for grip in grips for hold in holds(kind, grip, settings) if hold.place_m != 0.0]
+    for close in (False, True):
+        yield from ((hold, close) for hold in beside)
 
 
 def why_not_graspable(
@@ -98,6 +119,7 @@ def take_phases(
     bottom_m = part.world_from_part.position_m[2]
     lifted_m = max(carry_m, bottom_m) + grasp.height_m
     speed, force = settings.gripper_speed_m_s, settings.grip_force_n
+    planner.hold = grasp.hold
     descent_m_s = settings.close_speed_m_s if grasp.close else None
     return [
         Activate(),
@@ -113,7 +135,7 @@ def take_phases(
 def put_phases(
     planner: MotionPlanner,
     name: str,
-    grip: Grip,
+    hold: Hold,
     target: Pose,
     obstacles: tuple[Box, ...],
     near_rad: Array,
@@ -124,15 +146,15 @@ def put_phases(
     """Phases that put the held part at `target` (its part frame) and end with the empty fingers above it.
 
     Args:
-        grip: how the fingers hold it.
+        hold: how the fingers hold it.
         carry_m: height of the body's bottom on the way there.
         into_hole: the peg goes into a hole, and feels for it.
     """
     settings, kind = planner.settings, planner.product.parts[name]
-    opening_m = opening_for(kind, grip, settings.finger_clearance_m)
-    carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, grip, with_peg=True))
-    lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, grip, with_peg=False), close=True)
-    found = planner.reach(place_poses(target, kind, settings, grip), near_rad, lowering)
+    opening_m = opening_for(kind, hold.grip, settings.finger_clearance_m)
+    carrying = Load(opening_m, obstacles, held_boxes(name, kind, settings, hold, with_peg=True))
+    lowering = Load(opening_m, obstacles, held_boxes(name, kind, settings, hold, with_peg=False), close=True)
+    found = planner.reach(place_poses(target, kind, settings, hold), near_rad, lowering)
     if isinstance(found, str):
         return f"cannot put {name} there: {found}"
     pose, joints = found
@@ -159,17 +181,18 @@ def carry_over_bracket_m(planner: MotionPlanner, kind: PartType) -> float:
     return planner.bench.bracket.position_m[2] + tallest + kind.peg_length_m + planner.settings.carry_gap_m
 
 
-def held_grip(planner: MotionPlanner, name: str, observation: Observation) -> Grip:
-    """How the fingers hold a part of this type: their opening tells."""
-    return grip_of(planner.product.parts[name], observation.gripper.opening_m, planner.settings)
+def present_hold(planner: MotionPlanner, name: str, observation: Observation) -> Hold:
+    """How the fingers hold a part of this type: their opening tells the sides, how it was taken tells where."""
+    grip = grip_of(planner.product.parts[name], observation.gripper.opening_m, planner.settings)
+    return hold_of(grip, planner.hold)
 
 
 def carried(planner: MotionPlanner, name: str | None, observation: Observation) -> tuple[str | None, tuple[Box, ...]]:
     """The held part's type and its boxes in the tool frame, as far as it is known what the gripper holds."""
     if name is None or not observation.gripper.holding:
         return None, ()
-    kind, grip = planner.product.parts[name], held_grip(planner, name, observation)
-    return name, held_boxes(name, kind, planner.settings, grip, with_peg=True)
+    kind, hold = planner.product.parts[name], present_hold(planner, name, observation)
+    return name, held_boxes(name, kind, planner.settings, hold, with_peg=True)
 
 
 def _choose(

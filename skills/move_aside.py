@@ -48,7 +48,7 @@ class MoveAside(PhasedSkill):
         obstacles = tray_boxes(planner, self._others)
         reason = f"no free spot in the tray for {part.part}"
         for target in free_spots(part, kind, self._others, planner.bench.tray, planner.settings):
-            put = put_phases(planner, part.part, chosen[0].grip, target, obstacles, near, carry_m)
+            put = put_phases(planner, part.part, chosen[0].hold, target, obstacles, near, carry_m)
             if not isinstance(put, str):
                 return [*take, *put]
             reason = put

@@ -9,12 +9,12 @@ import numpy as np
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from skills.grasp_pose import hole_pose, place_poses
-from skills.grip import Grip
+from skills.grip import Grip, Hold
 from skills.handling import (
     bracket_boxes,
     carry_over_bracket_m,
-    held_grip,
     joints_of,
+    present_hold,
     put_phases,
     seen_in_holes,
     tray_boxes,
@@ -45,8 +45,8 @@ class Place(PhasedSkill):
         obstacles = (*bracket_boxes(planner, placed), *tray_boxes(planner, self._tray_parts))
         target = hole_pose(planner.product, planner.bench, self._position)
         carry_m = carry_over_bracket_m(planner, planner.product.parts[self._part])
-        grip = held_grip(planner, self._part, observation)
-        return put_phases(planner, self._part, grip, target, obstacles, joints_of(observation), carry_m, into_hole=True)
+        hold = present_hold(planner, self._part, observation)
+        return put_phases(planner, self._part, hold, target, obstacles, joints_of(observation), carry_m, into_hole=True)
 
     @property
     def done(self) -> str:
@@ -55,8 +55,8 @@ class Place(PhasedSkill):
 
 
 def can_place(planner: MotionPlanner, part: str, position: str) -> bool:
-    """Whether the arm reaches a hole of the empty bracket with a part, held across its width."""
+    """Whether the arm reaches a hole of the empty bracket with a part, held across its width and in its middle."""
     kind = planner.product.parts[part]
-    poses = place_poses(hole_pose(planner.product, planner.bench, position), kind, planner.settings, Grip.WIDTH)
+    poses = place_poses(hole_pose(planner.product, planner.bench, position), kind, planner.settings, Hold(Grip.WIDTH))
     load = Load(kind.size_m[1], close=True)
     return not isinstance(planner.reach(poses, np.array(planner.bench.arm_park_rad), load), str)

@@ -12,6 +12,7 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from skills.collision import Box, CollisionChecker
+from skills.grip import Hold
 from skills.kinematics import Kinematics
 from skills.outline import Shape
 from skills.separation import SeparationMonitor
@@ -47,11 +48,13 @@ class MotionPlanner:
         product, bench, settings: what it plans for.
         kinematics: of the arm with its tool.
         separation: of the arm from the person.
+        hold: how the part is held that was taken last; None where this planner has not seen to one.
     """
 
     def __init__(self, product: Product, bench: Bench, settings: MotionSettings | None = None) -> None:
         self.product, self.bench = product, bench
         self.settings = settings or MotionSettings()
+        self.hold: Hold | None = None
         self.kinematics = Kinematics(self.settings)
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
         self.separation = SeparationMonitor(

@@ -10,8 +10,8 @@ from cell.interfaces.pose import Pose
 from skills.handling import (
     bracket_boxes,
     carry_over_bracket_m,
-    held_grip,
     joints_of,
+    present_hold,
     put_phases,
     seen_in_holes,
     tray_boxes,
@@ -42,13 +42,13 @@ class PutBack(PhasedSkill):
             *tray_boxes(planner, self._tray_parts),
         )
         held = PartDetection(self._part, 1.0, Pose(tray.centre_m), kind.size_m, (0, 0, 0, 0))
-        grip = held_grip(planner, self._part, observation)
+        hold = present_hold(planner, self._part, observation)
         reason = f"no free spot in the tray for {self._part}"
         for target in free_spots(held, kind, self._tray_parts, tray, planner.settings):
             phases = put_phases(
                 planner,
                 self._part,
-                grip,
+                hold,
                 target,
                 obstacles,
                 joints_of(observation),

@@ -10,8 +10,8 @@ from cell.interfaces.pose import Pose
 from skills.handling import (
     bracket_boxes,
     carry_over_bracket_m,
-    held_grip,
     joints_of,
+    present_hold,
     put_phases,
     seen_in_holes,
     tray_boxes,
@@ -55,7 +55,7 @@ class PutDown(PhasedSkill):
         return put_phases(
             planner,
             self._part,
-            held_grip(planner, self._part, observation),
+            present_hold(planner, self._part, observation),
             stands_at(self._spot, kind.peg_length_m),
             obstacles,
             joints_of(observation),

@@ -1,4 +1,7 @@
-"""Grasp candidates: across a part's width, or across its length where the jaw opens so far; always at its middle."""
+"""Grasp candidates: across a part's width, or across its length where the jaw opens so far; in its middle or beside it.
+
+Where beside the middle is said in cell/interfaces/grasping.py, to these and to the skills alike.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,17 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from cell.interfaces.grasping import held_off_middle, places_m
 from cell.interfaces.pose import Array
+from cell.interfaces.product import PartType, Product
 from learned.grasp.boxes import Blocks, Boxes
 
-Candidate = Literal["width", "length"]
-CANDIDATES: tuple[Candidate, ...] = ("width", "length")
-_GRIPPED = (1, 0)  # column of a body's size that is between the fingers
-_TURN_RAD = np.array([0.0, np.pi / 2])
+Candidate = Literal["width", "length", "width+", "length+", "width-", "length-"]
+CANDIDATES: tuple[Candidate, ...] = ("width", "length", "width+", "length+", "width-", "length-")
+SIDE = np.array([0, 1, 0, 1, 0, 1])  # 0: the fingers close across the width, 1: across the length
+PLACE_M = np.array([places_m(1), places_m(0)]).T.ravel()  # of the pads, along the sides that they close on
+_TURNED = [0, 1, 4, 5, 2, 3]  # what each candidate is called from the part's other end
+_TURN_RAD = SIDE * np.pi / 2
 
 
 class Opening(Protocol):
@@ -25,7 +32,12 @@ class Opening(Protocol):
 
     @property
     def one_way(self) -> bool:
-        """Parts are grasped across their width alone."""
+        """Parts are grasped across their width and in the middle alone."""
+        ...
+
+    @property
+    def middle_alone(self) -> tuple[str, ...]:
+        """Types of parts that are grasped in the middle alone."""
         ...
 
     @property
@@ -33,10 +45,20 @@ class Opening(Protocol):
         """Widest opening of the jaw."""
         ...
 
+    @property
+    def grasp_depth_m(self) -> float:
+        """Fingertips reach this far below the body's top ..."""
+        ...
+
+    @property
+    def bottom_gap_m(self) -> float:
+        """... but stay this far above its bottom."""
+        ...
+
 
 def gripped_m(boxes: Boxes) -> Array:
     """Extent (n, candidates) of each body between the fingers."""
-    extent: Array = boxes.size_m[:, _GRIPPED]
+    extent: Array = boxes.size_m[:, 1 - SIDE]
     return extent
 
 
@@ -46,12 +68,33 @@ def jaw_yaw_rad(boxes: Boxes) -> Array:
     return yaw
 
 
+def jaw_centre_m(boxes: Boxes) -> Array:
+    """Middle (n, candidates, 2) of the jaw over each body."""
+    yaw = jaw_yaw_rad(boxes)
+    along = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+    centre: Array = boxes.centre_m[:, None] + along * PLACE_M[:, None]
+    return centre
+
+
 def available(boxes: Boxes, opening: Opening) -> Blocks:
     """(n, candidates): whether the jaw opens wide enough and may grasp so."""
     fits: Blocks = gripped_m(boxes) + 2 * opening.clearance_m <= opening.stroke_m
     if opening.one_way:
-        fits[:, CANDIDATES.index("length")] = False
+        fits[:, 1:] = False
+    if opening.middle_alone:
+        fits[np.ix_(np.isin(boxes.types, opening.middle_alone), PLACE_M != 0.0)] = False
     return fits
+
+
+def middle_alone(product: Product, opening: Opening) -> tuple[str, ...]:
+    """Types of a product whose shape lets them be grasped in the middle alone."""
+    return tuple(name for name, kind in product.parts.items() if not _held_off_middle(kind, opening))
+
+
+def _held_off_middle(kind: PartType, opening: Opening) -> bool:
+    tips_m = max(opening.bottom_gap_m, kind.size_m[2] - opening.grasp_depth_m)
+    fits = [axis for axis in (0, 1) if kind.size_m[axis] + 2 * opening.clearance_m <= opening.stroke_m]
+    return all(held_off_middle(kind, axis, tips_m) for axis in fits)
 
 
 def mark_missing(blocks: Blocks, exists: Blocks) -> Blocks:
@@ -64,6 +107,13 @@ def mark_missing(blocks: Blocks, exists: Blocks) -> Blocks:
     own = np.eye(len(blocks), dtype=bool)[:, None]
     marked: Blocks = np.where(exists[..., None], blocks & ~own, own)
     return marked
+
+
+def as_headed(blocks: Blocks, boxes: Boxes, seen: Boxes) -> Blocks:
+    """Blocks of boxes by the candidates of the boxes as seen: a box looks the same from its other end."""
+    turned = np.cos(seen.yaw_rad - boxes.yaw_rad) < 0.0
+    headed: Blocks = np.where(turned[:, None, None], blocks[:, _TURNED], blocks)
+    return headed
 
 
 def graspable(blocks: Blocks) -> Blocks:

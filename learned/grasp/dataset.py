@@ -13,7 +13,9 @@ The first line says what the file is; every other line is one scene, its parts i
 `position_m` is the middle of the body's bottom. `truth` (how the parts really stood), `blockers` (for every part, by
 each candidate that it has, the numbers of the parts that are in the way) and `noise` (standard deviations of the
 detections) may be left out; so may `run`, the recording that a scene is from: scenes of one run show the same parts and
-are trained on together or not at all. Where `blockers` are missing they are worked out from the truth.
+are trained on together or not at all. Where `blockers` are missing they are worked out from the truth. Candidates are
+"width" and "length", the sides between the fingers, in their middle; with "+" beside it along the part's own axis, with
+"-" against it (learned/grasp/candidates.py).
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes
+from learned.grasp.candidates import PLACE_M, SIDE
 from learned.grasp.settings import DetectionNoise, GripperOutline
 
 Indices = NDArray[np.intp]
@@ -72,18 +73,19 @@ def pair_features(boxes: Boxes, pairs: Pairs, product: Product, noise: Detection
         boxes: as detected.
         noise: that the detections have, as far as it is known.
     """
-    part, candidate, neighbour = pairs.part, pairs.candidate, pairs.neighbour
+    part, neighbour, side = pairs.part, pairs.neighbour, SIDE[pairs.candidate]
     known = as_in_catalogue(boxes, product)
     size = np.array([known.size_m, boxes.size_m])  # (variants, n, 3)
     bottom = np.array([known.bottom_m, boxes.bottom_m])
-    yaw = boxes.yaw_rad[part] + candidate * (np.pi / 2)
+    yaw = boxes.yaw_rad[part] + side * (np.pi / 2)
     x, y = (boxes.centre_m[neighbour] - boxes.centre_m[part]).T
     cos, sin, turn = np.cos(yaw), np.sin(yaw), boxes.yaw_rad[neighbour] - yaw
-    along, across = x * cos + y * sin, y * cos - x * sin
+    beside, across = x * cos + y * sin, y * cos - x * sin  # along the fingers' width from the part, then from the jaw
+    along = beside - PLACE_M[pairs.candidate]
     # along the fingers' width; between the fingers
-    own = np.array([size[:, part, candidate], size[:, part, 1 - candidate]])
+    own = np.array([size[:, part, side], size[:, part, 1 - side]])
     half = np.array([size[:, neighbour, 0], size[:, neighbour, 1]]) / 2
-    near, far, body = _gaps_m(along, np.abs(across), turn * np.where(across < 0, -1.0, 1.0), own, half)
+    near, far, body = _gaps_m(along, beside, np.abs(across), turn * np.where(across < 0, -1.0, 1.0), own, half)
     above = _above_m(size[..., 2], bottom, pairs)
     spread = np.hypot(1.4 * noise.position_m, noise.yaw_rad / 1.4 * np.hypot(along, across))
     rise = 1.4 * np.hypot(noise.bottom_m, noise.size_m)
@@ -103,13 +105,14 @@ def pair_features(boxes: Boxes, pairs: Pairs, product: Product, noise: Detection
     return features
 
 
-def _gaps_m(along: Array, across: Array, turn: Array, own: Array, half: Array) -> Array:
+def _gaps_m(along: Array, beside: Array, across: Array, turn: Array, own: Array, half: Array) -> Array:
     """(3, variants, p) gaps between the neighbour and the nearer finger's sweep, the farther one's, and the part.
 
     All are rectangles on the jaw's axes; a gap is the widest along any of the rectangles' side directions.
 
     Args:
         along, across, turn: (p,) the neighbour in the jaw's frame, mirrored so that it is at `across` >= 0.
+        beside: (p,) as `along`, from the part's middle.
         own: (2, variants, p) extent of the part along the fingers' width, and between the fingers.
         half: (2, variants, p) half sides of the neighbour.
     """
@@ -121,13 +124,13 @@ def _gaps_m(along: Array, across: Array, turn: Array, own: Array, half: Array) -
     middle = np.zeros_like(first)
     middle[0] = (own[1] + swept) / 2
     middle[1] = -middle[0]
-    y = across - middle
+    x, y = np.array([along, along, beside])[:, None], across - middle
     cos, sin = np.cos(turn), np.sin(turn)
     more, less = np.abs(cos), np.abs(sin)
-    gap: Array = np.abs(along) - (first + half[0] * more + half[1] * less)
+    gap: Array = np.abs(x) - (first + half[0] * more + half[1] * less)
     np.maximum(gap, np.abs(y) - (second + half[0] * less + half[1] * more), out=gap)
-    np.maximum(gap, np.abs(along * cos + y * sin) - (half[0] + first * more + second * less), out=gap)
-    np.maximum(gap, np.abs(y * cos - along * sin) - (half[1] + first * less + second * more), out=gap)
+    np.maximum(gap, np.abs(x * cos + y * sin) - (half[0] + first * more + second * less), out=gap)
+    np.maximum(gap, np.abs(y * cos - x * sin) - (half[1] + first * less + second * more), out=gap)
     near, far = np.minimum(gap[0], gap[1]), np.maximum(gap[0], gap[1])
     gap[0], gap[1] = near, far
     return gap

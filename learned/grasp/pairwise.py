@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from cell.interfaces.product import Product
 from learned.grasp.boxes import boxes_of
-from learned.grasp.candidates import CANDIDATES, available
+from learned.grasp.candidates import CANDIDATES, as_headed, available
 from learned.grasp.pairs import PAIR_FEATURES, near_pairs, pair_features
 from learned.grasp.scenes import Scene
 from learned.grasp.settings import GripperOutline
@@ -76,7 +76,8 @@ def pair_data(scenes: Sequence[Scene], product: Product) -> PairData:
         pairs = near_pairs(boxes, available(boxes, GripperOutline()))
         places = first + pairs.part, pairs.candidate, pairs.neighbour
         features[places] = pair_features(boxes, pairs, product, scene.noise)
-        blocks[places] = scene.blocks[pairs.part, pairs.candidate, pairs.neighbour]
+        truth = as_headed(scene.blocks, scene.boxes, boxes)
+        blocks[places] = truth[pairs.part, pairs.candidate, pairs.neighbour]
         present[places] = 1.0
         first += len(boxes)
     return PairData(torch.from_numpy(features), torch.from_numpy(blocks), torch.from_numpy(present))

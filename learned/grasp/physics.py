@@ -17,7 +17,7 @@ import numpy as np
 
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Blocks, Boxes, rectangle_gaps_m
-from learned.grasp.candidates import available, gripped_m, jaw_yaw_rad, mark_missing
+from learned.grasp.candidates import available, gripped_m, jaw_centre_m, jaw_yaw_rad, mark_missing
 from learned.grasp.settings import GripperOutline
 
 
@@ -83,7 +83,7 @@ def _beside(boxes: Boxes, prism: _Prism) -> Array:
     """(n, candidates, n): gap between the prism's footprint and each body's."""
     yaw = jaw_yaw_rad(boxes)
     across = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
-    centre = boxes.centre_m[:, None] + across * prism.offset_m[..., None]
+    centre = jaw_centre_m(boxes) + across * prism.offset_m[..., None]
     return rectangle_gaps_m(
         centre[:, :, None],
         yaw[..., None],

@@ -17,7 +17,7 @@ from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of
-from learned.grasp.candidates import available
+from learned.grasp.candidates import available, middle_alone
 from learned.grasp.crops import EMBEDDING
 from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
 from learned.grasp.language import decode, words_of
@@ -74,7 +74,9 @@ class PairwisePlanner:
         noise: of the detections that it will be asked about; the detector's measured one by default.
         outline: of the gripper; it says which ways to grasp there are.
         """
-        self._network, self._outline = network, outline or GripperOutline()
+        outline = outline or GripperOutline()
+        self._network = network
+        self._outline = outline.model_copy(update={"middle_alone": middle_alone(product, outline)})
         self._product = product
         self._noise = noise or DetectionNoise()
         self._view = self._judge(_side_by_side(product))

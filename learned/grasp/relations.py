@@ -21,7 +21,7 @@ from cell.interfaces.planning import GraspPlan
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of
-from learned.grasp.candidates import CANDIDATES, available, graspable, mark_missing
+from learned.grasp.candidates import CANDIDATES, as_headed, available, graspable, mark_missing
 from learned.grasp.scenes import Scene
 from learned.grasp.settings import GripperOutline, RelationFilter
 from learned.grasp.solution import nearest_first, solve
@@ -167,8 +167,9 @@ def relation_data(scenes: Sequence[Scene], product: Product, by: RelationFilter 
     for k, (scene, graph) in enumerate(zip(scenes, graphs, strict=True)):
         count = len(graph.first)
         nodes[k, :count], links[k, :count, :count] = graph.nodes, graph.links
-        blocks[k, :count] = scene.blocks[graph.first, :, graph.second]
-        known[k, :count] = ~scene.blocks[graph.first, :, graph.first]
+        truth = as_headed(scene.blocks, scene.boxes, boxes_of(scene.parts, product))
+        blocks[k, :count] = truth[graph.first, :, graph.second]
+        known[k, :count] = ~truth[graph.first, :, graph.first]
     return RelationData(*(torch.from_numpy(values) for values in (nodes, links, blocks, known)))
 
 

@@ -6,7 +6,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan
 from cell.interfaces.product import Product
 from learned.grasp.boxes import boxes_of
-from learned.grasp.candidates import graspable
+from learned.grasp.candidates import graspable, middle_alone
 from learned.grasp.physics import touching
 from learned.grasp.settings import WITH_MARGINS, GripperOutline
 from learned.grasp.solution import nearest_first, solve
@@ -17,7 +17,7 @@ class RulePlanner:
 
     def __init__(self, product: Product, outline: GripperOutline = WITH_MARGINS) -> None:
         self._product = product
-        self._outline = outline
+        self._outline = outline.model_copy(update={"middle_alone": middle_alone(product, outline)})
 
     def plan(self, parts: tuple[PartDetection, ...], required: int) -> GraspPlan:
         """A plan for `parts[required]`."""

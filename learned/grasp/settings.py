@@ -1,7 +1,7 @@
 """The gripper at a grasp, as it truly is and as the rule takes it, and how random tray scenes are drawn.
 
-The gripper comes straight down over the middle of a part, opened to the part's width or length plus a clearance on
-each side, and closes.
+The gripper comes straight down over a part, opened to the part's width or length plus a clearance on each side, and
+closes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class GripperOutline(Model):
         fitting_m: the uppermost part of a body's height, a fitting that can be seen but not touched (sim/parts.py).
         margin_m: least gap between a finger and a neighbour.
         below_gap_m: a neighbour must end this far below fingertips or palm to be passed over.
-        one_way: parts are grasped across their width alone.
+        one_way: parts are grasped across their width and in the middle alone.
+        middle_alone: types of parts that are grasped in the middle alone, because of their shape.
     """
 
     pad_size_m: tuple[float, float, float] = (0.012, 0.025, 0.022)
@@ -46,6 +47,7 @@ class GripperOutline(Model):
     margin_m: float = Field(default=0.0, ge=0)
     below_gap_m: float = Field(default=0.0, ge=0)
     one_way: bool = False
+    middle_alone: tuple[str, ...] = ()
 
 
 WITH_MARGINS = GripperOutline(palm_size_m=(0.104, 0.076), fitting_m=0.0, margin_m=0.001, below_gap_m=0.002)

@@ -20,16 +20,17 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE
 from learned.grasp.physics import clearance_m
 from learned.grasp.scenes import Scene, can_grasp, draw_scenes
 from learned.grasp.settings import GripperOutline
-from skills.grip import Grip, possible_grips
+from skills.grip import Grip, Hold, possible_grips
 from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, PRODUCT
 from tests.integration.grasp_trial import Descent, Standing, Verdict, try_grasp
 
 OUTLINE = GripperOutline()
-OPTIONS = {Grip.WIDTH: "width", Grip.LENGTH: "length"}
+OPTIONS = {name: Hold(tuple(Grip)[side], place) for name, side, place in zip(CANDIDATES, SIDE, PLACE_M, strict=True)}
 EDGES_MM = (-np.inf, -3.0, -1.0, -0.3, 0.0, 0.3, 1.0, 3.0, np.inf)
 
 
@@ -70,16 +71,18 @@ def main() -> None:
     report(trials)
 
 
-def try_part(scene: Scene, number: int, part: int, descent: Descent) -> Iterator[Trial]:
+def try_part(scene: Scene, index: int, part: int, descent: Descent) -> Iterator[Trial]:
     """Grasp one part of a scene by every option that the stroke allows."""
     boxes = scene.boxes
     room = clearance_m(boxes, OUTLINE)
     neighbours = np.arange(len(boxes)) != part
-    for grip in possible_grips(PRODUCT.parts[boxes.types[part]], OUTLINE.clearance_m):
-        option = OPTIONS[grip]
-        where = f"scene {number}, part {part} ({boxes.types[part]}), {option}"
-        verdict = try_grasp(standing_in_tray(scene), part, grip, descent, where)
-        room_m = float(room[part, list(OPTIONS).index(grip), neighbours].min(initial=np.inf))
+    grips = possible_grips(PRODUCT.parts[boxes.types[part]], OUTLINE.clearance_m)
+    for number, (option, hold) in enumerate(OPTIONS.items()):
+        if hold.grip not in grips:
+            continue
+        where = f"scene {index}, part {part} ({boxes.types[part]}), {option}"
+        verdict = try_grasp(standing_in_tray(scene), part, hold, descent, where)
+        room_m = float(room[part, number, neighbours].min(initial=np.inf))
         yield Trial(where, option, can_grasp(boxes, part, option, OUTLINE), room_m, verdict)
 
 
@@ -94,7 +97,7 @@ def report(trials: Sequence[Trial]) -> None:
     """Confusion by option, agreement by room, and all disagreements."""
     console = Console()
     table = Table("option", "both good", "both bad", "label good only", "physics good only", "agree", "95 % interval")
-    for option in (*OPTIONS.values(), "all"):
+    for option in (*OPTIONS, "all"):
         chosen = [trial for trial in trials if option in (trial.option, "all")]
         counts = Counter((trial.label, trial.verdict.good) for trial in chosen)
         cells = [str(counts[pair]) for pair in ((True, True), (False, False), (True, False), (False, True))]

@@ -15,7 +15,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import SkillStatus
 from sim.world import World
 from skills.grasp_pose import grasps, opening_for
-from skills.grip import Grip
+from skills.grip import Hold
 from skills.handling import joints_of
 from skills.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
 from skills.planner import Load, MotionPlanner, at_height
@@ -85,17 +85,17 @@ class GripperContacts:
 class BlindGrasp(PhasedSkill):
     """Straight down on a part, close, and lift, whatever stands beside it."""
 
-    def __init__(self, planner: MotionPlanner, part: PartDetection, grip: Grip, descent: Descent) -> None:
+    def __init__(self, planner: MotionPlanner, part: PartDetection, hold: Hold, descent: Descent) -> None:
         super().__init__()
-        self._planner, self._part, self._grip, self._descent = planner, part, grip, descent
+        self._planner, self._part, self._hold, self._descent = planner, part, hold, descent
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Choose the half turn with the shorter way."""
         planner, part = self._planner, self._part
         settings = planner.settings.model_copy(update={"grasp_depth_m": self._descent.depth_m})
         kind = planner.product.parts[part.part]
-        options = grasps(part, kind, settings, self._grip)
-        load = Load(opening_for(kind, self._grip, self._descent.clearance_m), close=True)
+        options = grasps(part, kind, settings, self._hold)
+        load = Load(opening_for(kind, self._hold.grip, self._descent.clearance_m), close=True)
         found = planner.reach([option.world_from_tool for option in options], joints_of(observation), load)
         if isinstance(found, str):
             return found
@@ -123,7 +123,7 @@ class BlindGrasp(PhasedSkill):
         return "lifted"
 
 
-def try_grasp(parts: Sequence[Standing], target: int, grip: Grip, descent: Descent, channel: str) -> Verdict:
+def try_grasp(parts: Sequence[Standing], target: int, hold: Hold, descent: Descent, channel: str) -> Verdict:
     """Stand the parts up, grasp one of them, and judge by contacts and by where the others are afterwards.
 
     Args:
@@ -144,7 +144,7 @@ def try_grasp(parts: Sequence[Standing], target: int, grip: Grip, descent: Desce
         before = [robot.world.part_pose(body).position_m for body in others]
         height_m = robot.world.part_pose(wanted).position_m[2]
         seen = robot.detection(wanted, np.random.default_rng(0), 0.0, 0.0)
-        progress = robot.run(BlindGrasp(robot.planner, seen, grip, descent))
+        progress = robot.run(BlindGrasp(robot.planner, seen, hold, descent))
         after = [robot.world.part_pose(body).position_m for body in others]
         moved_m = max((math.dist(a, b) for a, b in zip(before, after, strict=True)), default=0.0)
         held = progress.status is SkillStatus.SUCCESS

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.grasping import places_m
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import SkillStatus
 from sim.world import WorldPart
 from skills.grasp_pose import hole_pose
+from skills.grip import Grip, Hold
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
 from skills.pick import Pick
@@ -23,6 +25,7 @@ from tests.integration.robot_alone import RobotAlone, tray_poses
 
 SIGMA_M, SIGMA_RAD = 0.002, math.radians(2.0)
 TYPES = ("o1", "o2", "o3")
+BESIDE = [(0, Grip.WIDTH), (1, Grip.WIDTH), (2, Grip.WIDTH), (0, Grip.LENGTH), (1, Grip.LENGTH)]
 
 
 @pytest.fixture
@@ -84,6 +87,17 @@ def pick_across_the_length_and_place(robot: RobotAlone, part: WorldPart, positio
     return robot.seated(part, position)
 
 
+def pick_beside_the_middle_and_place(
+    robot: RobotAlone, monkeypatch: pytest.MonkeyPatch, hold: Hold, number: int, rng: np.random.Generator
+) -> str | None:
+    """As `pick_and_place`, a part being held in one way alone; seen as well as the detector sees."""
+    monkeypatch.setattr("skills.handling.ways_to_hold", lambda *_: iter([(hold, False)]))
+    monkeypatch.setattr("tests.integration.test_pick_and_place.SIGMA_M", 0.0005)
+    monkeypatch.setattr("tests.integration.test_pick_and_place.SIGMA_RAD", math.radians(0.3))
+    position = robot.product.positions[int(rng.integers(6))]
+    return pick_and_place(robot, robot.parts[number], position, rng)
+
+
 def recover(robot: RobotAlone) -> None:
     """Let go and go back to where a cycle begins."""
     robot.act(Command(gripper=GripperCommand(0.085)))
@@ -116,6 +130,31 @@ def test_60_parts_between_others_are_picked_and_placed(robot: RobotAlone) -> Non
             failures.append(f"{seed} {part.part}: {wrong}")
             recover(robot)
         robot.put_away(part)
+    assert len(failures) <= 0.03 * 60, failures
+
+
+@pytest.mark.parametrize("side", [1, 2])
+@pytest.mark.parametrize(("number", "grip"), BESIDE)
+def test_each_type_is_taken_beside_its_middle_and_placed(
+    robot: RobotAlone, monkeypatch: pytest.MonkeyPatch, number: int, grip: Grip, side: int
+) -> None:
+    hold, rng = Hold(grip, places_m(grip.axis)[side]), np.random.default_rng(side)
+    assert pick_beside_the_middle_and_place(robot, monkeypatch, hold, number, rng) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "grip"), BESIDE)
+def test_60_poses_are_taken_beside_the_middle_and_placed(
+    robot: RobotAlone, monkeypatch: pytest.MonkeyPatch, number: int, grip: Grip
+) -> None:
+    rng, failures = np.random.default_rng(2), []
+    for pose in range(60):
+        hold = Hold(grip, places_m(grip.axis)[1 + pose % 2])
+        wrong = pick_beside_the_middle_and_place(robot, monkeypatch, hold, number, rng)
+        robot.put_away(robot.parts[number])
+        if wrong is not None:
+            failures.append(f"{pose}: {wrong}")
+            recover(robot)
     assert len(failures) <= 0.03 * 60, failures
 
 

@@ -10,7 +10,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from skills.collision import Box, CollisionChecker, body_box, resampled
 from skills.grasp_pose import held_boxes, tool_down
-from skills.grip import Grip
+from skills.grip import Grip, Hold
 from skills.kinematics import Kinematics
 from skills.settings import MotionSettings
 
@@ -78,9 +78,9 @@ def test_a_held_part_is_carried_along(checker: CollisionChecker, kinematics: Kin
     bottom_m = 0.036 + product.parts["o2"].size_m[2] + kind.peg_length_m / 2
     joints = at(kinematics, 0.72, 0.18, bottom_m + kind.size_m[2] - SETTINGS.grasp_depth_m + 0.008)
     assert checker.first_contact(joints, 0.04, [standing]) is None
-    body = held_boxes("o3", kind, SETTINGS, Grip.WIDTH, with_peg=False)
+    body = held_boxes("o3", kind, SETTINGS, Hold(Grip.WIDTH), with_peg=False)
     assert checker.first_contact(joints, 0.04, [standing], body) is None
-    with_peg = held_boxes("o3", kind, SETTINGS, Grip.WIDTH, with_peg=True)
+    with_peg = held_boxes("o3", kind, SETTINGS, Hold(Grip.WIDTH), with_peg=True)
     contact = checker.first_contact(joints, 0.04, [standing], with_peg)
     assert contact is not None
     assert "o3 in the gripper" in contact

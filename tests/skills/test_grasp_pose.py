@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.grasping import OFF_MIDDLE_M, places_m
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import PartType, Product
@@ -19,14 +20,16 @@ from skills.grasp_pose import (
     grasps,
     grip_of,
     held_boxes,
+    holds,
     hole_pose,
     place_poses,
 )
-from skills.grip import STROKE_M, Grip, possible_grips
+from skills.grip import STROKE_M, Grip, Hold, possible_grips
 from skills.settings import MotionSettings
 
 SETTINGS = MotionSettings()
 TYPES = ("o1", "o2", "o3")
+HOLDS = [Hold(grip, place) for grip in Grip for place in places_m(grip.axis)]
 GRIPS = [("o1", Grip.WIDTH), ("o2", Grip.WIDTH), ("o3", Grip.WIDTH), ("o1", Grip.LENGTH), ("o2", Grip.LENGTH)]
 
 
@@ -67,7 +70,7 @@ def test_fingers_reach_down_to_what_is_between_them(product: Product) -> None:
 def test_fingers_close_across_the_chosen_sides_from_above(product: Product, part: str, grip: Grip, yaw: float) -> None:
     detection = seen(product, part, 0.5, -0.4, yaw)
     kind = product.parts[part]
-    for grasp in grasps(detection, kind, SETTINGS, grip):
+    for grasp in (one for hold in holds(kind, grip, SETTINGS) for one in grasps(detection, kind, SETTINGS, hold)):
         tool = grasp.world_from_tool.rotation
         np.testing.assert_allclose(tool[:, 2], (0, 0, -1), atol=1e-9)
         across = tool[:, 0] @ detection.world_from_part.rotation[:, 1 if grip is Grip.WIDTH else 0]
@@ -80,9 +83,11 @@ def test_fingers_close_across_the_chosen_sides_from_above(product: Product, part
 
 @pytest.mark.parametrize(("part", "grip"), GRIPS)
 def test_the_two_grasps_are_half_a_turn_apart(product: Product, part: str, grip: Grip) -> None:
-    first, second = grasps(seen(product, part, 0.5, -0.4, 0.3), product.parts[part], SETTINGS, grip)
     half_turn = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    np.testing.assert_allclose((first.world_from_tool @ half_turn).matrix, second.world_from_tool.matrix, atol=1e-9)
+    for place in places_m(grip.axis):
+        detection = seen(product, part, 0.5, -0.4, 0.3)
+        first, second = grasps(detection, product.parts[part], SETTINGS, Hold(grip, place))
+        np.testing.assert_allclose((first.world_from_tool @ half_turn).matrix, second.world_from_tool.matrix, atol=1e-9)
 
 
 @pytest.mark.parametrize(("part", "grip"), GRIPS)
@@ -92,8 +97,9 @@ def test_a_held_part_comes_to_rest_over_its_hole(
 ) -> None:
     kind = product.parts[part]
     target = hole_pose(product, bench, position)
-    for tool in place_poses(target, kind, SETTINGS, grip):
-        body, peg = held_boxes(part, kind, SETTINGS, grip, with_peg=True)
+    for hold, half in ((hold, half) for hold in HOLDS if hold.grip is grip for half in (0, 1)):
+        tool = place_poses(target, kind, SETTINGS, hold)[half]
+        body, peg = held_boxes(part, kind, SETTINGS, hold, with_peg=True)
         world_body, world_peg = tool @ body.pose, tool @ peg.pose
         np.testing.assert_allclose(world_peg.position_m[:2], target.position_m[:2], atol=1e-9)
         bottom_m = world_body.position_m[2] - kind.size_m[2] / 2
@@ -102,25 +108,55 @@ def test_a_held_part_comes_to_rest_over_its_hole(
         assert abs(world_body.rotation[0, 0]) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("half", [0, 1])
+@pytest.mark.parametrize("number", range(3))
 @pytest.mark.parametrize(("part", "grip"), GRIPS)
 def test_picking_then_placing_turns_a_part_as_the_tool_turns(
-    product: Product, bench: Bench, part: str, grip: Grip
+    product: Product, bench: Bench, part: str, grip: Grip, number: int, half: int
 ) -> None:
     kind = product.parts[part]
     detection = seen(product, part, 0.5, -0.4, 0.8)
-    grasp = grasps(detection, kind, SETTINGS, grip)[0]
-    tool_from_part = grasp.world_from_tool.inverse() @ detection.world_from_part
-    placed = place_poses(hole_pose(product, bench, "p2"), kind, SETTINGS, grip)[0] @ tool_from_part
-    lifted = Pose((0.0, 0.0, SETTINGS.release_gap_m)) @ hole_pose(product, bench, "p2")
-    np.testing.assert_allclose(placed.matrix, lifted.matrix, atol=1e-9)
-    held = held_boxes(part, kind, SETTINGS, grip, with_peg=False)[0]
+    grasp = grasps(detection, kind, SETTINGS, Hold(grip, places_m(grip.axis)[number]))[half]
+    half_turn = Pose.from_yaw((0.0, 0.0, 0.0), math.pi * half)
+    tool_from_part = grasp.world_from_tool.inverse() @ detection.world_from_part @ half_turn
+    target = hole_pose(product, bench, "p2")
+    for turned, tool in enumerate(place_poses(target, kind, SETTINGS, grasp.hold)):
+        placed = tool @ tool_from_part @ Pose.from_yaw((0.0, 0.0, 0.0), math.pi * turned)
+        lifted = Pose((0.0, 0.0, SETTINGS.release_gap_m)) @ target
+        np.testing.assert_allclose(placed.matrix, lifted.matrix, atol=1e-9)
+    held = held_boxes(part, kind, SETTINGS, grasp.hold, with_peg=False)[0]
     middle = tool_from_part @ Pose((0.0, 0.0, kind.size_m[2] / 2))
     np.testing.assert_allclose(held.pose.matrix, middle.matrix, atol=1e-9)
 
 
+@pytest.mark.parametrize("grip", Grip)
+def test_boxes_of_a_part_that_may_be_held_anywhere_hold_all_that_it_may_fill(product: Product, grip: Grip) -> None:
+    kind = product.parts["o2"]
+
+    def corners(hold: Hold) -> list[tuple[float, float]]:
+        boxes = held_boxes("o2", kind, SETTINGS, hold, with_peg=True)
+        ends = [(box.pose.position_m[1], abs(box.pose.rotation[1]) @ np.array(box.size_m) / 2) for box in boxes]
+        return [(middle - half, middle + half) for middle, half in ends]
+
+    unsure = corners(Hold(grip, unsure_m=OFF_MIDDLE_M[grip.axis]))
+    for place in places_m(grip.axis):
+        for (low, high), (least, most) in zip(corners(Hold(grip, place)), unsure, strict=True):
+            assert least - 1e-9 <= low < high <= most + 1e-9
+
+
+def test_a_part_that_is_thin_in_its_middle_is_held_there_alone(product: Product) -> None:
+    ends = [{"solid": "box", "size_m": (0.01, 0.03, 0.05), "centre_m": (x, 0.0, 0.025)} for x in (-0.02, 0.02)]
+    web = {"solid": "box", "size_m": (0.03, 0.016, 0.05), "centre_m": (0.0, 0.0, 0.025)}
+    spool = {"size_m": (0.05, 0.03, 0.05), "shape": [*ends, web]}
+    kind = PartType.model_validate(product.parts["o1"].model_dump() | spool)
+    assert holds(kind, Grip.WIDTH, SETTINGS) == (Hold(Grip.WIDTH),)
+    for name, grip in GRIPS:
+        assert len(holds(product.parts[name], grip, SETTINGS)) == 3
+
+
 def test_neighbours_leave_room_or_do_not(product: Product) -> None:
     part = seen(product, "o1", 0.5, -0.4, 0.0)
-    grasp = grasps(part, product.parts["o1"], SETTINGS, Grip.WIDTH)[0]
+    grasp = grasps(part, product.parts["o1"], SETTINGS, Hold(Grip.WIDTH))[0]
 
     def clear(*others: PartDetection) -> bool:
         return fingers_clear(grasp, others, SETTINGS)
@@ -134,7 +170,7 @@ def test_neighbours_leave_room_or_do_not(product: Product) -> None:
 
 def test_fingers_pass_over_low_neighbours_of_a_tall_part(product: Product) -> None:
     tall = seen(product, "o3", 0.5, -0.4, 0.0)
-    grasp = grasps(tall, product.parts["o3"], SETTINGS, Grip.WIDTH)[0]
+    grasp = grasps(tall, product.parts["o3"], SETTINGS, Hold(Grip.WIDTH))[0]
     low = seen(product, "o1", 0.5, -0.36, 0.0)
     assert fingers_clear(grasp, [low], SETTINGS)
     assert not fingers_clear(grasp, [seen(product, "o3", 0.5, -0.355, 0.0)], SETTINGS)
@@ -145,7 +181,7 @@ def test_of_two_parts_side_by_side_each_has_room_across_its_length_alone(product
     for part, other in ((first, second), (second, first)):
         room = {}
         for grip in Grip:
-            grasp = grasps(part, product.parts[part.part], SETTINGS, grip)[0]
+            grasp = grasps(part, product.parts[part.part], SETTINGS, Hold(grip))[0]
             room[grip] = fingers_clear(grasp, [other], SETTINGS)
         assert room == {Grip.WIDTH: False, Grip.LENGTH: True}
 

@@ -9,17 +9,22 @@ import pytest
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.grasping import OFF_MIDDLE_M
 from cell.interfaces.observation import GripperState, ObjectStatus
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.interfaces.skill import SkillStatus
+from skills.grasp_pose import hole_pose
+from skills.grip import Grip, Hold
+from skills.handling import present_hold
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
 from skills.phases import PhasedSkill, SetGripper
 from skills.pick import Pick
 from skills.place import Place
 from skills.planner import MotionPlanner
+from skills.put_back import PutBack
 from tests.skills.ideal_robot import IdealRobot
 
 DATASHEET_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
@@ -80,6 +85,41 @@ def test_a_part_held_across_its_length_is_placed_with_the_tool_turned(
         assert np.sin(placed - grasped) == pytest.approx(0.0, abs=1e-3)
         headings.append(placed)
     assert np.cos(headings[0] - headings[1]) == pytest.approx(0.0, abs=1e-3)
+
+
+def beside_its_middle(product: Product) -> list[PartDetection]:
+    """What leaves an o2 at (0.55, -0.4) but one way to be taken: across its width, towards +x."""
+    return [
+        seen(product, "o3", 0.635, -0.4, 0.0),
+        seen(product, "o2", 0.527, -0.345, np.pi / 2),
+    ]
+
+
+def test_a_part_taken_beside_its_middle_goes_to_the_middle_of_its_hole(
+    planner: MotionPlanner, product: Product, robot: IdealRobot
+) -> None:
+    beside = beside_its_middle(product)
+    part = seen(product, "o2", 0.55, -0.4, 0.0)
+    assert robot.run(Pick(planner, part, beside)).status is SkillStatus.SUCCESS
+    tool = planner.kinematics.forward(np.array(robot.observe().arm.positions_rad))
+    assert tool.position_m[:2] == pytest.approx((0.55 + OFF_MIDDLE_M[1], -0.4), abs=1e-3)
+    part_from_tool = np.subtract(tool.position_m[:2], (0.55, -0.4)) * np.cos(tool.yaw_rad - np.pi / 2)
+    assert robot.run(Place(planner, "p4", "o2", beside)).status is SkillStatus.SUCCESS
+    above = planner.kinematics.forward(np.array(robot.observe().arm.positions_rad))
+    hole = hole_pose(planner.product, planner.bench, "p4").position_m
+    offset = part_from_tool * np.cos(above.yaw_rad - np.pi / 2)
+    assert above.position_m[:2] == pytest.approx(tuple(hole[:2] + offset), abs=1e-3)
+
+
+def test_a_part_found_in_the_gripper_may_be_held_anywhere_along_its_sides(
+    planner: MotionPlanner, product: Product, robot: IdealRobot
+) -> None:
+    holding(planner, product, robot)
+    observation = robot.observe()
+    assert present_hold(planner, "o2", observation) == planner.hold == Hold(Grip.WIDTH)
+    planner.hold = None  # another controller
+    assert present_hold(planner, "o2", observation) == Hold(Grip.WIDTH, unsure_m=OFF_MIDDLE_M[1])
+    assert robot.run(PutBack(planner, "o2", [])).status is SkillStatus.SUCCESS
 
 
 def test_fingers_come_down_slowly_where_there_is_little_room(

@@ -10,7 +10,7 @@ import pytest
 
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Boxes, boxes_of
-from learned.grasp.candidates import CANDIDATES, available, graspable, gripped_m, jaw_yaw_rad
+from learned.grasp.candidates import CANDIDATES, PLACE_M, as_headed, available, graspable, gripped_m, jaw_yaw_rad
 from learned.grasp.physics import clearance_m, fingertips_m, touching
 from learned.grasp.scenes import can_grasp, draw_scenes
 from learned.grasp.settings import WITH_MARGINS, GripperOutline
@@ -41,7 +41,8 @@ def sampled_touch(boxes: Boxes, part: int, candidate: int, neighbour: int, grow_
     top = boxes.top_m[neighbour] - OUTLINE.fitting_m + grow_m
     own, other = jaw_yaw_rad(boxes)[part, candidate], boxes.yaw_rad[neighbour]
     for lowest, points in bodies:
-        turned = points @ np.array([[math.cos(own), math.sin(own)], [-math.sin(own), math.cos(own)]])
+        placed = points + np.array([PLACE_M[candidate], 0.0])
+        turned = placed @ np.array([[math.cos(own), math.sin(own)], [-math.sin(own), math.cos(own)]])
         offset = turned + boxes.centre_m[part] - boxes.centre_m[neighbour]
         seen = np.abs(offset @ np.array([[math.cos(other), -math.sin(other)], [math.sin(other), math.cos(other)]]))
         if top > lowest and np.any(np.all(seen < boxes.size_m[neighbour, :2] / 2 + grow_m, axis=1)):
@@ -72,14 +73,24 @@ def test_what_touches_blocks_the_cautious_rule_too() -> None:
 
 def test_options_are_those_that_the_jaw_opens_wide_enough_for() -> None:
     boxes = boxes_of(tuple(standing(name, 0.3 * k, 0.0) for k, name in enumerate(PRODUCT.parts)), PRODUCT)
-    assert available(boxes, OUTLINE).tolist() == [[True, True], [True, True], [True, False]]
-    assert touching(boxes, OUTLINE)[2].tolist() == [[False, False, False], [False, False, True]]
+    assert available(boxes, OUTLINE).tolist() == [3 * [True, True], 3 * [True, True], 3 * [True, False]]
+    assert touching(boxes, OUTLINE)[2].tolist() == 3 * [[False, False, False], [False, False, True]]
     assert graspable(touching(boxes, OUTLINE)).all()
 
 
 def test_a_wall_along_the_sides_leaves_the_ends() -> None:
     boxes = boxes_of(walled("o1", "o3"), PRODUCT)
-    assert [can_grasp(boxes, 0, candidate) for candidate in CANDIDATES] == [False, True]
+    assert [can_grasp(boxes, 0, candidate) for candidate in CANDIDATES] == [False, True, False, False, False, False]
+
+
+def test_a_neighbour_at_one_end_leaves_the_other_end() -> None:
+    parts = (standing("o2", 0.0, 0.0), standing("o3", 0.085, 0.0), standing("o2", -0.02, 0.055, math.pi / 2))
+    boxes = boxes_of(parts, PRODUCT)
+    free = [name for name in CANDIDATES if can_grasp(boxes, 0, name)]
+    assert free == ["width+"]
+    turned = boxes_of((standing("o2", 0.0, 0.0, math.pi), *parts[1:]), PRODUCT)
+    assert [name for name in CANDIDATES if can_grasp(turned, 0, name)] == ["width-"]
+    assert np.array_equal(as_headed(touching(boxes, OUTLINE), boxes, turned)[0], touching(turned, OUTLINE)[0])
 
 
 def test_a_low_neighbour_does_not_block_a_tall_part() -> None:

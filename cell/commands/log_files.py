@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cell.commands.init import write_new
-from cell.commands.log_terminal import JsonOption, LogArgument, say, tell_json
+from cell.commands.log_terminal import JsonOption, LogArgument, say, streamed, tell_json
 from cell.interfaces.errors import LogError
 
 
@@ -18,9 +18,7 @@ def files(
     as_json: JsonOption = False,
 ) -> None:
     """Write the files that a run was made with: configuration, product, tree, and how the simulation looked."""
-    from cell.log.reading.reader import LogStream
-
-    stream = LogStream(log)
+    stream = streamed(log)
     next(iter(stream), None)
     for name in stream.attachments:
         check_name(stream.path, name)

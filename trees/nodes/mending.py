@@ -282,9 +282,14 @@ def reason_of(product: Product, mistakes: Mistakes) -> str:
             for one in mistakes
         )
     if kind == "surplus":
-        there = Counter(one.part or "something" for one in mistakes)
-        told = (f"{product.title(part)} {count} times" for part, count in there.items())
-        return f"{names} hold more than a bracket takes: {', '.join(told)}"
+        there = Counter(one.part or "" for one in mistakes)
+        takes = {part: product.parts[part].quantity if part in product.parts else 0 for part in there}
+        told = (
+            f"{_listed([one.position for one in mistakes if one.part == part])} hold the {product.title(part)},"
+            f" and a bracket takes {takes[part] or 'none'} of them"
+            for part in there
+        )
+        return "; ".join(told)
     if kind == "crooked":
         return f"the {product.title(mistakes[0].part or '')} in {names} does not stand straight"
     return f"I have not been able to see into {names} for a while"

@@ -13,7 +13,7 @@ from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, OperatorOrder, Operat
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
-from trees.nodes.mending import AskToMend, AwaitMisfit, AwaitMistake, BracketIsRight, LeaveMistake, Mistake
+from trees.nodes.mending import AskToMend, AwaitMisfit, AwaitMistake, BracketIsRight, LeaveMistake, Mistake, reason_of
 from trees.nodes.services import Services
 from trees.testing import alone
 
@@ -79,6 +79,7 @@ def test_without_a_known_goal_only_what_a_bracket_cannot_take_is_wrong() -> None
     assert told(to, waiting(to, unknown), 8.0, dict.fromkeys(names[:-1], part)) == ()
     found = told(to, waiting(to, unknown), 8.0, dict.fromkeys(names, part))
     assert {(one.position, one.kind) for one in found} == {(name, "surplus") for name in names}
+    assert reason_of(PRODUCT, found).endswith(f"hold the {PRODUCT.title(part)}, and a bracket takes 1 of them")
     assert told(to, waiting(to, AssemblyState({}), NO_IDEA), 8.0, {P2: ODD}) == ()
 
 

@@ -16,6 +16,7 @@ from cell.interfaces.left_off import LeftOff
 from cell.log.reading.left_off import _after, read_left_off
 from cell.run import run
 from cell.run_options import RunOptions
+from cell.world.messages import Drawn
 from tests import ROOT
 
 PRODUCT = load_product(load_configuration())
@@ -82,10 +83,11 @@ def test_a_run_says_what_it_goes_on_with_and_in_which_world(
     options: list[RunOptions] = []
     monkeypatch.setattr("cell.run.world_of", lambda _: address)
     monkeypatch.setattr("cell.run._run", lambda asked, *_: options.append(asked))
+    monkeypatch.setattr("cell.run.drawn_from", lambda _: Drawn(17, "g1"))
     with socket.socket(socket.AF_UNIX) as world:
         if there:
             world.bind(str(address))
         run(RunOptions(resume=CASE, log=tmp_path / "l.mcap"), Console(file=said, width=1000))
     assert f"goes on with {CASE}: o1 at p1, " in said.getvalue()
     assert (f"the world at {address} is gone" in said.getvalue()) != there
-    assert [asked.world for asked in options] == [address if there else None]
+    assert [(asked.world, asked.seed) for asked in options] == [(address, 17) if there else (None, RunOptions().seed)]

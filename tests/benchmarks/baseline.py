@@ -22,6 +22,7 @@ from rich.console import Console
 from cell.configuration import load_configuration, load_product
 from cell.evaluating.actions import Told, matched
 from cell.evaluating.row_file import RowFile
+from cell.interfaces.errors import InputError
 from cell.log.reading.indexed import IndexedLog
 from tests import ROOT
 from tests.benchmarks.assembly import Run, assemble, verdict
@@ -58,7 +59,10 @@ def main() -> None:
     options = parser.parse_args()
     goals = sorted(load_product(load_configuration()).goals)
     console = Console(stderr=True)
-    rows = RowFile(options.out, {"benchmark": "baseline", "max_duration_s": options.max_duration_s})
+    try:
+        rows = RowFile(options.out, {"benchmark": "baseline", "max_duration_s": options.max_duration_s})
+    except InputError as error:
+        parser.error(str(error))
     done = {(row["seed"], *(row[key] for key in KEYS)) for row in rows.rows}
     seeds = range(options.first_seed, options.first_seed + options.runs)
     until_s = time.monotonic() + 60 * options.minutes

@@ -73,10 +73,10 @@ def train_all(
             raise InputError(f"--only {name}: there is no such one; legal: {', '.join(legal)}")
     steps = _scaled([step for step in every if step.words[0] in (only or legal)], budget)
     say = console().print
-    minutes = sum(step.seconds for step in steps) / 60
-    say(f"for {product.name}, into {out}/, about {minutes:.0f} minutes of one CPU core:", highlight=False)
+    whole = _words(sum(step.seconds for step in steps))
+    say(f"for {product.name}, into {out}/, about {whole} of one CPU core:", highlight=False)
     for step in steps:
-        say(f"- {step.command} ({step.seconds / 60:.0f} minutes): {', '.join(step.files)}", highlight=False)
+        say(f"- {step.command} ({_words(step.seconds)}): {', '.join(step.files)}", highlight=False)
     if plan:
         return
     need_torch()
@@ -239,6 +239,10 @@ def _note_latencies(configuration: Configuration, config: Path, out: Path) -> No
     note_latencies(trained.perception, {name: found[name]["p95_ms"] for name in DETECTORS})
     told = ", ".join(f"{name} {found[name]['p95_ms']} ms" for name in DETECTORS)
     console().print(f"an answer takes (95 %): {told}", highlight=False)
+
+
+def _words(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} minutes"
 
 
 def _lines(out: Path, config: Path) -> list[str]:

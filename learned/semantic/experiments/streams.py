@@ -105,11 +105,13 @@ def assemble(
     confusions: Confusions,
     rng: np.random.Generator,
     doubt: float,
+    act: float = ACT,
 ) -> list[dict[str, bool]]:
     """One bracket in random order: would the robot act after each action but the last, and rightly?
 
-    A camera sees which holes are filled; reports of open ones are dropped. Where the robot would act for the first
-    time and "none of these" has the probability `doubt`, it asks which of the known goals it is, once, and is told.
+    It acts from the probability `act` on. A camera sees which holes are filled; reports of open ones are dropped. Where
+    the robot would act for the first time and "none of these" has the probability `doubt`, it asks which of the known
+    goals it is, once, and is told.
     """
     m = len(types)
     order = rng.permutation(m)
@@ -120,17 +122,17 @@ def assemble(
         some = Scenarios(np.zeros(1, int), true[None], np.zeros(1, int))
         seen = np.where(true == EMPTY, EMPTY, misdetect(layout, some, rng, confusions=confusions.matrix).seen[0])
         plan = planner.plan(AssemblyState(layout.state(seen).placed, told))
-        placement = _placement(plan, layout, true)
+        placement = _placement(plan, layout, true, act)
         asked = placement is not None and told is None and plan.goal_belief[UNKNOWN_GOAL] >= doubt
         if asked:
             known = zip(planner.layout.goals, planner.layout.types.tolist(), strict=True)
             told = next((goal for goal, row in known if row == types.tolist()), UNKNOWN_GOAL)
-            placement = _placement(planner.plan(AssemblyState(layout.state(seen).placed, told)), layout, true)
+            placement = _placement(planner.plan(AssemblyState(layout.state(seen).placed, told)), layout, true, act)
         states.append(_state(placement, layout, types, asked=asked))
     return states
 
 
-def _placement(plan: AssemblyPlan, layout: Layout, true: Ints) -> tuple[str, str] | None:
+def _placement(plan: AssemblyPlan, layout: Layout, true: Ints, act: float) -> tuple[str, str] | None:
     """The best placement into an open hole, where it is sure enough."""
     if plan.goal_belief[UNKNOWN_GOAL] >= ASK:
         return None
@@ -138,7 +140,7 @@ def _placement(plan: AssemblyPlan, layout: Layout, true: Ints) -> tuple[str, str
         place: value for place, value in plan.next_belief.items() if true[layout.positions.index(place[1])] == EMPTY
     }
     best = max(possible, key=possible.__getitem__, default=None)
-    return best if best is not None and possible[best] >= ACT else None
+    return best if best is not None and possible[best] >= act else None
 
 
 def _state(placement: tuple[str, str] | None, layout: Layout, types: Ints, *, asked: bool) -> dict[str, bool]:

@@ -6,14 +6,23 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json, table
+from cell.commands.terminal import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    SchedulerOption,
+    WorkersOption,
+    console,
+    print_json,
+    table,
+)
 
 if TYPE_CHECKING:
-    from sim.data.folder import DataFolder
+    from sim.data.folder import DataFolder, DataPiece
 
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="New folder.")]
 LookOption = Annotated[str, typer.Option(help="What recordings look like: nominal, varied, hard, or a file.")]
@@ -32,6 +41,14 @@ FramesOption = Annotated[bool, typer.Option("--frames", help="Whole frames of ea
 PhysicsOption = Annotated[bool, typer.Option("--physics", help="Move hand and parts by physics: slower, with slips.")]
 
 
+class Made(NamedTuple):
+    """How data are made and told of."""
+
+    as_json: bool
+    workers: int
+    scheduler: str | None
+
+
 def actions(
     out: OutOption,
     look: LookOption = "varied",
@@ -41,12 +58,25 @@ def actions(
     physics: PhysicsOption = False,
     thin: ThinOption = False,
     frames: FramesOption = False,
+    workers: WorkersOption = 1,
+    scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
     """Segments of 45 frames: the hand's track, a crop of the hand, and what it did."""
+    made = Made(as_json, workers, scheduler)
     _from_assemblies(
-        "actions", out, look, person, recordings, first_seed, physics, config, as_json, thin=thin, frames=frames
+        "actions",
+        out,
+        look,
+        person,
+        recordings,
+        first_seed,
+        physics,
+        config,
+        made,
+        thin=thin,
+        frames=frames,
     )
 
 
@@ -57,11 +87,14 @@ def hands(
     recordings: RecordingsOption = 10,
     first_seed: FirstSeedOption = 0,
     physics: PhysicsOption = False,
+    workers: WorkersOption = 1,
+    scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
     """Frames of the overhead camera, and where every hand in them is, with what it holds."""
-    _from_assemblies("hands", out, look, person, recordings, first_seed, physics, config, as_json)
+    made = Made(as_json, workers, scheduler)
+    _from_assemblies("hands", out, look, person, recordings, first_seed, physics, config, made)
 
 
 def holes(
@@ -72,11 +105,25 @@ def holes(
     first_seed: FirstSeedOption = 0,
     physics: PhysicsOption = False,
     steel_share: SteelOption = 0.0,
+    workers: WorkersOption = 1,
+    scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
     """Crops of the holes, what is in them, and how much of each is hidden."""
-    _from_assemblies("holes", out, look, person, recordings, first_seed, physics, config, as_json, steel_share)
+    made = Made(as_json, workers, scheduler)
+    _from_assemblies(
+        "holes",
+        out,
+        look,
+        person,
+        recordings,
+        first_seed,
+        physics,
+        config,
+        made,
+        steel_share,
+    )
 
 
 def plates(
@@ -87,6 +134,8 @@ def plates(
     first_seed: FirstSeedOption = 0,
     stills: Annotated[int, typer.Option(min=1, max=1000, help="Images of each look.")] = 10,
     steel_share: SteelOption = 0.0,
+    workers: WorkersOption = 1,
+    scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
@@ -98,9 +147,10 @@ def plates(
     from skills.kinematics import Kinematics
 
     configuration = simulated(load_configuration(config), look, person)
-    product, kinematics = load_product(configuration, config), Kinematics(configuration.motion)
+    product = load_product(configuration, config)
 
     def one(seed: int, folder: DataFolder) -> None:
+        kinematics = Kinematics(configuration.motion)
         write_plates(
             sometimes_steel(product, steel_share, seed),
             configuration.bench,
@@ -113,7 +163,7 @@ def plates(
 
     command = f"cell data plates --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"
     command += f" --stills {stills}" + (f" --steel-share {steel_share:g}" if steel_share else "")
-    _write(command, (out, recordings, first_seed, as_json), one)
+    _write(command, (out, recordings, first_seed), Made(as_json, workers, scheduler), one)
 
 
 def objects(
@@ -124,6 +174,8 @@ def objects(
     views: ViewsOption = 1,
     mixed: MixedOption = False,
     steel_share: SteelOption = 0.0,
+    workers: WorkersOption = 1,
+    scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
@@ -144,7 +196,7 @@ def objects(
 
     command = f"cell data objects --look {look} --recordings {recordings} --first-seed {first_seed} --views {views}"
     command += " --mixed" * mixed + (f" --steel-share {steel_share:g}" if steel_share else "")
-    _write(command, (out, recordings, first_seed, as_json), one)
+    _write(command, (out, recordings, first_seed), Made(as_json, workers, scheduler), one)
 
 
 def _from_assemblies(
@@ -156,7 +208,7 @@ def _from_assemblies(
     first_seed: int,
     physics: bool,
     config: Path,
-    as_json: bool,
+    made: Made,
     steel_share: float = 0.0,
     thin: bool = False,
     frames: bool = False,
@@ -185,26 +237,47 @@ def _from_assemblies(
     command = f"cell data {what} --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"
     command += " --thin" * thin + " --frames" * frames + " --physics" * physics
     command += f" --steel-share {steel_share:g}" if steel_share else ""
-    _write(command, (out, recordings, first_seed, as_json), one)
+    _write(command, (out, recordings, first_seed), made, one)
 
 
-def _write(command: str, options: tuple[Path, int, int, bool], one: Callable[[int, DataFolder], float | None]) -> None:
+def _write(
+    command: str, options: tuple[Path, int, int], made: Made, one: Callable[[int, DataFolder], float | None]
+) -> None:
     from rich.progress import track
 
+    from cell.fleet.engine import mapped
     from sim.data.folder import DataFolder
     from sim.data.splits import seeds
 
-    out, recordings, first_seed, as_json = options
+    out, recordings, first_seed = options
     split, wanted = seeds(first_seed, recordings)
     folder = DataFolder(out, command)
     began_s, simulated_s = time.process_time(), 0.0
-    for seed in track(wanted, description=command.split()[2], console=console()):
-        simulated_s += one(seed, folder) or 0.0
+    if made.workers == 1 and made.scheduler is None:
+        lengths = (one(seed, folder) for seed in wanted)
+    else:
+        pieces = mapped(partial(_piece, one), ((seed,) for seed in wanted), made.workers, made.scheduler)
+        lengths = (_added(folder, *piece) for piece in pieces)
+    for length_s in track(lengths, description=command.split()[2], console=console(), total=len(wanted)):
+        simulated_s += length_s or 0.0
     facts = {"split": split, "first_seed": first_seed, "recordings": recordings}
     manifest = folder.close({**facts, "simulated_s": round(simulated_s, 1)})
     spent = {"processor_s": round(time.process_time() - began_s, 1)}
     console().print(
         table(str(out), {"split": split, **manifest["counts"], "simulated_s": round(simulated_s, 1), **spent})
     )
-    if as_json:
+    if made.as_json:
         print_json({**manifest, **spent})
+
+
+def _piece(one: Callable[[int, DataFolder], float | None], seed: int) -> tuple[DataPiece, float | None]:
+    """What one recording gives, in a worker."""
+    from sim.data.folder import DataPiece
+
+    piece = DataPiece()
+    return piece, one(seed, piece)
+
+
+def _added(folder: DataFolder, piece: DataPiece, length_s: float | None) -> float | None:
+    folder.add(piece)
+    return length_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 import tempfile
 import time
 from collections import deque
@@ -90,7 +91,7 @@ def mapped(
     when nobody wants more is given up. So the answers are the same as those of one call after the other.
 
     Args:
-        work: of a module that workers can import.
+        work: what it names must be there for workers, too; nothing else is sent along.
         workers: processes on this machine; 1 for none but this one.
         address: of a Dask scheduler, in their place.
 
@@ -102,19 +103,23 @@ def mapped(
         return
     with cluster(workers, address) as client:
         client.wait_for_workers(1, timeout=COLD_S)
+        packed = needed("cloudpickle", "cell sweep").dumps(work)  # a pool takes no function inside of another
         waiting = iter(arguments)
         pending: deque[Any] = deque()
         try:
             while True:
-                room = max(0, _room(client) - len(pending))
-                pending.extend(
-                    client.submit(in_child, work, *one, pure=False) for one in itertools.islice(waiting, room)
-                )
+                more = itertools.islice(waiting, max(0, _room(client) - len(pending)))
+                pending.extend(client.submit(in_child, unpacked, packed, *one, pure=False) for one in more)
                 if not pending:
                     return
                 yield _answer(pending.popleft())
         finally:
             client.cancel(list(pending))
+
+
+def unpacked(packed: bytes, *arguments: Any) -> Any:
+    """Call a function that was packed."""
+    return pickle.loads(packed)(*arguments)
 
 
 def _answer(future: Any) -> Any:

@@ -40,11 +40,9 @@ class DataFolder:
 
     def image(self, name: str, image: Image) -> str:
         """Write an RGB image, as PNG or as JPEG by its name's ending; returns its name."""
-        file = self._path / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if file.suffix == ".jpg" else []
-        file.write_bytes(cv2.imencode(file.suffix, bgr, options)[1].tobytes())
+        bgr, suffix = cv2.cvtColor(image, cv2.COLOR_RGB2BGR), Path(name).suffix
+        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if suffix == ".jpg" else []
+        self._put(name, cv2.imencode(suffix, bgr, options)[1].tobytes())
         return name
 
     def row(self, file: str, row: Mapping[str, Any]) -> None:
@@ -54,6 +52,18 @@ class DataFolder:
         with path.open("a", encoding="utf-8") as stream:
             stream.writelines(json.dumps(line) + "\n" for line in (*lines, row))
         self.counts[file] += 1
+
+    def add(self, piece: DataPiece) -> None:
+        """All that another process made."""
+        for name, content in piece.images:
+            self._put(name, content)
+        for file, row in piece.rows:
+            self.row(file, row)
+
+    def _put(self, name: str, content: bytes) -> None:
+        file = self._path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content)
 
     def close(self, facts: Mapping[str, Any]) -> dict[str, Any]:
         """Write the manifest, and return it: a folder without one is not finished."""
@@ -66,3 +76,17 @@ class DataFolder:
         }
         (self._path / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
         return manifest
+
+
+class DataPiece(DataFolder):
+    """Keeps what is written, to be added to a folder elsewhere."""
+
+    def __init__(self) -> None:
+        self.images: list[tuple[str, bytes]] = []
+        self.rows: list[tuple[str, Mapping[str, Any]]] = []
+
+    def row(self, file: str, row: Mapping[str, Any]) -> None:
+        self.rows.append((file, row))
+
+    def _put(self, name: str, content: bytes) -> None:
+        self.images.append((name, content))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections import Counter
 from dataclasses import asdict
 from functools import cache
@@ -22,7 +23,7 @@ from learned.holes.crops import hole_crops, squares_m
 from learned.holes.dataset import load_plates
 from learned.parts.dataset import load_scenes
 from sim.data.actions import MOST_OF, Source, holes_of, write_holes, write_segments
-from sim.data.folder import DataFolder
+from sim.data.folder import DataFolder, DataPiece
 from sim.data.hands import hand_frames, write_hands
 from sim.data.objects import write_objects
 from sim.data.plates import write_plates
@@ -270,3 +271,21 @@ def test_by_physics_too_the_robot_hands_parts_over(tmp_path: Path) -> None:
     assert {position: part for position, (part, _) in last.items()} == dict(PRODUCT.goal_placements(taken.goal))
     write_hands(Source(taken, PRODUCT, BENCH), DataFolder(tmp_path / "new", "test"), every=True)
     assert len({row["frame"] for row in rows(tmp_path / "new" / "hands.jsonl")}) == len(taken.moments)
+
+
+def test_what_another_process_made_is_added_as_if_it_were_made_here(tmp_path: Path) -> None:
+    picture = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+
+    def write(folder: DataFolder, seed: int) -> None:
+        folder.row("things", {"seed": seed, "image": folder.image(f"images/{seed}.png", picture + seed)})
+
+    here, there = DataFolder(tmp_path / "here", "cell data"), DataFolder(tmp_path / "there", "cell data")
+    for seed in (3, 4):
+        write(here, seed)
+        piece = DataPiece()
+        write(piece, seed)
+        there.add(pickle.loads(pickle.dumps(piece)))
+    assert here.close({}) == there.close({})
+    files = sorted(file.relative_to(tmp_path / "here") for file in (tmp_path / "here").rglob("*") if file.is_file())
+    assert len(files) == 4
+    assert all((tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes() for name in files)

@@ -1,8 +1,8 @@
 """A process beside the physics: it makes the frames, and runs the detectors that read them, in lock-step (decision 6).
 
-The controller needs an answer only a configured latency after the frame, so both processes work at the same time. What
-comes out is the same as in one process: exposures and frames for detectors are worked off in the order in which they
-were sent, and nobody looks whether something is ready; who needs it waits.
+The controller needs an answer only some time after the frame, so both processes work at the same time. What comes out
+is the same as in one process: exposures are worked off in the order in which they were sent, frames for detectors in
+theirs, and nobody looks whether something is ready; who needs it waits.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
@@ -40,6 +40,7 @@ Slots = Mapping[str, Any]  # shared memory for SLOTS images of each camera
 NAME = "render process"
 SLOTS = 8  # frames of a camera that may wait to be rendered; then the physics waits
 JOIN_S = 2.0
+SWITCH_S = 0.0005  # a thread that is done with graphics soon gets its turn
 HURRIED = 3  # ... where time does not wait
 PATIENCE_S = 60.0  # wall time; a frame takes some milliseconds
 
@@ -191,41 +192,64 @@ def _serve(
     # The other core has work of its own: no threads for images or, where MuJoCo renders in software, for triangles.
     cv2.setNumThreads(1)
     os.environ.setdefault("LP_NUM_THREADS", "0")
+    sys.setswitchinterval(SWITCH_S)
+    worker = _Worker(model, sensors, slots)
+    lock = threading.Lock()
     try:
-        worker = _Worker(model, sensors, slots)
         while True:
             key, job = pipe.recv()
-            pipe.send((key, worker.work(key, job)))
-    except (EOFError, BrokenPipeError):
+            worker.begin(key, job).add_done_callback(partial(_tell, pipe, lock, key))
+    except (EOFError, OSError):
         return  # the controller is gone
-    except Exception as error:  # outermost loop of the process: the controller turns it into a fault
-        pipe.send((None, f"{type(error).__name__}: {error}"))
+    finally:
+        worker.close()
+
+
+def _tell(pipe: Connection, lock: threading.Lock, key: tuple[Any, ...], done: Future[Any]) -> None:
+    """Send what a job came to; one that failed ends everything: the controller turns it into a fault."""
+    if done.cancelled():
+        return
+    error = done.exception()
+    told = (key, done.result()) if error is None else (None, f"{type(error).__name__}: {error}")
+    with lock, suppress(OSError):
+        pipe.send(told)
 
 
 class _Worker:
-    """What the process knows."""
+    """What the process knows; one thread draws and another one detects, each in the order in which it was asked."""
 
     def __init__(self, model: mujoco.MjModel, sensors: Mapping[str, SensorSetup], slots: Slots) -> None:
-        self._photographer = Photographer(model, sensors)
+        self._drawing, self._detecting = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._photographer = self._drawing.submit(Photographer, model, sensors)  # graphics belong to their thread
         self._sensors, self._slots = sensors, slots
-        self._frames = {camera: deque[Frame](maxlen=SLOTS) for camera in sensors}
+        self._frames = {camera: deque[tuple[int, Future[Frame]]](maxlen=SLOTS) for camera in sensors}
         self._detectors: dict[int, Callable[[Frame], object]] = {}
 
-    def work(self, key: tuple[Any, ...], job: Any) -> object:
-        """One job, and what is sent back for it."""
+    def begin(self, key: tuple[Any, ...], job: Any) -> Future[Any]:
+        """Begin a job; what it comes to is sent back for it."""
         if key[0] == "frame":
-            self._take(job)
-            return None
+            frame: Future[Frame] = Future()
+            self._frames[job.camera].append((job.sequence, frame))
+            return self._drawing.submit(self._take, job, frame)
         if key[0] == "built":
-            return self._build(key[1], *job)
+            return self._detecting.submit(self._build, key[1], *job)
         detector, camera, sequence, robot_m = job
-        frame = next(kept for kept in self._frames[camera] if kept.sequence == sequence)
-        return self._detectors[detector](frame.beside(robot_m))
+        asked = next(frame for number, frame in self._frames[camera] if number == sequence)
+        return self._detecting.submit(lambda: self._detectors[detector](asked.result().beside(robot_m)))
 
-    def _take(self, exposure: Exposure) -> None:
-        frame = self._photographer.take(exposure)
-        self._frames[frame.camera].append(frame)
+    def close(self) -> None:
+        """Begin nothing any more."""
+        for thread in (self._drawing, self._detecting):
+            thread.shutdown(wait=False, cancel_futures=True)
+
+    def _take(self, exposure: Exposure, taken: Future[Frame]) -> None:
+        try:
+            frame = self._photographer.result().take(exposure)
+        except BaseException as error:
+            taken.set_exception(error)
+            raise
         _slot(self._slots, self._sensors[frame.camera].setup, frame.camera, frame.sequence)[:] = frame.image
+        taken.set_result(frame)
 
     def _build(self, number: int, build: Build[object], arguments: tuple[object, ...]) -> CellError | None:
         try:

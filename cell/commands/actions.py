@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cell.commands.budget import seconds as budget_s
+from cell.commands.detectors import how_to_use
 from cell.commands.made_data import make_data
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
 from cell.commands.weights import need_torch, new_weights
@@ -68,9 +69,7 @@ def train(
     )
     confusions = _note_confusions(path, kind, task.product, command)
     console().print(table(f"weights in {path}; what is taken for what in {confusions.name}", scores))
-    console().print(
-        f"to use it, in {config}: perception.actions: {{kind: {kind}, weights: {path.name}}}", highlight=False
-    )
+    how_to_use("actions", kind, path, config)
     if as_json:
         print_json(scores)
 

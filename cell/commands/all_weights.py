@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import subprocess
 import sys
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 
 FOLDER, ROWS = Path("trained"), "training.jsonl"
 PAPER_GRASP_S, PLANNER_S = 180.0, 60.0  # of processor time; these commands take no --budget
+PLANNERS = {"semantic": "factored", "grasp": "pairwise"}  # those that a cell uses by default
 DETECTORS = ("hands", "actions", "holes", "parts")
 LATENCY_FRAMES, LATENCY_TRAYS, LATENCY_SEED = 120, 20, 800_000
 
@@ -247,10 +247,19 @@ def _words(seconds: float) -> str:
 
 def _lines(out: Path, config: Path) -> list[str]:
     """What takes the weights into use."""
-    folder = Path(os.path.relpath(out.resolve(), config.resolve().parent))
-    return [
-        f"perception: {{kind: learned, folder: {folder}}}",
-        "planners:",
-        f"  semantic: {{kind: factored, weights: {folder}/semantic_factored.onnx}}",
-        f"  grasp: {{kind: pairwise, weights: {folder}/grasp_pairwise.onnx}}",
+    from cell.commands.weights import told_in
+    from cell.interfaces.planning import weights_file
+
+    made = {name: told_in(config, out / weights_file(name, kind)) for name, kind in _kinds()}
+    lines = [f"perception: {{kind: learned, folder: {told_in(config, out)}}}"]
+    if not all((config.parent / path).exists() for path in made.values()):
+        own = {name: path for name, path in made.items() if (config.parent / path).exists()}
+        each = [f"  {name}: {{kind: {kind}, weights: {own[name]}}}" for name, kind in _kinds() if name in own]
+        lines = ["perception:", *each] if each else []
+    files = {name: told_in(config, out / weights_file(name, kind)) for name, kind in PLANNERS.items()}
+    each = [
+        f"  {name}: {{kind: {PLANNERS[name]}, weights: {path}}}"
+        for name, path in files.items()
+        if (config.parent / path).exists()
     ]
+    return [*lines, *(["planners:", *each] if each else [])]

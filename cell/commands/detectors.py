@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from cell.commands.terminal import console
+from cell.commands.weights import told_in
 
 BudgetOption = Annotated[str, typer.Option(help="Processor time for data and training, as in 90s, 30m or 2h.")]
 DataOption = Annotated[
@@ -22,4 +23,5 @@ WeightsOption = Annotated[Path | None, typer.Option(help="Weights; the shipped o
 
 def how_to_use(detector: str, kind: str, weights: Path, config: Path) -> None:
     """Say which line in the configuration takes new weights into use."""
-    console().print(f"in {config}, perception: {detector}: {{kind: {kind}, weights: {weights}}}", highlight=False)
+    told = told_in(config, weights)
+    console().print(f"in {config}, perception: {detector}: {{kind: {kind}, weights: {told}}}", highlight=False)

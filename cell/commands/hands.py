@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cell.commands.detectors import how_to_use
 from cell.commands.terminal import (
     CONFIGURATION,
     ConfigOption,
@@ -77,7 +78,7 @@ def train(
         command=_command(budget, epochs, seed, data or ()),
     )
     report_scores(f"hand tracker in {weights}", scores, as_json=False)
-    console().print(f"in {config}, perception: hands: {{kind: slim, weights: {weights}}}", highlight=False)
+    how_to_use("hands", "slim", weights, config)
     if as_json:
         print_json(scores)
 

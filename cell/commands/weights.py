@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -23,6 +24,11 @@ def folder_for(config: Path) -> Path:
 def new_weights(planner: str, kind: str, config: Path) -> Path:
     """File for weights that were trained for a configuration."""
     return folder_for(config) / weights_file(planner, kind)
+
+
+def told_in(config: Path, path: Path) -> Path:
+    """A file or folder as a configuration names it: relative to the configuration's own folder."""
+    return Path(os.path.relpath(path.resolve(), config.resolve().parent))
 
 
 def need_torch(*, plots: bool = False) -> None:

@@ -119,3 +119,15 @@ def test_wrong_names_and_folders_are_told(tmp_path: Path, capsys: pytest.Capture
     ):
         assert main(words) == 2
         assert told in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("trained")
+def test_of_a_part_of_them_only_what_is_there_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "config").mkdir()
+    for name in ("cell.yaml", "products.yaml"):
+        (tmp_path / "config" / name).write_text(shipped("config", name).read_text())
+    config = tmp_path / "config" / "cell.yaml"
+    assert main(["train", "all", "--out", str(tmp_path / "new"), "--config", str(config), "--only", "holes"]) == 0
+    told = capsys.readouterr().err
+    assert "perception:\n  holes: {kind: plate, weights: ../new/holes_plate.onnx}\n" in told
+    assert "planners:" not in told

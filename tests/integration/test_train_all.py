@@ -12,7 +12,7 @@ from cell.configuration import load_configuration, load_product
 from cell.interfaces.files import shipped
 from cell.running.detectors import fitting
 
-pytestmark = [pytest.mark.slow, pytest.mark.torch]
+pytestmark = pytest.mark.slow  # torch is only in the processes that it starts
 ELBOW = {
     "title": "pipe elbow",
     "quantity": 1,

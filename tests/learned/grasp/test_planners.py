@@ -18,7 +18,7 @@ from learned.grasp.evaluate import evaluate_grasp, evaluate_scenes
 from learned.grasp.language import END, MAX_WORDS, MOVE
 from learned.grasp.planner import KINDS, PaperPlanner, load_grasp_planner
 from learned.grasp.scenes import draw_scenes
-from learned.grasp.settings import GripperOutline, SceneSettings
+from learned.grasp.settings import SceneSettings
 from learned.grasp.solution import Solution
 from learned.onnx_model import OnnxModel
 from tests.learned.grasp.layouts import PRODUCT, ROOT, WEIGHTS, chain, enclosed, moved, standing, walled
@@ -145,10 +145,7 @@ def test_weights_reach_their_score_on_fresh_scenes(kind: str) -> None:
 )
 def test_the_papers_weights_beat_always_grasping_where_they_were_not_trained(clutter: SceneSettings) -> None:
     planner = load_grasp_planner("paper", WEIGHTS / "grasp_paper.onnx", PRODUCT)
-    learned = str(OnnxModel.load(WEIGHTS / "grasp_paper.onnx", "grasp.paper").card.config["data"])
-    middle = () if "middle_alone" in learned else tuple(PRODUCT.parts)  # before 22 November, no grasps beside it
-    settings = clutter.model_copy(update={"outline": GripperOutline(middle_alone=middle)})
-    scenes = look(list(draw_scenes(PRODUCT, 41, 150, "validation", settings)))
+    scenes = look(list(draw_scenes(PRODUCT, 41, 150, "validation", clutter)))
     right, always = (
         evaluate_scenes(one, scenes, 41)["object_accuracy_2"] for one in (planner, Constant(Solution().plan(1.0)))
     )

@@ -30,6 +30,7 @@ class Replies:
         self._habits, self._rng = habits, rng
         self._due_s: dict[int, float] = {}
         self._standing: tuple[Question, ...] = ()
+        self._acknowledges_s: float | None = None
         self._pressed: list[OperatorOrder] = []
 
     def show(self, questions: tuple[Question, ...], time_s: float) -> None:
@@ -39,6 +40,16 @@ class Replies:
             if one.number not in self._due_s:
                 self._due_s[one.number] = time_s + self._reaction_s(one)
         self._due_s = {one.number: self._due_s[one.number] for one in questions}
+
+    def alarm(self, text: str, time_s: float) -> None:
+        """The panel shows a trouble from now on, or none."""
+        self._acknowledges_s = time_s + float(self._rng.exponential(self._habits.answers_s)) if text else None
+
+    def acknowledge(self, time_s: float) -> None:
+        """Press it where a trouble was noticed, and again while it still stands."""
+        if self._acknowledges_s is not None and time_s >= self._acknowledges_s:
+            self._pressed.append(OperatorOrder("acknowledge"))
+            self._acknowledges_s = time_s + self._habits.answers_s
 
     def _reaction_s(self, question: Question) -> float:
         if question.kind == "bracket":

@@ -123,7 +123,9 @@ class Worker:
         return self._replies.pressed() if self._replies is not None else []
 
     def alarm(self, text: str) -> None:
-        """The person goes on: what troubles the cell does not trouble their work."""
+        """A trouble that waits for somebody: in a shift the person acknowledges it after a while, else nobody does."""
+        if self._replies is not None:
+            self._replies.alarm(text, self._diary.time_s)
 
     def update(self, time_s: float, dt_s: float) -> None:
         """Let one control period pass."""
@@ -135,6 +137,8 @@ class Worker:
         if self._intruding is None or next(self._intruding, OVER) is OVER:
             self._intruding = None
             next(self._script, None)
+            if self._replies is not None:
+                self._replies.acknowledge(time_s)
         self._work.send()
 
     def intrude(self, sequel: Sequel | None = None, speed_m_s: float | None = None) -> None:

@@ -77,6 +77,10 @@ class DeviceActor:
         """Let the arm go on along its path with this share of its speed, 0 to 1."""
         self._command("arm", lambda: self._devices.arm.pace(share))
 
+    def alarm(self, text: str) -> None:
+        """Let the panel show a trouble; an empty text takes it away."""
+        self._command("panel", lambda: self._devices.panel.alarm(text))
+
     def _recover(self, seen: Observation, judgement: Judgement) -> None:
         """Somebody acknowledged: unlock an arm that stopped by itself, activate a gripper that restarted empty."""
         if not seen.acknowledged:

@@ -6,6 +6,7 @@ from cell.interfaces.judgement import Judgement
 from cell.observer import Level
 
 USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, nobody is told
+ACKNOWLEDGE = "acknowledge it when it may go on"
 ONCE = ("tick_late",)  # a machine that is too slow is so again and again
 
 
@@ -15,9 +16,22 @@ class Announcer:
     def __init__(self) -> None:
         self._said: tuple[str, ...] = ()
         self._once: set[str] = set()
+        self._alarm = ""
 
-    def news(self, judgement: Judgement) -> tuple[Level, str] | None:
-        """What is to be said now, if it is something new."""
+    def alarm(self, judgement: Judgement, unacknowledged: bool) -> str | None:
+        """The trouble that a panel is to show until somebody acknowledges it; None where it shows that already."""
+        text = f"{judgement.words}; {ACKNOWLEDGE}" if unacknowledged else ""
+        if bool(text) == bool(self._alarm):
+            return None
+        self._alarm = text
+        return text
+
+    def news(self, judgement: Judgement, unacknowledged: bool = False) -> tuple[Level, str] | None:
+        """What is to be said now, if it is something new.
+
+        Args:
+            unacknowledged: the cell waits until a person acknowledges it.
+        """
         signals = [signal for signal, _ in judgement.reasons if signal not in USUAL]
         reasons = tuple(signal for signal in signals if signal not in self._once)
         if reasons == self._said:
@@ -26,4 +40,5 @@ class Announcer:
         self._once |= set(reasons) & set(ONCE)
         if not reasons:
             return "info", "all clear"
-        return "warning", f"{judgement.action.name.lower()}: {judgement.words}"
+        todo = f"; {ACKNOWLEDGE}" if unacknowledged else ""
+        return "warning", f"{judgement.action.name.lower()}: {judgement.words}{todo}"

@@ -209,9 +209,16 @@ class Controller:
         seen, joints = self.observe(), self._reader.samples()
         self._judgement = self._supervisor.judge(seen)
         self._seen = self._actor.seen(replace(seen, share=self._judgement.share))
-        if (news := self._announcer.news(self._judgement)) is not None:
-            self._audience.say(*news)
+        self._announce()
         return self._seen, joints
+
+    def _announce(self) -> None:
+        """Tell people what the supervisor does, and what waits for them, when that changes."""
+        unacknowledged = self._supervisor.unacknowledged
+        if (news := self._announcer.news(self._judgement, unacknowledged)) is not None:
+            self._audience.say(*news)
+        if (alarm := self._announcer.alarm(self._judgement, unacknowledged)) is not None:
+            self._actor.alarm(alarm)
 
     def _record(
         self,

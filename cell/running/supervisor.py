@@ -68,6 +68,11 @@ class Supervisor:
         self._memory.command(command, judgement)
         return judgement
 
+    @property
+    def unacknowledged(self) -> bool:
+        """Whether something that only a person clears is active, and nobody acknowledged it so far."""
+        return any(_waits_for_person(fault, state) for fault, _, state in self._rows)
+
     def _judge(self, observation: Observation, command: Command, asked: Sequence[_Row]) -> Judgement:
         for fault, check, state in asked:
             _update(fault, state, check(observation, command, self._memory), observation)
@@ -110,10 +115,15 @@ def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -
         state.expired |= fault.does > Action.WARN and now_s - state.active_s > fault.stop_after_s
 
 
+def _waits_for_person(fault: Fault, state: _State) -> bool:
+    late = state.acknowledged_s < state.last_s - fault.acknowledged_s
+    return state.active_s is not None and not state.expired and fault.clear == "person" and late
+
+
 def _clears(fault: Fault, state: _State, seen: Observation) -> bool:
     if fault.clear == "never" or state.expired:
         return False
-    if fault.clear == "person" and state.acknowledged_s < state.last_s - fault.acknowledged_s:
+    if _waits_for_person(fault, state):
         return False
     if fault.clear == "standstill" and not seen.arm.stands:
         state.last_s = seen.time_s

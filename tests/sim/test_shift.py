@@ -51,9 +51,9 @@ def settle(cell: SimCell, until_s: float) -> None:
         cell.world.step_period()
 
 
-def answered(cell: SimCell) -> list[OperatorOrder]:
-    """What the person presses first, within half a minute."""
-    end_s = cell.world.time_s + 30.0
+def answered(cell: SimCell, within_s: float = 30.0) -> list[OperatorOrder]:
+    """What the person presses first, within this time."""
+    end_s = cell.world.time_s + within_s
     pressed: list[OperatorOrder] = []
     while not pressed and cell.world.time_s < end_s:
         settle(cell, cell.world.time_s + 0.1)
@@ -117,6 +117,15 @@ def test_a_wrong_part_that_the_cell_tells_of_is_taken_out_and_what_is_right_is_s
     person(cell).show(Display())
     person(cell).show(Display(questions=(replace(MEND, number=6),)))
     assert answered(cell) == [OperatorOrder("answer", "right", 6)]
+
+
+def test_a_trouble_that_waits_for_somebody_is_acknowledged_again_and_again_until_it_is_gone(cell: SimCell) -> None:
+    person(cell).alarm("protective stop; acknowledge it when it may go on")
+    for _ in range(2):
+        assert [order.kind for order in answered(cell, within_s=120.0)] == ["acknowledge"]
+    person(cell).alarm("")
+    settle(cell, cell.world.time_s + 60.0)
+    assert not person(cell).pressed()
 
 
 def test_what_the_robot_puts_down_before_the_bracket_is_taken_when_asked(cell: SimCell) -> None:

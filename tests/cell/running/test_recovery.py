@@ -104,3 +104,24 @@ def test_a_protective_stop_is_unlocked_by_an_acknowledgement_and_goes_on() -> No
     assert rig.arm.calls.count("acknowledge") == 1
     assert rig.arm.shares[8] == 0.0
     assert rig.arm.shares[40] == 1.0
+
+
+def test_what_waits_for_a_person_is_an_alarm_on_the_panel_until_somebody_acknowledged_it() -> None:
+    rig = Rig()
+
+    def act(tick: int) -> Status:
+        if tick == 3:
+            rig.arm.mode = "protective_stop"
+        if tick == 20:
+            assert len(rig.panel.alarms) == 1
+            rig.operator.put(OperatorOrder("acknowledge"))
+        if "acknowledge" in rig.arm.calls:
+            rig.arm.mode = "normal"
+        return Status.SUCCESS if tick == 60 else Status.RUNNING
+
+    rig.run(act)
+    alarm, gone = rig.panel.alarms
+    assert alarm.startswith("protective stop")
+    assert alarm.endswith("acknowledge it when it may go on")
+    assert gone == ""
+    assert any(text.endswith("acknowledge it when it may go on") for text in rig.observer.messages)

@@ -236,10 +236,15 @@ def wanted_by_words(layout: Layout, words: Ints) -> Floats:
 
 
 def _answer(layout: Layout, edges: Floats, found: Posterior, wanted: Floats, following: Floats) -> Answer:
-    """A posterior with the plans of its most probable goal; `wanted` (z, n, m), `following` (z, n)."""
+    """A posterior with the plans of its most probable goal; `wanted` (z, n, m), `following` (z, n).
+
+    Where that is none of the known ones, only placements are named that are more probable than not: the last ones, by
+    what remains.
+    """
     goals = found.belief[: len(layout.goals)]
-    guidance = _templated(layout, edges, wanted[int(np.argmax(goals))])
-    return Answer(found.belief, found.placements, goals @ following, guidance)
+    unknown = int(np.argmax(found.belief)) == len(layout.goals)
+    plans = np.where(found.placements > 0.5, found.placements, 0.0) if unknown else wanted[int(np.argmax(goals))]
+    return Answer(found.belief, found.placements, goals @ following, _templated(layout, edges, plans))
 
 
 def as_told(found: Posterior, layout: Layout, edges: Floats, goal: str | None) -> Posterior:
@@ -267,7 +272,7 @@ def _by_quantity(layout: Layout, edges: Floats) -> Floats:
 def _templated(layout: Layout, edges: Floats, wanted: Floats) -> dict[str, tuple[str, ...]]:
     """Guidance of one goal that wants (n, m): by type, the open positions that want it most, in order."""
     types = wanted.argmax(axis=0)
-    still = np.flatnonzero(edges.sum(axis=0) == 0).tolist()
+    still = np.flatnonzero((edges.sum(axis=0) == 0) & wanted.any(axis=0)).tolist()
     return {
         name: tuple(layout.positions[i] for i in still if types[i] == part) for part, name in enumerate(layout.parts)
     }

@@ -182,7 +182,8 @@ def play(kept: Kept, log: Path, hours: float, limit_s: float) -> float:
     recorder.close(Outcome("finished", "the shift is over", ticks, 0, length_s, wall_s))
     size = sum(path.stat().st_size for path in log.parent.glob(f"{log.stem}.*.mcap"))
     per_hour = size / 1e9 / (length_s / HOUR_S)
-    print(f"{ticks} ticks, {1e3 * cpu_s / ticks:.3f} ms of processor time each; the log lacks: {recorder.shortfall or 'nothing'}")
+    lacks = recorder.shortfall or "nothing"
+    print(f"{ticks} ticks, {1e3 * cpu_s / ticks:.3f} ms of processor time each; the log lacks: {lacks}")
     print(f"{length_s / HOUR_S:.2f} h in {recorder.parts} parts, {size / 1e9:.2f} GB: {per_hour:.3f} GB an hour")
     return length_s
 

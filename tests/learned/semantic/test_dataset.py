@@ -95,7 +95,7 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
 
 def test_files_of_another_kind_or_product(tmp_path: Path) -> None:
     path = tmp_path / "some.jsonl"
-    with pytest.raises(InputError, match=r"some\.jsonl: cannot read"):
+    with pytest.raises(InputError, match=r"some\.jsonl: cannot be read"):
         load_demonstrations(path, DEFAULT)
     path.write_text("")
     with pytest.raises(InputError, match=r"some\.jsonl:1: no header of cell\.demonstrations version 1"):

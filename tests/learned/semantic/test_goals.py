@@ -115,6 +115,19 @@ def test_what_the_person_said_counts(kind: str) -> None:
     assert AssemblyState(placed, "g2").with_placement("o2", "p2").told_goal == "g2"
 
 
+@pytest.mark.parametrize("kind", ["factored", "bayes"])
+def test_of_a_goal_that_nobody_knows_only_what_must_come_last_is_planned(kind: str) -> None:
+    planner = load_semantic_planner(kind, Path("learned/weights/semantic_factored.onnx"), DEFAULT)
+    assert isinstance(planner, FactoredPlanner | BayesPlanner)
+    placed = {"p2": "o1", "p5": "o1", "p1": "o2", "p4": "o1"}
+    nobody_knows = planner.plan(AssemblyState(placed, UNKNOWN_GOAL))
+    assert not any(nobody_knows.guidance.values())
+    last = planner.plan(AssemblyState({**placed, "p3": "o3"}, UNKNOWN_GOAL))
+    assert last.guidance == {"o1": (), "o2": ("p6",), "o3": ()}
+    assert last.next_part == "o2"
+    assert last.next_belief["o2", "p6"] == pytest.approx(1.0)
+
+
 def test_the_command_shows_adds_and_forgets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = ["--file", str(tmp_path / "goals.yaml")]
     assert main(["goals", "add", "odd", *NEW, *file]) == 0

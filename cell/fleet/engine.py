@@ -49,6 +49,7 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its HTTP server takes any port that is free
                 silence_logs=50,
                 env={"TMPDIR": folder},
             ) as local,

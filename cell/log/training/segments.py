@@ -11,6 +11,7 @@ from cell.log.reading.reader import Log
 from cell.recording.schemas import plain
 
 CARRY_S = 3.0  # a hand that has placed a part held it at most this long before: a segment's length
+FLICKER_FRAMES = 3  # in a row in which the hand of a carry looks empty
 STRIDE_FRAMES = 15  # one second at 15 FPS; a change of the action always ends a segment, too
 
 
@@ -80,7 +81,10 @@ def confirmed(views: Sequence[BenchView], at: int) -> dict[str, Any] | None:
 
 
 def carried_parts(views: Sequence[BenchView]) -> dict[int, str]:
-    """By number of the frame, the part in the hand as its hole confirmed it afterwards."""
+    """By number of the frame, the part in the hand as its hole confirmed it afterwards.
+
+    A carry goes back as far as something was seen in the hand, but for some frames.
+    """
     found: dict[int, str] = {}
     for at, view in enumerate(views):
         if view.action.kind != "assembly" or (at and _named(views[at - 1].action) == _named(view.action)):
@@ -91,7 +95,7 @@ def carried_parts(views: Sequence[BenchView]) -> dict[int, str]:
         before = [earlier for earlier in views[:at] if earlier.time_s >= view.time_s - CARRY_S]
         holding = [earlier.hand is not None and earlier.hand.held_part is not None for earlier in before]
         last = len(holding) - 1 - holding[::-1].index(True) if True in holding else -1
-        while last >= 0 and holding[last]:
+        while last >= 0 and any(holding[max(0, last - FLICKER_FRAMES) : last + 1]):
             found[before[last].sequence] = truth["part"]
             last -= 1
     return found

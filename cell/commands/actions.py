@@ -5,19 +5,31 @@ from __future__ import annotations
 import shlex
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cell.commands.budget import seconds as budget_s
-from cell.commands.detectors import how_to_use
+from cell.commands.detectors import LookOption, PersonOption, TestSeedOption, how_to_use
 from cell.commands.made_data import make_data
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.commands.terminal import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    RowsOption,
+    SeedOption,
+    console,
+    print_json,
+    table,
+)
 from cell.commands.weights import need_torch, new_weights
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cell.interfaces.product import Product
+    from learned.semantic.confusions import Reported
 
 DATA_S = 1.5  # processor time of a recording
 DATA_SHARE = 0.6  # of a budget
@@ -76,13 +88,13 @@ def train(
 
 def evaluate(
     kind: KindsOption = None,
-    look: Annotated[str, typer.Option(help="nominal, varied, hard, or a look file.")] = "varied",
-    person: Annotated[str, typer.Option(help="Who assembles: a person's name or file.")] = "varied",
+    look: LookOption = "varied",
+    person: PersonOption = "varied",
     pace: Annotated[
         float | None, typer.Option(min=0.2, max=5, help="How fast the person moves: 2 for twice the usual speed.")
     ] = None,
     recordings: Annotated[int, typer.Option(min=1, help="How many assemblies.")] = 4,
-    first_seed: Annotated[int, typer.Option(min=0, help="Of seeds in a row; tests begin at 900000.")] = 900_000,
+    first_seed: TestSeedOption = 900_000,
     true_track: Annotated[bool, typer.Option("--true-track", help="A tracker without error.")] = False,
     physics: Annotated[bool, typer.Option("--physics", help="Hand and parts moved by physics; frames blur.")] = False,
     quick: Annotated[
@@ -92,9 +104,7 @@ def evaluate(
     confusions: Annotated[
         Path | None, typer.Option(help="Write what the first kind takes for what, for planners.semantic.confusions.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="File that keeps a line of JSON for each assembly; what is in it is not run.")
-    ] = None,
+    out: RowsOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
@@ -103,7 +113,7 @@ def evaluate(
     Interrupted, it prints the tables of what was run; with the same --out it goes on there.
     """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.actions import Tally, at_pace, evaluate_actions, evaluate_segments
+    from cell.evaluating.actions import at_pace, evaluate_actions, evaluate_segments, summed
     from cell.evaluating.row_file import RowFile
     from learned.actions.classes import Classes
     from sim.data.splits import seeds
@@ -114,45 +124,36 @@ def evaluate(
     if weights is not None and len(kinds) != 1:
         raise InputError("--weights are of one --kind")
     split, wanted = seeds(first_seed, recordings)
+    told = {"look": look, "person": person, "pace": pace}
     if quick:
         if kinds == ["classical"] or len(kinds) != 1:
             raise InputError("--quick asks one trained --kind about single segments; classical ones need every frame")
         scores = evaluate_segments(configuration, product, kinds[0], wanted, weights)
-        told = {"look": look, "person": person, "pace": pace, "first_seed": first_seed, "recordings": recordings}
-        print_json({**told, **scores})
+        print_json({**told, "first_seed": first_seed, "recordings": recordings, **scores})
         return
     tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
-    told = {"look": look, "person": person, "pace": pace, "tracker": tracker, "physics": physics}
-    kept = RowFile(
-        out, {"command": "actions", **told, "kinds": kinds, "weights": None if weights is None else str(weights)}
-    )
-    rows: list[dict[str, Any]] = [row for row in kept.rows if row.get("seed") in wanted]
-    chosen = {} if weights is None else {kinds[0]: weights}
+    told |= {"tracker": tracker, "physics": physics}
+    of_weights = {} if weights is None else {kinds[0]: weights}
+    kept = RowFile(out, {"command": "actions", **told, "kinds": kinds, "weights": weights and str(weights)})
+    done = {row["seed"] for row in kept.rows}
     try:
-        for seed in wanted:
-            if all(row["seed"] != seed for row in rows):
-                of_seed = evaluate_actions(
-                    configuration, product, kinds, [seed], true_track=true_track, physics=physics, weights=chosen
-                )
-                rows.append({"seed": seed, "kinds": {name: asdict(tally) for name, tally in of_seed.items()}})
-                kept.add(rows[-1])
+        for seed in (seed for seed in wanted if seed not in done):
+            of_seed = evaluate_actions(
+                configuration, product, kinds, [seed], true_track=true_track, physics=physics, weights=of_weights
+            )
+            kept.add({"seed": seed, "kinds": {name: asdict(tally) for name, tally in of_seed.items()}})
     except KeyboardInterrupt:
-        console().print(f"interrupted after {len(rows)} of {len(wanted)} assemblies")
+        console().print(
+            f"interrupted after {sum(row['seed'] in wanted for row in kept.rows)} of {len(wanted)} assemblies"
+        )
+    rows = [row for row in kept.rows if row["seed"] in wanted]
     if not rows:
         return
-    tallies = {name: Tally() for name in kinds}
-    for row in rows:
-        for name, tally in tallies.items():
-            tally.add(row["kinds"][name])
-    classes = Classes.of(product)
-    found = {name: tally.summary(classes) for name, tally in tallies.items()}
+    tallies = summed(kinds, rows)
     if confusions is not None:
-        from learned.semantic.confusions import Confusions
-        from learned.semantic.graph import Layout
-
-        reports, layout = tallies[kinds[0]].reports(classes), Layout.of(product)
         source = f"cell eval actions --look {look} --person {person} --first-seed {first_seed}"
-        Confusions.learned(layout, reports).save(confusions, layout, len(reports), source)
+        _save_confusions(confusions, product, tallies[kinds[0]].reports(Classes.of(product)), source)
+    found = {name: tally.summary(Classes.of(product)) for name, tally in tallies.items()}
     for name, scores in found.items():
         words = {key: _words(value) for key, value in scores.items() if key != "confusions"}
         console().print(table(f"{name}, look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})", words))
@@ -166,14 +167,21 @@ def _note_confusions(weights: Path, kind: str, product: Product, command: str) -
 
     from learned.actions.classes import Classes
     from learned.onnx_model import OnnxModel
-    from learned.semantic.confusions import Confusions
-    from learned.semantic.graph import Layout
 
     told = OnnxModel.load(weights, f"actions.{kind}").card.config["confusion"]
     reports = Classes.of(product).reports(np.array(told["counts"]))  # type: ignore[call-overload, index]
-    path, layout = weights.with_name(f"{weights.stem}_confusions.json"), Layout.of(product)
-    Confusions.learned(layout, reports).save(path, layout, len(reports), command)
+    path = weights.with_name(f"{weights.stem}_confusions.json")
+    _save_confusions(path, product, reports, command)
     return path
+
+
+def _save_confusions(path: Path, product: Product, reports: Sequence[Reported], source: str) -> None:
+    """Write what reports say is taken for what, as `planners.semantic.confusions` reads it."""
+    from learned.semantic.confusions import Confusions
+    from learned.semantic.graph import Layout
+
+    layout = Layout.of(product)
+    Confusions.learned(layout, reports).save(path, layout, len(reports), source)
 
 
 def _command(

@@ -7,6 +7,7 @@ import typer
 from cell.commands import actions as action_commands
 from cell.commands import all_weights, things, worlds
 from cell.commands import data as data_commands
+from cell.commands import encounters as encounter_commands
 from cell.commands import faults as fault_commands
 from cell.commands import figure10 as figure10_commands
 from cell.commands import grasp as grasp_commands
@@ -20,7 +21,7 @@ train_app = typer.Typer(help="Train planners and detectors; without a name, the 
 train_app.callback(invoke_without_command=True)(train_commands.train_all)
 eval_app = typer.Typer(no_args_is_help=True, help="Score planners, detectors and whole assemblies.")
 eval_app.command("faults")(fault_commands.faults)
-eval_app.command("encounters")(fault_commands.encounters)
+eval_app.command("encounters")(encounter_commands.encounters)
 data_app = typer.Typer()
 data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)

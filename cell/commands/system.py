@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cell.commands.detectors import LookOption, PersonOption, TestSeedOption
 from cell.commands.terminal import (
     CONFIGURATION,
     ConfigOption,
     JsonOption,
+    RowsOption,
     SchedulerOption,
     WorkersOption,
     console,
@@ -22,6 +23,8 @@ from cell.commands.terminal import (
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from cell.configuration import Configuration
 
 KINDS = ("classical", "learned")
@@ -34,19 +37,15 @@ KindOption = Annotated[
 
 def system(
     perception: KindOption = None,
-    look: Annotated[str, typer.Option(help="nominal, varied, hard, or a look file.")] = "varied",
-    person: Annotated[str, typer.Option(help="Who assembles: a person's name or file.")] = "careful",
+    look: LookOption = "varied",
+    person: PersonOption = "careful",
     goals: Annotated[list[int] | None, typer.Option(help="How many goals are possible; may be repeated.")] = None,
     runs: Annotated[int, typer.Option(min=1, help="Assemblies for each number of goals.")] = 4,
-    first_seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the first assembly; tests begin at 900000.")
-    ] = 900_000,
+    first_seed: TestSeedOption = 900_000,
     cameras: Annotated[
         str, typer.Option(help="calibrated, as by `cell calibrate` in each look, or believed, as the bench file says.")
     ] = "calibrated",
-    out: Annotated[
-        Path | None, typer.Option(help="File that keeps a line of JSON for each assembly; what is in it is not run.")
-    ] = None,
+    out: RowsOption = None,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
@@ -90,7 +89,7 @@ def system(
 
 def latency(
     perception: KindOption = None,
-    look: Annotated[str, typer.Option(help="nominal, varied, hard, or a look file.")] = "varied",
+    look: LookOption = "varied",
     frames: Annotated[int, typer.Option(min=20, help="Of the overhead camera, in a row.")] = 200,
     trays: Annotated[int, typer.Option(min=10, help="Images of the wrist camera.")] = 30,
     first_seed: Annotated[int, typer.Option(min=0, help="Of the assembly, and of the first tray.")] = 800_000,

@@ -33,6 +33,10 @@ WorkersOption = Annotated[
 SchedulerOption = Annotated[
     str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, as tcp://host:8786.")
 ]
+RowsOption = Annotated[
+    Path | None,
+    typer.Option("--out", help="File that keeps a line of JSON for each run; what is in it is not run again."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="End standard output with one line of JSON.")]
 
 

@@ -41,12 +41,29 @@ FramesOption = Annotated[bool, typer.Option("--frames", help="Whole frames of ea
 PhysicsOption = Annotated[bool, typer.Option("--physics", help="Move hand and parts by physics: slower, with slips.")]
 
 
-class Made(NamedTuple):
-    """How data are made and told of."""
+class Wanted(NamedTuple):
+    """Which data are wanted, and how they are made and told of.
 
+    Attributes:
+        person: who assembles; None where nobody does.
+    """
+
+    what: str
+    out: Path
+    look: str
+    person: str | None
+    recordings: int
+    first_seed: int
+    config: Path
     as_json: bool
     workers: int
     scheduler: str | None
+
+    def command(self, more: str) -> str:
+        """What makes the same data again."""
+        person = f" --person {self.person}" if self.person is not None else ""
+        seeds = f"--recordings {self.recordings} --first-seed {self.first_seed}"
+        return f"cell data {self.what} --look {self.look}{person} {seeds}{more}"
 
 
 def actions(
@@ -64,20 +81,8 @@ def actions(
     as_json: JsonOption = False,
 ) -> None:
     """Segments of 45 frames: the hand's track, a crop of the hand, and what it did."""
-    made = Made(as_json, workers, scheduler)
-    _from_assemblies(
-        "actions",
-        out,
-        look,
-        person,
-        recordings,
-        first_seed,
-        physics,
-        config,
-        made,
-        thin=thin,
-        frames=frames,
-    )
+    wanted = Wanted("actions", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
+    _from_assemblies(wanted, physics, thin=thin, frames=frames)
 
 
 def hands(
@@ -93,8 +98,8 @@ def hands(
     as_json: JsonOption = False,
 ) -> None:
     """Frames of the overhead camera, and where every hand in them is, with what it holds."""
-    made = Made(as_json, workers, scheduler)
-    _from_assemblies("hands", out, look, person, recordings, first_seed, physics, config, made)
+    wanted = Wanted("hands", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
+    _from_assemblies(wanted, physics)
 
 
 def holes(
@@ -111,19 +116,8 @@ def holes(
     as_json: JsonOption = False,
 ) -> None:
     """Crops of the holes, what is in them, and how much of each is hidden."""
-    made = Made(as_json, workers, scheduler)
-    _from_assemblies(
-        "holes",
-        out,
-        look,
-        person,
-        recordings,
-        first_seed,
-        physics,
-        config,
-        made,
-        steel_share,
-    )
+    wanted = Wanted("holes", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
+    _from_assemblies(wanted, physics, steel_share)
 
 
 def plates(
@@ -161,9 +155,8 @@ def plates(
             lambda tool_m, yaw_rad: kinematics.inverse(tool_down(list(tool_m), yaw_rad)),
         )
 
-    command = f"cell data plates --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"
-    command += f" --stills {stills}" + (f" --steel-share {steel_share:g}" if steel_share else "")
-    _write(command, (out, recordings, first_seed), Made(as_json, workers, scheduler), one)
+    wanted = Wanted("plates", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
+    _write(wanted, f" --stills {stills}{_steel(steel_share)}", one)
 
 
 def objects(
@@ -194,24 +187,12 @@ def objects(
         kinds = sometimes_steel(product, steel_share, seed)
         write_objects(kinds, configuration.bench, simulation, seed, folder, views)
 
-    command = f"cell data objects --look {look} --recordings {recordings} --first-seed {first_seed} --views {views}"
-    command += " --mixed" * mixed + (f" --steel-share {steel_share:g}" if steel_share else "")
-    _write(command, (out, recordings, first_seed), Made(as_json, workers, scheduler), one)
+    wanted = Wanted("objects", out, look, None, recordings, first_seed, config, as_json, workers, scheduler)
+    _write(wanted, f" --views {views}{' --mixed' * mixed}{_steel(steel_share)}", one)
 
 
 def _from_assemblies(
-    what: str,
-    out: Path,
-    look: str,
-    person: str,
-    recordings: int,
-    first_seed: int,
-    physics: bool,
-    config: Path,
-    made: Made,
-    steel_share: float = 0.0,
-    thin: bool = False,
-    frames: bool = False,
+    wanted: Wanted, physics: bool, steel_share: float = 0.0, thin: bool = False, frames: bool = False
 ) -> None:
     from cell.configuration import load_configuration, load_product, simulated
     from sim.data.actions import Source, write_holes, write_segments
@@ -219,8 +200,8 @@ def _from_assemblies(
     from sim.data.recording import record
     from sim.data.variety import sometimes_steel
 
-    configuration = simulated(load_configuration(config), look, person)
-    product, bench = load_product(configuration, config), configuration.bench
+    configuration = simulated(load_configuration(wanted.config), wanted.look, wanted.person)
+    product, bench = load_product(configuration, wanted.config), configuration.bench
     simulation = configuration.devices.simulation
     writers: dict[str, Callable[[Source, DataFolder], None]] = {
         "actions": partial(write_segments, thin=thin, frames=frames),
@@ -231,42 +212,41 @@ def _from_assemblies(
     def one(seed: int, folder: DataFolder) -> float:
         kinds = sometimes_steel(product, steel_share, seed)
         assembly = record(kinds, bench, simulation, seed, physics=physics)
-        writers[what](Source(assembly, kinds, bench), folder)
+        writers[wanted.what](Source(assembly, kinds, bench), folder)
         return assembly.moments[-1].time_s
 
-    command = f"cell data {what} --look {look} --person {person} --recordings {recordings} --first-seed {first_seed}"
-    command += " --thin" * thin + " --frames" * frames + " --physics" * physics
-    command += f" --steel-share {steel_share:g}" if steel_share else ""
-    _write(command, (out, recordings, first_seed), made, one)
+    more = " --thin" * thin + " --frames" * frames + " --physics" * physics
+    _write(wanted, more + _steel(steel_share), one)
 
 
-def _write(
-    command: str, options: tuple[Path, int, int], made: Made, one: Callable[[int, DataFolder], float | None]
-) -> None:
+def _steel(share: float) -> str:
+    return f" --steel-share {share:g}" if share else ""
+
+
+def _write(wanted: Wanted, more: str, one: Callable[[int, DataFolder], float | None]) -> None:
     from rich.progress import track
 
     from cell.fleet.engine import mapped
     from sim.data.folder import DataFolder
     from sim.data.splits import seeds
 
-    out, recordings, first_seed = options
-    split, wanted = seeds(first_seed, recordings)
-    folder = DataFolder(out, command)
+    split, numbers = seeds(wanted.first_seed, wanted.recordings)
+    folder = DataFolder(wanted.out, wanted.command(more))
     began_s, simulated_s = time.process_time(), 0.0
-    if made.workers == 1 and made.scheduler is None:
-        lengths = (one(seed, folder) for seed in wanted)
+    if wanted.workers == 1 and wanted.scheduler is None:
+        lengths = (one(seed, folder) for seed in numbers)
     else:
-        pieces = mapped(partial(_piece, one), ((seed,) for seed in wanted), made.workers, made.scheduler)
+        pieces = mapped(partial(_piece, one), ((seed,) for seed in numbers), wanted.workers, wanted.scheduler)
         lengths = (_added(folder, *piece) for piece in pieces)
-    for length_s in track(lengths, description=command.split()[2], console=console(), total=len(wanted)):
+    for length_s in track(lengths, description=wanted.what, console=console(), total=len(numbers)):
         simulated_s += length_s or 0.0
-    facts = {"split": split, "first_seed": first_seed, "recordings": recordings}
+    facts = {"split": split, "first_seed": wanted.first_seed, "recordings": wanted.recordings}
     manifest = folder.close({**facts, "simulated_s": round(simulated_s, 1)})
     spent = {"processor_s": round(time.process_time() - began_s, 1)}
     console().print(
-        table(str(out), {"split": split, **manifest["counts"], "simulated_s": round(simulated_s, 1), **spent})
+        table(str(wanted.out), {"split": split, **manifest["counts"], "simulated_s": round(simulated_s, 1), **spent})
     )
-    if made.as_json:
+    if wanted.as_json:
         print_json({**manifest, **spent})
 
 

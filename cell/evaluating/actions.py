@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cell.configuration import Configuration
+from cell.evaluating.row_file import Row
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
@@ -88,6 +89,16 @@ class Tally:
 
         last = classes.assemblies
         return [(pair(was), pair(said)) for was, said, near in self.rows if not near and was < last and said < last]
+
+
+def summed(kinds: Sequence[str], rows: Sequence[Row]) -> dict[str, Tally]:
+    """What each kind answered in all recordings: `rows` with `kinds`, each a tally as data."""
+    tallies = {name: Tally() for name in kinds}
+    for row in rows:
+        of_kinds: Any = row["kinds"]
+        for name, tally in tallies.items():
+            tally.add(of_kinds[name])
+    return tallies
 
 
 def share(right: int, count: int) -> dict[str, float | int]:

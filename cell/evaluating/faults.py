@@ -55,8 +55,8 @@ def left(pairs: Pairs, rows: Sequence[Row], seed: int, first_seed: int) -> Pairs
     """The pairs that still have to be run with this seed: where nothing moves, one run is enough."""
     done = {(row["fault"], row["state"]) for row in rows if row["seed"] == seed}
     states = {state: names for state, names in pairs.items() if seed == first_seed or state not in OTHER_STATES}
-    todo = {state: [name for name in names if (name, state) not in done] for state, names in states.items()}
-    return {state: names for state, names in todo.items() if names}
+    missing = {state: [name for name in names if (name, state) not in done] for state, names in states.items()}
+    return {state: names for state, names in missing.items() if names}
 
 
 def merged(rows: Sequence[Row]) -> list[Row]:

@@ -55,9 +55,13 @@ def _read(path: Path) -> tuple[Node, object, list[Problem]]:
     try:
         return _parsed(path, text, FAST)
     except NOT_YAML:
-        pass
+        return _refused(path, text)
+
+
+def _refused(path: Path, text: str) -> tuple[Node, object, list[Problem]]:
+    """The same by the parser in Python, whose words about what is wrong are better."""
     try:
-        return _parsed(path, text, yaml.SafeLoader)  # its words are better
+        return _parsed(path, text, yaml.SafeLoader)
     except NOT_YAML as error:
         raise _unreadable(path, text, error) from None
 

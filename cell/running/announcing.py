@@ -40,5 +40,5 @@ class Announcer:
         self._once |= set(reasons) & set(ONCE)
         if not reasons:
             return "info", "all clear"
-        todo = f"; {ACKNOWLEDGE}" if unacknowledged else ""
-        return "warning", f"{judgement.action.name.lower()}: {judgement.words}{todo}"
+        ending = f"; {ACKNOWLEDGE}" if unacknowledged else ""
+        return "warning", f"{judgement.action.name.lower()}: {judgement.words}{ending}"

@@ -38,8 +38,8 @@ def note_text(topic: str, fields: Mapping[str, Any]) -> str:
         placed = " ".join(f"{position}={part}" for position, part in fields.get("placed", {}).items())
         return f"belief     {goals}  after {placed or 'nothing placed'}"
     if topic == "plan" and "guidance" in fields:
-        todo = "; ".join(f"{part} to {', '.join(to)}" for part, to in fields["guidance"].items() if to)
-        return f"guidance   {todo or 'nothing remains'}"
+        plans = "; ".join(f"{part} to {', '.join(to)}" for part, to in fields["guidance"].items() if to)
+        return f"guidance   {plans or 'nothing remains'}"
     if topic == "plan" and "next" in fields:
         part, *positions = fields["next"]
         return f"plan       next {part} to {', '.join(positions)}"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cell.commands.faults import _tell_assembly
+from cell.commands.encounters import _tell_assembly
 from cell.configuration import DEFAULT_CONFIGURATION
 from cell.evaluating.assembly import ALGORITHM_1
 from cell.evaluating.encounters import encounter, summary

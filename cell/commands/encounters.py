@@ -1,0 +1,106 @@
+"""`cell eval encounters`: a person who gets into the arm's way."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from cell.commands.terminal import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    RowsOption,
+    SchedulerOption,
+    WorkersOption,
+    console,
+    print_json,
+)
+from cell.configuration import DEFAULT_TREE
+from cell.evaluating.row_file import Row, RowFile
+
+GIVEN_UP = 5  # seeds without an encounter, after which no more are tried
+
+
+def encounters(
+    encounters: Annotated[int, typer.Option(min=1, help="How many times a hand goes into the arm's way.")] = 20,
+    person: Annotated[str, typer.Option(help="Kind of person, as for `cell run --person`.")] = "careless",
+    first_seed: Annotated[int, typer.Option(help="Seed of the first assembly.")] = 0,
+    provoked: Annotated[
+        bool,
+        typer.Option(
+            "--provoked/--by-habit", help="The hand goes into the arm's way in every phase; or as seldom as it does."
+        ),
+    ] = True,
+    throughput_seeds: Annotated[
+        int, typer.Option(min=0, help="Brackets beside a careful person with and without separation, for both trees.")
+    ] = 3,
+    tree: Annotated[Path, typer.Option(help="Tree file to run.")] = DEFAULT_TREE,
+    pixels: Annotated[bool, typer.Option("--pixels", help="Render every image: twice the time.")] = False,
+    out: RowsOption = None,
+    workers: WorkersOption = 1,
+    scheduler: SchedulerOption = None,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> int:
+    """Assemble beside a person who gets in the way, and count contacts; status 1 where one was fast or avoidable."""
+    from cell.evaluating.assembly import ALGORITHM_1
+    from cell.evaluating.encounters import encounter, summary
+    from cell.evaluating.throughput import throughput_ratio, timed_pair
+    from cell.fleet.engine import mapped
+
+    screen, path = console(), Path(config)
+    experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": pixels, "config": str(config)}
+    kept = RowFile(out, {"command": "encounters", **experiment})
+    done = {(row["kind"], row.get("tree"), row["seed"]) for row in kept.rows}
+    seeds = (seed for seed in itertools.count(first_seed) if ("assembly", None, seed) not in done)
+    if not _enough(kept.rows, encounters, first_seed):
+        work = partial(encounter, path, tree, person, provoked=provoked, rendered=pixels)
+        for row in mapped(work, ((seed,) for seed in seeds), workers, scheduler):
+            if row["end"] == "interrupted":  # somebody wants it to end; the seed is run again another time
+                return 1
+            kept.add(row)
+            _tell_assembly(screen, kept.rows[-1])
+            if _enough(kept.rows, encounters, first_seed):
+                break
+    trees = (ALGORITHM_1, DEFAULT_TREE)
+    pairs = [(path, one, number) for number in range(throughput_seeds) for one in trees]
+    left = [pair for pair in pairs if ("throughput", pair[1].name, pair[2]) not in done]
+    for row in mapped(timed_pair, left, workers, scheduler) if left else ():
+        kept.add(row)
+    found = summary(kept.rows)
+    ratios = {"throughput_ratio" + "_ahead" * (one == DEFAULT_TREE): throughput_ratio(kept.rows, one) for one in trees}
+    told = {**experiment, **found, **ratios}
+    screen.print(told)
+    if as_json:
+        print_json({**told, "rows": kept.rows})
+    return 1 if found["contacts_fast"] or found["contacts_avoidable"] or found["moved_while_unknown"] else 0
+
+
+def _enough(rows: Sequence[Row], encounters: int, first_seed: int) -> bool:
+    """Whether so many were met; a person who never gets in the way is given up after a few seeds."""
+    met, last = _met(rows), max((int(str(row["seed"])) for row in rows if row["kind"] == "assembly"), default=-1)
+    return met >= encounters or (not met and last >= first_seed + GIVEN_UP - 1)
+
+
+def _met(rows: Sequence[Row]) -> int:
+    return sum(int(str(row["encounters"])) for row in rows if row["kind"] == "assembly")
+
+
+def _tell_assembly(screen: Console, row: Row) -> None:
+    contacts: Sequence[Row] = row["contacts"]  # type: ignore[assignment]
+    words = f"{row['encounters']} encounters, {len(contacts)} contacts"
+    why = "" if row["end"] == "finished" else f" ({row['reason']})"
+    screen.print(f"seed {row['seed']}: {row['end']} after {row['sim_time_s']} s{why}, {words}", highlight=False)
+    for one in contacts:
+        bad = " FAST" * bool(one["fast"]) + " AVOIDABLE" * bool(one["avoidable"])
+        screen.print(
+            f"  {one['start_s']:.2f} s {one['phase']}: {one['robot']} and {one['human']}, "
+            f"first {one['first_m_s']:.2f}, at most {one['speed_m_s']:.2f} m/s{bad}; {one['known']}",
+            highlight=False,
+        )

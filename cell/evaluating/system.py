@@ -2,6 +2,7 @@
 
 AD: placements of the person that were told, part and hole right, within a second and once. SG: placements that the
 robot was allowed to make that belong to the person's goal. SC: assemblies that end with the right part in every hole.
+Corrected: the SC of those in which the person took a wrong part, or took one out of its hole again.
 """
 
 from __future__ import annotations
@@ -131,6 +132,7 @@ def assemble(configuration: Configuration, product: Product, seed: int) -> dict[
         "allowed": len(listener.allowed),
         "allowed_right": sum(one in goal for one in listener.allowed),
         "contradictions": listener.contradictions,
+        "lapses": _lapses(cell),
         "robot_placements": cell.score.report().get("robot_placements"),
         "sim_time_s": round(sim_time_s, 2),
     }
@@ -144,6 +146,12 @@ def _placed(cell: SimCell) -> list[Told]:
         for event in acts
         if event.fields.get("act") == "release" and event.fields.get("position") is not None
     ]
+
+
+def _lapses(cell: SimCell) -> int:
+    """How often the person took a wrong part, or took one out of its hole again."""
+    acts = cell.worker.acts if cell.worker is not None else []
+    return sum(event.fields.get("act") in ("wrong part", "take away") for event in acts)
 
 
 def table_1(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
@@ -160,10 +168,17 @@ def table_1(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
             "SG": share(total["allowed_right"], total["allowed"]),
             "SC": share(sum(row["correct"] for row in of_count), len(of_count)),
             "contradictions": total["contradictions"],
+            **_corrected(of_count),
             **({"paper": PAPER[count]} if count in PAPER else {}),
             "not_finished": sum(row["end"] != "finished" for row in of_count),
         }
     return found
+
+
+def _corrected(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Nothing where the person made no mistake, or where rows are older than that count."""
+    erred = [row for row in rows if row.get("lapses")]
+    return {"corrected": share(sum(row["correct"] for row in erred), len(erred))} if erred else {}
 
 
 _COUNTS = ("told_right", "placed", "told", "allowed_right", "allowed", "contradictions")

@@ -31,6 +31,12 @@ def test_the_table_counts_by_number_of_goals() -> None:
     assert "paper" not in found["1"]
 
 
+def test_assemblies_in_which_the_person_errs_are_told_apart() -> None:
+    found = table_1([row(3, 1, lapses=0), row(3, 2, lapses=2), row(3, 3, lapses=1, correct=False), row(1, 1)])
+    assert (found["3"]["corrected"]["share"], found["3"]["corrected"]["n"]) == (0.5, 2)
+    assert "corrected" not in found["1"]  # not counted is not zero
+
+
 def test_what_a_file_holds_is_not_run_again_and_an_interrupted_table_is_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
@@ -23,16 +22,16 @@ from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices
 from cell.interfaces.errors import LogError
-from cell.interfaces.files import shipped
 from cell.interfaces.observation import Observation
 from cell.interfaces.truth import TruthEvent
 from cell.log.reading.left_off import read_left_off, world_of
 from cell.observer import Level, Observer, Outcome
 from cell.recording.recorder import McapRecorder
 from cell.recording.scene import CellModel
-from cell.run_heading import heading, log_path, tree_texts
+from cell.run_heading import heading, log_path
 from cell.run_options import Files, Pace, RunOptions
 from cell.run_result import Counts, summary_of
+from cell.run_viewers import open_viewers
 from cell.running.brackets import BracketTally
 from cell.running.controller import Controller
 from cell.running.detectors import check_detectors, fitted, lock_step, worker_processes
@@ -40,7 +39,6 @@ from cell.running.finished import FinishedBrackets
 from cell.running.fluency import Fluency
 from cell.running.injection import Injection, Injections
 from cell.running.lateness import Lateness
-from cell.running.node_library import node_registry
 from cell.running.operator import OperatorChannel
 from cell.running.own_body import OwnBody
 from cell.running.reload import WatchedTree
@@ -59,13 +57,6 @@ from skills.checked_arm import CheckedArm
 from skills.gripper_database import SHIPPED, load_gripper_database
 from skills.planner import MotionPlanner
 from trees.engine.tree import Tree
-
-if TYPE_CHECKING:
-    from cell.viewing.live_server import LiveServer
-    from cell.viewing.monitor import Monitor
-    from cell.viewing.page.page import OperatorPage
-
-LAYOUT = shipped("config", "foxglove_layout.json")
 
 
 @dataclass(frozen=True)
@@ -148,34 +139,20 @@ def _run(options: RunOptions, files: Files, tally: BracketTally, log: Path, cons
         told, in_step = heading(options, files), options.pace == "fast"
         recorder = McapRecorder(log, configuration.log, told, model, alarm, blackboard, truth, result, in_step)
         stack.callback(recorder.abandon)
-        live = _open_live_server(options, recorder)
-        if live is not None:
-            stack.callback(live.abandon)
-            console.print(f"live: ws://127.0.0.1:{live.port} (layout: {LAYOUT})", highlight=False)
         moments, fluency = Moments(), Fluency(lambda seen: _tool_on_bench_m(motion, seen))
         lateness = _lateness(files, devices, alarm)
         counts = Counts(RunStatistics(), lateness, fluency, tally, tally.missing(len(devices.finished())))
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
-        observers: tuple[Observer, ...] = (recorder, progress, moments, *counts.observers)
-        monitor = _open_monitor(
-            options, files.tree, lambda kind, body: recorder.hooked(kind, body, devices.clock.now_s())
-        )
-        if monitor is not None:
-            stack.callback(monitor.abandon)
-            observers = (*observers, monitor)
-        if live is not None:
-            observers = (*observers, live)
-        if (goals := configuration.planners.semantic.goals) is not None:
-            observers = (*observers, FinishedBrackets(goals, files.product))
         operator = OperatorChannel(product.goals, options.attended, options.brackets or None)
-        page = _open_page(options, files, operator)
-        if page is not None:
-            stack.callback(page.abandon)
-            observers = (*observers, page)
-            console.print(f"the operator's page: {page.address}", highlight=False, soft_wrap=True)
         if options.orders is not None:
             TypedOrders(options.orders, operator.put, lambda: operator.questions, lambda text: console.print(text))
-        ticked = _watched(options, files, observers, recorder, monitor, page) if options.watch else files.tree
+        viewers = open_viewers(options, files, recorder, operator.put, devices.clock.now_s, stack)
+        for line in viewers.addresses:
+            console.print(line, highlight=False, soft_wrap=True)
+        observers: tuple[Observer, ...] = (recorder, progress, moments, *counts.observers, *viewers.observers)
+        if (goals := configuration.planners.semantic.goals) is not None:
+            observers = (*observers, FinishedBrackets(goals, product))
+        ticked = _watched(options, files, observers, viewers.edited) if options.watch else files.tree
         injection = None if options.inject is None else Injection.parse(options.inject)
         stack.enter_context(real_time.preferred(options.pace == "real"))
         outcome = drive(
@@ -206,12 +183,7 @@ def drive(
             bus = injection.bus(bus, load_gripper_database(can_settings.database or SHIPPED))
             devices, observers = injection.devices(devices), (*observers, injection)
         devices = replace(devices, arm=CheckedArm(devices.arm))
-        gripper = CanGripper(
-            bus,
-            devices.clock,
-            can_settings,
-            can_tap,
-        )
+        gripper = CanGripper(bus, devices.clock, can_settings, can_tap)
         stack.callback(gripper.close)
         detectors = (configuration.bench, files.product, configuration.perception)
         executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices)
@@ -227,15 +199,8 @@ def drive(
         controller = Controller(
             devices, gripper, *executors, configuration.controller, supervisor, observers, operator, signals, own_body
         )
-        services = make_services(
-            configuration,
-            files.planners,
-            motion,
-            devices.clock,
-            controller.journal,
-            controller.observe(),
-            files.left_off,
-        )
+        clock, journal, seen = devices.clock, controller.journal, controller.observe()
+        services = make_services(configuration, files.planners, motion, clock, journal, seen, files.left_off)
         tree.setup(services, TickClock(services))
         return controller.run(tree, services)
 
@@ -267,51 +232,15 @@ def _sheet(
     return str(sheet) if made else "", outcome
 
 
-def _open_monitor(options: RunOptions, tree: Tree, hooked: Callable[[str, Any], None]) -> Monitor | None:
-    if options.monitor_port is None:
-        return None
-    from cell.viewing.monitor import Monitor
-
-    return Monitor(tree, node_registry(more=options.nodes), options.monitor_port, options.monitor_hooks, hooked)
-
-
-def _open_live_server(options: RunOptions, recorder: McapRecorder) -> LiveServer | None:
-    if options.live_port is None:
-        return None
-    from cell.viewing.live_server import LiveServer
-
-    return LiveServer(recorder.context, recorder.scene, options.live_port)
-
-
-def _open_page(options: RunOptions, files: Files, operator: OperatorChannel) -> OperatorPage | None:
-    if options.page_port is None:
-        return None
-    from cell.viewing.page.page import OperatorPage
-
-    told = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
-    return OperatorPage(files.product, files.configuration.bench, told, files.tree, operator.put, options.page_port)
-
-
 def _watched(
-    options: RunOptions,
-    files: Files,
-    observers: Sequence[Observer],
-    recorder: McapRecorder,
-    monitor: Monitor | None,
-    page: OperatorPage | None,
+    options: RunOptions, files: Files, observers: Sequence[Observer], edited: Callable[[Tree, float], None]
 ) -> WatchedTree:
-    """A tree whose edits take over; the log keeps the text of each, a monitor shows it."""
+    """A tree whose edits take over."""
 
-    def swapped(tree: Tree, time_s: float) -> None:
-        recorder.edited(tree_texts(tree), time_s)
-        if monitor is not None:
-            monitor.watch(tree)
-        if page is not None:
-            page.watch(tree)
+    def again() -> Tree:
+        return options.load(files.product, files.configuration)
 
-    return WatchedTree(
-        files.tree, lambda: options.load(files.product, files.configuration), options.tree, observers, swapped
-    )
+    return WatchedTree(files.tree, again, options.tree, observers, edited)
 
 
 def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:

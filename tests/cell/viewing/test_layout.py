@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cell.log.reading.reader import Log
-from cell.run import LAYOUT
+from cell.run_viewers import LAYOUT
 from tests import ROOT
 from tests.cell.viewing.viewer import topics
 

@@ -29,6 +29,7 @@ class DetectorChain:
     def __init__(
         self, bench: Bench, product: Product, tracker: HandTracker, reader: HoleReader, detector: ActionDetector
     ) -> None:
+        self._overhead = bench.overhead
         self._tracker, self._reader, self._detector = tracker, reader, detector
         self._health = ImageHealth(bench, product)
         self._track = TrackHealth(bench)
@@ -37,7 +38,8 @@ class DetectorChain:
         self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
 
     def watch(self, frame: Frame) -> BenchView:
-        """The answer to this frame; frames must come in order."""
+        """The answer to this frame; frames must come in order. The camera is where its calibration says."""
+        frame = frame.seen_from(self._overhead.told(frame.world_from_camera))
         hand = self._tracker.track(frame)
         health = self._health.judge(frame)
         unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)

@@ -19,12 +19,14 @@ from cell.commands.terminal import (
     report_scores,
     table,
 )
+from cell.commands.things import Cameras, CamerasOption
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from cell.configuration import Configuration
+    from cell.interfaces.bench import Bench
     from cell.interfaces.perception import HandTracker
     from cell.interfaces.product import Product
 
@@ -118,6 +120,7 @@ def evaluate(
     physics: Annotated[
         bool, typer.Option(help="Move hand and parts by physics, or, eight times as fast, by rule.")
     ] = True,
+    cameras: CamerasOption = Cameras.calibrated,
     weights: Annotated[Path | None, typer.Option(help="Weights of `slim`; the shipped ones by default.")] = None,
     photos: Annotated[
         Path | None, typer.Option(help="Folder of photographs: score MediaPipe's networks on them.")
@@ -142,20 +145,30 @@ def evaluate(
     configuration = simulated(load_configuration(config), look, person)
     product = load_product(configuration, config)
     _, wanted = seeds(first_seed, recordings)
-    makers: dict[str, Callable[[], HandTracker]] = {
+    makers: dict[str, Callable[[Bench], HandTracker]] = {
         kind.strip(): _maker(configuration, product, kind.strip(), weights) for kind in kinds.split(",")
     }
-    found = evaluate_hands(configuration, product, makers, wanted, stretches=stretches, physics=physics, only=only)
+    found = evaluate_hands(
+        configuration,
+        product,
+        makers,
+        wanted,
+        stretches=stretches,
+        physics=physics,
+        only=only,
+        cameras=cameras.value,
+    )
     for name, one in found.items():
-        console().print(table(f"{name}, {look}, {only}", _rows(one)))
+        console().print(table(f"{name}, {look}, {only}, cameras {cameras.value}", _rows(one)))
     if as_json:
-        print_json({"look": look, "only": only, "first_seed": first_seed, "physics": physics, "trackers": found})
+        told = {"look": look, "only": only, "cameras": cameras.value, "first_seed": first_seed, "physics": physics}
+        print_json({**told, "trackers": found})
 
 
 def _maker(
     configuration: Configuration, product: Product, kind: str, weights: Path | None
-) -> Callable[[], HandTracker]:
-    """Makes trackers of a kind; networks are loaded once.
+) -> Callable[[Bench], HandTracker]:
+    """Makes trackers of a kind, for a bench.
 
     Raises:
         SettingError: there is no such kind, or its weights cannot be used.
@@ -165,10 +178,10 @@ def _maker(
 
     chosen = DetectorSettings(kind=kind, weights=weights if kind == "slim" else None)
     perception = configuration.perception.model_copy(update={"hands": chosen})
-    detectors = Detectors(configuration.bench, product, perception)
+    Detectors(configuration.bench, product, perception).make("hands")  # before minutes go into recordings
 
-    def make() -> HandTracker:
-        tracker: HandTracker = detectors.make("hands")
+    def make(bench: Bench) -> HandTracker:
+        tracker: HandTracker = Detectors(bench, product, perception).make("hands")
         return tracker
 
     return make

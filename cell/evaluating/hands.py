@@ -1,8 +1,8 @@
 """Hand trackers against the simulator's truth: frames in stretches, so that a tracker may follow, over many looks.
 
-Errors are told three times: on the bench as the controller believes the camera to hang; by the image alone, as if it
-hung exactly there (`image`): the first minus the second is what calibration is for; and along the table alone, as if
-the hand's height was known, too (`plane`).
+Errors are told three times: on the bench as the controller believes the camera to hang, by its calibration or by the
+bench file; by the image alone, as if it hung exactly there (`image`); and along the table alone, as if the hand's
+height was known, too (`plane`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from cell.configuration import Configuration
+from cell.evaluating.things import Cameras, calibrated_bench, true_calibration
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample, HandTracker
 from cell.interfaces.pose import Array
@@ -64,40 +65,55 @@ class Tally:
 def evaluate_hands(
     configuration: Configuration,
     product: Product,
-    trackers: Mapping[str, Callable[[], HandTracker]],
+    trackers: Mapping[str, Callable[[Bench], HandTracker]],
     seeds: Sequence[int],
     *,
     stretches: int,
     physics: bool = True,
     only: str = "all",
+    cameras: Cameras = "calibrated",
 ) -> dict[str, dict[str, Any]]:
     """Scores by tracker, all on the same frames.
 
     Args:
-        trackers: makes a new tracker for each recording, by name; between stretches of frames it sees nothing.
+        trackers: makes a new tracker for each recording and its bench, by name; between stretches it sees nothing.
         stretches: of STRETCH_FRAMES frames, in each recording.
         only: which persons: a key of ONLY.
+        cameras: where the overhead camera is believed to hang: where a calibration in each look finds it, where the
+            bench file says, or where it does.
     """
     tallies: dict[str, list[Tally]] = {name: [] for name in trackers}
     for seed in seeds:
         settings = configuration.devices.simulation
         settings = settings.model_copy(update={"look": _only(settings.look, ONLY[only](seed))})
-        source = Source(
-            record(product, configuration.bench, settings, seed, physics=physics), product, configuration.bench
-        )
+        drawn = configuration.bench
+        source = Source(record(product, drawn, settings, seed, physics=physics), product, drawn)
+        bench = _believed(cameras, configuration, source)
         of_seed = {name: Tally() for name in trackers}
-        running = {name: make() for name, make in trackers.items()}
+        running = {name: make(bench) for name, make in trackers.items()}
         for frames in _stretches(source, stretches, seed):
-            for seen_frame, hands in frames:
-                view = View.of(configuration.bench.overhead.model, seen_frame)
+            for taken, hands in frames:
+                seen_frame = taken.seen_from(bench.overhead.told(taken.world_from_camera))
+                view = View.of(bench.overhead.model, seen_frame)
                 for name, tracker in running.items():
                     began_s = time.process_time()
                     sample = tracker.track(seen_frame)
                     of_seed[name].add("latency_ms", 1e3 * (time.process_time() - began_s))
-                    judge(of_seed[name], view, hands, sample, tracker.others, configuration.bench)
+                    judge(of_seed[name], view, hands, sample, tracker.others, drawn)
         for name, tally in of_seed.items():
             tallies[name].append(tally)
     return {name: scores(each) for name, each in tallies.items()}
+
+
+def _believed(cameras: Cameras, configuration: Configuration, source: Source) -> Bench:
+    """The bench with the overhead camera that trackers believe in."""
+    if cameras == "believed":
+        return source.bench
+    if cameras == "calibrated":
+        return calibrated_bench(configuration, source.product, source.assembly.seed)
+    overhead = source.bench.overhead
+    true = true_calibration(source.assembly.world, "overhead", overhead)
+    return source.bench.model_copy(update={"overhead": overhead.calibrated(true)})
 
 
 def judge(

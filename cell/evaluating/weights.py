@@ -11,6 +11,7 @@ from cell.configuration import Configuration
 from cell.evaluating.actions import evaluate_segments
 from cell.evaluating.hands import evaluate_hands
 from cell.evaluating.things import Cameras, Task, score_holes, score_parts
+from cell.interfaces.bench import Bench
 from cell.interfaces.perception import HandTracker
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
@@ -80,10 +81,9 @@ def _parts(sample: Sample, weights: Path) -> dict[str, float]:
 def _hands(sample: Sample, weights: Path) -> dict[str, Any]:
     chosen = DetectorSettings(kind=LEARNED_KINDS["hands"], weights=weights)
     perception = sample.configuration.perception.model_copy(update={"hands": chosen})
-    detectors = Detectors(sample.configuration.bench, sample.product, perception)
 
-    def make() -> HandTracker:
-        tracker: HandTracker = detectors.make("hands")
+    def make(bench: Bench) -> HandTracker:
+        tracker: HandTracker = Detectors(bench, sample.product, perception).make("hands")
         return tracker
 
     wanted = seeds_of(sample.first_seed, sample.recordings)[1]

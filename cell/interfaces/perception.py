@@ -41,6 +41,10 @@ class Frame:
         """The same frame, with where the robot was."""
         return replace(self, robot_m=robot_m)
 
+    def seen_from(self, world_from_camera: Pose) -> Frame:
+        """The same frame, of a camera that is elsewhere than its driver tells: waits for the image."""
+        return Frame(self.camera, self.sequence, self.time_s, self.image, world_from_camera, self.robot_m)
+
 
 class PendingFrame(Frame):
     """A frame whose image is still being made: who reads `image` waits for it, whoever does not goes on."""

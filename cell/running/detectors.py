@@ -7,7 +7,6 @@ bench, product and the file of weights; a new kind is one more line in TRAINED.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -92,7 +91,7 @@ def part_finder(bench: Bench, product: Product, perception: Perception) -> Calla
     check = TrayCheck(bench)
 
     def find(frame: Frame) -> PartsView:
-        placed = replace(frame, world_from_camera=bench.wrist.told(frame.world_from_camera))
+        placed = frame.seen_from(bench.wrist.told(frame.world_from_camera))
         found = detector.detect(placed)
         known = tuple(one for one in found if one.upright and one.part in product.parts)
         others = tuple(one for one in found if one not in known)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
-from cell.interfaces.bench import Bench
+from cell.interfaces.bench import Bench, CameraCalibration
 from cell.interfaces.errors import InputError, ModelError, SettingError
 from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
@@ -73,6 +73,31 @@ def test_a_trained_tracker_works_beside_classical_detectors(monkeypatch: pytest.
     assert view.hand is not None
     assert view.hand.box_px == HAND.box_px
     assert made == [Path("/some/file.onnx")]
+
+
+def test_hands_are_looked_for_by_the_camera_as_it_was_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The driver tells the mount of the bench file; what a calibration found counts for every detector."""
+    seen: list[Frame] = []
+
+    @dataclass
+    class Watching(Found):
+        def track(self, frame: Frame) -> HandSample | None:
+            seen.append(frame)
+            return HAND
+
+    monkeypatch.setitem(detectors.TRAINED, "hands", {"ideal": lambda *given: Watching(given[2])})
+    perception = Perception.model_validate(
+        {"kind": "classical", "hands": {"kind": "ideal", "weights": "/some/file.onnx"}}
+    )
+    drawn = BENCH.overhead.mount
+    moved = drawn.model_copy(update={"position_m": (drawn.position_m[0] + 0.02, *drawn.position_m[1:])})
+    found = CameraCalibration(mount=moved, focal_px=BENCH.overhead.focal_px, distortion_k1=0.0)
+    bench = BENCH.model_copy(update={"overhead": BENCH.overhead.calibrated(found)})
+    image = np.full((BENCH.overhead.height_px, BENCH.overhead.width_px, 3), 90, np.uint8)
+    bench_watcher(bench, PRODUCT, perception)(Frame("overhead", 0, 0.0, image, drawn.pose))
+    bench_watcher(BENCH, PRODUCT, perception)(Frame("overhead", 0, 0.0, image, drawn.pose))
+    assert seen[0].world_from_camera.position_m == pytest.approx(moved.position_m)
+    assert seen[1].world_from_camera == drawn.pose
 
 
 def test_unknown_kinds_and_weights_that_do_not_fit_are_told_together(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 
 import numpy as np
 
@@ -190,6 +190,13 @@ class Errands:
 def goal_answer(question: Question, wanted: Mapping[str, str]) -> str:
     """Which of the offered goals is being built; "none of these" where it is no one."""
     return next((one.value for one in question.answers if dict(one.placements) == dict(wanted)), UNKNOWN_GOAL)
+
+
+def where_answer(question: Question, wanted: Mapping[str, str], open_positions: Container[str]) -> str:
+    """Where the part belongs that is asked for: one of the open positions, or it is placed by hand."""
+    legal = [one.value for one in question.answers]
+    fitting = (name for name in legal if name in open_positions and wanted.get(name) == question.part)
+    return next(fitting, PLACED_BY_HAND)
 
 
 def help_answer(by_hand: bool) -> str:

@@ -6,7 +6,7 @@ the bench as it is; parts are carried by friction alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
 from sim.diary import ActionEvent, Diary
-from sim.errands import Errands, Replies, choice_answer, goal_answer, help_answer, mend_answer
+from sim.errands import Errands, Replies, choice_answer, goal_answer, help_answer, mend_answer, where_answer
 from sim.hand import Hand, hand_rest_m
 from sim.handwork import ARCH_M, RELAXED_GAP_M, Handwork, Script
 from sim.intrusion import Intrusion, Sequel
@@ -241,6 +241,9 @@ class Worker:
         for question in list(self._replies.noticed(self._diary.time_s)):
             if question.kind == "goal":
                 self._replies.answer(question, goal_answer(question, self._wanted))
+            elif question.kind == "where":
+                empty = [] if self._can_place(question.part) else list(self._empty())
+                self._replies.answer(question, where_answer(question, self._wanted, empty))
             elif question.kind == "help":
                 by_hand = self._can_place(question.part) and happens(self._person.shift.places_asked, self._chance)
                 if by_hand:
@@ -275,6 +278,10 @@ class Worker:
                 yield from self._go_to_rest()
                 lying.pop(self._wanted[position], None)
         return not lying
+
+    def _empty(self) -> Iterator[str]:
+        """Positions in which nothing stands."""
+        return (name for name in self._order if self._sight.in_hole(name) is None)
 
     def _can_place(self, part: str) -> bool:
         return any(self._wanted[name] == part and self._placing.possible(name) for name in self._order)

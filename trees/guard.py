@@ -70,6 +70,8 @@ class Guard:
         Args:
             may_ask: somebody is there who answers: a doubt about the goal is asked instead of acted on.
         """
+        if state.told_goal is None and self._contradicted(plan.goal, state):
+            return Verdict("ask", f"this was taken for {plan.goal}, and a person says that something else is right")
         if position in state.placed:
             return Verdict("wait", f"{position} already holds {state.placed[position]}")
         if self._remaining(state)[part] <= 0:
@@ -96,15 +98,19 @@ class Guard:
     def asks_for_goal(self, plan: AssemblyPlan, state: AssemblyState) -> bool:
         """Whether a person should say which goal is built: it looks like none, or the first act would be a guess.
 
-        So it is where what is placed fits no known goal, and none is so probable that something must be wrong.
+        So it is where what is placed fits no known goal, and none is so probable that something must be wrong; and
+        where a person said that something is right which the most probable goal has otherwise.
         """
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         if state.told_goal is not None:
             return False
-        if self.fits_none(state) and self.sure_goal(plan, state) is None:
+        if self._contradicted(plan.goal, state) or (self.fits_none(state) and self.sure_goal(plan, state) is None):
             return True
-        sure = max(plan.next_belief.values(), default=0.0) >= self._settings.act_probability
-        return unknown >= self._settings.ask_probability or (sure and self._doubts(unknown))
+        return unknown >= self._settings.ask_probability or (self.sure_of_next(plan) and self._doubts(unknown))
+
+    def sure_of_next(self, plan: AssemblyPlan) -> bool:
+        """Whether a placement is so probable that the robot may act."""
+        return max(plan.next_belief.values(), default=0.0) >= self._settings.act_probability
 
     def fits_none(self, state: AssemblyState) -> bool:
         """Whether no known goal has every placed part where it is."""
@@ -115,7 +121,16 @@ class Guard:
         """The goal that a person told, or that is probable enough to act on; None where it is none that is known."""
         goal = plan.goal if state.told_goal is None else state.told_goal
         sure = state.told_goal is not None or plan.goal_belief[goal] >= self._settings.act_probability
+        if state.told_goal is None and self._contradicted(goal, state):
+            return None
         return goal if sure and goal in self._product.goals else None
+
+    def _contradicted(self, goal: str, state: AssemblyState) -> bool:
+        """Whether a person said that something is right which this goal has otherwise."""
+        if goal not in self._product.goals:
+            return False
+        wanted = self._product.goal_placements(goal)
+        return any(wanted[position] != part for position, part in state.confirmed.items())
 
     def _doubts(self, unknown: float) -> bool:
         return self._settings.doubt_probability < 1 and unknown >= self._settings.doubt_probability

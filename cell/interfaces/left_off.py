@@ -14,7 +14,7 @@ class LeftOff:
     """What a controller knew that no camera sees, when it was gone.
 
     Attributes:
-        placed, told_goal, kept, known_wrong: as in AssemblyState, of the bracket that was worked on.
+        placed, told_goal, kept, known_wrong, told_parts: as in AssemblyState, of the bracket that was worked on.
         bracket: number of the last bracket that was begun; 0 outside of a shift.
         ended: that bracket was ended.
         held_part: type of the part that was picked last; whether it is still held, the gripper tells.
@@ -29,13 +29,20 @@ class LeftOff:
     finished: tuple[tuple[str, ...], ...] = ()
     kept: Mapping[str, str | None] = field(default_factory=dict)
     known_wrong: Mapping[str, str | None] = field(default_factory=dict)
+    told_parts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def state(self) -> AssemblyState:
         """The assembly graph of the bracket that is there; empty where that was ended."""
         if self.ended:
             return AssemblyState({})
-        return AssemblyState(dict(self.placed), self.told_goal, kept=self.kept, known_wrong=self.known_wrong)
+        return AssemblyState(
+            dict(self.placed),
+            self.told_goal,
+            kept=self.kept,
+            known_wrong=self.known_wrong,
+            told_parts=self.told_parts,
+        )
 
     @property
     def told(self) -> str:

@@ -8,7 +8,7 @@ from typing import Literal
 
 OrderKind = Literal["acknowledge", "answer", "finish", "goal", "pause", "place", "resume", "stop"]
 Pause = Literal["none", "now", "after part"]
-QuestionKind = Literal["help", "mend", "goal", "bracket", "choice", "text"]
+QuestionKind = Literal["help", "mend", "goal", "where", "bracket", "choice", "text"]
 
 ORDERS: dict[OrderKind, str] = {
     "acknowledge": "acknowledge what holds the cell",
@@ -45,8 +45,8 @@ class Question:
 
     Attributes:
         number: tells the questions of a run apart, from 1.
-        kind: "help" with a part, to "mend" what is wrong in the bracket, which "goal" is built, to change the
-            "bracket", a "choice" of a tree's own, or a "text" that anybody may write.
+        kind: "help" with a part, to "mend" what is wrong in the bracket, which "goal" is built, "where" a part
+            goes, to change the "bracket", a "choice" of a tree's own, or a "text" that anybody may write.
         reason: why it asks.
         tried: what the robot tried before; empty where it tried nothing.
         todo: what the person should do.

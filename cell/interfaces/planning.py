@@ -36,6 +36,7 @@ class AssemblyState:
             has not shown its part yet.
         kept: part type by position, of what looks wrong and stays as it is: it is not asked about again.
         known_wrong: of these, what nobody said is right.
+        told_parts: part type by position, where a person said that it goes, of a product that nobody knows.
     """
 
     placed: Mapping[str, str]
@@ -43,6 +44,13 @@ class AssemblyState:
     doubts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     kept: Mapping[str, str | None] = field(default_factory=dict)
     known_wrong: Mapping[str, str | None] = field(default_factory=dict)
+    told_parts: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def confirmed(self) -> Mapping[str, str]:
+        """Part type by position, of what a person said is right as it is."""
+        said = self.kept.keys() - self.known_wrong.keys()
+        return {position: part for position, part in self.kept.items() if part is not None and position in said}
 
     def with_placement(self, part: str, position: str, shares: Mapping[str, float] | None = None) -> AssemblyState:
         """The state after one more part.
@@ -76,6 +84,21 @@ class AssemblyPlan:
     def goal(self) -> str:
         """The most probable goal."""
         return max(self.goal_belief, key=lambda name: self.goal_belief[name])
+
+    def with_told(self, told: Mapping[str, str]) -> AssemblyPlan:
+        """The plan where a person said what goes into some open positions.
+
+        Args:
+            told: part type by position.
+        """
+        if not told:
+            return self
+        sure = {(part, position): 1.0 for position, part in told.items()}
+        others = {edge: share for edge, share in self.next_belief.items() if edge[1] not in told}
+        first = {part: tuple(at for at in told if told[at] == part) for part in (*self.guidance, *told.values())}
+        rest = {part: tuple(at for at in to if at not in told) for part, to in self.guidance.items()}
+        guidance = {part: (*first[part], *rest.get(part, ())) for part in first}
+        return replace(self, next_belief={**others, **sure}, next_part=next(iter(told.values())), guidance=guidance)
 
 
 class SemanticPlanner(Protocol):

@@ -49,6 +49,7 @@ _FIELDS: dict[str, dict[str, Schema]] = {
     "/display": {**TICK, **fields_of(Display)},
     "/note/belief": {
         **TICK, "placed": OBJECT, "goals": OBJECT, "goal": TEXT, "edge": TEXTS, "source": TEXT, "told": TEXT,
+        "told_part": TEXTS,
     },
     "/note/plan": {
         **TICK, "guidance": OBJECT, "next": TEXTS, "required": INTEGER, "graspable": NUMBER, "solution": TEXT,

@@ -25,6 +25,7 @@ from learned.semantic.scenarios import DETECTION_ERROR
 SemanticKind = Literal["auto", "paper", "factored", "and_or", "bayes"]
 FACTORED_OUTPUTS = ("goals", "still_open", "wanted", "prior", "usual", "following")
 LEAST_BELIEF = 1e-9  # placements believed less are left out of the answer
+SURE = 0.9  # placements of a goal that nobody knows are planned from this probability on
 
 
 @dataclass(frozen=True)
@@ -238,12 +239,11 @@ def wanted_by_words(layout: Layout, words: Ints) -> Floats:
 def _answer(layout: Layout, edges: Floats, found: Posterior, wanted: Floats, following: Floats) -> Answer:
     """A posterior with the plans of its most probable goal; `wanted` (z, n, m), `following` (z, n).
 
-    Where that is none of the known ones, only placements are named that are more probable than not: the last ones, by
-    what remains.
+    Where that is none of the known ones, only placements are named that are sure: the last ones, by what remains.
     """
     goals = found.belief[: len(layout.goals)]
     unknown = int(np.argmax(found.belief)) == len(layout.goals)
-    plans = np.where(found.placements > 0.5, found.placements, 0.0) if unknown else wanted[int(np.argmax(goals))]
+    plans = np.where(found.placements > SURE, found.placements, 0.0) if unknown else wanted[int(np.argmax(goals))]
     return Answer(found.belief, found.placements, goals @ following, _templated(layout, edges, plans))
 
 

@@ -1,9 +1,13 @@
 """The controller is killed by SIGKILL at a random moment; the simulated world goes on, and another one takes over.
 
-python -m tests.benchmarks.restarts --kills 100 --first-seed 2000
-Every kill is one assembly in a world of its own. The second controller is `cell run --resume LOG` for even seeds, and
-begins without a log for odd ones. With --brackets 3 the work is a shift of so many brackets. Stopped by Ctrl-C it
-prints what it has.
+python -m tests.benchmarks.restarts --bare --kills 100 --first-seed 2000
+python -m tests.benchmarks.restarts --kills 6 --first-seed 2000             # rendered, with the trained detectors
+Every kill is one assembly in a world of its own. It comes a random time after a random number of parts stands in the
+bracket, as soon as the cell is in the state that the seed has drawn, and at the latest with the last part: so every
+kill is within the work. The table has the state in which it came. "asks" is tried in a shift of one bracket, where
+somebody is there to answer. The second controller is `cell run --resume LOG` for one half of the seeds, and begins
+without a log for the others. With --brackets 3 the work is a shift of so many brackets. Stopped by Ctrl-C it prints
+what it has.
 """
 
 from __future__ import annotations
@@ -23,8 +27,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cell.configuration import for_shift
 from cell.evaluating.bare_host import without_pixels
 from cell.interfaces.command import Display
@@ -34,9 +36,8 @@ from cell.world.messages import Drawn
 from cell.world.opening import identity
 from cell.world.server import WorldServer
 from sim.cell import SimCell
+from tests.benchmarks.kill_moment import STATES, Moment, held_part
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
-
-EARLIEST_S, LATEST_S, LATEST_BRACKET_S = 1.0, 50.0, 70.0
 
 
 @dataclass
@@ -56,12 +57,13 @@ class Trial:
     needless: list[str] = field(default_factory=list)
     message: str = ""
     doing: str = ""
+    state: str = ""
 
     def run(self) -> dict[str, Any]:
         """The row of the table."""
         chance = random.Random(self.seed)
-        latest_s = LATEST_S if not self.brackets else self.brackets * LATEST_BRACKET_S
-        self._kill_s = chance.uniform(EARLIEST_S, latest_s)
+        wanted_state = STATES[self.seed // 2 % len(STATES)]
+        self.brackets = self.brackets or int(wanted_state == "asks")
         self._within_s = chance.uniform(0.0, 0.03)
         goal = sorted(PRODUCT.goals)[self.seed % len(PRODUCT.goals)]
         configuration = for_shift(CONFIGURATION, self.brackets) if self.brackets else CONFIGURATION
@@ -71,6 +73,7 @@ class Trial:
         self._cell = cell = SimCell(
             PRODUCT, BENCH, simulation, *CAN, self.seed, wanted, overlap=rendered, rendered=rendered
         )
+        self._moment = Moment(cell, wanted_state, max(self.brackets, 1) * len(PRODUCT.positions), chance)
         devices = without_pixels(cell) if self.bare else cell.devices
         show = cell.devices.panel.show
 
@@ -128,9 +131,9 @@ class Trial:
 
     def _watch(self, time_s: float) -> None:
         """Kill the first controller when it is time, somewhere in its tick."""
-        if self._killed or time_s < self._kill_s or self._controller is None:
+        if self._killed or self._controller is None or not self._moment.come(time_s):
             return
-        self._killed, self.died_s, self.doing = True, time_s, self.message
+        self._killed, self.died_s, self.doing, self.state = True, time_s, self.message, self._moment.state()
         process = self._controller.pid
 
         def kill() -> None:
@@ -140,7 +143,7 @@ class Trial:
         threading.Timer(self._within_s, kill).start()
 
     def _hear(self, display: Display) -> None:
-        self.message = display.message
+        self.message, self._moment.asks = display.message, bool(display.questions)
         for question in display.questions if self._killed else ():
             if question.reason not in self.asked:
                 self.asked.append(question.reason)
@@ -159,18 +162,8 @@ class Trial:
         if question.kind == "mend":
             return not self._cell.score.report()["wrong_placements"]
         if not question.part:  # "take the part out of the gripper"
-            return self.seed % 2 == 0 or self._held() is None
+            return self.seed % 2 == 0 or held_part(self._cell) is None
         return False
-
-    def _held(self) -> str | None:
-        """Type of the part between the fingers, in truth."""
-        tool_m = np.array(self._cell.world.tool_pose().position_m)
-        near = [
-            body.part
-            for body in self._cell.world.bodies
-            if float(np.linalg.norm(self._cell.world.data.xpos[body.body] - tool_m)) < 0.04
-        ]
-        return near[0] if near else None
 
     def _row(self, lines: list[dict[str, Any]]) -> dict[str, Any]:
         told = lines[-1] if lines else {}
@@ -190,6 +183,7 @@ class Trial:
             "log": self.seed % 2 == 0,
             "verdict": verdict,
             "killed_s": round(self.died_s, 2),
+            "state": self.state,
             "doing": self.doing,
             "reason": told.get("reason"),
             "asked": self.asked,
@@ -208,7 +202,7 @@ def main() -> None:
     parser.add_argument("--bare", action="store_true", help="nothing is rendered: a third of the processor time")
     parser.add_argument("--keep", type=Path, help="folder for the logs of kills that did not end right")
     options = parser.parse_args()
-    verdicts = Counter[str]()
+    verdicts, by_state = Counter[str](), Counter[tuple[str, str]]()
     signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     with suppress(KeyboardInterrupt):
         for seed in range(options.first_seed, options.first_seed + options.kills):
@@ -219,11 +213,25 @@ def main() -> None:
                     for file in Path(folder).glob("*.[em]*"):
                         (options.keep / f"{seed}-{file.name}").write_bytes(file.read_bytes())
             verdicts[row["verdict"]] += 1
+            by_state[row["state"], row["verdict"]] += 1
             sys.stdout.write(json.dumps(row) + "\n")
             sys.stdout.flush()
-    killed = sum(count for verdict, count in verdicts.items() if verdict != "over before")
-    sys.stdout.write(f"| verdict | of {killed} kills |\n|---|---|\n")
-    sys.stdout.writelines(f"| {verdict} | {count} |\n" for verdict, count in verdicts.most_common())
+    sys.stdout.write(table(by_state))
+
+
+def table(by_state: Counter[tuple[str, str]]) -> str:
+    """How many kills in each state (rows) ended how (columns); a run that was over before was not killed."""
+    killed = Counter({key: count for key, count in by_state.items() if key[0]})
+    verdicts = sorted({verdict for _, verdict in killed}, key=lambda verdict: verdict != "right")
+    lines = [f"| killed while it | kills | {' | '.join(verdicts)} |", f"|---|---|{'---|' * len(verdicts)}"]
+    for name in (*STATES, "all"):
+        counts = [
+            sum(n for (state, end), n in killed.items() if name in (state, "all") and end == verdict)
+            for verdict in verdicts
+        ]
+        lines.append(f"| {name} | {sum(counts)} | {' | '.join(map(str, counts))} |")
+    over = sum(by_state.values()) - sum(killed.values())
+    return "\n".join([*lines, f"{over} were over before they were killed", ""])
 
 
 if __name__ == "__main__":

@@ -28,6 +28,9 @@ HELP = Question(1, "help", "no o3", part="o3", answers=(Answer("done", ""), Answ
 EMPTY_PLEASE = Question(2, "bracket", "the bracket is finished")
 TAKE_IT = Question(4, "choice", "take it", answers=(Answer("taken", ""), Answer("not needed", "")))
 MEND = Question(5, "mend", "wrong", positions=("p2",), answers=(Answer("done", ""), Answer("right", "")))
+WHERE = Question(
+    7, "where", "where?", part="o1", answers=tuple(Answer(name, "") for name in (*product().positions, "placed"))
+)
 WHICH = Question(3, "goal", "which?", answers=(Answer("g0", "", product().goal_placements("g0")), Answer("g1", "", G1)))
 
 
@@ -117,6 +120,18 @@ def test_a_wrong_part_that_the_cell_tells_of_is_taken_out_and_what_is_right_is_s
     person(cell).show(Display())
     person(cell).show(Display(questions=(replace(MEND, number=6),)))
     assert answered(cell) == [OperatorOrder("answer", "right", 6)]
+
+
+def test_where_a_part_goes_is_told_by_what_is_built_unless_the_person_has_such_a_part(cell: SimCell) -> None:
+    person(cell).show(Display(questions=(WHERE,)))
+    assert answered(cell, 5.0) == [OperatorOrder("answer", "placed", WHERE.number)]
+    for body in cell.world.bodies:
+        if body.part == "o1" and body.owner == "person":
+            cell.world.place(body, Pose((0.2, 0.6, 0.03)))
+    right = next(position for position in product().positions if G1[position] == "o1")
+    person(cell).show(Display())
+    person(cell).show(Display(questions=(replace(WHERE, number=8),)))
+    assert answered(cell) == [OperatorOrder("answer", right, 8)]
 
 
 def test_a_trouble_that_waits_for_somebody_is_acknowledged_again_and_again_until_it_is_gone(cell: SimCell) -> None:

@@ -14,6 +14,7 @@ from trees.nodes.services import CellNode
 
 TRAY_MARGIN_M = 0.05
 LIKELIEST_N = 4  # goals that a question offers
+PLANNED_S, SURE = 1.0, 0.99  # within so long a plan follows what was said; so probable is what was told
 
 
 class Asks(CellNode):
@@ -23,10 +24,17 @@ class Asks(CellNode):
 
     _question: Question | None = None
     _asked_s = 0.0
+    _said_s: float | None = None
 
     def answered(self) -> str | None:
         """What somebody answered, None as long as nobody did."""
         return None if self._question is None else self.services.observation.operator.answer(self._question.number)
+
+    def planned(self, known: bool) -> Status:
+        """Succeeds when the plan knows what was said, and after a while in any case: some planners take nothing in."""
+        now_s = self.services.observation.time_s
+        self._said_s = now_s if self._said_s is None else self._said_s
+        return Status.SUCCESS if known or now_s - self._said_s > PLANNED_S else Status.RUNNING
 
     def late(self, wait_s: float) -> bool:
         """Whether nobody answered in time; then it is said."""
@@ -36,6 +44,7 @@ class Asks(CellNode):
         return True
 
     def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
+        self._said_s = None
         if self._question is not None:
             self.services.withdraw(self._question)
             self.services.show(help_request=None)
@@ -135,8 +144,8 @@ class AskOperator(Asks):
 class AskWhichGoal(Asks):
     """Ask which product is built where none that is known fits, or where the first act would be a guess.
 
-    Succeeds when it is told, or when the doubt has gone by itself; fails at once where there is nothing to ask or
-    nobody to answer, and when no answer comes in time.
+    Succeeds when it is told and the plan follows it, or when the doubt has gone by itself; fails at once where there is
+    nothing to ask or nobody to answer, and when no answer comes in time. Two such nodes ask one question.
     """
 
     plan = InputPort(AssemblyPlan, "belief over goals")
@@ -144,26 +153,28 @@ class AskWhichGoal(Asks):
     wait_s = InputPort(float, "longest wait for an answer", default=60.0)
     unattended = InputPort(bool, "ask also where nobody is known to be there", default=False)
 
+    _asks = False  # this node, or another one the same
+
     def initialise(self) -> None:
-        self._asked_s = self.services.observation.time_s
+        self._asked_s, self._asks = self.services.observation.time_s, False
 
     def update(self) -> Status:
         services, plan, state = self.services, self.plan.get(), self.state.get()
-        doubtful = services.guard.asks_for_goal(plan, state)
-        if self._question is None:
-            if not doubtful or not (services.observation.operator.present or self.unattended.get()):
-                self.feedback_message = "nothing to ask" if not doubtful else "nobody to ask"
-                return Status.FAILURE
-            self._ask(plan, state)
-            return Status.RUNNING
         answer = self.answered()
-        if answer is not None:
-            self.feedback_message = f"it is {answer}"
+        if self._asks and state.told_goal is None and answer is not None:
             tell_goal(self, state, answer)
-            return Status.SUCCESS
-        if not doubtful:
-            self.feedback_message = "the goal is clear by now"
-            return Status.SUCCESS
+        if self._asks and (told := self.state.get().told_goal) is not None:
+            self.feedback_message = f"it is {told}"
+            return self.planned(plan.goal_belief.get(told, 0.0) > SURE)
+        if not services.guard.asks_for_goal(plan, state):
+            self.feedback_message = "the goal is clear by now" if self._asks else "nothing to ask"
+            return Status.SUCCESS if self._asks else Status.FAILURE
+        if not (services.observation.operator.present or self.unattended.get()):
+            self.feedback_message = "nobody to ask"
+            return Status.FAILURE
+        if not any(one.kind == "goal" for one in services.display.questions):
+            self._ask(plan, state)
+        self._asks = True
         return Status.FAILURE if self.late(self.wait_s.get()) else Status.RUNNING
 
     def _ask(self, plan: AssemblyPlan, state: AssemblyState) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -21,7 +21,7 @@ MistakeKind = Literal["wrong", "surplus", "crooked", "hidden"]
 KINDS: tuple[MistakeKind, ...] = ("wrong", "surplus", "crooked", "hidden")  # in the order in which they are told
 TODO: dict[MistakeKind, tuple[str, str]] = {
     "wrong": ("take it out", "take them out"),
-    "surplus": ("take out what does not belong there", "take out what does not belong there"),
+    "surplus": ("take it out", "take out what does not belong there, or say which one does not"),
     "crooked": ("set it straight", "set them straight"),
     "hidden": ("clear the view, or take out what does not belong there",) * 2,
 }
@@ -51,16 +51,20 @@ def mistakes_in(services: Services, plan: AssemblyPlan, state: AssemblyState) ->
     """What looks wrong now, by holes; without what a person said is right, and without what cannot be read."""
     view, product = services.observation.bench, services.product
     holes = view.holes if view else {}
-    seen = {name: hole for name, hole in holes.items() if hole.part and state.kept.get(name) != hole.part}
+    seen = {name: hole for name, hole in holes.items() if hole.part and state.known_wrong.get(name) != hole.part}
     goal = services.guard.sure_goal(plan, state)
     wanted = product.goal_placements(goal) if goal is not None else {}
-    return tuple(_judged(product, seen, wanted))
+    return tuple(_judged(product, seen, wanted, state.kept))
 
 
-def _judged(product: Product, seen: dict[str, HoleView], wanted: dict[str, str]) -> Iterator[Mistake]:
-    counts = Counter(hole.part for hole in seen.values())
+def _judged(
+    product: Product, seen: Mapping[str, HoleView], wanted: Mapping[str, str], kept: Mapping[str, str | None]
+) -> Iterator[Mistake]:
+    counts = Counter(hole.part for hole in seen.values())  # with what is kept: the others are too many then
     for position, hole in seen.items():
         part = hole.part
+        if kept.get(position) == part:
+            continue
         if part not in product.parts:
             yield Mistake(position, "surplus", part)
         elif wanted and wanted[position] != part:
@@ -155,6 +159,7 @@ class AwaitMisfit(CellNode):
 class AskToMend(Asks):
     """Tell the person what is wrong in the bracket, and wait until the bench shows that it was mended.
 
+    Of parts that are too many, the person may say which one does not belong there: then that one is asked about alone.
     Succeeds when it looks otherwise, or when the person says that it is right. Fails when it still looks the same
     though somebody says that it was mended, and when nobody answers in time.
     """
@@ -187,7 +192,12 @@ class AskToMend(Asks):
         if answer == IS_RIGHT:
             keep(self, self._asked, "a person says that it is right")
             return Status.SUCCESS
-        if answer is not None:
+        if (named := self._named(answer)) is not None:
+            keep(self, tuple(one for one in self._asked if one is not named), f"a person says that {answer} is wrong")
+            self.terminate(Status.RUNNING)
+            self._asked, self._asked_s = (named,), services.observation.time_s
+            self._ask("")
+        elif answer is not None:
             self._done_s = services.observation.time_s if self._done_s is None else self._done_s
             if services.observation.time_s - self._done_s >= self.look_s.get():
                 self.feedback_message = "it still looks the same"
@@ -200,6 +210,8 @@ class AskToMend(Asks):
         services, mistakes = self.services, self._asked
         reason, todo = reason_of(services.product, mistakes), todo_of(mistakes)
         answers = [Answer(HELP_GIVEN, "done, look again")]
+        if mistakes[0].kind == "surplus" and len(mistakes) > 1:
+            answers += [Answer(one.position, f"{one.position} is wrong") for one in mistakes]
         if mistakes[0].kind != "hidden":
             answers.append(Answer(IS_RIGHT, "it is right so"))
         positions = tuple(one.position for one in mistakes)
@@ -209,6 +221,10 @@ class AskToMend(Asks):
         services.show(help_request=f"{reason}: {todo}")
         services.journal.note("help", text=f"{reason}: {todo}", reason=reason, tried=tried, positions=list(positions))
         self.feedback_message = reason
+
+    def _named(self, answer: str | None) -> Mistake | None:
+        """The one of several that a person says is wrong."""
+        return next((one for one in self._asked if one.position == answer), None)
 
     def _in_vain(self) -> Status:
         self._before = self._standing(self._asked)
@@ -284,12 +300,13 @@ def reason_of(product: Product, mistakes: Mistakes) -> str:
     if kind == "surplus":
         there = Counter(one.part or "" for one in mistakes)
         takes = {part: product.parts[part].quantity if part in product.parts else 0 for part in there}
-        told = (
-            f"{_listed([one.position for one in mistakes if one.part == part])} hold the {product.title(part)},"
+        return "; ".join(
+            f"{names} holds the {product.title(part)}, which is one too many"
+            if there[part] == 1 and takes[part]
+            else f"{_listed([one.position for one in mistakes if one.part == part])} hold the {product.title(part)},"
             f" and a bracket takes {takes[part] or 'none'} of them"
             for part in there
         )
-        return "; ".join(told)
     if kind == "crooked":
         return f"the {product.title(mistakes[0].part or '')} in {names} does not stand straight"
     return f"I have not been able to see into {names} for a while"

@@ -118,10 +118,10 @@ class Services:
             refusal = self.guard.refusal(plan, state)
         except ModelError as error:
             refusal = str(error)
-        if refusal is None:
-            return plan
-        self.journal.note("verdict", subject="assembly plan", decision="refused", reason=refusal)
-        return self.rule_semantic.plan(state)
+        if refusal is not None:
+            self.journal.note("verdict", subject="assembly plan", decision="refused", reason=refusal)
+            plan = self.rule_semantic.plan(state)
+        return plan.with_told({at: part for at, part in state.told_parts.items() if at not in state.placed})
 
     def solve(self, parts: PartsView, required: int) -> GraspPlan:
         """How to get at one detected part: the chosen planner's answer if the arm agrees, else the rule's.

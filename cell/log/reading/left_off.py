@@ -59,7 +59,8 @@ def _after(left: LeftOff, topic: str, fields: dict[str, Any], product: Product) 
     if topic == "bracket" and fields["edge"] == "begin":
         if fields.get("resumed"):
             return replace(left, bracket=fields["number"], ended=False)
-        return replace(left, bracket=fields["number"], ended=False, placed={}, told_goal=None, kept={}, known_wrong={})
+        begun = LeftOff(held_part=left.held_part, finished=left.finished)
+        return replace(begun, bracket=fields["number"])
     if topic == "bracket":
         return _ended(left, fields, product)
     if topic == "belief" and fields.get("edge"):
@@ -68,6 +69,9 @@ def _after(left: LeftOff, topic: str, fields: dict[str, Any], product: Product) 
         return replace(left, placed={**others, position: part} if part is not None else others)
     if topic == "belief" and "told" in fields:
         return replace(left, told_goal=fields["told"])
+    if topic == "belief" and "told_part" in fields:
+        part, position = fields["told_part"]
+        return replace(left, told_parts={**left.told_parts, position: part})
     if topic == "belief" and "kept" in fields:
         wrong = fields["kept"] if fields["known_wrong"] else {}
         return replace(left, kept={**left.kept, **fields["kept"]}, known_wrong={**left.known_wrong, **wrong})

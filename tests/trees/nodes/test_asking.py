@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import pytest
 from py_trees.common import Status
 
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, OperatorOrder, OperatorState
@@ -138,8 +139,43 @@ def test_a_doubtful_first_act_is_asked_and_the_answer_changes_the_state() -> Non
     assert [answer.value for answer in question.answers] == ["g0", "g1", "g2", UNKNOWN_GOAL]
     assert dict(question.answers[0].placements)["p6"] == "o3"
     says(to, OperatorOrder("answer", "g0", question.number))
-    assert node.execute() is Status.SUCCESS
+    assert node.execute() is Status.RUNNING, "the plan does not know of it yet"
     assert node.state.get() == AssemblyState({"p6": "o2"}, told_goal="g0")
+    node.plan.entry.value = SURE
+    assert node.execute() is Status.SUCCESS
+    assert to.display.questions == ()
+
+
+@pytest.mark.parametrize("answered", [0, 1])
+def test_two_branches_of_a_tree_ask_one_question_and_both_hear_the_answer(answered: int) -> None:
+    to = services()
+    says(to)
+    nodes = [which_goal(to, DOUBTFUL), which_goal(to, DOUBTFUL)]
+    nodes[1].state = nodes[0].state  # one blackboard
+    for node in (*nodes, *nodes):
+        assert node.execute() is Status.RUNNING
+    (question,) = to.display.questions
+    says(to, OperatorOrder("answer", "g0", question.number))
+    for node in nodes[::-1] if answered else nodes:
+        assert node.execute() is Status.RUNNING
+    for node in nodes:
+        node.plan.entry.value = SURE
+        node.execute()
+    assert [node.status for node in nodes] == [Status.SUCCESS, Status.SUCCESS]
+    assert to.display.questions == ()
+    assert to._asked == 1
+
+
+def test_the_other_branch_asks_on_where_the_one_that_asked_is_halted() -> None:
+    to = services()
+    says(to)
+    nodes = [which_goal(to, DOUBTFUL), which_goal(to, DOUBTFUL)]
+    for node in nodes:
+        node.execute()
+    nodes[0].halt()
+    assert not to.display.questions
+    assert nodes[1].execute() is Status.RUNNING
+    assert [one.kind for one in to.display.questions] == ["goal"]
 
 
 def test_where_nothing_is_doubtful_or_nobody_is_there_it_fails_at_once() -> None:

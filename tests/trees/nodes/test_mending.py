@@ -189,6 +189,54 @@ def test_what_a_person_says_is_right_is_not_asked_again_and_lets_the_bracket_end
     assert alone(BracketIsRight("right"), to, state=state, plan=SURE).execute() is Status.SUCCESS
 
 
+def test_what_is_said_to_be_right_counts_where_more_parts_stand_than_a_bracket_takes() -> None:
+    to = services()
+    part = next(name for name, kind in PRODUCT.parts.items() if kind.quantity == 3)
+    names = list(G1)[:4]
+    state = AssemblyState({}, told_goal=UNKNOWN_GOAL, kept={names[1]: part})
+    found = told(to, waiting(to, state), 8.0, dict.fromkeys(names, part))
+    assert {(one.position, one.kind) for one in found} == {(name, "surplus") for name in names if name != names[1]}
+    left = replace(state, known_wrong={names[1]: part})
+    assert told(to, waiting(to, left), 8.0, dict.fromkeys(names, part)) == (), "it is known which one is too many"
+
+
+def test_of_parts_that_are_too_many_the_person_may_say_which_one_does_not_belong_there() -> None:
+    to = services()
+    part = next(name for name, kind in PRODUCT.parts.items() if kind.quantity == 3)
+    names, odd = list(G1)[:4], list(G1)[2]
+    shows(to, 9.0, dict.fromkeys(names, part))
+    new = AssemblyState({}, told_goal=UNKNOWN_GOAL)
+    mistakes = tuple(Mistake(name, "surplus", part) for name in names)
+    node: Any = alone(AskToMend("ask"), to, mistakes=mistakes, state=new, plan=SURE)
+    node.execute()
+    (question,) = to.display.questions
+    assert question.positions == tuple(names)
+    assert [answer.value for answer in question.answers] == [HELP_GIVEN, *names, IS_RIGHT]
+    says(to, odd)
+    assert node.execute() is Status.RUNNING
+    (question,) = to.display.questions
+    assert (question.number, question.positions, question.todo) == (2, (odd,), "take it out")
+    assert question.reason == f"{odd} holds the {PRODUCT.title(part)}, which is one too many"
+    assert node.execute() is Status.RUNNING, "the first answer is none to the second question"
+    shows(to, 15.0, {name: part for name in names if name != odd})
+    assert node.execute() is Status.SUCCESS
+    assert set(node.state.get().kept) == set(names) - {odd}
+
+
+def test_what_is_said_to_be_right_rules_out_the_goal_that_has_it_otherwise() -> None:
+    to = services()
+    shows(to, 9.0, {P2: ODD})
+    to.observation = replace(to.observation, operator=OperatorState(present=True))
+    plan = replace(SURE, goal_belief={"g0": 0.04, "g1": 0.94, "g2": 0.0, UNKNOWN_GOAL: 0.02})
+    state = AssemblyState({P2: ODD}, kept={P2: ODD})
+    assert to.guard.sure_goal(plan, replace(state, kept={})) == "g1"
+    assert to.guard.sure_goal(plan, state) is None
+    assert to.guard.asks_for_goal(plan, state)
+    held = next(iter(plan.next_belief))
+    assert to.guard.judge(plan, state, EMPTY_HOLES, *held, True).decision == "ask"
+    assert to.guard.sure_goal(plan, replace(state, told_goal="g1")) == "g1", "what is told counts more"
+
+
 def test_what_nobody_mends_is_known_to_be_wrong() -> None:
     to = services()
     node: Any = alone(LeaveMistake("leave"), to, mistakes=WRONG, state=TOLD)

@@ -1,0 +1,124 @@
+"""Where does this part go? Asked of a product that nobody knows, where the person goes on with nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from py_trees.common import Status
+
+from cell.interfaces.operator import PLACED_BY_HAND, OperatorOrder, OperatorState
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from cell.running.node_library import node_registry
+from learned.semantic.planner import BayesPlanner
+from tests import ROOT
+from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
+from trees.nodes.asking_where import AskPosition
+from trees.nodes.services import Services
+from trees.testing import TreeBench, alone
+
+NEW = AssemblyState({"p1": "o2", "p2": "o3", "p4": "o1", "p6": "o1"}, told_goal=UNKNOWN_GOAL)  # o1 and o2 are left
+NOTHING = AssemblyPlan({"g0": 0.0, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 1.0}, {}, "o1", {"o1": (), "o2": (), "o3": ()})
+
+
+def says(to: Services, *orders: OperatorOrder) -> None:
+    to.observation = replace(to.observation, operator=OperatorState(present=True, said=orders))
+
+
+def asking(to: Services, state: AssemblyState = NEW, plan: AssemblyPlan = NOTHING) -> Any:
+    says(to)
+    return alone(AskPosition("where"), to, plan=plan, state=state)
+
+
+def later(to: Services, node: Any, time_s: float) -> Status:
+    see(to, time_s)
+    status: Status = node.execute()
+    return status
+
+
+def test_where_nothing_was_placed_for_a_while_it_asks_and_the_answer_becomes_the_plan() -> None:
+    to = services()
+    node = asking(to)
+    assert later(to, node, 0.0) is Status.RUNNING
+    assert not to.display.questions, "the person may go on"
+    assert later(to, node, 6.1) is Status.RUNNING
+    (question,) = to.display.questions
+    assert question.reason == "where does the gate valve (o1) go: p3 or p5?"
+    assert (question.kind, question.part, question.positions) == ("where", "o1", ("p3", "p5"))
+    assert [answer.value for answer in question.answers] == ["p3", "p5", PLACED_BY_HAND]
+    says(to, OperatorOrder("answer", "p5", question.number))
+    assert node.execute() is Status.RUNNING
+    state = node.state.get()
+    assert state.told_parts == {"p5": "o1"}
+    plan = replace(to, semantic=BayesPlanner(PRODUCT)).infer(state)
+    assert plan.next_part == "o1"
+    assert plan.guidance["o1"][0] == "p5"
+    assert plan.next_belief["o1", "p5"] == 1.0
+    assert to.guard.judge(plan, state, EMPTY_HOLES, "o1", "p5", True).decision == "act"
+    node.plan.entry.value = plan
+    assert node.execute() is Status.SUCCESS
+    assert to.display.questions == ()
+
+
+def test_a_part_that_the_person_places_is_followed_by_the_next_type_and_then_by_nothing() -> None:
+    to = services()
+    node = asking(to)
+    later(to, node, 0.0)
+    later(to, node, 7.0)
+    for number, part in enumerate(["o1", "o2"], start=1):
+        (question,) = to.display.questions
+        assert (question.number, question.part) == (number, part)
+        says(to, OperatorOrder("answer", PLACED_BY_HAND, number))
+        node.execute()
+        node.execute()
+    assert node.status is Status.FAILURE
+    assert to.display.questions == ()
+
+
+def test_it_is_withdrawn_when_the_person_goes_on() -> None:
+    to = services()
+    node = asking(to)
+    later(to, node, 0.0)
+    later(to, node, 7.0)
+    node.state.set(NEW.with_placement("o1", "p3"))
+    assert node.execute() is Status.FAILURE
+    assert to.display.questions == ()
+
+
+@pytest.mark.parametrize(
+    ("state", "plan"),
+    [
+        (replace(NEW, told_goal=None), NOTHING),
+        (replace(NEW, told_goal="g0"), SURE),
+        (NEW, SURE),
+        (NEW.with_placement("o1", "p3"), NOTHING),
+    ],
+    ids=["nobody said that it is new", "a known goal", "planned", "one type is left"],
+)
+def test_what_is_known_is_not_asked(state: AssemblyState, plan: AssemblyPlan) -> None:
+    assert asking(services(), state, plan).execute() is Status.FAILURE
+
+
+def test_nobody_there_is_asked_nothing() -> None:
+    to = services()
+    node = alone(AskPosition("where"), to, plan=NOTHING, state=NEW)
+    assert node.execute() is Status.FAILURE
+
+
+@pytest.mark.parametrize("name", ["assemble", "shift", "eager"])
+def test_a_screw_where_nothing_follows_from_the_graph_asks_where_and_then_fetches(name: str) -> None:
+    answers = {
+        "AssemblyFinished": "F",
+        "BracketTaken": "F",
+        "ChoosePosition": "FS",
+        "AskWhichGoal": "F",
+        "AskPosition": "RS",
+    }
+    made = TreeBench(
+        ROOT / "trees" / f"{name}.xml", node_registry(), {**answers, "WaitForAction": "SR", "AwaitMisfit": "R"}
+    )
+    for _ in range(30):
+        made.tick(0.1)
+    order = [event.removeprefix("start ") for event in made.events if event.startswith("start ")]
+    assert order.index("AskPosition") < order.index("LookAtTray")

@@ -1,0 +1,99 @@
+"""Asking where a part goes, of a product that nobody knows."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+
+from py_trees.common import Status
+
+from cell.interfaces.operator import PLACED_BY_HAND, Answer
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, Placement
+from trees.engine.ports import InOutPort, InputPort
+from trees.nodes.asking import Asks
+
+
+class AskPosition(Asks):
+    """Ask where a part goes, where the person builds what nobody knows and goes on with nothing by themselves.
+
+    Asked is for one type of part after the other, the rarest first, as long as the person wants to place it by hand.
+    Succeeds when a position is told and the plan follows it. Fails at once where the goal is known, where the rest
+    follows from what is placed, or where nobody is there; and when the person goes on, or nobody answers in time.
+    """
+
+    plan = InputPort(AssemblyPlan, "belief and plans")
+    state = InOutPort(AssemblyState, "what is placed so far, and what a person said")
+    settle_s = InputPort(float, "how long nothing must have been placed", default=6.0)
+    wait_s = InputPort(float, "longest wait for an answer", default=60.0)
+
+    _placed: Mapping[str, str] = {}
+    _part = ""
+    _told: Placement | None = None
+
+    def initialise(self) -> None:
+        self._asked_s, self._placed = self.services.observation.time_s, self.state.get().placed
+        self._told = None
+        self._by_hand: set[str] = set()  # types that the person places
+
+    def update(self) -> Status:
+        if self._told is not None:
+            return self.planned(self.plan.get().next_belief.get(self._told) == 1.0)
+        part = self._next_part()
+        if part is None:
+            return Status.FAILURE
+        if self.state.get().placed != self._placed:
+            self.feedback_message = "the person goes on"
+            return Status.FAILURE
+        if self._question is None:
+            if self._by_hand or self.services.observation.time_s - self._asked_s >= self.settle_s.get():
+                self._ask(part)
+            return Status.RUNNING
+        answer = self.answered()
+        if answer == PLACED_BY_HAND:
+            self._by_hand.add(self._part)
+            self.terminate(Status.RUNNING)
+        elif answer is not None:
+            self._tell(answer)
+            return Status.RUNNING
+        return Status.FAILURE if self.late(self.wait_s.get()) else Status.RUNNING
+
+    def _next_part(self) -> str | None:
+        """The type to ask for."""
+        services, state = self.services, self.state.get()
+        needed = Counter({name: part.quantity for name, part in services.product.parts.items()})
+        needed.subtract(Counter(state.placed.values()))
+        left = sorted((part for part in needed if needed[part] > 0), key=lambda part: needed[part])
+        asked = [part for part in left if part not in self._by_hand]
+        if state.told_goal != UNKNOWN_GOAL:
+            self.feedback_message = "nobody said that this is a new product"
+        elif len(left) < 2 or services.guard.sure_of_next(self.plan.get()):
+            self.feedback_message = "it follows from what is placed"
+        elif not services.observation.operator.present:
+            self.feedback_message = "nobody to ask"
+        elif not asked:
+            self.feedback_message = "the person places the rest"
+        else:
+            return asked[0]
+        return None
+
+    def _ask(self, part: str) -> None:
+        services, state = self.services, self.state.get()
+        positions = tuple(name for name in services.product.positions if name not in state.placed)
+        title = services.product.title(part)
+        listed = f"{', '.join(positions[:-1])} or {positions[-1]}"
+        reason = f"where does the {title} go: {listed}?"
+        answers = (*(Answer(name, name) for name in positions), Answer(PLACED_BY_HAND, "I place it myself"))
+        self._part, self._asked_s = part, services.observation.time_s
+        self._question = services.ask(
+            "where", reason, todo="say where I should put it", part=part, positions=positions, answers=answers
+        )
+        services.show(help_request=reason)
+        services.journal.note("help", text=reason, part=part, positions=list(positions))
+        self.feedback_message = reason
+
+    def _tell(self, position: str) -> None:
+        self._told, state = (self._part, position), self.state.get()
+        self.state.set(replace(state, told_parts={**state.told_parts, position: self._part}))
+        self.services.journal.note("belief", told_part=[self._part, position])
+        self.feedback_message = f"{self._part} goes to {position}"

@@ -21,7 +21,6 @@ TABLE_SIZE_M = (1.90, 2.10, 0.04)
 TABLE_CENTRE_M = (0.50, 0.05)
 ROOM_FLOOR_M = -0.80
 WALL_M = 0.006
-BIN_FLOOR_M = 0.004
 BIN_RIM_M = 0.006
 PLATE_SHININESS = 0.5
 RELIEF_M = 0.0004  # plate pieces beside a hole lie this much lower, so that bodies rest on the two long ones alone
@@ -46,15 +45,24 @@ def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, bins: Seq
 
 def _add_bin(world: mujoco.MjsBody, one: Bin, rgb: palette.Rgb) -> None:
     x, y, z = one.centre_m
-    add_box(world, (x, y, z - BIN_FLOOR_M / 2), (*one.size_m, BIN_FLOOR_M), rgb)
-    _add_rim(world, (x, y, z - BIN_FLOOR_M), one.size_m, BIN_FLOOR_M + BIN_RIM_M, rgb)
+    _add_floor(world, one.centre_m, one.size_m, rgb)
+    _add_rim(world, (x, y, 0.0), one.size_m, z + BIN_RIM_M, rgb)
 
 
 def _add_tray(world: mujoco.MjsBody, bench: Bench, rgb: palette.Rgb) -> None:
     x, y, z = bench.tray.centre_m
     length, width = bench.tray.size_m
-    add_box(world, (x, y, z / 2), (length, width, z), rgb)
+    _add_floor(world, (x, y, z), (length, width), rgb)
     _add_rim(world, (x, y, 0.0), (length, width), z + bench.tray.wall_m, rgb)
+
+
+def _add_floor(
+    world: mujoco.MjsBody, top_m: tuple[float, float, float], size_m: tuple[float, float], rgb: palette.Rgb
+) -> None:
+    """As deep as the table: what falls sinks through the middle of a thin floor, and is pressed out below."""
+    x, y, z = top_m
+    depth = z + TABLE_SIZE_M[2]
+    add_box(world, (x, y, z - depth / 2), (*size_m, depth), rgb)
 
 
 def _add_rim(

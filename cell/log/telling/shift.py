@@ -16,6 +16,7 @@ from typing import Any
 from cell.interfaces.judgement import Action
 from cell.log.reading.reader import Log
 from cell.log.reading.ticks import LoggedTick
+from cell.log.telling.trend import Trend, trend_of
 
 HOLDS = (Action.HOLD.name, Action.STOP.name)
 BESIDE_WORK = ("bracket", "mend")  # kinds of questions that hold nothing up by themselves
@@ -77,6 +78,11 @@ class Shift:
     @property
     def oee(self) -> float:
         return self.availability * self.performance * self.quality
+
+    @property
+    def trend(self) -> Trend | None:
+        """How it went on; None where too few brackets ended."""
+        return trend_of(self.brackets)
 
     @property
     def waits_s(self) -> list[tuple[str, float]]:

@@ -23,6 +23,9 @@ class GuardSettings(Model):
 
     Attributes:
         act_probability: least posterior of the next (part, position) at which the robot acts.
+        wrong_share: share of acts that may be wrong by what the semantic planner itself expects. Where it knows goals
+            that the product does not list, the robot acts from a higher probability on if that needs be, and asks or
+            waits below; 1 never.
         ask_probability: posterior of "none of these goals" from which the robot asks.
         doubt_probability: posterior of "none of these goals" from which the robot asks which goal it is instead of
             acting, until it is told; 1 never asks. It counts where somebody is there to answer: in a shift and
@@ -30,6 +33,7 @@ class GuardSettings(Model):
     """
 
     act_probability: float = Field(default=0.9, ge=0.01, le=1)
+    wrong_share: float = Field(default=0.02, ge=0.001, le=1)
     ask_probability: float = Field(default=0.5, ge=0.01, le=1)
     doubt_probability: float = Field(default=0.01, ge=0.001, le=1)
 
@@ -45,9 +49,14 @@ class Verdict:
 class Guard:
     """Judges plans and placements against the product, the seen occupancy, the belief and the arm's reach."""
 
-    def __init__(self, product: Product, settings: GuardSettings) -> None:
+    def __init__(self, product: Product, settings: GuardSettings, act_probability: float | None = None) -> None:
+        """Args:
+        act_probability: from which the robot acts unasked, where the goals that are known ask for more than the
+            settings' own.
+        """
         self._product = product
         self._settings = settings
+        self._act_probability = settings.act_probability if act_probability is None else act_probability
 
     def refusal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
         """Why this plan cannot be used at all, or None: NaN, words outside the vocabulary, impossible positions."""
@@ -91,8 +100,11 @@ class Guard:
             )
         if not reachable:
             return Verdict("ask", f"the arm cannot reach {position} with {part}")
-        if may_ask and state.told_goal is None and self._doubts(unknown):
+        if may_ask and state.told_goal is None and self._doubts(unknown, probability):
             return Verdict("ask", f"is this {plan.goal}? A goal that I do not know has probability {unknown:.3f}")
+        if probability < self._act_probability:
+            least = f"{self._act_probability:.3f}, as many goals are in use"
+            return Verdict("wait", f"{part} at {position} has probability {probability:.3f} < {least}")
         return Verdict("act", f"{part} at {position} has probability {probability:.2f}")
 
     def asks_for_goal(self, plan: AssemblyPlan, state: AssemblyState) -> bool:
@@ -106,10 +118,11 @@ class Guard:
             return False
         if self._contradicted(plan.goal, state) or (self.fits_none(state) and self.sure_goal(plan, state) is None):
             return True
-        return unknown >= self._settings.ask_probability or (self.sure_of_next(plan) and self._doubts(unknown))
+        best = max(plan.next_belief.values(), default=0.0)
+        return unknown >= self._settings.ask_probability or (self.sure_of_next(plan) and self._doubts(unknown, best))
 
     def sure_of_next(self, plan: AssemblyPlan) -> bool:
-        """Whether a placement is so probable that the robot may act."""
+        """Whether a placement is so probable that the robot may act, or ask about it."""
         return max(plan.next_belief.values(), default=0.0) >= self._settings.act_probability
 
     def fits_none(self, state: AssemblyState) -> bool:
@@ -132,8 +145,10 @@ class Guard:
         wanted = self._product.goal_placements(goal)
         return any(wanted[position] != part for position, part in state.confirmed.items())
 
-    def _doubts(self, unknown: float) -> bool:
-        return self._settings.doubt_probability < 1 and unknown >= self._settings.doubt_probability
+    def _doubts(self, unknown: float, best: float) -> bool:
+        """Whether to ask rather than act: it may be none of the known goals, or another one of many."""
+        doubt = self._settings.doubt_probability
+        return doubt < 1 and (unknown >= doubt or best < self._act_probability)
 
     def _remaining(self, state: AssemblyState) -> Counter[str]:
         needed = Counter({name: part.quantity for name, part in self._product.parts.items()})

@@ -22,6 +22,7 @@ from learned.semantic.confusions import Confusions
 from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import Layout
 from learned.semantic.planner import BayesPlanner, FactoredPlanner, load_semantic_planner
+from learned.semantic.risk import act_probability
 from skills.planner import MotionPlanner
 from trees.guard import Guard
 from trees.nodes.services import Services
@@ -132,7 +133,7 @@ def make_services(
         rule_semantic=planners.rule_semantic,
         grasp=planners.grasp,
         rule_grasp=planners.rule_grasp,
-        guard=Guard(planners.known, configuration.guard),
+        guard=_guard(configuration, planners.semantic, planners.goals, planners.confusions),
         journal=journal,
         observation=observation,
         teach=_teacher(configuration, planners.known),
@@ -143,6 +144,17 @@ def make_services(
     for parts in left_off.finished if left_off is not None else ():
         services.learn(services, parts)
     return services
+
+
+def _guard(
+    configuration: Configuration, planner: SemanticPlanner, goals: OpenGoals, confusions: Confusions | None
+) -> Guard:
+    """The guard of the goals that are known, as wary as their number asks for."""
+    settings = configuration.guard
+    if not isinstance(planner, FactoredPlanner | BayesPlanner):
+        return Guard(goals.product, settings)
+    least = act_probability(planner, goals, confusions, settings.act_probability, settings.wrong_share)
+    return Guard(goals.product, settings, least)
 
 
 def _teacher(configuration: Configuration, product: Product) -> Callable[[str, tuple[str, ...]], str] | None:
@@ -178,7 +190,8 @@ def learner(configuration: Configuration, planners: Planners) -> Callable[[Servi
             else planner
             for planner in (services.semantic, services.rule_semantic)
         )
-        services.product, services.guard = known, Guard(known, configuration.guard)
+        services.product = known
+        services.guard = _guard(configuration, services.semantic, goals, planners.confusions)
         return next((name for name, goal in known.goals.items() if goal == parts), None)
 
     return learn

@@ -206,8 +206,9 @@ class ConfusionLikelihood:
         places = np.arange(self._wrong.shape[1]) % self._m
         found = []
         for number, (place, *shares) in enumerate(reports):
-            others = [other[0] for index, other in enumerate(reports) if index != number]
-            possible = self._wrong * ~np.isin(places, others)
+            free = np.ones(self._m, dtype=bool)
+            free[[int(other[0]) for index, other in enumerate(reports) if index != number]] = False
+            possible = self._wrong * free[places]
             total = np.maximum(possible.sum(axis=1), 1e-12)
             mean = np.zeros(len(places))
             for part, share in enumerate(shares):

@@ -1,9 +1,10 @@
-"""Wrong acts of `bayes`: while goals are learned from finished brackets, and under confusions that it learned.
+"""Goals that nobody listed: what the guard's settings lead to with the exact planner, in four tables.
 
-python -m tests.benchmarks.open_list streams --act 0.9 --act 0.92 --first-seed 1001 --seeds 40
-python -m tests.benchmarks.open_list confusions --act 0.9 --act 0.92 --first-seed 1001 --seeds 10
+python -m tests.benchmarks.open_list --first-seed 5001 --seeds 20
 
-streams: 60 brackets, three of the goals in use being listed, 5 % of the actions taken for an alike type, no question.
+streams: 60 brackets, three of the goals in use being listed, 5 % of the actions taken for an alike type; every finished
+bracket is learned from; while nobody is asked, and with one question before the first act at the guard's doubt.
+meetings: 400 brackets of listed goals, 400 of goals that were never shown, and of these after they were finished twice.
 confusions: brackets of listed goals; the matrix is learned from 500 confirmed actions of others, 5 or 10 % wrong.
 After each of 1 to 5 actions the robot acts or waits; a camera sees which holes are filled. 95 % intervals by Wilson.
 """
@@ -11,53 +12,72 @@ After each of 1 to 5 actions the robot acts or waits; a camera sees which holes 
 from __future__ import annotations
 
 import argparse
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from learned.experiments import Values
 from learned.semantic.confusions import PATTERNS, Confusions, Pattern
-from learned.semantic.experiments.streams import BRACKETS, ERROR, IN_USE, NEVER, assemble, unlisted
+from learned.semantic.experiments.streams import (
+    BRACKETS,
+    DOUBT,
+    ERROR,
+    IN_USE,
+    NEVER,
+    assemble,
+    first_meetings,
+    unlisted,
+)
 from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import Ints, Layout
 from learned.semantic.planner import BayesPlanner
+from learned.semantic.risk import act_probability
 from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import PRODUCT
+from trees.guard import GuardSettings
 
 LAYOUT = Layout.of(PRODUCT)
 REPORTS, KNOWN = 500, 200  # confirmed actions that a matrix is learned from, and brackets of known goals, of each seed
+BARS = {("nobody asked", 12, False): 0.05, ("nobody asked", 12, True): 0.02}
 States = Sequence[dict[str, bool]]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["streams", "confusions"])
-    parser.add_argument("--act", type=float, action="append", help="least probability of an act; may be repeated")
+    parser.add_argument("what", choices=["all", "streams", "meetings", "confusions"], nargs="?", default="all")
+    parser.add_argument("--act", type=float, default=GuardSettings().act_probability, help="guard.act_probability")
+    parser.add_argument("--wrong", type=float, default=GuardSettings().wrong_share, help="guard.wrong_share")
     parser.add_argument("--first-seed", type=int, default=1001)
     parser.add_argument("--seeds", type=int, default=10)
     options = parser.parse_args()
+    guard = GuardSettings(act_probability=options.act, wrong_share=options.wrong)
     seeds = range(options.first_seed, options.first_seed + options.seeds)
-    table = Table("case", "act from", "acts", "wrong", "95 % interval", "states in which it acts")
-    for act in options.act or [0.9]:
-        for case, states in (streams if options.what == "streams" else known)(seeds, act):
-            table.add_row(case, f"{act:g}", *_cells(states))
-    Console(width=120).print(table)
+    tables = {"streams": streams, "meetings": meetings, "confusions": known}
+    for name, table in tables.items():
+        if options.what in (name, "all"):
+            Console(width=120).print(table(seeds, guard))
 
 
-def streams(seeds: Sequence[int], act: float) -> Iterator[tuple[str, list[dict[str, bool]]]]:
-    """All states of all streams by goals in use, and those of the second halves."""
-    for in_use in IN_USE:
-        halves: tuple[list[dict[str, bool]], list[dict[str, bool]]] = ([], [])
-        for seed in seeds:
-            for number, states in enumerate(stream(in_use, seed, act)):
-                halves[number >= BRACKETS // 2].extend(states)
-        yield f"{in_use} in use, all", [*halves[0], *halves[1]]
-        yield f"{in_use} in use, second half", halves[1]
+def streams(seeds: Sequence[int], guard: GuardSettings) -> Table:
+    """Wrong acts by goals in use; in all, and in the second half."""
+    table = Table("in use", "", "half", "acts", "wrong", "95 % interval", "bar", "acts in", "asked", title="streams")
+    for rule, doubt in (("nobody asked", NEVER), ("one question", DOUBT)):
+        for in_use in IN_USE:
+            found = [states for seed in seeds for states in enumerate(stream(in_use, seed, guard, doubt))]
+            for second in (False, True):
+                some = [states for number, states in found if not second or number >= BRACKETS // 2]
+                bar = BARS.get((rule, in_use, second))
+                asked = sum(any(state["asked"] for state in states) for states in some) / len(some)
+                acts, wrong, interval, share = _cells([state for states in some for state in states])
+                half = "second" if second else "both"
+                shown = "" if bar is None else f"{bar:g}"
+                table.add_row(str(in_use), rule, half, acts, wrong, interval, shown, share, f"{asked:.3f}")
+    return table
 
 
-def stream(in_use: int, seed: int, act: float) -> Iterator[States]:
+def stream(in_use: int, seed: int, guard: GuardSettings, doubt: float = NEVER) -> Iterator[States]:
     """The states of one bracket after the other; every finished one is learned from."""
     rng = np.random.default_rng([seed, in_use])
     used = [*LAYOUT.types[: min(in_use, len(LAYOUT.types))], *unlisted(LAYOUT, in_use - len(LAYOUT.types), rng)]
@@ -65,16 +85,35 @@ def stream(in_use: int, seed: int, act: float) -> Iterator[States]:
     goals = OpenGoals.of(PRODUCT)
     for _ in range(BRACKETS):
         types = used[rng.integers(in_use)]
-        yield assemble(BayesPlanner(PRODUCT, goals, confusions), LAYOUT, types, confusions, rng, NEVER, act)
+        planner = BayesPlanner(PRODUCT, goals, confusions)
+        act = act_probability(planner, goals, confusions, guard.act_probability, guard.wrong_share)
+        yield assemble(planner, LAYOUT, types, confusions, rng, doubt, act)
         goals = goals.with_bracket(tuple(LAYOUT.parts[part] for part in types))
 
 
-def known(seeds: Sequence[int], act: float) -> Iterator[tuple[str, list[dict[str, bool]]]]:
-    """All states of brackets of listed goals, by what is confused and how often."""
+def meetings(seeds: Sequence[int], guard: GuardSettings) -> Table:  # noqa: ARG001 the guard's defaults hold
+    """Goals never shown, known ones, and those that were finished twice, with one question; of the first seed."""
+    columns = ("confused", "never shown: wrong assemblies (bar .10)", "asked", "known: acts in (bar .85)", "wrong acts")
+    table = Table(*columns, "asked", "acts after finished twice, of a listed goal's (bar .90)", title="first meetings")
+    for pattern in PATTERNS:
+        found = first_meetings(PRODUCT, "bayes", pattern, DOUBT, seeds[0])
+        names = ("wrong_assemblies_unknown", "asked_unknown", "coverage_known", "wrong_acts_known", "asked_known")
+        shown = [_share(found, name) for name in names]
+        twice = found["coverage_seen_twice"] / found["coverage_as_listed"]
+        table.add_row(pattern, *shown, f"{twice:.3f}")
+    return table
+
+
+def known(seeds: Sequence[int], guard: GuardSettings) -> Table:
+    """Brackets of listed goals, by what is confused and how often."""
+    table = Table("confused", "acts", "wrong", "95 % interval", "bar", "acts in", title="learned confusions")
     for pattern in PATTERNS:
         for error in (ERROR, 2 * ERROR):
-            states = [state for seed in seeds for one in _brackets(pattern, error, seed, act) for state in one]
-            yield f"{pattern}, {error:.0%}", states
+            brackets = (one for seed in seeds for one in _brackets(pattern, error, seed, guard.act_probability))
+            acts, wrong, interval, share = _cells([state for one in brackets for state in one])
+            bar = "0.005" if pattern == "neighbouring holes" and error > ERROR else ""
+            table.add_row(f"{pattern}, {error:.0%}", acts, wrong, interval, bar, share)
+    return table
 
 
 def _brackets(pattern: Pattern, error: float, seed: int, act: float) -> Iterator[States]:
@@ -96,12 +135,17 @@ def _reports(confusions: Confusions, rng: np.random.Generator) -> Iterator[tuple
         yield names[action], names[int(rng.choice(len(names), p=confusions.matrix[action]))]
 
 
-def _cells(states: States) -> tuple[str, ...]:
-    counts = Counter((state["acts"], state["wrong"]) for state in states)
-    wrong, acts = counts[True, True], counts[True, True] + counts[True, False]
-    low, high = wilson(wrong, acts)
-    share = wrong / max(1, acts)
-    return str(acts), f"{share:.4f}", f"{low:.4f} - {high:.4f}", f"{acts / max(1, len(states)):.3f}"
+def _cells(states: Iterable[dict[str, bool]]) -> tuple[str, str, str, str]:
+    """Acts, wrong share of them with its interval, and the share of states in which the robot acts."""
+    states = list(states)
+    acts = [state["wrong"] for state in states if state["acts"]]
+    low, high = wilson(sum(acts), len(acts))
+    share = sum(acts) / max(1, len(acts))
+    return str(len(acts)), f"{share:.4f}", f"{low:.4f} - {high:.4f}", f"{len(acts) / max(1, len(states)):.3f}"
+
+
+def _share(found: Values, name: str) -> str:
+    return f"{found[name]:.3f} ({found[f'{name}_low']:.3f} - {found[f'{name}_high']:.3f})"
 
 
 if __name__ == "__main__":

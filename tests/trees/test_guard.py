@@ -78,3 +78,16 @@ def test_impossible_plans_are_refused_with_the_reason(change: dict[str, object],
     refusal = GUARD.refusal(replace(PLAN, **change), STATE)  # type: ignore[arg-type]
     assert refusal is not None
     assert reason in refusal
+
+
+def test_where_many_goals_are_in_use_a_thin_margin_is_asked_about_or_waits() -> None:
+    wary = Guard(PRODUCT, GuardSettings(), 0.95)
+    thin = replace(PLAN, next_belief={("o1", "p1"): 0.93}, goal_belief={"g0": 1.0, "g1": 0.0, "g2": 0.0})
+    holes = {"p1": HoleView(None, 1.0, 0.0)}
+    asked = wary.judge(thin, AssemblyState({}), holes, "o1", "p1", reachable=True)
+    alone = wary.judge(thin, AssemblyState({}), holes, "o1", "p1", reachable=True, may_ask=False)
+    assert (asked.decision, alone.decision) == ("ask", "wait")
+    assert "0.930 < 0.950" in alone.reason
+    assert wary.asks_for_goal(thin, AssemblyState({}))
+    assert not GUARD.asks_for_goal(thin, AssemblyState({}))
+    assert GUARD.judge(thin, AssemblyState({}), holes, "o1", "p1", reachable=True).decision == "act"

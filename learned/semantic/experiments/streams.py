@@ -16,14 +16,15 @@ from learned.semantic.experiments.models import planner_of
 from learned.semantic.goals import FinishedGoal, OpenGoals
 from learned.semantic.graph import EMPTY, Ints, Layout
 from learned.semantic.planner import BayesPlanner, FactoredPlanner
-from learned.semantic.scenarios import Scenarios, misdetect, scenarios
+from learned.semantic.risk import act_probability, seen_after
+from learned.semantic.scenarios import scenarios
 
 SEEDS = tuple(range(1, 6))
 IN_USE = (3, 6, 12)  # goals, three of them listed
 BRACKETS = 60
 SINGLE = 400  # assemblies of goals that are met for the first time, and of known ones
 ERROR = 0.05
-ACT, ASK, DOUBT = 0.9, 0.5, 0.01  # the guard's thresholds
+ACT, ASK, DOUBT, WRONG = 0.9, 0.5, 0.01, 0.02  # the guard's thresholds, and the share of acts that may be wrong
 NEVER = 1.0  # a doubt that never asks
 AS_LISTED = 4  # finished brackets that make a goal as probable as a listed one
 
@@ -50,16 +51,17 @@ def _stream(product: Product, kind: str, in_use: int, rule: str, seed: int) -> V
     confusions = Confusions.of(layout, "alike types", ERROR)
     make = _maker(kind, product, confusions, seed)
     goals = OpenGoals.of(product)
-    planner, counter = make(goals), ScoreCounter()
+    planner, act, counter = make(goals), ACT, ScoreCounter()
     for number in range(BRACKETS):
         types = used[rng.integers(in_use)]
         doubt = DOUBT if rule.endswith("question") else NEVER
-        found = assemble(planner, layout, types, confusions, rng, doubt)
+        found = assemble(planner, layout, types, confusions, rng, doubt, act)
         for half in ("", "_second_half") if number >= BRACKETS // 2 else ("",):
             _count(counter, found, half)
         if rule != "fixed list":
             goals = goals.with_bracket(tuple(layout.parts[part] for part in types))
             planner = make(goals)
+            act = act_probability(planner, goals, confusions, ACT, WRONG)
     return dict(counter.scores())
 
 
@@ -79,7 +81,9 @@ def first_meetings(product: Product, kind: str, pattern: Pattern, doubt: float, 
             draws = rng.integers(2**32)
             for times, name in ((2, "_seen_twice"), (AS_LISTED, "_as_listed")):
                 goals = OpenGoals(product, {"new1": FinishedGoal(parts=parts, finished=times)})
-                found = assemble(make(goals), layout, types, confusions, np.random.default_rng(draws), doubt)
+                planner = make(goals)
+                act = act_probability(planner, goals, confusions, ACT, WRONG)
+                found = assemble(planner, layout, types, confusions, np.random.default_rng(draws), doubt, act)
                 _count(counter, found, name)
     return dict(counter.scores())
 
@@ -110,24 +114,30 @@ def assemble(
     """One bracket in random order: would the robot act after each action but the last, and rightly?
 
     It acts from the probability `act` on. A camera sees which holes are filled; reports of open ones are dropped. Where
-    the robot would act for the first time and "none of these" has the probability `doubt`, it asks which of the known
-    goals it is, once, and is told.
+    the robot would act for the first time from ACT on, and "none of these" has the probability `doubt` or the placement
+    less than `act`, it asks which of the known goals it is, once, and is told; with a doubt of NEVER nobody is asked.
     """
     m = len(types)
     order = rng.permutation(m)
     told: str | None = None
     states = []
     for count in range(1, m):
-        true = np.where(np.isin(np.arange(m), order[:count]), types, EMPTY)
-        some = Scenarios(np.zeros(1, int), true[None], np.zeros(1, int))
-        seen = np.where(true == EMPTY, EMPTY, misdetect(layout, some, rng, confusions=confusions.matrix).seen[0])
+        true, seen = seen_after(layout, types, order[:count], confusions, rng)
         plan = planner.plan(AssemblyState(layout.state(seen).placed, told))
-        placement = _placement(plan, layout, true, act)
-        asked = placement is not None and told is None and plan.goal_belief[UNKNOWN_GOAL] >= doubt
+        placement = _placement(plan, layout, true, min(act, ACT))
+        thin = placement is not None and plan.next_belief[placement] < act
+        asked = (
+            placement is not None
+            and told is None
+            and doubt < NEVER
+            and (plan.goal_belief[UNKNOWN_GOAL] >= doubt or thin)
+        )
         if asked:
             known = zip(planner.layout.goals, planner.layout.types.tolist(), strict=True)
             told = next((goal for goal, row in known if row == types.tolist()), UNKNOWN_GOAL)
             placement = _placement(planner.plan(AssemblyState(layout.state(seen).placed, told)), layout, true, act)
+        elif thin:
+            placement = None
         states.append(_state(placement, layout, types, asked=asked))
     return states
 

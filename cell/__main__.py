@@ -13,7 +13,11 @@ def main() -> None:
     """Run the command line."""
     from cell.commands.main import main as command_line
 
-    sys.exit(command_line())
+    try:
+        status = command_line()
+    finally:
+        gc.freeze()  # nor when all of it ends
+    sys.exit(status)
 
 
 if __name__ == "__main__":

@@ -159,6 +159,7 @@ class SimCell:
             host=beside,
             pressed=self.worker.pressed if self.worker is not None else tuple,
             finished=lambda: self._finished,
+            free_running=self._run_freely,
         )
 
     def report(self) -> dict[str, object]:

@@ -99,7 +99,7 @@ class SimSettings(Model):
     """The simulated cell.
 
     Attributes:
-        overlap: frames and detectors in a second process, beside the physics; the log is the same.
+        overlap: frames and detectors in two processes beside the physics; the log is the same.
         physics: time steps.
         look: preset or file of looks, or a look file's content; each run's look is drawn from it by the seed.
         hardware: how well robot and cameras measure and obey: ideal, ur10_usb, or the values themselves.

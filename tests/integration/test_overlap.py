@@ -74,7 +74,7 @@ class Killer(Diary):
 def test_a_render_process_that_dies_is_a_fault_of_a_device() -> None:
     with closing(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, 3, "g1", overlap=True)) as cell:
         assert isinstance(cell.devices.host, RenderProcess)
-        killer = Killer(process_id=cell.devices.host.process_id, tick_number=40)
+        killer = Killer(process_id=cell.devices.host.process_ids[0], tick_number=40)
         outcome, _ = run_tree(cell, ASSEMBLE, diary=killer)
     assert outcome.end == "fault"
     assert outcome.reason.startswith("render process: it died")

@@ -17,11 +17,15 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import DeviceFault, InputError
 from cell.interfaces.perception import Frame
+from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.camera import SimCamera
+from sim.cell import SimCell
 from sim.look import Camera
-from sim.photographer import Photographer, SensorSetup
-from sim.render_process import SLOTS, RenderProcess
+from sim.photographer import Exposure, Photographer, SensorSetup
+from sim.render_process import HURRIED, SLOTS, RenderProcess
+from sim.settings import SimSettings
+from sim.studio import visible_poses
 from sim.world import World, build_world
 from tests import ROOT
 
@@ -102,7 +106,8 @@ def test_a_hosted_detector_reads_the_frames_that_it_is_sent(world: World, bench:
 COPIED = """
 import signal, sys
 from cell.configuration import load_configuration, load_product
-from sim.render_process import RenderProcess, _may_fork
+from sim.job_process import _may_fork
+from sim.render_process import RenderProcess
 from sim.world import build_world
 from tests.sim.test_render_process import sensors
 configuration = load_configuration()
@@ -110,24 +115,26 @@ world = build_world(load_product(configuration), configuration.bench)
 assert _may_fork()
 process = RenderProcess(world.model, sensors(configuration.bench))
 assert not _may_fork()  # it reads the process's answers in a thread
-print(process.process_id, flush=True)
+print(*process.process_ids, flush=True)
 signal.pause()
 """
 
 
-def test_a_copy_of_the_controllers_process_ends_with_it() -> None:
+def test_copies_of_the_controllers_process_end_with_it() -> None:
     controller = subprocess.Popen([sys.executable, "-c", COPIED], stdout=subprocess.PIPE, cwd=ROOT)
     assert controller.stdout is not None
-    copy = os.pidfd_open(int(controller.stdout.readline()))
+    copies = [os.pidfd_open(int(number)) for number in controller.stdout.readline().split()]
     try:
-        assert select.select([copy], [], [], 0) == ([], [], [])
+        assert select.select(copies, [], [], 0) == ([], [], [])
         controller.kill()
-        assert select.select([copy], [], [], PATIENCE_S)[0] == [copy]
+        for copy in copies:
+            assert select.select([copy], [], [], PATIENCE_S)[0] == [copy]
     finally:
         controller.kill()
-        with suppress(ProcessLookupError):
-            signal.pidfd_send_signal(copy, signal.SIGKILL)
-        os.close(copy)
+        for copy in copies:
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(copy, signal.SIGKILL)
+            os.close(copy)
         controller.stdout.close()
         controller.wait()
 
@@ -149,15 +156,48 @@ def test_all_that_wait_for_a_process_that_died_are_told(world: World, bench: Ben
     begin = process.host(build_brightness)
     camera = SimCamera("overhead", bench.overhead, world, process.take)
     camera.observe(0.0)
-    frame = camera.latest()
-    assert frame is not None
-    assert frame.image.any()
-    os.kill(process.process_id, signal.SIGKILL)
-    with pytest.raises(DeviceFault, match="render process: it died"):
-        begin(frame)()
+    assert missing(camera).image.any()
+    drawing, detecting = process.process_ids
+    os.kill(detecting, signal.SIGKILL)
+    with pytest.raises(DeviceFault, match="detector process: it died"):
+        begin(missing(camera))()
+    os.kill(drawing, signal.SIGKILL)
     camera.observe(PERIOD_S)  # time goes on
     with pytest.raises(DeviceFault, match="render process: it died"):
         missing(camera).image.sum()
+
+
+def test_an_answer_does_not_wait_for_a_frame_that_is_never_drawn(
+    world: World, bench: Bench, process: RenderProcess
+) -> None:
+    begin = process.host(build_brightness)
+    os.kill(process.process_ids[0], signal.SIGSTOP)  # so that it cannot draw before it dies
+    camera = SimCamera("overhead", bench.overhead, world, process.take)
+    camera.observe(0.0)
+    answer = begin(missing(camera))
+    os.kill(process.process_ids[0], signal.SIGKILL)
+    with pytest.raises(DeviceFault, match="render process: it died"):
+        answer()
+
+
+def test_a_frame_is_read_after_its_place_was_used_again(world: World, bench: Bench, process: RenderProcess) -> None:
+    begin = process.host(build_brightness)
+    frames = taken(world, bench, process)
+    assert [begin(frame)() for frame in frames[:2]] == [
+        (frame.sequence, int(frame.image.sum())) for frame in frames[:2]
+    ]
+
+
+def test_a_place_is_used_again_when_its_readers_are_done(world: World, bench: Bench, process: RenderProcess) -> None:
+    begin = process.host(build_brightness)
+    camera = SimCamera("overhead", bench.overhead, world, process.take)
+    asked = []
+    for number in range(FRAMES):
+        world.set_arm(np.array(bench.arm_look_rad) + 0.02 * number)
+        camera.observe(number * PERIOD_S)
+        asked.append((missing(camera), begin(missing(camera))))
+    for frame, answer in asked:
+        assert answer() == (frame.sequence, int(frame.image.sum()))
 
 
 def missing(camera: SimCamera) -> Frame:
@@ -168,7 +208,21 @@ def missing(camera: SimCamera) -> Frame:
 
 def test_interrupts_are_the_controllers_to_handle(world: World, bench: Bench, process: RenderProcess) -> None:
     begin = process.host(build_brightness)
-    os.kill(process.process_id, signal.SIGINT)
-    os.kill(process.process_id, signal.SIGTERM)
+    for number in process.process_ids:
+        os.kill(number, signal.SIGINT)
+        os.kill(number, signal.SIGTERM)
     frame = taken(world, bench, process)[-1]
     assert begin(frame)() == (frame.sequence, int(frame.image.sum()))
+
+
+def test_frames_are_left_out_where_time_does_not_wait(product: Product, bench: Bench) -> None:
+    with closing(SimCell(product, bench, SimSettings(), "virtual", "left-out", 3, "g1", overlap=True)) as cell:
+        beside = cell.devices.host
+        assert isinstance(beside, RenderProcess)
+        cell.devices.free_running(True)
+        os.kill(beside.process_ids[0], signal.SIGSTOP)
+        poses = visible_poses(cell.world.data)
+        exposures = [Exposure("wrist", number, 0.0, Pose((0.0, 0.0, 0.0)), (poses,)) for number in range(HURRIED + 2)]
+        frames = [beside.take(exposure) for exposure in exposures]
+        assert frames[-1] is None
+        os.kill(beside.process_ids[0], signal.SIGCONT)

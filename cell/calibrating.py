@@ -18,7 +18,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.world.opening import configured_devices
 from learned.calibration.check import WORLD, trouble
-from learned.calibration.solve import Fit, Shot, fit_camera, holes_off_m
+from learned.calibration.solve import Fit, Shot, fit_camera, fit_over_empty_plate, holes_off_m, too_few_holes
 from skills.grip import STROKE_M
 from skills.planner import Load, MotionPlanner
 
@@ -93,16 +93,19 @@ def calibrate(
 
 
 def calibrate_overhead(devices: Devices, configuration: Configuration, product: Product) -> Calibrated:
-    """From some frames of the bench as it is; nothing moves.
+    """From some frames of the empty bracket; nothing moves.
 
     Raises:
         DeviceFault: no frame came.
     """
     bench = configuration.bench.drawn
     shots = [Shot(_next(devices.overhead, devices.clock).image, WORLD) for _ in range(FRAMES)]
-    fit = fit_camera(shots, bench.overhead, bench, product)
+    fit = fit_over_empty_plate(shots, bench.overhead, bench, product)
     off_m = holes_off_m(bench.overhead, fit.setup, bench, product) if fit.images else math.inf
-    return Calibrated(fit, off_m, trouble(fit, FRAMES, bench, product) or _far(bench.overhead, fit))
+    found = trouble(fit, FRAMES, bench, product) or _far(bench.overhead, fit)
+    if not found and too_few_holes(fit, product):
+        found = f"{fit.holes // FRAMES} of {len(product.bracket.holes_m)} holes are seen; all of them must be empty"
+    return Calibrated(fit, off_m, found)
 
 
 def calibrate_wrist(

@@ -20,7 +20,7 @@ from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
 from cell.settings import DetectorSettings
 from learned.calibration.check import WORLD
-from learned.calibration.solve import Shot, fit_camera, holes_off_m
+from learned.calibration.solve import Shot, fit_camera, fit_over_empty_plate, holes_off_m
 from learned.holes.dataset import Plate, load_plates
 from learned.holes.evaluate import HoleFindings, evaluate_holes
 from learned.holes.reader import VOTES, Reading
@@ -194,7 +194,7 @@ def calibrated_bench(configuration: Configuration, product: Product, seed: int, 
         exposure = Exposure(name, number, 0.0, world.camera_pose(name), (visible_poses(world.data),))
         return Shot(photographer.take(exposure).image, base)
 
-    overhead = fit_camera([shot("overhead", 0, WORLD)], bench.overhead, bench, product)
+    overhead = fit_over_empty_plate([shot("overhead", 0, WORLD)], bench.overhead, bench, product)
     shots = []
     for number, joints in enumerate(wrist_views(bench, product, MotionPlanner(product, bench, configuration.motion))):
         world.set_arm(joints)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product as product_of
 
 import cv2
 import numpy as np
@@ -22,6 +23,8 @@ EDGE_PX, HOLE_PX = 1.0, 0.3  # standard deviations of sightings; points of one e
 HUBER = 2.5  # in those
 ROUNDS = 12
 LEAST_EDGES = 12  # points of edges that an image needs
+START_RAD = 0.02  # of turns about both axes of the view, from which the holes of an empty plate are looked for
+LEAST_HOLES = 0.5  # of an empty plate's holes must be seen
 
 
 @dataclass(frozen=True)
@@ -50,10 +53,16 @@ class Fit:
     images: int
 
 
-def fit_camera(shots: Sequence[Shot], setup: CameraSetup, bench: Bench, product: Product) -> Fit:
-    """The camera under which the plate is where the images show it, as near to the believed one as they allow."""
+def fit_camera(
+    shots: Sequence[Shot], setup: CameraSetup, bench: Bench, product: Product, start: Array | None = None
+) -> Fit:
+    """The camera under which the plate is where the images show it, as near to the believed one as they allow.
+
+    Args:
+        start: where the search begins, as PRIOR counts it; at the believed camera by default.
+    """
     plate = PlateModel.of(bench, product)
-    values = np.zeros(len(PRIOR))
+    values = np.zeros(len(PRIOR)) if start is None else start
     seen: list[tuple[Shot, Sighting]] = []
     for reach_m in REACHES_M:
         camera, mount = _camera(setup, values)
@@ -74,6 +83,28 @@ def fit_camera(shots: Sequence[Shot], setup: CameraSetup, bench: Bench, product:
     rms = float(np.sqrt(np.mean(np.concatenate(off) ** 2))) if off else math.inf
     edges, holes = (sum(getattr(each, name) for _, each in seen) for name in ("edges", "holes"))
     return Fit(found_setup, rms, edges, holes, len(seen))
+
+
+def fit_over_empty_plate(shots: Sequence[Shot], setup: CameraSetup, bench: Bench, product: Product) -> Fit:
+    """As `fit_camera`, where every hole is empty: then a camera that hangs far off is found, too, by the holes.
+
+    One that sees the plate further off than the search reaches takes other lines for the plate's edges, and fits them
+    well. So the search begins at other turns of the camera, too, and the fit that sees most holes counts.
+    """
+    wanted = len(product.bracket.holes_m) * len(shots)
+    best = fit_camera(shots, setup, bench, product)
+    for turns in product_of((0.0, START_RAD, -START_RAD), repeat=2):
+        if best.holes == wanted:
+            break
+        start = np.zeros(len(PRIOR))
+        start[3:5] = turns
+        best = max(best, fit_camera(shots, setup, bench, product, start), key=lambda fit: (fit.holes, fit.edges))
+    return best
+
+
+def too_few_holes(fit: Fit, product: Product) -> bool:
+    """Whether a fit over an empty plate sees so few holes that it may be a fit of something else."""
+    return fit.holes < LEAST_HOLES * len(product.bracket.holes_m) * max(1, fit.images)
 
 
 def holes_off_m(believed: CameraSetup, found: CameraSetup, bench: Bench, product: Product) -> float:

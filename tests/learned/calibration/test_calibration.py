@@ -14,7 +14,8 @@ from cell.interfaces.bench import Calibration, CameraCalibration, CameraSetup, M
 from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
 from learned.calibration.check import EVERY_S, LOOKS, WORLD, CalibrationCheck, TrayCheck, trouble
-from learned.calibration.solve import Shot, fit_camera, holes_off_m
+from learned.calibration.landmarks import PlateModel
+from learned.calibration.solve import Shot, fit_camera, fit_over_empty_plate, holes_off_m, too_few_holes
 from learned.calibration.tray import tray_off_m
 from sim.data.sight import true_camera
 from sim.look import Look, MountError, Mounts
@@ -48,6 +49,29 @@ def test_a_camera_a_centimetre_and_a_degree_off_is_found_to_a_millimetre_and_a_h
     assert holes_off_m(BENCH.overhead, true, BENCH, PRODUCT) > 0.008
     assert holes_off_m(fit.setup, true, BENCH, PRODUCT) < 0.0015
     assert trouble(fit, 1, BENCH, PRODUCT) == ""
+
+
+@pytest.mark.parametrize("azimuth_rad", [-2.0, 0.0, 1.5])
+def test_a_camera_that_hangs_further_off_than_the_search_reaches_is_found_by_the_empty_holes(
+    azimuth_rad: float,
+) -> None:
+    far = MountError(shift_m=0.015, shift_azimuth_rad=azimuth_rad, turn_rad=0.021, turn_azimuth_rad=azimuth_rad + 1.6)
+    frame, true = seen(far)
+    fit = fit_over_empty_plate([Shot(frame.image, WORLD)], BENCH.overhead, BENCH, PRODUCT)
+    assert holes_off_m(BENCH.overhead, true, BENCH, PRODUCT) > 0.03
+    assert holes_off_m(fit.setup, true, BENCH, PRODUCT) < 0.0015
+    assert not too_few_holes(fit, PRODUCT)
+
+
+def test_a_plate_whose_holes_are_not_seen_is_no_empty_one() -> None:
+    frame, _ = seen(MountError())
+    image = frame.image.copy()
+    for column, row in BENCH.overhead.model.project(
+        BENCH.overhead.mount.pose, PlateModel.of(BENCH, PRODUCT).holes_m
+    ).round():
+        image[int(row) - 6 : int(row) + 7, int(column) - 6 : int(column) + 7] = 110
+    fit = fit_over_empty_plate([Shot(image, WORLD)], BENCH.overhead, BENCH, PRODUCT)
+    assert too_few_holes(fit, PRODUCT)
 
 
 def test_an_image_without_a_plate_calibrates_nothing() -> None:

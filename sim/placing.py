@@ -39,7 +39,8 @@ class Placing:
         self._tries = dict.fromkeys(wanted, 0)
         self._mistakes: dict[str, str] = {}  # body in the wrong hole by position
         self._unnoticed: dict[str, str] = {}  # as long as nobody tells the person
-        self._origins_m: dict[str, Array] = {}
+        self._origins_m: dict[str, Array] = {}  # of parts that this person took
+        self._passed: dict[str, str] = {}  # body of the robot's wrong part by position, that is overlooked
 
     def possible(self, position: str) -> bool:
         """Whether there is something to do at a position that the person can do."""
@@ -72,6 +73,18 @@ class Placing:
         """Whether a position has its part, as it should sit."""
         seen = self._sight.in_hole(position)
         return seen is not None and seen.part == self._wanted[position] and self._sight.seated(seen, position)
+
+    def noticed(self, position: str) -> bool:
+        """Whether the robot placed something that does not belong there, and the person sees it and can take it out."""
+        seen = self._sight.in_hole(position)
+        if seen is None or seen.part == self._wanted[position] or seen.body in self._origins_m:
+            return False
+        if self._passed.get(position) == seen.body or not _graspable(seen) or not self._sight.arm_parked:
+            return False
+        if self._happens(self._person.lapses.overlooks):
+            self._passed[position] = seen.body
+            return False
+        return True
 
     def _overlooked(self, position: str) -> bool:
         seen = self._sight.in_hole(position)

@@ -185,6 +185,7 @@ class Worker:
             if self._errands is not None:
                 yield from self._errands.tidy_up()
             yield from self._let_robot_work()
+            yield from self._correct_robot()
             position = self._next_position()
             if position is None:
                 yield from self._go_to_rest()
@@ -268,6 +269,14 @@ class Worker:
         if wrong:
             yield from self._go_to_rest()
         return bool(wrong)
+
+    def _correct_robot(self) -> Script:
+        """Take out what the robot placed and what does not belong there, where it is noticed."""
+        for position in self._order:
+            if self._placing.noticed(position):
+                self.done = False
+                yield from self._placing.take_away(position)
+                yield from self._go_to_rest()
 
     def _take_brought(self) -> Generator[None, None, bool]:
         """Put what the robot laid before the bracket into its hole; returns whether nothing of it is left there."""

@@ -80,7 +80,7 @@ class Guard:
             may_ask: somebody is there who answers: a doubt about the goal is asked instead of acted on.
         """
         if state.told_goal is None and self._contradicted(plan.goal, state):
-            return Verdict("ask", f"this was taken for {plan.goal}, and a person says that something else is right")
+            return Verdict("ask", f"this was taken for {plan.goal}, and a person showed that it is another")
         if position in state.placed:
             return Verdict("wait", f"{position} already holds {state.placed[position]}")
         if self._remaining(state)[part] <= 0:
@@ -111,7 +111,7 @@ class Guard:
         """Whether a person should say which goal is built: it looks like none, or the first act would be a guess.
 
         So it is where what is placed fits no known goal, and none is so probable that something must be wrong; and
-        where a person said that something is right which the most probable goal has otherwise.
+        where a person showed that it is not the most probable one, see AssemblyState.
         """
         unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
         if state.told_goal is not None:
@@ -126,9 +126,12 @@ class Guard:
         return max(plan.next_belief.values(), default=0.0) >= self._settings.act_probability
 
     def fits_none(self, state: AssemblyState) -> bool:
-        """Whether no known goal has every placed part where it is."""
+        """Whether no known goal has every placed part where it is, and nothing that was taken out again."""
         wanted = map(self._product.goal_placements, self._product.goals)
-        return not any(all(goal.get(at) == part for at, part in state.placed.items()) for goal in wanted)
+        return not any(
+            all(goal.get(at) == part for at, part in state.placed.items()) and not _has_taken_out(goal, state)
+            for goal in wanted
+        )
 
     def sure_goal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
         """The goal that a person told, or that is probable enough to act on; None where it is none that is known."""
@@ -139,11 +142,13 @@ class Guard:
         return goal if sure and goal in self._product.goals else None
 
     def _contradicted(self, goal: str, state: AssemblyState) -> bool:
-        """Whether a person said that something is right which this goal has otherwise."""
+        """Whether a person showed that it is another: by a word, or by taking out what the robot placed."""
         if goal not in self._product.goals:
             return False
         wanted = self._product.goal_placements(goal)
-        return any(wanted[position] != part for position, part in state.confirmed.items())
+        right = {at: part for at, part in state.confirmed.items() if state.placed.get(at, part) == part}
+        otherwise = any(wanted[position] != part for position, part in right.items())
+        return otherwise or _has_taken_out(wanted, state)
 
     def _doubts(self, unknown: float, best: float) -> bool:
         """Whether to ask rather than act: it may be none of the known goals, or another one of many."""
@@ -187,6 +192,11 @@ class Guard:
             if len(set(positions)) != len(positions) or len(positions) > max(remaining[part], 0):
                 return f"plan for {part} names {list(positions)}, but {remaining[part]} remain"
         return None
+
+
+def _has_taken_out(wanted: Mapping[str, str], state: AssemblyState) -> bool:
+    """Whether a goal has something where a person took it out again."""
+    return any(wanted.get(position) == part for position, part in state.taken_out.items())
 
 
 def _is_probability(value: float) -> bool:

@@ -14,7 +14,8 @@ class LeftOff:
     """What a controller knew that no camera sees, when it was gone.
 
     Attributes:
-        placed, told_goal, kept, known_wrong, told_parts: as in AssemblyState, of the bracket that was worked on.
+        placed, told_goal, kept, known_wrong, told_parts, taken_out: as in AssemblyState, of the bracket that was worked
+            on.
         bracket: number of the last bracket that was begun; 0 outside of a shift.
         ended: that bracket was ended.
         held_part: type of the part that was picked last; whether it is still held, the gripper tells.
@@ -30,6 +31,7 @@ class LeftOff:
     kept: Mapping[str, str | None] = field(default_factory=dict)
     known_wrong: Mapping[str, str | None] = field(default_factory=dict)
     told_parts: Mapping[str, str] = field(default_factory=dict)
+    taken_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def state(self) -> AssemblyState:
@@ -42,6 +44,7 @@ class LeftOff:
             kept=self.kept,
             known_wrong=self.known_wrong,
             told_parts=self.told_parts,
+            taken_out=self.taken_out,
         )
 
     @property

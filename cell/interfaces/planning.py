@@ -37,6 +37,8 @@ class AssemblyState:
         kept: part type by position, of what looks wrong and stays as it is: it is not asked about again.
         known_wrong: of these, what nobody said is right.
         told_parts: part type by position, where a person said that it goes, of a product that nobody knows.
+        by_robot: part type by position, of what the robot placed.
+        taken_out: of that, what a person took out again: it does not belong there.
     """
 
     placed: Mapping[str, str]
@@ -45,6 +47,15 @@ class AssemblyState:
     kept: Mapping[str, str | None] = field(default_factory=dict)
     known_wrong: Mapping[str, str | None] = field(default_factory=dict)
     told_parts: Mapping[str, str] = field(default_factory=dict)
+    by_robot: Mapping[str, str] = field(default_factory=dict)
+    taken_out: Mapping[str, str] = field(default_factory=dict)
+
+    def seen(self, placed: Mapping[str, str]) -> AssemblyState:
+        """The state where the holes show this, part type by position; notices what was taken out."""
+        gone = {at: part for at, part in self.by_robot.items() if at in self.placed and placed.get(at) != part}
+        by_robot = {at: part for at, part in self.by_robot.items() if at not in gone}
+        taken_out = {at: part for at, part in {**self.taken_out, **gone}.items() if placed.get(at) != part}
+        return replace(self, placed=placed, by_robot=by_robot, taken_out=taken_out)
 
     @property
     def confirmed(self) -> Mapping[str, str]:

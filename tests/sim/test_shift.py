@@ -41,6 +41,16 @@ def cell() -> Iterator[SimCell]:
     made.close()
 
 
+@pytest.fixture
+def blind() -> Iterator[SimCell]:
+    """With a person who overlooks what is wrong."""
+    overlooks = Person(shift=QUICK, lapses=Person().lapses.model_copy(update={"overlooks": 1.0}))
+    settings = SETTINGS.model_copy(update={"person": overlooks})
+    made = SimCell(product(), bench(), settings, "virtual", "blind shift test", 5, "g1", rendered=False)
+    yield made
+    made.close()
+
+
 def person(cell: SimCell) -> Worker:
     assert cell.worker is not None
     return cell.worker
@@ -107,7 +117,8 @@ def test_help_sets_the_part_into_the_tray_and_says_so(cell: SimCell) -> None:
     assert in_tray(cell)["o3"] == 1
 
 
-def test_a_wrong_part_that_the_cell_tells_of_is_taken_out_and_what_is_right_is_said_to_be(cell: SimCell) -> None:
+def test_a_wrong_part_that_the_cell_tells_of_is_taken_out_and_what_is_right_is_said_to_be(blind: SimCell) -> None:
+    cell = blind
     body = next(body for body in cell.world.bodies if body.part == "o3" and body.owner == "robot")
     x, y = product().bracket.holes_m["p2"]
     cell.world.place(body, bench().bracket.pose @ Pose((x, y, 0.0)))
@@ -132,6 +143,19 @@ def test_where_a_part_goes_is_told_by_what_is_built_unless_the_person_has_such_a
     person(cell).show(Display())
     person(cell).show(Display(questions=(replace(WHERE, number=8),)))
     assert answered(cell) == [OperatorOrder("answer", right, 8)]
+
+
+@pytest.mark.parametrize("inattentive", [False, True])
+def test_a_wrong_part_of_the_robot_is_taken_out_where_it_is_noticed(
+    cell: SimCell, blind: SimCell, inattentive: bool
+) -> None:
+    cell = blind if inattentive else cell
+    body = next(body for body in cell.world.bodies if body.part == "o3" and body.owner == "robot")
+    x, y = product().bracket.holes_m["p2"]
+    cell.world.place(body, bench().bracket.pose @ Pose((x, y, 0.0)))
+    settle(cell, cell.world.time_s + 6.0)
+    taken = [act.fields for act in person(cell).acts if act.fields.get("act") == "take away"]
+    assert taken == ([] if inattentive else [{"act": "take away", "part": "o3", "position": "p2"}])
 
 
 def test_a_trouble_that_waits_for_somebody_is_acknowledged_again_and_again_until_it_is_gone(cell: SimCell) -> None:

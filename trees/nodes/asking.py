@@ -190,6 +190,8 @@ class AskWhichGoal(Asks):
         reason = f"I am not sure that this is {plan.goal}: a product that I do not know has probability {unknown:.2f}"
         if plan.goal == UNKNOWN_GOAL:
             reason = "this looks like no product that I know"
+        elif state.taken_out:
+            reason = f"I took this for {plan.goal}, and what I placed was taken out again"
         elif services.guard.fits_none(state):
             reason = "what is in the bracket fits no product that I know"
         self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))

@@ -37,7 +37,10 @@ class LookAtTray(CellNode):
 
 
 class FindPart(CellNode):
-    """Choose among the seen parts of the required type the one that is easiest to get at (Alg. 2 line 3)."""
+    """Choose among the seen parts of the required type the one that is easiest to get at (Alg. 2 line 3).
+
+    One that slipped out of the fingers, or that these could not get at, comes after the others.
+    """
 
     part = InputPort(Part, "required type")
     parts = InputPort(PartsView, "parts seen in the tray")
@@ -51,7 +54,8 @@ class FindPart(CellNode):
             self.services.failed(f"there is no {self.services.product.title(part)} in the tray")
             return Status.FAILURE
         plans = {i: self.services.solve(parts, i) for i in candidates}
-        self.index.set(min(candidates, key=lambda i: (plans[i].needs_help, -plans[i].graspable)))
+        vain = {i: self.services.tried_in_vain(parts.detections[i]) for i in candidates}
+        self.index.set(min(candidates, key=lambda i: (plans[i].needs_help, vain[i], -plans[i].graspable)))
         return Status.SUCCESS
 
 

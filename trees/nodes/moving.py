@@ -105,7 +105,7 @@ class PickPart(SkillNode):
 
         services, parts = self.services, self.parts.get()
         part, others = part_and_others(parts, self.index.get())
-        services.held_part, services.tray_parts = part.part, others
+        services.held_part, services.tray_parts, self._target = part.part, others, part
         services.tray_seen_s, self._seen_s = None, parts.time_s  # known again once the part is held
         return Pick(services.motion, part, services.standing)
 
@@ -113,6 +113,8 @@ class PickPart(SkillNode):
         status = super().update()
         if status is Status.SUCCESS:
             self.services.tray_seen_s = self._seen_s
+        elif status is Status.FAILURE:
+            self.services.failed_at(self._target)
         return status
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from py_trees.common import Status
 
 from cell.interfaces.planning import AssemblyState
@@ -61,7 +63,9 @@ class RecordPlacement(CellNode):
 
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()
-        self.state.set(self.state.get().with_placement(part, position))
+        state = self.state.get()
+        by_robot = {**state.by_robot, position: part}
+        self.state.set(replace(state.with_placement(part, position), by_robot=by_robot))
         self.services.show(message=f"placed {part} at {position}")
         self.services.journal.note("belief", edge=[part, position], source="robot")
         return Status.SUCCESS

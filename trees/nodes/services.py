@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -28,6 +29,7 @@ from trees.nodes.files import Files, WorkingFolder
 if TYPE_CHECKING:
     from skills.planner import MotionPlanner
 
+IN_VAIN_N, SAME_SPOT_M = 12, 0.015  # failed grasps that are remembered; parts so near to each other are the same
 GRASPABLE = 0.5  # probability from which a plan says that a part can be grasped
 
 
@@ -48,6 +50,7 @@ class Services:
         learn: tells the planners how a bracket was finished, so that they know its goal from then on.
         left_off: what a run that was broken off knew, until this one has gone on with it; None for a new beginning.
         brackets: how many were begun in this run.
+        in_vain: parts as they were seen when a grasp failed, the newest last.
         tray_seen_s: when that was seen; None where it is not known, as something else was moved or a grasp failed.
     """
 
@@ -73,6 +76,7 @@ class Services:
     learn: Callable[[Services, tuple[str, ...]], str | None] = lambda *_: None
     left_off: LeftOff | None = None
     brackets: int = 0
+    in_vain: tuple[PartDetection, ...] = ()
     _asked: int = 0
     tray_seen_s: float | None = None
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
@@ -110,6 +114,14 @@ class Services:
         """Note why a part could not be had; who asks for help tells it."""
         count = self.reasons.pop(reason, 0)
         self.reasons[reason] = count + 1
+
+    def failed_at(self, part: PartDetection) -> None:
+        """Note that this part could not be grasped."""
+        self.in_vain = (*self.in_vain, part)[-IN_VAIN_N:]
+
+    def tried_in_vain(self, part: PartDetection) -> int:
+        """How often such a part could not be grasped where this one stands."""
+        return sum(one.part == part.part and _near(one, part) for one in self.in_vain)
 
     def infer(self, state: AssemblyState) -> AssemblyPlan:
         """The chosen planner's answer if the guard lets it pass, else the rule-based planner's."""
@@ -175,6 +187,11 @@ class Services:
         if (part, position) not in self._reachable:
             self._reachable[part, position] = can_place(self.motion, part, position)
         return self._reachable[part, position]
+
+
+def _near(one: PartDetection, other: PartDetection) -> bool:
+    ours, theirs = one.world_from_part.position_m, other.world_from_part.position_m
+    return math.dist(ours[:2], theirs[:2]) < SAME_SPOT_M
 
 
 class CellNode(Node):

@@ -129,7 +129,10 @@ class ReconcileGraph(CellNode):
         if placed != dict(state.placed):
             self.services.show(help_request=None)
         if placed != dict(state.placed) or doubts != dict(state.doubts):
-            self.state.set(replace(state, placed=placed, doubts=doubts))
+            now = replace(state.seen(placed), doubts=doubts)
+            if now.taken_out != state.taken_out:
+                self.services.journal.note("belief", taken_out=dict(now.taken_out))
+            self.state.set(now)
         return Status.SUCCESS
 
     def _hear(self, action: Action | None) -> None:

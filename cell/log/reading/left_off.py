@@ -72,6 +72,8 @@ def _after(left: LeftOff, topic: str, fields: dict[str, Any], product: Product) 
     if topic == "belief" and "told_part" in fields:
         part, position = fields["told_part"]
         return replace(left, told_parts={**left.told_parts, position: part})
+    if topic == "belief" and "taken_out" in fields:
+        return replace(left, taken_out=fields["taken_out"])
     if topic == "belief" and "kept" in fields:
         wrong = fields["kept"] if fields["known_wrong"] else {}
         return replace(left, kept={**left.kept, **fields["kept"]}, known_wrong={**left.known_wrong, **wrong})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from py_trees.common import Status
@@ -11,6 +12,7 @@ from cell.interfaces.errors import ModelError
 from cell.interfaces.journal import ListJournal
 from cell.interfaces.perception import Action, HandSample, HoleView
 from cell.interfaces.planning import AssemblyState, GraspPlan
+from cell.interfaces.pose import Pose
 from tests.trees.nodes.rig import (
     BENCH,
     EMPTY_HOLES,
@@ -28,6 +30,7 @@ from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, Loo
 from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear, WaitForHandClearOfPart
 from trees.nodes.planning import ChoosePosition, InferGoal
 from trees.nodes.watching import SeenAction
+from trees.testing import alone
 
 FREE = GraspPlan(0.9, (), False, "grasp")
 BLOCKED = GraspPlan(0.1, (2,), False, "move c")
@@ -160,6 +163,21 @@ def test_the_easiest_part_of_the_required_type_is_found() -> None:
         node.part.entry.value = part  # type: ignore[union-attr]
         assert node.update() is expected
     assert node.index.entry.value == 1  # type: ignore[union-attr]
+
+
+def test_a_part_that_slipped_out_of_the_fingers_comes_after_the_others() -> None:
+    at = services(grasp=ScriptedGrasps({0: FREE, 1: FREE, 2: FREE}))
+    node: Any = alone(FindPart("find"), at, part="o1", parts=seen_parts("o1", "o1", "o2"))
+    assert node.execute() is Status.SUCCESS
+    assert node.index.entry.value == 0
+    slipped = seen_parts("o1").detections[0]
+    at.failed_at(replace(slipped, world_from_part=Pose((0.407, -0.403, 0.016))))
+    node.execute()
+    assert node.index.entry.value == 1
+    for _ in range(3):
+        at.failed_at(seen_parts("o1", "o1").detections[1])
+    node.execute()
+    assert node.index.entry.value == 0, "it is tried again where the others failed more often"
 
 
 def test_a_blocked_part_is_decoded_to_its_blocker_and_help_fails() -> None:

@@ -13,8 +13,10 @@ from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, OperatorOrder, Operat
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
+from trees.nodes.asking import AskWhichGoal
 from trees.nodes.mending import AskToMend, AwaitMisfit, AwaitMistake, BracketIsRight, LeaveMistake, Mistake, reason_of
 from trees.nodes.services import Services
+from trees.nodes.watching import ReconcileGraph
 from trees.testing import alone
 
 G1 = PRODUCT.goal_placements("g1")
@@ -235,6 +237,35 @@ def test_what_is_said_to_be_right_rules_out_the_goal_that_has_it_otherwise() -> 
     held = next(iter(plan.next_belief))
     assert to.guard.judge(plan, state, EMPTY_HOLES, *held, True).decision == "ask"
     assert to.guard.sure_goal(plan, replace(state, told_goal="g1")) == "g1", "what is told counts more"
+
+
+def test_what_the_robot_placed_and_a_person_took_out_rules_out_the_goal_that_has_it() -> None:
+    to = services()
+    to.observation = replace(to.observation, operator=OperatorState(present=True))
+    plan = replace(SURE, goal_belief={"g0": 0.0, "g1": 1.0, "g2": 0.0, UNKNOWN_GOAL: 0.0})
+    state = AssemblyState({P1: G1[P1], P2: G1[P2]}, by_robot={P2: G1[P2]})
+    reconcile: Any = alone(ReconcileGraph("reconcile"), to, state=state)
+    for time_s in (0.0, 1.0, 2.0):
+        shows(to, time_s, {P1: G1[P1]})
+        reconcile.execute()
+    gone = reconcile.state.get()
+    assert (gone.placed, gone.taken_out, gone.by_robot) == ({P1: G1[P1]}, {P2: G1[P2]}, {})
+    assert to.guard.sure_goal(plan, state) == "g1"
+    assert to.guard.sure_goal(plan, gone) is None
+    assert to.guard.fits_none(gone)
+    assert to.guard.judge(plan, gone, EMPTY_HOLES, G1[P2], P2, True).decision == "ask"
+    node: Any = alone(AskWhichGoal("ask"), to, plan=plan, state=gone)
+    assert node.execute() is Status.RUNNING
+    assert to.display.questions[0].reason == "I took this for g1, and what I placed was taken out again"
+    for time_s in (3.0, 4.0, 5.0):
+        shows(to, time_s, {P1: G1[P1], P2: G1[P2]})
+        reconcile.execute()
+    assert not reconcile.state.get().taken_out, "it was put back"
+    own: Any = alone(ReconcileGraph("reconcile"), to, state=replace(state, by_robot={}))
+    for time_s in (6.0, 7.0, 8.0):
+        shows(to, time_s, {P1: G1[P1]})
+        own.execute()
+    assert not own.state.get().taken_out, "people may take back what they placed themselves"
 
 
 def test_what_nobody_mends_is_known_to_be_wrong() -> None:

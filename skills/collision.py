@@ -190,8 +190,9 @@ def standing_boxes(product: Product, bench: Bench) -> tuple[Box, ...]:
 
 
 def part_box(part: PartDetection, product: Product, name: str) -> Box:
-    """A seen part that stands on its peg, as one box down to the floor."""
-    return body_box(name, part.world_from_part, part.size_m, product.parts[part.part].peg_length_m)
+    """A seen part that stands on its peg, as one box down to the floor; what lies is a box on it already."""
+    below_m = product.parts[part.part].peg_length_m if part.upright else 0.0
+    return body_box(name, part.world_from_part, part.size_m, below_m)
 
 
 def body_box(name: str, pose: Pose, size_m: tuple[float, float, float], below_m: float = 0.0) -> Box:

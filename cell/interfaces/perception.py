@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
@@ -236,7 +237,8 @@ class PartsView:
 
     Attributes:
         detections: parts that stand.
-        others: parts that lie and things of no type ("unknown"), as far as the detector tells them.
+        others: parts that lie and things of no type ("unknown"), as far as the detector tells them, each as an upright
+            box on the floor that holds what is seen of it.
         calibration: what is wrong with the camera's calibration, in words; empty where nothing is known to be.
     """
 
@@ -245,6 +247,11 @@ class PartsView:
     detections: tuple[PartDetection, ...]
     others: tuple[PartDetection, ...] = ()
     calibration: str = ""
+
+    @cached_property
+    def seen(self) -> tuple[PartDetection, ...]:
+        """All that stands or lies in the tray; what stands comes first, by the same numbers as in `detections`."""
+        return self.detections + self.others
 
 
 class HandTracker(Protocol):

@@ -59,9 +59,9 @@ def boxes_of(parts: Sequence[PartDetection], product: Product) -> Boxes:
     """The boxes that a detector saw.
 
     Raises:
-        ModelError: a detection names a type that the product does not have.
+        ModelError: something stands that is of no type of the product.
     """
-    if unknown := sorted({part.part for part in parts} - set(product.parts)):
+    if unknown := sorted({part.part for part in parts if part.upright} - set(product.parts)):
         raise ModelError(f"detections of unknown part types {unknown}; the product has {list(product.parts)}")
     position = np.array([part.world_from_part.position_m for part in parts])
     return Boxes(

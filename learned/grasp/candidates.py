@@ -5,11 +5,13 @@ Where beside the middle is said in cell/interfaces/grasping.py, to these and to 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, Protocol
 
 import numpy as np
 
 from cell.interfaces.grasping import held_off_middle, places_m
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 from cell.interfaces.product import PartType, Product
 from learned.grasp.boxes import Blocks, Boxes
@@ -107,6 +109,12 @@ def mark_missing(blocks: Blocks, exists: Blocks) -> Blocks:
     own = np.eye(len(blocks), dtype=bool)[:, None]
     marked: Blocks = np.where(exists[..., None], blocks & ~own, own)
     return marked
+
+
+def fixed(blocks: Blocks, parts: Sequence[PartDetection]) -> Blocks:
+    """The blocks where what does not stand is in the way of others and cannot be grasped itself."""
+    standing = np.array([part.upright for part in parts])
+    return mark_missing(blocks, ~blocks[np.arange(len(blocks)), :, np.arange(len(blocks))] & standing[:, None])
 
 
 def as_headed(blocks: Blocks, boxes: Boxes, seen: Boxes) -> Blocks:

@@ -17,13 +17,14 @@ from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of
-from learned.grasp.candidates import available, middle_alone
+from learned.grasp.candidates import available, fixed, middle_alone
 from learned.grasp.crops import EMBEDDING
 from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
 from learned.grasp.language import decode, words_of
 from learned.grasp.pairs import near_pairs, pair_features
+from learned.grasp.physics import touching
 from learned.grasp.rule import RulePlanner
-from learned.grasp.settings import DetectionNoise, GripperOutline
+from learned.grasp.settings import WITH_MARGINS, DetectionNoise, GripperOutline
 from learned.grasp.solution import Solution, nearest_first, solve
 from learned.onnx_model import Network, OnnxModel
 
@@ -91,13 +92,26 @@ class PairwisePlanner:
     def _judge(self, parts: tuple[PartDetection, ...]) -> _View:
         """Who blocks whom; a candidate is free by the noisy-or of all its possible blockers."""
         boxes = boxes_of(parts, self._product)
-        chance = self._blocking_chance(boxes)
+        standing = [number for number, part in enumerate(parts) if part.upright]
+        chance = self._blocking_chance(boxes.take(standing))
+        if len(standing) < len(parts):
+            chance = self._among_obstacles(parts, boxes, standing, chance)
         free = np.prod(1.0 - chance, axis=-1)
         blocks = chance >= 0.5
         # Several doubtful blockers can add up to a blocked candidate: then the likeliest one is named.
         doubtful = np.nonzero((free < 0.5) & ~blocks.any(axis=-1))
         blocks[(*doubtful, chance[doubtful].argmax(axis=-1))] = True
         return _View(parts, boxes, blocks, free.max(axis=-1))
+
+    def _among_obstacles(
+        self, parts: tuple[PartDetection, ...], boxes: Boxes, standing: list[int], chance: Array
+    ) -> Array:
+        """The chances of all, where what does not stand is in the way by geometry, and cannot be grasped."""
+        margins = self._outline.model_copy(update=WITH_MARGINS.model_dump(exclude={"one_way", "middle_alone"}))
+        every: Array = fixed(touching(boxes, margins), parts).astype(float)
+        part, candidate, neighbour = np.ix_(standing, range(every.shape[1]), standing)
+        every[part, candidate, neighbour] = chance
+        return every
 
     def _blocking_chance(self, boxes: Boxes) -> Array:
         """(n, candidates, n): probability that j blocks a candidate of i; 1 for i itself where there is none."""
@@ -183,6 +197,8 @@ class PaperPlanner:
         return Solution(moved, solution.needs_help).plan(graspable)
 
     def _graph(self, parts: tuple[PartDetection, ...], required: tuple[int, ...]) -> SceneGraph:
+        if not all(part.upright for part in parts):
+            raise ModelError("the paper's planner knows parts that stand, and something lies in the tray")
         return scene_graph(parts, required, self._product, self._edges, self._filter_m, self._crops)
 
 

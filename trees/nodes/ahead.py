@@ -164,7 +164,9 @@ class RecallTray(CellNode):
         if services.observation.time_s - services.tray_seen_s > self.oldest_s.get():
             self.feedback_message = "the last look is too long ago"
             return Status.FAILURE
-        self.parts.set(PartsView(-1, services.tray_seen_s, services.tray_parts))
+        standing = tuple(part for part in services.tray_parts if part.upright)
+        lying = tuple(part for part in services.tray_parts if not part.upright)
+        self.parts.set(PartsView(-1, services.tray_seen_s, standing, lying))
         self.feedback_message = " ".join(part.part for part in services.tray_parts) or "nothing"
         return Status.SUCCESS
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 from py_trees.common import Status
 
 from cell.interfaces.perception import PartDetection, PartsView
@@ -28,8 +31,9 @@ class LookAtTray(CellNode):
         view = observation.parts
         if view is not None and view.time_s > self._asked_s:
             self.parts.set(view)
-            self.services.tray_parts, self.services.tray_seen_s = view.detections, view.time_s
-            self.feedback_message = "sees " + (" ".join(part.part for part in view.detections) or "nothing")
+            self.services.tray_parts, self.services.tray_seen_s = view.seen, view.time_s
+            lying = "".join(f", {part.part} on its side" for part in view.others)
+            self.feedback_message = "sees " + (" ".join(part.part for part in view.detections) or "nothing") + lying
             return Status.SUCCESS
         self.feedback_message = "waiting for the detector"
         late = observation.time_s - self._asked_s > self.timeout_s.get()
@@ -51,7 +55,11 @@ class FindPart(CellNode):
         candidates = [i for i, seen in enumerate(parts.detections) if seen.part == part]
         if not candidates:
             self.feedback_message = f"no {part} in the tray"
-            self.services.failed(f"there is no {self.services.product.title(part)} in the tray")
+            lies = any(seen.part == part for seen in parts.others)
+            title = self.services.product.title(part)
+            self.services.failed(
+                f"the {title} lies on its side, as far as I see" if lies else f"there is no {title} in the tray"
+            )
             return Status.FAILURE
         plans = {i: self.services.solve(parts, i) for i in candidates}
         vain = {i: self.services.tried_in_vain(parts.detections[i]) for i in candidates}
@@ -93,16 +101,27 @@ class DecodeSolution(CellNode):
     def _why(self, parts: PartsView, index: int) -> str:
         title = self.services.product.title(part_and_others(parts, index)[0].part)
         why = self.services.why_not_graspable(parts, index) or "what stands around it cannot be moved away"
-        return f"the {title} cannot be taken: {why.partition(': ')[2] or why}"
+        lying = self._lying_in_the_way(parts, index)
+        return f"the {title} cannot be taken: {lying or why.partition(': ')[2] or why}"
+
+    def _lying_in_the_way(self, parts: PartsView, index: int) -> str:
+        """What lies nearest to a part that could be taken if nothing lay there."""
+        if not parts.others or self.services.why_not_graspable(replace(parts, others=()), index) is not None:
+            return ""
+        place = parts.detections[index].world_from_part.position_m[:2]
+        near = min(parts.others, key=lambda one: math.dist(one.world_from_part.position_m[:2], place))
+        if near.part not in self.services.product.parts:
+            return "something that I do not know lies in the way"
+        return f"the {self.services.product.title(near.part)} that lies on its side is in the way"
 
 
 def part_and_others(parts: PartsView, index: int) -> tuple[PartDetection, tuple[PartDetection, ...]]:
-    """A seen part by its number, and all others.
+    """A part that stands, by its number, and all others, standing or lying.
 
     Raises:
         NodeError: no seen part has this number.
     """
-    seen = parts.detections
-    if not 0 <= index < len(seen):
-        raise NodeError(f"part number {index} is not among the {len(seen)} seen parts")
+    seen, standing = parts.seen, len(parts.detections)
+    if not 0 <= index < standing:
+        raise NodeError(f"part number {index} is not among the {standing} seen parts")
     return seen[index], seen[:index] + seen[index + 1 :]

@@ -41,7 +41,7 @@ class Services:
         semantic, grasp: the chosen planners, usually learned.
         rule_semantic, rule_grasp: rule-based planners that answer where the chosen ones cannot be used.
         held_part: type of the part that was picked last; whether it is still held, the gripper tells.
-        tray_parts: what stands in the tray as last seen, without what was taken since.
+        tray_parts: what stands or lies in the tray as last seen, without what was taken since.
         files: tables and saved values of the user.
         teach: notes a goal, its name and the part at every position, where goals are kept, and says under which name;
             None where they are kept nowhere.
@@ -149,7 +149,7 @@ class Services:
     def _solution(self, parts: PartsView, required: int) -> GraspPlan:
         for planner in (self.grasp, self.rule_grasp):
             try:
-                plan = planner.plan(parts.detections, required)
+                plan = planner.plan(parts.seen, required)
                 refusal = self._refusal(plan, parts, required)
             except ModelError as error:
                 refusal = str(error)
@@ -171,7 +171,7 @@ class Services:
     def why_not_graspable(self, parts: PartsView, required: int) -> str | None:
         from skills.handling import why_not_graspable
 
-        seen = parts.detections
+        seen = parts.seen
         others = seen[:required] + seen[required + 1 :]
         return why_not_graspable(self.motion, seen[required], others, np.array(self.observation.arm.positions_rad))
 

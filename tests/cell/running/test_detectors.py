@@ -11,7 +11,7 @@ import pytest
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
 from cell.interfaces.bench import Bench, CameraCalibration
 from cell.interfaces.errors import InputError, ModelError, SettingError
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.perception import Frame, HandSample, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.running import detectors
@@ -24,11 +24,16 @@ from cell.running.detectors import (
     check_detectors,
     fitting,
     latency_s,
+    part_finder,
 )
 from cell.settings import LEARNED_KINDS, Perception
 from learned.classical.action_detector import ClassicalActionDetector
 from learned.classical.hand_tracker import ClassicalHandTracker
 from learned.onnx_model import OnnxModel
+from sim.clutter import ScenePart, sample_clutter
+from sim.data.trays import TrayCamera
+from sim.posture import whole
+from sim.settings import ClutterSettings
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
@@ -168,3 +173,34 @@ def test_every_network_that_a_detector_opens_is_one_that_the_log_names(
     assert opened
     assert set(opened) == set(perception.networks(task).values())
     assert Perception(kind="classical").networks(task) == {}
+
+
+def looked_at(scene: tuple[ScenePart, ...]) -> PartsView:
+    """What the default detector finds in an image of a tray."""
+    image, pose = TrayCamera(PRODUCT, BENCH).take([(part.part, part.world_from_part) for part in scene])
+    return part_finder(BENCH, PRODUCT, CONFIGURATION.perception)(Frame("wrist", 0, 0.0, image, pose))
+
+
+@pytest.mark.parametrize("seed", [900, 901, 902])
+def test_what_lies_in_the_tray_is_told_as_a_box_that_holds_it(seed: int) -> None:
+    types, settings = ["o1", "o2", "o3", "o2"], ClutterSettings(lying_share=0.5)
+    scene = sample_clutter(PRODUCT, BENCH.tray, types, np.random.default_rng(seed), settings)
+    view = looked_at(scene)
+    lying = [part for part in scene if part.world_from_part.rotation[2, 2] < 0.9]
+    assert len(view.others) == len(lying) > 0
+    assert view.seen[: len(view.detections)] == view.detections
+    for part in lying:
+        points = [solid.points() for solid in whole(PRODUCT.parts[part.part])]
+        outline = part.world_from_part.transform(np.concatenate(points))
+        middle = (outline.min(axis=0) + outline.max(axis=0)) / 2
+        box = min(view.others, key=lambda one: float(np.hypot(*(one.world_from_part.position_m - middle)[:2])))
+        centre, half = np.array(box.world_from_part.position_m)[:2], np.array(box.size_m)[:2] / 2
+        assert (np.abs(outline[:, :2] - centre) < half + 0.005).all(), "the box lacks more than 5 mm"
+        assert (half < np.ptp(outline[:, :2], axis=0) / 2 + 0.02).all(), "the box is far too large"
+        assert box.world_from_part.position_m[2] + box.size_m[2] > outline[:, 2].max() - 0.004
+
+
+def test_a_tray_in_which_all_stands_has_nothing_that_lies() -> None:
+    for seed in (910, 911):
+        scene = sample_clutter(PRODUCT, BENCH.tray, ["o1", "o2", "o3", "o1"], np.random.default_rng(seed))
+        assert looked_at(scene).others == ()

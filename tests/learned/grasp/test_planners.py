@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from cell.interfaces.errors import ModelError
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
+from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.grasp.evaluate import evaluate_grasp, evaluate_scenes
 from learned.grasp.language import END, MAX_WORDS, MOVE
@@ -229,3 +231,32 @@ def test_words_that_are_no_sentence_are_refused(monkeypatch: pytest.MonkeyPatch)
 def test_planning_never_imports_torch() -> None:
     code = "import sys, learned.grasp.planner, learned.grasp.evaluate; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+def lying(name: str, x_m: float, y_m: float) -> PartDetection:
+    """Something on the floor, 5 cm high, that does not stand."""
+    return PartDetection(name, 0.9, Pose((x_m, y_m, 0.0)), (0.09, 0.05, 0.05), (0, 0, 10, 10), upright=False)
+
+
+@pytest.mark.parametrize("kind", ["pairwise", "rule"])
+@pytest.mark.parametrize("name", ["o3", "unknown"])
+def test_what_lies_is_in_the_way_and_is_never_moved(planner: GraspPlanner, name: str) -> None:
+    part = standing("o2", 0.0, 0.0)
+    ends = 0.5 * (PRODUCT.parts["o2"].size_m[0] + 0.05) + 0.006
+    for far, needs_help in ((0.2, False), (0.0, True)):
+        walls = (lying(name, 0.0, 0.052 + far), lying(name, 0.0, -0.052 - far))
+        ended = (replace(walls[0], world_from_part=Pose.from_yaw((ends + far, 0.0, 0.0), math.pi / 2)),)
+        plan = planner.plan((part, *walls, *ended), 0)
+        assert (plan.needs_help, plan.blockers) == (needs_help, ())
+        assert (plan.graspable >= 0.5) is not needs_help
+
+
+@pytest.mark.parametrize("kind", ["pairwise", "rule"])
+def test_of_two_ways_the_one_that_nothing_lying_bars_is_freed(planner: GraspPlanner) -> None:
+    before = walled("o1", "o3")
+    assert planner.plan(before, 0).graspable >= 0.5, "by its ends"
+    end = 0.5 * (PRODUCT.parts["o1"].size_m[0] + 0.09) + 0.004
+    plan = planner.plan((*before, lying("o2", end, 0.0)), 0)
+    assert plan.graspable < 0.5
+    assert not plan.needs_help
+    assert set(plan.blockers) <= {1, 2}

@@ -10,7 +10,7 @@ from py_trees.common import Status
 
 from cell.interfaces.errors import ModelError
 from cell.interfaces.journal import ListJournal
-from cell.interfaces.perception import Action, HandSample, HoleView
+from cell.interfaces.perception import Action, HandSample, HoleView, PartDetection
 from cell.interfaces.planning import AssemblyState, GraspPlan
 from cell.interfaces.pose import Pose
 from tests.trees.nodes.rig import (
@@ -200,6 +200,43 @@ def test_a_blocked_part_is_decoded_to_its_blocker_and_help_fails() -> None:
 def test_a_number_that_no_part_has_is_a_node_error() -> None:
     with pytest.raises(NodeError, match="part number 4 is not among the 2 seen parts"):
         part_and_others(seen_parts("o1", "o2"), 4)
+
+
+def on_its_side(part: str, x_m: float) -> PartDetection:
+    return PartDetection(part, 0.9, Pose((x_m, -0.4, 0.0)), (0.09, 0.05, 0.05), (0, 0, 1, 1), upright=False)
+
+
+def test_a_type_of_which_all_lie_is_said_to_lie() -> None:
+    view = replace(seen_parts("o1"), others=(on_its_side("o3", 0.6),))
+    for part, said in (("o3", "lies on its side"), ("o2", "there is no")):
+        at = services()
+        node = FindPart("find")
+        node.setup(services=at)
+        node.parts.entry.value, node.part.entry.value = view, part  # type: ignore[union-attr]
+        assert node.update() is Status.FAILURE
+        assert any(said in reason for reason in at.reasons), at.reasons
+
+
+@pytest.mark.parametrize(
+    ("part", "said"), [("o3", "that lies on its side is in the way"), ("unknown", "something that I do not know lies")]
+)
+def test_what_lies_in_the_way_is_named_as_the_reason_of_the_call_for_help(part: str, said: str) -> None:
+    at = services(grasp=ScriptedGrasps({0: HELP}), rule_grasp=ScriptedGrasps({0: HELP}))
+    at.why_not_graspable = lambda parts, required: "o1: no room" if parts.others else None  # type: ignore[method-assign]  # noqa: ARG005
+    node = DecodeSolution("decode")
+    node.setup(services=at)
+    node.parts.entry.value = replace(seen_parts("o1"), others=(on_its_side(part, 0.45),))  # type: ignore[union-attr]
+    node.index.entry.value = 0  # type: ignore[union-attr]
+    assert node.update() is Status.FAILURE
+    assert any(said in reason for reason in at.reasons), at.reasons
+
+
+def test_what_lies_is_among_the_others_that_the_arm_keeps_clear_of() -> None:
+    view = replace(seen_parts("o1", "o2"), others=(on_its_side("o3", 0.6),))
+    part, others = part_and_others(view, 1)
+    assert (part.part, [other.part for other in others]) == ("o2", ["o1", "o3"])
+    with pytest.raises(NodeError, match="part number 2 is not among the 2 seen parts"):
+        part_and_others(view, 2)
 
 
 def test_a_grasp_that_the_arm_cannot_do_is_refused_and_the_rule_answers() -> None:

@@ -50,7 +50,7 @@ from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from cell.viewing.typed_orders import TypedOrders
 from cell.world import real_time
-from cell.world.opening import SIMULATED, configured_devices, connect, drawn_from, own_world
+from cell.world.opening import SIMULATED, configured_devices, connect, drawn_from, is_there, own_world
 from skills.can_gripper import CanGripper, Tap
 from skills.can_signals import CanSignals
 from skills.checked_arm import CheckedArm
@@ -99,7 +99,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
             left_off = read_left_off(options.resume, product, lambda tick: tally.add(tick.time_s, tick.notes))
             console.print(f"goes on with {options.resume}: {left_off.told}", highlight=False)
             world = options.world or world_of(options.resume)
-            if options.world is None and world is not None and not world.is_socket():
+            if options.world is None and world is not None and not is_there(world):
                 console.print(f"the world at {world} is gone: this is another one", highlight=False)
                 world = None
             options = replace(options, world=world)

@@ -73,6 +73,15 @@ def open_world(
     return server, devices
 
 
+def is_there(address: Path) -> bool:
+    """Whether a world answers at an address; one that was killed leaves its socket behind."""
+    try:
+        drawn_from(address)
+    except InputError:
+        return False
+    return True
+
+
 def drawn_from(address: Path) -> Drawn:
     """What the world at an address was drawn from.
 

@@ -75,19 +75,22 @@ def test_a_resumed_bracket_keeps_what_was_known_of_it() -> None:
     assert (left.bracket, left.state.placed) == (2, {"p1": "o1"})
 
 
-@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize(("bound", "there"), [(False, False), (True, False), (True, True)])
 def test_a_run_says_what_it_goes_on_with_and_in_which_world(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bound: bool, there: bool
 ) -> None:
     address, said = tmp_path / "world.sock", io.StringIO()
     options: list[RunOptions] = []
     monkeypatch.setattr("cell.run.world_of", lambda _: address)
     monkeypatch.setattr("cell.run._run", lambda asked, *_: options.append(asked))
-    monkeypatch.setattr("cell.run.drawn_from", lambda _: Drawn(17, "g1"))
-    with socket.socket(socket.AF_UNIX) as world:
-        if there:
-            world.bind(str(address))
-        run(RunOptions(resume=CASE, log=tmp_path / "l.mcap"), Console(file=said, width=1000))
+    if there:
+        for name in ("cell.run.drawn_from", "cell.world.opening.drawn_from"):
+            monkeypatch.setattr(name, lambda _: Drawn(17, "g1"))
+    with socket.socket(socket.AF_UNIX) as killed:
+        if bound:
+            killed.bind(str(address))
+    assert address.is_socket() == bound
+    run(RunOptions(resume=CASE, log=tmp_path / "l.mcap"), Console(file=said, width=1000))
     assert f"goes on with {CASE}: o1 at p1, " in said.getvalue()
     assert (f"the world at {address} is gone" in said.getvalue()) != there
     assert [(asked.world, asked.seed) for asked in options] == [(address, 17) if there else (None, RunOptions().seed)]

@@ -30,11 +30,15 @@ def varied(images: Tensor, rng: np.random.Generator, largest_noise: float = LARG
     negative = torch.from_numpy(rng.random(count) < NEGATIVE_SHARE)[:, None, None, None]
     images = torch.where(negative, 1.0 - images, images)
     gamma = np.exp(rng.normal(0.0, GAMMA, count) * (rng.random(count) < GAMMA_SHARE))
-    images = (images + 1e-4) ** _each(gamma)
+    images = images + 1e-4
+    curved = torch.from_numpy(gamma != 1.0)
+    images[curved] = images[curved] ** _each(gamma)[curved]
     softness = rng.uniform(0.0, BLURS, count) * (rng.random(count) < BLUR_SHARE)
     for passed in range(BLURS):
-        soft = F.avg_pool2d(F.pad(images, (1, 1, 1, 1), mode="replicate"), 3, 1)
-        images = images + _each(np.clip(softness - passed, 0.0, 1.0)) * (soft - images)
+        rows = torch.from_numpy(softness > passed)  # the others stay as they are: blurring costs most of this
+        sharp = images[rows]
+        soft = F.avg_pool2d(F.pad(sharp, (1, 1, 1, 1), mode="replicate"), 3, 1)
+        images[rows] = sharp + _each(np.clip(softness - passed, 0.0, 1.0))[rows] * (soft - sharp)
     images = images * _each(np.where(rng.random(count) < DARK_SHARE, rng.uniform(DARKEST, 1.0, count), 1.0))
     noise = torch.from_numpy(rng.standard_normal(images.shape, dtype=np.float32))
     coarse = torch.from_numpy(rng.random(count) < COARSE_SHARE)

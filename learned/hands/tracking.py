@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -23,7 +23,10 @@ LOST_S = 0.25  # after which a hand that comes back is a new one
 COMES_BACK_S = 2.0  # for so long it is expected where it was lost, also on the robot
 NEAR_SHARE = 0.45  # of a region's side: a hand is found again within it
 ACTING_KEEPS = 0.7  # share of the former opinion of which hand works, and of which side it is
-TAKES_OVER = 0.3  # by which another hand must look more like the one that works
+SURE_KEEPS = 0.8  # share of the former confidence: shadows that look like hands are doubted now and then
+TAKES_OVER = 0.1  # by which another hand must look more like the one that works
+STILL_WORKS = 0.2  # a hand that worked does so until it looks less like it
+HELD_FRAMES = 7  # among which most say what is held
 FORMER_S, LATTER = (
     0.02,
     0.1,
@@ -59,11 +62,31 @@ class _Track:
     seen_s: float
     acting: float
     left: float
+    sure: float
     away: bool  # it was once seen where the robot was not: then it is a hand, wherever it goes
     smooth: dict[str, _Smooth] = field(default_factory=dict)
     smoothed_s: float = -math.inf
     speed_px_s: Array = field(default_factory=lambda: np.zeros(2))
     palms: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=VELOCITY_FRAMES))
+    holds: deque[str | None] = field(default_factory=lambda: deque(maxlen=HELD_FRAMES))
+
+    @classmethod
+    def begun(cls, reading: Reading, time_s: float, away: bool) -> _Track:
+        """By its first reading."""
+        track = cls(reading, time_s, reading.acting, reading.left, reading.confidence, away)
+        track.holds.append(reading.held_part)
+        return track
+
+    @property
+    def works(self) -> float:
+        """How much it looks like the hand that works: that it does, if it is one."""
+        return self.acting * self.sure
+
+    @property
+    def held_part(self) -> str | None:
+        """What most of the last readings say that it holds; of as many, what was said last."""
+        counts = Counter(self.holds)
+        return max(reversed(self.holds), key=lambda one: counts[one])
 
     def expected_px(self, time_s: float) -> Array:
         """Where its region should be now."""
@@ -76,6 +99,8 @@ class _Track:
         self.speed_px_s = (reading.centre_px - self.reading.centre_px) / step_s
         self.acting = ACTING_KEEPS * self.acting + (1 - ACTING_KEEPS) * reading.acting
         self.left = ACTING_KEEPS * self.left + (1 - ACTING_KEEPS) * reading.left
+        self.sure = SURE_KEEPS * self.sure + (1 - SURE_KEEPS) * reading.confidence
+        self.holds.append(reading.held_part)
         self.reading, self.seen_s = reading, time_s
 
     def velocity_m_s(self, palm_m: Array, time_s: float) -> Point | None:
@@ -148,7 +173,7 @@ class HandTracks:
             if readings[r].confidence >= NEW_CONFIDENCE:
                 away = not robot.under(readings[r]) or self._was_seen(readings[r])
                 if away or not robot.explains(readings[r]):
-                    self._tracks.append(_Track(readings[r], now_s, readings[r].acting, readings[r].left, away))
+                    self._tracks.append(_Track.begun(readings[r], now_s, away))
 
     def _was_seen(self, reading: Reading) -> bool:
         """Whether a hand was lost about there: it may have come back."""
@@ -158,12 +183,12 @@ class HandTracks:
 
     def _choose(self, seen: list[_Track]) -> None:
         """Which hand works: the one that did, unless another looks more like it by far."""
-        best = max(seen, key=lambda one: one.acting, default=None)
+        best = max(seen, key=lambda one: one.works, default=None)
         kept = self._works if any(one is self._works for one in seen) else None
         if best is None or best.acting < 0.5:
             best = None
-        if kept is not None and (best is None or best.acting < kept.acting + TAKES_OVER):
-            best = kept if kept.acting > 0.5 - TAKES_OVER else best
+        if kept is not None and (best is None or best.works < kept.works + TAKES_OVER):
+            best = kept if kept.acting > STILL_WORKS else best
         self._works = best
 
 
@@ -183,7 +208,7 @@ def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float
         box_px=_clipped(reading.box_px, width, height),
         fingertips_m=_xy(smooth["pinch"]),
         palm_m=_xy(smooth["palm"]),
-        held_part=reading.held_part,
+        held_part=track.held_part,
         velocity_m_s=track.velocity_m_s(smooth["palm"][:2].copy(), frame.time_s),
         height_m=float(smooth["palm"][2]),
         fingertips_height_m=float(smooth["pinch"][2]),

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -103,6 +104,31 @@ def test_the_hand_that_rests_is_another_one_and_does_not_take_over() -> None:
     samples, others = follow(Script([[rests]] * 3), 3)
     assert samples == [None] * 3
     assert others == [1] * 3
+
+
+def test_a_shadow_that_is_seen_first_does_not_stay_the_hand_that_works() -> None:
+    """Both look as if they worked; the shadow is doubted now and then, as shadows are."""
+    hand, shadow = (0.72, 0.1), (0.72, -0.15)
+    doubts = [0.9, 0.6, 0.95, 0.5, 0.7, 0.9, 0.6, 0.5, 0.8, 0.6] * 2
+    frames = [[reading(shadow, 0.98, 0.9)]]
+    frames += [[reading(hand, 0.97, 0.99), reading(shadow, 0.98, doubt)] for doubt in doubts]
+    samples, others = follow(Script(frames), len(frames))
+    assert samples[0] is not None
+    assert samples[0].fingertips_m == pytest.approx(shadow, abs=1e-6)
+    last = samples[-1]
+    assert last is not None
+    assert last.fingertips_m == pytest.approx(hand, abs=1e-6)
+    assert others[-1] == 1  # it is kept as a hand that may be one
+
+
+def test_what_is_held_is_what_most_of_the_last_frames_say() -> None:
+    said = [None] * 4 + ["o2"] + [None] * 4 + ["o1", "o1", "o2", "o1", "o1", "o1", None, "o1"]
+    frames = [[replace(reading((0.72, 0.1)), held_part=part)] for part in said]
+    samples, _ = follow(Script(frames), len(frames))
+    told = [None if one is None else one.held_part for one in samples]
+    assert told[:9] == [None] * 9  # one frame says nothing
+    assert told[-1] == told[-2] == told[-3] == "o1"
+    assert sum(one != other for one, other in pairwise(told)) == 1
 
 
 def test_how_fast_a_hand_moves_is_known_of_every_hand() -> None:

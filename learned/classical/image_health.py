@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,6 +31,7 @@ SAME_SHIFT_PX = 3
 SHIFT_FRAMES, LEAST_RESPONSE = 5, 0.1
 MOVED_FRAMES, ASTRAY_FRAMES = 8, 45
 SIDE_SAMPLES = 24
+REACH_PX = np.arange(-SEARCH_PX + 2, SEARCH_PX - 1)  # where steps across an edge are looked for
 STEEPEST = 4 * 255  # of what the Laplacian makes of grey levels
 GRID = 4  # every fourth pixel is enough for light and colour
 
@@ -61,13 +63,13 @@ class ImageHealth:
 
     def judge(self, frame: Frame) -> str:
         """What is wrong with it, in words; empty for a sound image."""
-        small = frame.image[::GRID, ::GRID]
+        small = np.ascontiguousarray(frame.image[::GRID, ::GRID])
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         return self._frozen(small) or _absolute(small) or self._compared(small, grey) or self._shifted(grey)
 
     def _frozen(self, small: NDArray[np.uint8]) -> str:
         same = self._before is not None and np.array_equal(small, self._before)
-        self._same, self._before = (self._same + 1 if same else 0), small.copy()
+        self._same, self._before = (self._same + 1 if same else 0), small
         return "frozen" if self._same + 1 >= FROZEN_FRAMES else ""
 
     def _compared(self, small: NDArray[np.uint8], grey: NDArray[np.uint8]) -> str:
@@ -86,8 +88,8 @@ class ImageHealth:
     def _shifted(self, grey: NDArray[np.uint8]) -> str:
         """Whether the plate stands elsewhere in the image than the calibration says."""
         x, y = self._edges[self._in_view, ..., 0], self._edges[self._in_view, ..., 1]
-        profiles = iter(np.median(grey[y, x].astype(float), axis=1))  # across each edge
-        offsets = [_offset_px(next(profiles)) if seen else None for seen in self._in_view]
+        found = iter(_offsets_px(_median(grey[y, x], axis=1)))  # profiles across each edge
+        offsets = [next(found) if seen else None for seen in self._in_view]
         shifts = [px for px in (_shift_px(*offsets[:2]), _shift_px(*offsets[2:])) if px is not None]
         near, whole_px = max(shifts, default=0.0), self._since_start_px(grey)
         self._moved = self._moved + 1 if near > MOVED_PX else 0
@@ -187,7 +189,7 @@ def _shift_px(low: float | None, high: float | None) -> float | None:
 
 
 def _absolute(small: NDArray[np.uint8]) -> str:
-    mean, spread = float(small.mean()), float(small.std())
+    mean, spread = (float(value[0, 0]) for value in cv2.meanStdDev(small.reshape(-1, 1)))
     if mean < DARK:
         return "dark"
     if mean > BRIGHT:
@@ -196,11 +198,19 @@ def _absolute(small: NDArray[np.uint8]) -> str:
 
 
 def _figures(small: NDArray[np.uint8], grey: NDArray[np.uint8]) -> _Figures:
-    levels = small.astype(np.float32) + 1.0
-    green = levels[..., 1]
-    red, blue = (np.log(np.median(levels[..., channel] / green)) for channel in (0, 2))
+    levels = small.reshape(-1, 3).astype(np.float32) + 1.0
+    green = levels[:, 1]
+    red, blue = (np.log(_median(levels[:, channel] / green, axis=0)) for channel in (0, 2))
     steps = np.abs(cv2.Laplacian(grey, cv2.CV_16S)[::2])
     return _Figures(float(levels.mean()), float(red), float(blue), _percentile(steps, 99.5))
+
+
+def _median(values: NDArray[Any], axis: int) -> Array:
+    """Along an axis of even length, as `np.median`, which looks for NaN besides."""
+    middle = values.shape[axis] // 2
+    parted = np.partition(values, (middle - 1, middle), axis=axis)
+    median: Array = parted.take((middle - 1, middle), axis=axis).mean(axis=axis)
+    return median
 
 
 def _percentile(steps: NDArray[np.int16], percent: float) -> float:
@@ -239,14 +249,14 @@ def _across_px(view: View, edge: tuple[Array, Array]) -> NDArray[np.intp]:
     return places
 
 
-def _offset_px(profile: Array) -> float | None:
-    """How far out of the plate its edge is seen, in pixels; None where no edge is seen.
+def _offsets_px(profiles: Array) -> list[float | None]:
+    """How far out of the plate its edges are seen, in pixels; None where no edge is seen.
 
     Args:
-        profile: (2 SEARCH_PX + 1,) grey levels across it.
+        profiles: (edges, 2 SEARCH_PX + 1) grey levels across them.
     """
-    drops = np.abs(profile[4:] - profile[:-4])  # across five pixels
-    if drops.max() < LEAST_STEP:
-        return None
-    clear = np.flatnonzero(drops >= 0.8 * drops.max()) - SEARCH_PX + 2
-    return float(clear[np.abs(clear).argmin()])
+    drops = np.abs(profiles[:, 4:] - profiles[:, :-4])  # across five pixels
+    most = drops.max(axis=1, keepdims=True)
+    away = np.where(drops >= 0.8 * most, np.abs(REACH_PX), np.inf)
+    nearest = REACH_PX[away.argmin(axis=1)]
+    return [float(px) if step >= LEAST_STEP else None for px, step in zip(nearest, most[:, 0], strict=True)]

@@ -35,11 +35,13 @@ class Cost:
 
     Attributes:
         cell_s: how long it lasted in the cell.
+        others_s: processor time of everything else on the machine meanwhile; a pair says little where it is large.
     """
 
     wall_s: float
     processor_s: float
     cell_s: float = 1.0
+    others_s: float = 0.0
 
     @property
     def wall_each_s(self) -> float:
@@ -82,7 +84,8 @@ def main() -> None:
                 f"seed {seed}: {first.wall_s / second.wall_s:.2f} x as fast, "
                 f"{second.processor_s / first.processor_s:.2f} x the processor time; "
                 f"before {first.wall_s:.1f} s, {first.processor_s:.1f} s, {first.cell_s:.1f} s in the cell; "
-                f"after {second.wall_s:.1f} s, {second.processor_s:.1f} s, {second.cell_s:.1f} s",
+                f"after {second.wall_s:.1f} s, {second.processor_s:.1f} s, {second.cell_s:.1f} s; "
+                f"others took {first.others_s:.1f} and {second.others_s:.1f} s",
                 highlight=False,
             )
     Console().print(table(pairs))
@@ -117,7 +120,7 @@ def run(checkout: Path, configured: Path, seed: int, folder: Path) -> Cost:
     command = [sys.executable, "-m", "cell", "run", "--config", str(configured), "--seed", str(seed), "--json"]
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
     log = folder / f"{time.monotonic_ns()}.mcap"
-    began_s, spent_s = time.monotonic(), processor_s()
+    began_s, spent_s, busy_s = time.monotonic(), processor_s(), machine_s()
     said = folder / "said.json"
     with said.open("w") as out:
         process = subprocess.Popen(
@@ -129,13 +132,21 @@ def run(checkout: Path, configured: Path, seed: int, folder: Path) -> Cost:
         try:
             os.wait()
         except ChildProcessError:
-            return Cost(wall_s, processor_s() - spent_s, float(json.loads(said.read_text())["sim_time_s"]))
+            spent_s = processor_s() - spent_s
+            others_s = max(0.0, machine_s() - busy_s - spent_s)
+            return Cost(wall_s, spent_s, float(json.loads(said.read_text())["sim_time_s"]), others_s)
 
 
 def processor_s() -> float:
     """Processor time of all children that have ended."""
     times = os.times()
     return times.children_user + times.children_system
+
+
+def machine_s() -> float:
+    """Processor time of everything on this machine since it started."""
+    user, nice, system = map(int, Path("/proc/stat").read_text().split(maxsplit=4)[1:4])
+    return (user + nice + system) / os.sysconf("SC_CLK_TCK")
 
 
 def table(pairs: list[tuple[Cost, Cost]]) -> Table:

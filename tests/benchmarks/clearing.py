@@ -14,7 +14,7 @@ from cell.configuration import Configuration
 from learned.grasp.boxes import Boxes
 from learned.grasp.physics import touching
 from learned.grasp.scenes import draw_scenes, standing_boxes
-from learned.grasp.settings import GripperOutline
+from learned.grasp.settings import PAPER_SCENES, GripperOutline
 from learned.grasp.solution import nearest_first, solve
 from sim.cell import SimCell
 from sim.clutter import ScenePart, sample_clutter, standing
@@ -69,6 +69,12 @@ def tray_scene(size: int, seed: int) -> tuple[tuple[ScenePart, ...], str]:
 def dense_scene(size: int, seed: int) -> tuple[tuple[ScenePart, ...], str]:
     """A scene as the grasp planners are tested on: every part within 20 mm of another one."""
     scene = next(draw_scenes(PRODUCT, seed, 1, "test", sizes=(size, size)))
+    return in_tray(scene.boxes), scene.boxes.types[int(np.random.default_rng(seed).integers(size))]
+
+
+def paper_scene(size: int, seed: int) -> tuple[tuple[ScenePart, ...], str]:
+    """A scene like those of the paper's Table 3, executed with all ways to grasp that the robot has."""
+    scene = next(draw_scenes(PRODUCT, seed, 1, "test", PAPER_SCENES, sizes=(size, size)))
     return in_tray(scene.boxes), scene.boxes.types[int(np.random.default_rng(seed).integers(size))]
 
 

@@ -22,7 +22,12 @@ from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, COMMISSION, CONFIGURATION, PRODUCT, robot_alone, run_tree
 
 FIRST_SEED = 1000
-SCENES = {"tray": clearing.tray_scene, "dense": clearing.dense_scene, "blocked": clearing.blocked_scene}
+SCENES = {
+    "tray": clearing.tray_scene,
+    "paper": clearing.paper_scene,
+    "dense": clearing.dense_scene,
+    "blocked": clearing.blocked_scene,
+}
 
 
 def main() -> None:

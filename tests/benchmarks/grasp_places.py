@@ -40,6 +40,9 @@ class Answers:
         return int(np.sum((self.moves == 0) & ~self.help))
 
 
+RESAMPLED = 2000
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=1000)
@@ -56,9 +59,20 @@ def main() -> None:
             low, high = wilson(some.free, len(some.moves))
             shares = (some.free / len(some.moves), np.mean(some.help), np.mean(moves))
             free, needy, each = (f"{share:.3f}" for share in shares)
-            fewer = f"{1 - moves.sum() / max(1, first.sum()):.0%}"
+            fewer = _fewer(
+                np.repeat(np.arange(len(scenes)), [len(one.boxes) for one in scenes])[~before.help], moves, first
+            )
             table.add_row(clutter, name, str(len(some.moves)), free, f"{low:.3f} - {high:.3f}", needy, each, fewer)
     Console(width=140).print(table)
+
+
+def _fewer(scene: NDArray[np.int_], moves: NDArray[np.int_], first: NDArray[np.int_]) -> str:
+    """Share of moves that are saved, with its 95 % bootstrap interval over scenes."""
+    each = np.array([np.bincount(scene, some) for some in (moves, first)])
+    rng = np.random.default_rng(0)
+    drawn = (each[:, rng.integers(each.shape[1], size=each.shape[1])].sum(axis=1) for _ in range(RESAMPLED))
+    low, high = np.percentile([1 - some / max(1, all_) for some, all_ in drawn], [2.5, 97.5])
+    return f"{1 - moves.sum() / max(1, first.sum()):.1%} ({low:.1%} - {high:.1%})"
 
 
 def answers(scenes: Sequence[Scene], outline: GripperOutline) -> Answers:

@@ -13,7 +13,7 @@ from sim.worker_sight import ARM_MOVING_RAD_S
 State = Literal["stands", "moves", "holds", "places", "asks"]
 STATES: tuple[State, ...] = get_args(State)
 EARLIEST_S, MOST_AFTER_S = 1.0, 6.0  # after the start, and after the part before the kill
-AWAITS_S = 25.0  # how long the drawn state is waited for; then it is any
+AWAITS_S, AWAITS_QUESTION_S = 25.0, 60.0  # how long the drawn state is waited for; then it is any
 LOOKS_S = 0.1  # how often the parts in the bracket are counted
 NEAR_HOLE_M, HELD_M = 0.13, 0.04
 
@@ -46,7 +46,8 @@ class Moment:
             return True
         if self._due_s is None or time_s < self._due_s:
             return False
-        return self.state() == self._wanted or time_s > self._due_s + AWAITS_S
+        longest_s = AWAITS_QUESTION_S if self._wanted == "asks" else AWAITS_S
+        return self.state() == self._wanted or time_s > self._due_s + longest_s
 
     def state(self) -> State:
         """What the cell does now, in truth."""

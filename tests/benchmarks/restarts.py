@@ -4,10 +4,10 @@ python -m tests.benchmarks.restarts --bare --kills 100 --first-seed 2000
 python -m tests.benchmarks.restarts --kills 6 --first-seed 2000             # rendered, with the trained detectors
 Every kill is one assembly in a world of its own. It comes a random time after a random number of parts stands in the
 bracket, as soon as the cell is in the state that the seed has drawn, and at the latest with the last part: so every
-kill is within the work. The table has the state in which it came. "asks" is tried in a shift of one bracket, where
-somebody is there to answer. The second controller is `cell run --resume LOG` for one half of the seeds, and begins
-without a log for the others. With --brackets 3 the work is a shift of so many brackets. Stopped by Ctrl-C it prints
-what it has.
+kill is within the work. The table has the state in which it came. "asks" is tried in a shift of one bracket of a goal
+that nobody listed, where somebody is there to answer. The second controller is `cell run --resume LOG` for one half
+of the seeds, and begins without a log for the others. With --brackets 3 the work is a shift of so many brackets.
+Stopped by Ctrl-C it prints what it has.
 """
 
 from __future__ import annotations
@@ -68,6 +68,10 @@ class Trial:
         goal = sorted(PRODUCT.goals)[self.seed % len(PRODUCT.goals)]
         configuration = for_shift(CONFIGURATION, self.brackets) if self.brackets else CONFIGURATION
         simulation = configuration.devices.simulation
+        if wanted_state == "asks":  # of a goal that nobody listed it surely asks
+            habits = simulation.person.shift.model_copy(update={"new_goals": 1.0})
+            person = simulation.person.model_copy(update={"shift": habits})
+            simulation = simulation.model_copy(update={"person": person})
         wanted = "random" if self.brackets else goal
         rendered = not self.bare
         self._cell = cell = SimCell(

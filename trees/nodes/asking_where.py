@@ -39,18 +39,18 @@ class AskPosition(Asks):
     def update(self) -> Status:
         if self._told is not None:
             return self.planned(self.plan.get().next_belief.get(self._told) == 1.0)
-        part = self._next_part()
+        services, part = self.services, self._next_part()
         if part is None:
             return Status.FAILURE
         if self.state.get().placed != self._placed:
             self.feedback_message = "the person goes on"
             return Status.FAILURE
         if self._question is None:
-            if self._by_hand or self.services.observation.time_s - self._asked_s >= self.settle_s.get():
+            if self._by_hand or services.observation.time_s - self._asked_s >= self.settle_s.get():
                 self._ask(part)
             return Status.RUNNING
         answer = self.answered()
-        if answer == PLACED_BY_HAND:
+        if answer == PLACED_BY_HAND or services.observation.operator.newest("place", self._asked_s) is not None:
             self._by_hand.add(self._part)
             self.terminate(Status.RUNNING)
         elif answer is not None:

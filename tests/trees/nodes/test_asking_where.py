@@ -76,6 +76,17 @@ def test_a_part_that_the_person_places_is_followed_by_the_next_type_and_then_by_
     assert to.display.questions == ()
 
 
+def test_the_order_to_place_it_oneself_is_an_answer_once() -> None:
+    to = services()
+    node = asking(to)
+    later(to, node, 0.0)
+    later(to, node, 7.0)
+    says(to, OperatorOrder("place", "o1", time_s=8.0))
+    for time_s in (8.0, 8.1, 8.2):
+        later(to, node, time_s)
+    assert [(one.number, one.part) for one in to.display.questions] == [(2, "o2")]
+
+
 def test_it_is_withdrawn_when_the_person_goes_on() -> None:
     to = services()
     node = asking(to)

@@ -163,8 +163,9 @@ function showMarks(hand) {
 }
 
 function showBracket({ bracket, questions }) {
-  const asked = new Set(questions.flatMap((one) => one.positions));
-  for (const one of bracket) one.wrong = asked.has(one.position);
+  const named = (where) => new Set(questions.flatMap((one) => ((one.kind === "where") === where ? one.positions : [])));
+  const [wrong, offered] = [named(false), named(true)];
+  for (const one of bracket) one.wrong = wrong.has(one.position);
   const states = Object.fromEntries(bracket.map((one) => [one.position, one]));
   const { box, items } = drawn(Object.fromEntries(bracket.map((one) => [one.position, one.part])), states);
   $("bracket").setAttribute("viewBox", box);
@@ -173,8 +174,9 @@ function showBracket({ bracket, questions }) {
   const rows = bracket.map((one) => {
     const robot = one.who === "robot";
     const who = one.placed ? (robot ? S.placedByRobot : S.placedByPerson) : robot ? S.nextHere : S.remains;
-    const next = one.wrong ? "wrong" : !one.placed && robot ? "next" : null;
-    const words = one.wrong ? S.lookHere : one.part ? `${title(one.part)}: ${who}` : S.notKnown;
+    const open = offered.has(one.position);
+    const next = one.wrong ? "wrong" : open || (!one.placed && robot) ? "next" : null;
+    const words = one.wrong ? S.lookHere : open ? S.here : one.part ? `${title(one.part)}: ${who}` : S.notKnown;
     return make("li", { class: next }, make("b", {}, one.position), words);
   });
   $("holes").replaceChildren(...rows);

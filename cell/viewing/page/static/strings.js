@@ -34,6 +34,7 @@ export const STRINGS = {
   placedByRobot: "placed by the robot",
   placedByPerson: "placed by you",
   lookHere: "please look here",
+  here: "here?",
   remains: "still to be placed",
   notKnown: "not known yet",
   nextHere: "the robot brings it next",

@@ -61,6 +61,31 @@ MEND = Question(
     ("p5",),
 )
 
+WHERE = Question(
+    4,
+    "where",
+    "where does the gate valve (o1) go: p3 or p5?",
+    "",
+    "say where I should put it",
+    "o1",
+    (Answer("p3", "p3"), Answer("p5", "p5"), Answer("placed", "I place it myself")),
+    ("p3", "p5"),
+)
+SURPLUS = Question(
+    5,
+    "mend",
+    "p1, p2, p4 and p6 hold the gate valve (o1), and a bracket takes 3 of them",
+    "",
+    "take out what does not belong there, or say which one does not",
+    "",
+    (
+        Answer("done", "done, look again"),
+        *(Answer(name, f"{name} is wrong") for name in ("p1", "p2", "p4", "p6")),
+        Answer("right", "it is right so"),
+    ),
+    ("p1", "p2", "p4", "p6"),
+)
+
 
 class PageRig:
     """A channel, a page, and a run of as many ticks as a test makes.

@@ -15,7 +15,7 @@ import pytest
 from cell.interfaces.judgement import Action, Judgement
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
-from tests.cell.viewing.page.rig import HELP, MEND, WHICH, PageRig
+from tests.cell.viewing.page.rig import HELP, MEND, SURPLUS, WHERE, WHICH, PageRig
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -160,6 +160,22 @@ def test_a_hole_that_is_wrong_is_marked_as_long_as_the_question_stands(visitor: 
     visitor.rig.show(questions=())
     visitor.catch_up()
     assert visitor.page.query_selector_all("#holes .wrong") == []
+
+
+def test_where_a_part_goes_is_asked_beside_its_holes_and_answered(visitor: Visitor) -> None:
+    visitor.rig.show(questions=(WHERE, SURPLUS))
+    visitor.catch_up()
+    visitor.shot(f"where-{visitor.page.viewport_size['width']}")
+    assert WHERE.reason in visitor.page.inner_text('[data-number="4"]')
+    assert [one.inner_text() for one in visitor.page.query_selector_all("#holes .next")] == ["p3here?", "p5here?"]
+    marked = [one.inner_text() for one in visitor.page.query_selector_all("#holes .wrong")]
+    assert marked == [f"{name}please look here" for name in SURPLUS.positions]
+    for question in (WHERE, SURPLUS):
+        for answer in question.answers:
+            visitor.page.click(f'[data-number="{question.number}"] [data-value="{answer.value}"]')
+            visitor.says(OperatorOrder("answer", answer.value, question.number))
+    visitor.page.keyboard.press("1")
+    visitor.says(OperatorOrder("answer", "p3", 4))
 
 
 def test_a_question_is_answered_in_words_of_ones_own(visitor: Visitor) -> None:

@@ -161,6 +161,8 @@ class Trial:
         if question.kind == "bracket":
             return len(placed) < len(PRODUCT.positions)
         if question.kind == "goal":
+            if self._cell.score.goal not in PRODUCT.goals:
+                return False  # nobody can know it by what stands there
             fitting = [name for name in PRODUCT.goals if placed.items() <= PRODUCT.goal_placements(name).items()]
             return len(fitting) == 1 and self.seed % 2 == 0
         if question.kind == "mend":

@@ -24,6 +24,8 @@ SPECULAR = 0.1
 PALM_BEHIND_TIPS_M = 0.105  # the rest position of the bench file is that of the palm's middle
 TIP_REACH_M = 0.0135  # the tips end this far ahead of the hand frame's origin
 MAX_GAP_M = 0.11
+DIGIT_RANGE_M = (-0.03, 0.08)  # of thumb and index finger, from closed; beyond it they pull the whole hand along
+DIGIT_LIMIT = (0.004, 1.0)  # solref: soft limits would let 150 N stretch a finger by centimetres
 
 # Flesh touches parts, table, bins and bracket (sim/palette.py). Each shape has a hidden twin of the same size that
 # touches the robot, as stiff as a person: ISO/TS 15066, Table A.3, gives 75 N/mm for hands and 40 N/mm for forearms.
@@ -81,7 +83,8 @@ def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.per
     _add_capsule(hand, shapes.SLEEVE, mass_kg=0.2, forearm=True, material="hand_sleeve")
     for name, outwards, segments in ((DIGITS[0], -1, shapes.thumb(habits.grip.thumb_m)), (DIGITS[1], 1, shapes.INDEX)):
         digit = hand.add_body(name=name, gravcomp=1)
-        digit.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, outwards, 0))
+        limits = {"limited": True, "range": DIGIT_RANGE_M, "solref_limit": DIGIT_LIMIT}
+        digit.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, outwards, 0), **limits)
         for segment in segments:
             _add_capsule(digit, segment, mass_kg=0.03)
     forces = (PUSH_N,) * 3 + (TWIST_NM, PINCH_N, PINCH_N)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cell.interfaces.bench import Bench
+from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices
 from cell.interfaces.product import Product
@@ -84,7 +84,7 @@ class SimCell:
         seed: the same seed gives the same scene, noise and person.
         worker: with the person and their parts in the bins, or the robot alone.
         clutter: parts in the tray; by default one product's set, cluttered at random.
-        overlap: frames and detectors in a process of their own, beside the physics; what comes out is the same.
+        overlap: frames in a process of their own, detectors in another, beside the physics; what comes out is the same.
         rendered: with images; without, `sight` tells what the cameras would have seen.
 
     Attributes:
@@ -137,13 +137,8 @@ class SimCell:
         self.sight = None if rendered else bare_sight(self.world, sensors, hand=worker)
         self._photographer = self.sight or beside or Photographer(self.world.model, sensors)
         latency_s = settings.hardware.camera_latency_s
-        overhead, wrist = (
-            SimCamera(name, setup, self.world, self._photographer.take, Delivery(self.look.camera, latency_s, rng))
-            for name, setup, rng in (
-                ("overhead", bench.overhead, chance.overhead_delivery),
-                ("wrist", bench.wrist, chance.wrist_delivery),
-            )
-        )
+        overhead = self._camera("overhead", bench.overhead, latency_s, chance.overhead_delivery)
+        wrist = self._camera("wrist", bench.wrist, latency_s, chance.wrist_delivery)
         nodes = [node for node in (self.signal_node, self.worker) if node is not None]
         samplers: list[Observer] = [self.arm, *([self.contacts] if self.contacts is not None else [])]
         actors: list[Actor] = [arm, self.gripper_node, self.stock, *nodes]
@@ -161,6 +156,10 @@ class SimCell:
             finished=lambda: self._finished,
             free_running=self._run_freely,
         )
+
+    def _camera(self, name: str, setup: CameraSetup, latency_s: float, rng: np.random.Generator) -> SimCamera:
+        delivery = Delivery(self.look.camera, latency_s, rng)
+        return SimCamera(name, setup, self.world, self._photographer.take, delivery)
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""

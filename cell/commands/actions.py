@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,8 +27,10 @@ from cell.commands.weights import need_torch, new_weights
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    from cell.evaluating.actions import Tally
+    from cell.evaluating.row_file import Row, RowFile
     from cell.interfaces.product import Product
     from learned.semantic.confusions import Reported
 
@@ -135,18 +138,10 @@ def evaluate(
     told |= {"tracker": tracker, "physics": physics}
     of_weights = {} if weights is None else {kinds[0]: weights}
     kept = RowFile(out, {"command": "actions", **told, "kinds": kinds, "weights": weights and str(weights)})
-    done = {row["seed"] for row in kept.rows}
-    try:
-        for seed in (seed for seed in wanted if seed not in done):
-            of_seed = evaluate_actions(
-                configuration, product, kinds, [seed], true_track=true_track, physics=physics, weights=of_weights
-            )
-            kept.add({"seed": seed, "kinds": {name: asdict(tally) for name, tally in of_seed.items()}})
-    except KeyboardInterrupt:
-        console().print(
-            f"interrupted after {sum(row['seed'] in wanted for row in kept.rows)} of {len(wanted)} assemblies"
-        )
-    rows = [row for row in kept.rows if row["seed"] in wanted]
+    watch = partial(
+        evaluate_actions, configuration, product, kinds, true_track=true_track, physics=physics, weights=of_weights
+    )
+    rows = _watched(watch, wanted, kept)
     if not rows:
         return
     tallies = summed(kinds, rows)
@@ -159,6 +154,18 @@ def evaluate(
         console().print(table(f"{name}, look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})", words))
     if as_json:
         print_json({**told, "first_seed": first_seed, "recordings": len(rows), "kinds": found})
+
+
+def _watched(watch: Callable[[list[int]], Mapping[str, Tally]], seeds: Sequence[int], kept: RowFile) -> list[Row]:
+    """Rows of these seeds; those that are not in the file yet are run, until somebody interrupts."""
+    done = {row["seed"] for row in kept.rows}
+    try:
+        for seed in (seed for seed in seeds if seed not in done):
+            kept.add({"seed": seed, "kinds": {name: asdict(tally) for name, tally in watch([seed]).items()}})
+    except KeyboardInterrupt:
+        count = sum(row["seed"] in seeds for row in kept.rows)
+        console().print(f"interrupted after {count} of {len(seeds)} assemblies")
+    return [row for row in kept.rows if row["seed"] in seeds]
 
 
 def _note_confusions(weights: Path, kind: str, product: Product, command: str) -> Path:

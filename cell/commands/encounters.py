@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -54,32 +54,52 @@ def encounters(
     from cell.evaluating.throughput import throughput_ratio, timed_pair
     from cell.fleet.engine import mapped
 
-    screen, path = console(), Path(config)
+    path = Path(config)
     experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": pixels, "config": str(config)}
     kept = RowFile(out, {"command": "encounters", **experiment})
-    done = {(row["kind"], row.get("tree"), row["seed"]) for row in kept.rows}
-    seeds = (seed for seed in itertools.count(first_seed) if ("assembly", None, seed) not in done)
-    if not _enough(kept.rows, encounters, first_seed):
-        work = partial(encounter, path, tree, person, provoked=provoked, rendered=pixels)
-        for row in mapped(work, ((seed,) for seed in seeds), workers, scheduler):
-            if row["end"] == "interrupted":  # somebody wants it to end; the seed is run again another time
-                return 1
-            kept.add(row)
-            _tell_assembly(screen, kept.rows[-1])
-            if _enough(kept.rows, encounters, first_seed):
-                break
+    met = partial(encounter, path, tree, person, provoked=provoked, rendered=pixels)
+    if not _meet(kept, lambda seeds: mapped(met, seeds, workers, scheduler), encounters, first_seed):
+        return 1
     trees = (ALGORITHM_1, DEFAULT_TREE)
+    timed = _done(kept.rows)
     pairs = [(path, one, number) for number in range(throughput_seeds) for one in trees]
-    left = [pair for pair in pairs if ("throughput", pair[1].name, pair[2]) not in done]
+    left = [pair for pair in pairs if ("throughput", pair[1].name, pair[2]) not in timed]
     for row in mapped(timed_pair, left, workers, scheduler) if left else ():
         kept.add(row)
     found = summary(kept.rows)
     ratios = {"throughput_ratio" + "_ahead" * (one == DEFAULT_TREE): throughput_ratio(kept.rows, one) for one in trees}
     told = {**experiment, **found, **ratios}
-    screen.print(told)
+    console().print(told)
     if as_json:
         print_json({**told, "rows": kept.rows})
     return 1 if found["contacts_fast"] or found["contacts_avoidable"] or found["moved_while_unknown"] else 0
+
+
+def _meet(
+    kept: RowFile, rows_of: Callable[[Iterable[tuple[int]]], Iterable[Row]], encounters: int, first_seed: int
+) -> bool:
+    """Assemble until the hand was in the arm's way so often; returns False where somebody interrupts.
+
+    Args:
+        rows_of: runs the seeds.
+    """
+    if _enough(kept.rows, encounters, first_seed):
+        return True
+    done = _done(kept.rows)
+    seeds = ((seed,) for seed in itertools.count(first_seed) if ("assembly", None, seed) not in done)
+    for row in rows_of(seeds):
+        if row["end"] == "interrupted":  # the seed is run again another time
+            return False
+        kept.add(row)
+        _tell_assembly(console(), kept.rows[-1])
+        if _enough(kept.rows, encounters, first_seed):
+            break
+    return True
+
+
+def _done(rows: Sequence[Row]) -> set[tuple[object, object, object]]:
+    """What need not be run again: kind, tree and seed."""
+    return {(row["kind"], row.get("tree"), row["seed"]) for row in rows}
 
 
 def _enough(rows: Sequence[Row], encounters: int, first_seed: int) -> bool:

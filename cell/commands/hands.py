@@ -149,14 +149,7 @@ def evaluate(
         kind.strip(): _maker(configuration, product, kind.strip(), weights) for kind in kinds.split(",")
     }
     found = evaluate_hands(
-        configuration,
-        product,
-        makers,
-        wanted,
-        stretches=stretches,
-        physics=physics,
-        only=only,
-        cameras=cameras.value,
+        configuration, product, makers, wanted, stretches=stretches, physics=physics, only=only, cameras=cameras.value
     )
     for name, one in found.items():
         console().print(table(f"{name}, {look}, {only}, cameras {cameras.value}", _rows(one)))

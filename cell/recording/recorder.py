@@ -42,7 +42,7 @@ class Dropped:
 
 
 class McapRecorder:
-    """A observer that writes everything to a file; `log_time` is clock time.
+    """An observer that writes everything to a file; `log_time` is clock time.
 
     Attributes:
         context: of all channels; a live server serves them from there, too.

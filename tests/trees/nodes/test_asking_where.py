@@ -37,6 +37,14 @@ def later(to: Services, node: Any, time_s: float) -> Status:
     return status
 
 
+def asked(to: Services) -> Any:
+    """The node, once its first question stands."""
+    node = asking(to)
+    later(to, node, 0.0)
+    later(to, node, 7.0)
+    return node
+
+
 def test_where_nothing_was_placed_for_a_while_it_asks_and_the_answer_becomes_the_plan() -> None:
     to = services()
     node = asking(to)
@@ -63,9 +71,7 @@ def test_where_nothing_was_placed_for_a_while_it_asks_and_the_answer_becomes_the
 
 def test_a_part_that_the_person_places_is_followed_by_the_next_type_and_then_by_nothing() -> None:
     to = services()
-    node = asking(to)
-    later(to, node, 0.0)
-    later(to, node, 7.0)
+    node = asked(to)
     for number, part in enumerate(["o1", "o2"], start=1):
         (question,) = to.display.questions
         assert (question.number, question.part) == (number, part)
@@ -78,9 +84,7 @@ def test_a_part_that_the_person_places_is_followed_by_the_next_type_and_then_by_
 
 def test_the_order_to_place_it_oneself_is_an_answer_once() -> None:
     to = services()
-    node = asking(to)
-    later(to, node, 0.0)
-    later(to, node, 7.0)
+    node = asked(to)
     says(to, OperatorOrder("place", "o1", time_s=8.0))
     for time_s in (8.0, 8.1, 8.2):
         later(to, node, time_s)
@@ -89,9 +93,7 @@ def test_the_order_to_place_it_oneself_is_an_answer_once() -> None:
 
 def test_it_is_withdrawn_when_the_person_goes_on() -> None:
     to = services()
-    node = asking(to)
-    later(to, node, 0.0)
-    later(to, node, 7.0)
+    node = asked(to)
     node.state.set(NEW.with_placement("o1", "p3"))
     assert node.execute() is Status.FAILURE
     assert to.display.questions == ()

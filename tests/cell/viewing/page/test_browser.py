@@ -80,6 +80,13 @@ class Visitor:
         assert self.rig.said == list(orders)
         self.rig.said.clear()
 
+    def answers(self, *questions: Question) -> None:
+        """Every answer of these has a button, and the button says it."""
+        for question in questions:
+            for answer in question.answers:
+                self.page.click(f'[data-number="{question.number}"] [data-value="{answer.value}"]')
+                self.says(OperatorOrder("answer", answer.value, question.number))
+
     def shot(self, name: str) -> None:
         if SHOTS:
             Path(SHOTS).mkdir(parents=True, exist_ok=True)
@@ -136,10 +143,7 @@ def test_questions_stand_in_front_and_are_answered(visitor: Visitor) -> None:
     assert HELP.reason in help_text
     assert "3 times" in help_text
     assert "Please put one into the tray" in help_text
-    for question in (HELP, WHICH):
-        for answer in question.answers:
-            visitor.page.click(f'[data-number="{question.number}"] [data-value="{answer.value}"]')
-            visitor.says(OperatorOrder("answer", answer.value, question.number))
+    visitor.answers(HELP, WHICH)
     visitor.page.keyboard.press("2")
     visitor.says(OperatorOrder("answer", "placed", 1))
     visitor.rig.show(questions=())
@@ -154,9 +158,7 @@ def test_a_hole_that_is_wrong_is_marked_as_long_as_the_question_stands(visitor: 
     visitor.shot(f"mend-{visitor.page.viewport_size['width']}")
     assert "Please take it out." in visitor.page.inner_text('[data-number="3"]')
     assert visitor.page.inner_text("#holes .wrong") == "p5please look here"
-    for answer in MEND.answers:
-        visitor.page.click(f'[data-number="3"] [data-value="{answer.value}"]')
-        visitor.says(OperatorOrder("answer", answer.value, 3))
+    visitor.answers(MEND)
     visitor.rig.show(questions=())
     visitor.catch_up()
     assert visitor.page.query_selector_all("#holes .wrong") == []
@@ -170,10 +172,7 @@ def test_where_a_part_goes_is_asked_beside_its_holes_and_answered(visitor: Visit
     assert [one.inner_text() for one in visitor.page.query_selector_all("#holes .next")] == ["p3here?", "p5here?"]
     marked = [one.inner_text() for one in visitor.page.query_selector_all("#holes .wrong")]
     assert marked == [f"{name}please look here" for name in SURPLUS.positions]
-    for question in (WHERE, SURPLUS):
-        for answer in question.answers:
-            visitor.page.click(f'[data-number="{question.number}"] [data-value="{answer.value}"]')
-            visitor.says(OperatorOrder("answer", answer.value, question.number))
+    visitor.answers(WHERE, SURPLUS)
     visitor.page.keyboard.press("1")
     visitor.says(OperatorOrder("answer", "p3", 4))
 

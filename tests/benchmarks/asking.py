@@ -1,0 +1,54 @@
+"""What the benchmarks share in which the robot must ask: an assembly beside somebody who answers, and its row."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from cell.configuration import Configuration, load_faults
+from cell.interfaces.devices import Devices
+from cell.run import drive
+from cell.run_options import Files
+from cell.running.node_library import node_registry
+from cell.running.operator import OperatorChannel
+from cell.running.services import load_planners
+from sim.cell import SimCell
+from tests.integration.cell_rig import CONFIGURATION, PRODUCT, Diary, motion_planner
+from trees.files.loader import load_tree
+
+
+def assembled(
+    cell: SimCell,
+    devices: Devices,
+    tree: Path,
+    operator: OperatorChannel,
+    configuration: Configuration = CONFIGURATION,
+) -> dict[str, Any]:
+    """Run the tree to its end: how it ended, and what was asked when."""
+    diary = Diary()
+    planners, faults = load_planners(CONFIGURATION, PRODUCT), load_faults(CONFIGURATION)
+    files = Files(configuration, PRODUCT, load_tree(tree, node_registry(PRODUCT)), planners, faults)
+    outcome = drive(files, devices, motion_planner(), (diary,), operator=operator)
+    report = cell.report()
+    asked = [(round(time_s, 1), fields.get("text")) for time_s, topic, fields in diary.notes if topic == "help"]
+    return {
+        "finished": outcome.end == "finished",
+        "correct": report["correct"],
+        "reason": outcome.reason,
+        "robot": report["robot_placements"],
+        "help_requests": len(asked),
+        "first_asked_s": asked[0][0] if asked else None,
+        "sim_time_s": round(outcome.sim_time_s, 1),
+        "asked": asked,
+    }
+
+
+def tell_each(seeds: Iterable[int], assembly: Callable[[int], dict[str, Any]]) -> None:
+    """Print a row a seed, then how many are right."""
+    rows = []
+    for seed in seeds:
+        rows.append(assembly(seed))
+        print(json.dumps(rows[-1]), flush=True)
+    print(f"{sum(row['finished'] and row['correct'] for row in rows)} of {len(rows)} finished and are right")

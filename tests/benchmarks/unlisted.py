@@ -7,26 +7,30 @@ Nothing is rendered. Without an answer no such assembly can finish.
 from __future__ import annotations
 
 import argparse
+from functools import partial
+from pathlib import Path
 from typing import Any
 
-from cell.configuration import for_shift
+from cell.configuration import DEFAULT_TREE, for_shift
 from cell.evaluating.bare_host import without_pixels
 from cell.running.operator import OperatorChannel
 from sim.cell import SimCell
 from sim.jobs import RANDOM_GOAL
 from tests.benchmarks.asking import assembled, tell_each
-from tests.integration.cell_rig import ASSEMBLE, BENCH, CAN, CONFIGURATION, PRODUCT
+from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--tree", type=Path, default=DEFAULT_TREE)
     options = parser.parse_args()
-    tell_each(range(options.first_seed, options.first_seed + options.runs), unlisted)
+    seeds = range(options.first_seed, options.first_seed + options.runs)
+    tell_each(seeds, partial(unlisted, path=options.tree))
 
 
-def unlisted(seed: int) -> dict[str, Any]:
+def unlisted(seed: int, path: Path = DEFAULT_TREE) -> dict[str, Any]:
     """One assembly; the type that the person has follows from the seed."""
     kept = list(PRODUCT.parts)[seed % len(PRODUCT.parts)]
     configuration = for_shift(CONFIGURATION, 2)  # with a person who answers, and twice the time of one assembly
@@ -38,7 +42,7 @@ def unlisted(seed: int) -> dict[str, Any]:
     try:
         cell.stock.take([body for body in cell.world.bodies if body.owner == "person" and body.part != kept])
         operator = OperatorChannel(PRODUCT.goals, present=True)
-        row = assembled(cell, without_pixels(cell), ASSEMBLE, operator, configuration)
+        row = assembled(cell, without_pixels(cell), path, operator, configuration)
     finally:
         cell.close()
     return {"seed": seed, "person_has": kept, **row}

@@ -17,7 +17,8 @@ from trees.nodes.asking import Asks
 class AskPosition(Asks):
     """Ask where a part goes, where the person builds what nobody knows and goes on with nothing by themselves.
 
-    Asked is for one type of part after the other, the rarest first, as long as the person wants to place it by hand.
+    Asked is for one type of part after the other, as long as the person wants to place it by hand: first for the one in
+    the gripper, then for the rarest.
     Succeeds when a position is told and the plan follows it. Fails at once where the goal is known, where the rest
     follows from what is placed, or where nobody is there; and when the person goes on, or nobody answers in time.
     """
@@ -61,13 +62,14 @@ class AskPosition(Asks):
     def _next_part(self) -> str | None:
         """The type to ask for."""
         services, state = self.services, self.state.get()
+        held = services.held_part if services.observation.gripper.holding else None
         needed = Counter({name: part.quantity for name, part in services.product.parts.items()})
         needed.subtract(Counter(state.placed.values()))
-        left = sorted((part for part in needed if needed[part] > 0), key=lambda part: needed[part])
+        left = sorted((part for part in needed if needed[part] > 0), key=lambda part: (part != held, needed[part]))
         asked = [part for part in left if part not in self._by_hand]
         if state.told_goal != UNKNOWN_GOAL:
             self.feedback_message = "nobody said that this is a new product"
-        elif len(left) < 2 or services.guard.sure_of_next(self.plan.get()):
+        elif len(left) < 2 or services.guard.sure_of_next(self.plan.get(), held if held in left else None):
             self.feedback_message = "it follows from what is placed"
         elif not services.observation.operator.present:
             self.feedback_message = "nobody to ask"

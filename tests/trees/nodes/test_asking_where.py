@@ -13,7 +13,7 @@ from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from cell.running.node_library import node_registry
 from learned.semantic.planner import BayesPlanner
 from tests import ROOT
-from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
+from tests.trees.nodes.rig import EMPTY_HOLES, HOLDING, PRODUCT, SURE, see, services
 from trees.nodes.asking_where import AskPosition
 from trees.nodes.services import Services
 from trees.testing import TreeBench, alone
@@ -82,6 +82,21 @@ def test_a_part_that_the_person_places_is_followed_by_the_next_type_and_then_by_
     assert to.display.questions == ()
 
 
+def test_the_part_in_the_gripper_is_asked_for_first_and_though_another_is_told() -> None:
+    state = replace(NEW, told_parts={"p5": "o1"})
+    to = services()
+    plan = replace(to, semantic=BayesPlanner(PRODUCT)).infer(state)
+    for held, holes in ((None, None), ("o1", None), ("o2", ("p3", "p5"))):
+        to = services()
+        to.held_part = held
+        if held is not None:
+            to.observation = replace(to.observation, gripper=HOLDING)
+        node = asking(to, state, plan)
+        later(to, node, 0.0)
+        later(to, node, 7.0)
+        assert [(one.part, one.positions) for one in to.display.questions] == ([] if holes is None else [(held, holes)])
+
+
 def test_the_order_to_place_it_oneself_is_an_answer_once() -> None:
     to = services()
     node = asked(to)
@@ -135,3 +150,13 @@ def test_a_screw_where_nothing_follows_from_the_graph_asks_where_and_then_fetche
         made.tick(0.1)
     order = [event.removeprefix("start ") for event in made.events if event.startswith("start ")]
     assert order.index("AskPosition") < order.index("LookAtTray")
+
+
+@pytest.mark.parametrize("name", ["ahead", "shift_ahead"])
+def test_one_part_ahead_it_is_asked_beside_the_work(name: str) -> None:
+    answers = {"AssemblyFinished": "F", "BracketTaken": "F", "AwaitPosition": "R", "AskPosition": "R"}
+    made = TreeBench(ROOT / "trees" / f"{name}.xml", node_registry(), {**answers, "AwaitMisfit": "R"})
+    for _ in range(3):
+        made.tick(0.1)
+    assert "start AskPosition" in made.events
+    assert "start AwaitPosition" in made.events

@@ -122,7 +122,7 @@ class Guard:
         return unknown >= self._settings.ask_probability or (self.sure_of_next(plan) and self._doubts(unknown, best))
 
     def sure_of_next(self, plan: AssemblyPlan, part: str | None = None) -> bool:
-        """Whether a placement (of this type, where one is named) is so probable that the robot may act, or ask about it."""
+        """Whether a placement, of this type if one is named, is so probable that the robot may act, or ask about it."""
         beliefs = (belief for (name, _), belief in plan.next_belief.items() if part in (None, name))
         return max(beliefs, default=0.0) >= self._settings.act_probability
 

@@ -1,0 +1,104 @@
+"""Mistakes in the bracket: what looks wrong in which hole, and how it is said to people."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from cell.interfaces.perception import HoleView
+from cell.interfaces.planning import AssemblyPlan, AssemblyState
+from cell.interfaces.product import Product
+from trees.nodes.services import Services
+
+MistakeKind = Literal["wrong", "surplus", "crooked", "hidden"]
+KINDS: tuple[MistakeKind, ...] = ("wrong", "surplus", "crooked", "hidden")  # in the order in which they are told
+TODO: dict[MistakeKind, tuple[str, str]] = {
+    "wrong": ("take it out", "take them out"),
+    "surplus": ("take it out", "take out what does not belong there, or say which one does not"),
+    "crooked": ("set it straight", "set them straight"),
+    "hidden": ("clear the view, or take out what does not belong there",) * 2,
+}
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """Something in one hole that a person should mend.
+
+    Attributes:
+        kind: "wrong": the goal has another part there; "surplus": more such parts than a bracket takes; "crooked":
+            the part does not stand straight; "hidden": nothing could be read there for a while.
+        part: type of the part in the hole; None where that is not known.
+        wanted: type of the part that belongs there; None where that is not known.
+    """
+
+    position: str
+    kind: MistakeKind
+    part: str | None = None
+    wanted: str | None = None
+
+
+Mistakes = tuple[Mistake, ...]
+
+
+def mistakes_in(services: Services, plan: AssemblyPlan, state: AssemblyState) -> Mistakes:
+    """What looks wrong now, by holes; without what a person said is right, and without what cannot be read."""
+    view, product = services.observation.bench, services.product
+    holes = view.holes if view else {}
+    seen = {name: hole for name, hole in holes.items() if hole.part and state.known_wrong.get(name) != hole.part}
+    goal = services.guard.sure_goal(plan, state)
+    wanted = product.goal_placements(goal) if goal is not None else {}
+    return tuple(_judged(product, seen, wanted, state.kept))
+
+
+def _judged(
+    product: Product, seen: Mapping[str, HoleView], wanted: Mapping[str, str], kept: Mapping[str, str | None]
+) -> Iterator[Mistake]:
+    counts = Counter(hole.part for hole in seen.values())  # with what is kept: the others are too many then
+    for position, hole in seen.items():
+        part = hole.part
+        if kept.get(position) == part:
+            continue
+        if part not in product.parts:
+            yield Mistake(position, "surplus", part)
+        elif wanted and wanted[position] != part:
+            yield Mistake(position, "wrong", part, wanted[position])
+        elif counts[part] > product.parts[part].quantity and not wanted:
+            yield Mistake(position, "surplus", part)
+        elif not hole.upright:
+            yield Mistake(position, "crooked", part)
+
+
+def reason_of(product: Product, mistakes: Mistakes) -> str:
+    """What is wrong, for people."""
+    kind, names = mistakes[0].kind, _listed([one.position for one in mistakes])
+    if kind == "wrong":
+        return "; ".join(
+            f"{one.position} holds the {product.title(one.part or '')}, where this bracket needs the"
+            f" {product.title(one.wanted or '')}"
+            for one in mistakes
+        )
+    if kind == "surplus":
+        there = Counter(one.part or "" for one in mistakes)
+        takes = {part: product.parts[part].quantity if part in product.parts else 0 for part in there}
+        return "; ".join(
+            f"{names} holds the {product.title(part)}, which is one too many"
+            if there[part] == 1 and takes[part]
+            else f"{_listed([one.position for one in mistakes if one.part == part])} hold the {product.title(part)},"
+            f" and a bracket takes {takes[part] or 'none'} of them"
+            for part in there
+        )
+    if kind == "crooked":
+        return f"the {product.title(mistakes[0].part or '')} in {names} does not stand straight"
+    return f"I have not been able to see into {names} for a while"
+
+
+def todo_of(mistakes: Mistakes) -> str:
+    """What the person should do."""
+    one, several = TODO[mistakes[0].kind]
+    return one if len(mistakes) == 1 else several
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

@@ -85,6 +85,26 @@ class LookRange(Model):
             raise Disagreement(backwards)
         return self
 
+    def fixed(self, place: str, value: object) -> LookRange:
+        """The same looks, with one value that is the same in all of them.
+
+        Args:
+            place: section and field with a dot between, as in "light.ambient".
+
+        Raises:
+            InputError: there is no such value, or it is not legal.
+        """
+        ends = [end.model_dump() for end in (self.low, self.high)]
+        legal = {".".join(map(str, location)) for location, _, _ in leaves(ends[0], ends[1])}
+        if place not in legal:
+            near = sorted(name for name in legal if name.partition(".")[0] == place.partition(".")[0])
+            raise InputError(f"a look has no value {place!r}; legal: {', '.join(near or sorted(legal))}")
+        try:
+            low, high = (Look.model_validate(_with(end, place.split("."), value)) for end in ends)
+        except ValidationError as error:
+            raise InputError(f"{place} of a look: {error.errors()[0]['msg']}, not {value!r}") from None
+        return LookRange(name=f"{self.name}, {place} {value}", low=low, high=high)
+
     def draw(self, seed: int) -> Look:
         """The look of one run.
 
@@ -150,6 +170,15 @@ def _drawn(seed: int, location: Location, low: Any, high: Any) -> Any:
     if isinstance(low, int):
         return int(rng.integers(low, high, endpoint=True))
     return float(rng.uniform(low, high))
+
+
+def _with(look: Any, steps: Sequence[str], value: object) -> Any:
+    """A look's dump with one value changed."""
+    if not steps:
+        return value
+    if isinstance(look, Mapping):
+        return {**look, steps[0]: _with(look[steps[0]], steps[1:], value)}
+    return [_with(one, steps[1:], value) if str(index) == steps[0] else one for index, one in enumerate(look)]
 
 
 def _end(data: Any, side: int) -> Any:

@@ -12,6 +12,7 @@ from cell.commands import faults as fault_commands
 from cell.commands import figure10 as figure10_commands
 from cell.commands import grasp as grasp_commands
 from cell.commands import hands as hand_commands
+from cell.commands import knobs as knob_commands
 from cell.commands import noise as noise_commands
 from cell.commands import semantic as semantic_commands
 from cell.commands import system as system_commands
@@ -37,6 +38,7 @@ train_app.command("noise")(noise_commands.train)
 train_app.command("actions")(action_commands.train)
 eval_app.command("actions")(action_commands.evaluate)
 eval_app.command("figure10")(figure10_commands.figure10)
+eval_app.command("knobs")(knob_commands.knobs)
 eval_app.command("system")(system_commands.system)
 eval_app.command("latency")(system_commands.latency)
 for command in (worlds.actions, worlds.hands, worlds.holes, worlds.plates, worlds.objects):

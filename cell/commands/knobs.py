@@ -1,0 +1,94 @@
+"""`cell eval knobs`: a detector against one value of the look after the other, as a table and a plot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cell.commands.detectors import LookOption, PersonOption, TestSeedOption
+from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, RowsOption, console, print_json
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from cell.evaluating.row_file import Row
+
+KNOB = "--knob light.ambient=0.1,0.5"
+
+
+def knobs(
+    detector: Annotated[str, typer.Argument(help="actions, hands, holes or parts.")],
+    knob: Annotated[
+        list[str] | None,
+        typer.Option(help="PLACE=VALUE,VALUE: of the look, or the person's pace; may be repeated. Some by default."),
+    ] = None,
+    look: LookOption = "nominal",
+    person: PersonOption = "varied",
+    recordings: Annotated[int, typer.Option(min=1, help="Seeds for each value.")] = 4,
+    first_seed: TestSeedOption = 900_000,
+    out: RowsOption = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw it into this PNG file.")] = None,
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> None:
+    """Score a detector while one knob is turned and the rest of the look stays as it is.
+
+    Interrupted, it prints the table of what was run; with the same --out it goes on there.
+    """
+    from cell.configuration import load_configuration, load_product, simulated
+    from cell.evaluating.knobs import SCORED, at
+    from cell.evaluating.row_file import RowFile
+    from sim.data.splits import seeds
+
+    if detector not in SCORED:
+        raise InputError(f"{detector!r} is no detector; legal: {', '.join(SCORED)}")
+    if plot is not None and not plot.parent.is_dir():
+        raise InputError(f"{plot}: cannot be written: there is no folder {plot.parent}")
+    scored = SCORED[detector]
+    configuration = simulated(load_configuration(config), look, person)
+    product = load_product(configuration, config)
+    tried = dict(map(_values, knob)) if knob else scored.knobs
+    turned = [(name, value, at(configuration, name, value)) for name, values in tried.items() for value in values]
+    _, wanted = seeds(first_seed, recordings)
+    told = {"detector": detector, "look": look, "person": person, "recordings": recordings, "first_seed": first_seed}
+    kept = RowFile(out, {"command": "knobs", **told})
+    done = {(row["knob"], row["value"]) for row in kept.rows}
+    try:
+        for name, value, cell in turned:
+            if (name, value) not in done:
+                kept.add({"knob": name, "value": value, **scored.score(cell, product, wanted)})
+    except KeyboardInterrupt:
+        console().print(f"interrupted: {len(kept.rows)} of {len(turned)} values are done")
+    rows = [row for row in kept.rows if row["value"] in tried.get(str(row["knob"]), ())]
+    console().print(_table(rows, scored.title), highlight=False, soft_wrap=True)
+    if plot is not None and rows:
+        _plot(rows, scored.title, look, plot)
+    if as_json:
+        print_json({**told, "share": scored.title, "rows": rows})
+
+
+def _values(text: str) -> tuple[str, tuple[Any, ...]]:
+    """A knob and the values to try."""
+    from trees.engine.literals import constant
+
+    name, sign, values = text.partition("=")
+    if not (name and sign and values):
+        raise InputError(f"--knob {text}: a knob and its values, as in {KNOB}")
+    return name, tuple(constant(value) for value in values.split(","))
+
+
+def _table(rows: Iterable[Mapping[str, Any]], title: str) -> str:
+    lines = [f"| knob | value | {title} | beside it |", "|---|---|---|---|"]
+    for row in rows:
+        share = f"{row['share']:.3f} of {row['n']} ({row['low']:.3f} - {row['high']:.3f})"
+        lines.append(f"| {row['knob']} | {row['value']} | {share} | {row['beside']} |")
+    return "\n".join(lines)
+
+
+def _plot(rows: Sequence[Row], title: str, look: str, path: Path) -> None:
+    """A panel for each knob."""
+    from cell.evaluating.knob_plot import plot_knobs
+
+    plot_knobs(rows, f"{title}, look {look}", path)

@@ -1,0 +1,32 @@
+"""Shares against the value of a knob, a panel for each knob."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+COLUMNS, PANEL_INCHES = 4, (2.6, 2.1)
+
+
+def plot_knobs(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
+    """Draw rows with `knob`, `value`, `share`, `low` and `high` into a PNG file."""
+    names = list(dict.fromkeys(row["knob"] for row in rows))
+    columns = min(COLUMNS, len(names))
+    lines = -(-len(names) // columns)
+    figure = Figure(figsize=(PANEL_INCHES[0] * columns, PANEL_INCHES[1] * lines + 0.4), layout="constrained")
+    panels = figure.subplots(lines, columns, sharey=True, squeeze=False).ravel()
+    for name, panel in zip(names, panels, strict=False):
+        own = [row for row in rows if row["knob"] == name]
+        shares = [row["share"] for row in own]
+        reach = ([row["share"] - row["low"] for row in own], [row["high"] - row["share"] for row in own])
+        panel.errorbar([row["value"] for row in own], shares, yerr=reach, marker="o", capsize=3)
+        panel.set_title(name, fontsize="medium")
+        panel.set_ylim(min(0.8, *(row["low"] for row in rows)) - 0.02, 1.02)
+        panel.grid(alpha=0.3)
+    for panel in panels[len(names) :]:
+        panel.set_visible(False)
+    figure.suptitle(f"{title}; bars: 95 %", fontsize="large")
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,122 @@
+"""How detectors fare when one value of the look, or the person's speed, is turned and the rest stays as it is.
+
+Hands move by physics, so that their frames are blurred and lost as the look says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cell.configuration import Configuration
+from cell.evaluating.actions import at_pace, evaluate_actions
+from cell.evaluating.actions import share as share_of
+from cell.evaluating.hands import evaluate_hands
+from cell.evaluating.things import Task, score_holes, score_parts
+from cell.interfaces.errors import InputError
+from cell.interfaces.perception import HandTracker
+from cell.interfaces.product import Product
+from cell.running.detectors import Detectors
+from learned.actions.classes import Classes
+
+Score = Callable[[Configuration, Product, Sequence[int]], dict[str, Any]]
+PACE = "pace"  # of the person, by which they are faster than usual: the knob that no look has
+LEAST_PACE, MOST_PACE = 0.2, 5.0
+STILLS, STRETCHES = 6, 2  # of a seed
+
+# Turned where a user names no knob; from the look nominal to beyond what is trained on.
+LIGHT: Mapping[str, tuple[float, ...]] = {
+    "light.ambient": (0.05, 0.15, 0.35, 0.7),
+    "camera.brightness_ev": (-2.5, -1.0, 0.0, 1.0, 2.0),
+    "camera.blue_gain": (0.6, 0.8, 1.0, 1.3, 1.7),
+    "camera.noise_levels": (2.0, 8.0, 16.0, 30.0),
+    "camera.blur_px": (0.6, 1.5, 2.5, 4.0),
+}
+MOVING: Mapping[str, tuple[float, ...]] = {
+    "camera.exposure_s": (0.0, 0.02, 0.04),
+    "camera.dropped_share": (0.0, 0.1, 0.3),
+    PACE: (1.0, 1.5, 2.0),
+}
+PERSON: Mapping[str, tuple[float, ...]] = {
+    "person.skin_tone": (0.0, 0.4, 0.8, 1.0),
+    "person.hand_size": (0.85, 1.0, 1.15),
+    "person.lean_m": (0.0, 0.1, 0.2),
+}
+PAINT: Mapping[str, tuple[float, ...]] = {
+    "surfaces.paint_fade": (0.0, 0.3, 0.6, 0.9),
+    "surfaces.paint_lightness": (0.6, 1.0, 1.4),
+}
+
+
+def at(configuration: Configuration, knob: str, value: Any) -> Configuration:
+    """The same cell with a knob turned.
+
+    Raises:
+        InputError: there is no such knob, or the value is not legal.
+    """
+    if knob == PACE:
+        if not isinstance(value, int | float) or not LEAST_PACE <= value <= MOST_PACE:
+            raise InputError(f"{PACE}: {value!r}; legal: {LEAST_PACE} to {MOST_PACE}")
+        return at_pace(configuration, value)
+    devices = configuration.devices
+    look = devices.simulation.look.fixed(knob, value)
+    simulation = devices.simulation.model_copy(update={"look": look})
+    return configuration.model_copy(update={"devices": devices.model_copy(update={"simulation": simulation})})
+
+
+def _actions(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
+    chosen = configuration.perception.chosen("actions")
+    weights = {chosen.kind: configuration.perception.weights("actions")} if chosen.kind != "classical" else {}
+    tally = evaluate_actions(configuration, product, [chosen.kind], seeds, physics=True, weights=weights)[chosen.kind]
+    found = tally.summary(Classes.of(product))
+    placements = found["placements"]
+    return {**found["outside_guard"], "beside": f"placements {placements['share']:.2f} of {placements['n']}"}
+
+
+def _hands(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
+    def make(bench: Any) -> HandTracker:
+        tracker: HandTracker = Detectors(bench, product, configuration.perception).make("hands")
+        return tracker
+
+    found = evaluate_hands(configuration, product, {"": make}, seeds, stretches=STRETCHES)[""]
+    told = {name: found[f"found{end}"] for name, end in (("share", ""), ("low", "_low"), ("high", "_high"))}
+    return {**told, "n": found["found_n"], "beside": f"palm {found['palm_mm_p50']:.1f} / {found['palm_mm_p95']:.0f} mm"}
+
+
+def _holes(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
+    chosen = configuration.perception.chosen("holes")
+    found = score_holes(Task(configuration, product, chosen.kind, chosen.weights), seeds, STILLS)
+    told = {name: round(found[f"right{end}"], 4) for name, end in (("share", ""), ("low", "_low"), ("high", "_high"))}
+    return {**told, "n": int(found["holes"]), "beside": f"right where said {found.get('right_where_said', 0):.3f}"}
+
+
+def _parts(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
+    chosen = configuration.perception.chosen("parts")
+    found = score_parts(Task(configuration, product, chosen.kind, chosen.weights), seeds, mixed=True)
+    count = int(found["standing"])
+    told = share_of(round(count * (1 - found.get("missed", 0))), count)
+    return {**told, "beside": f"mAP@.5 {found['map_50']:.3f}, position p95 {found.get('position_mm_p95', 0):.1f} mm"}
+
+
+@dataclass(frozen=True)
+class Scored:
+    """How one detector is scored.
+
+    Attributes:
+        score: of some seeds: `share`, its interval `low` and `high`, `n`, and another figure in words (`beside`).
+        title: what `share` is.
+        knobs: values by knob that are tried by default.
+    """
+
+    score: Score
+    title: str
+    knobs: Mapping[str, tuple[float, ...]]
+
+
+SCORED: Mapping[str, Scored] = {
+    "actions": Scored(_actions, "segments named right, outside the guard band", MOVING),
+    "hands": Scored(_hands, "hands found", {**LIGHT, **PERSON, **MOVING}),
+    "holes": Scored(_holes, "bare holes right", {**LIGHT, **PAINT}),
+    "parts": Scored(_parts, "standing parts found", {**LIGHT, **PAINT}),
+}

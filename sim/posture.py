@@ -51,6 +51,4 @@ def stance(solids: tuple[Solid, ...], turn: str) -> Stance:
 
 def whole(kind: PartType) -> tuple[Solid, ...]:
     """All solids of a part, its peg among them."""
-    diameter, length = kind.peg_diameter_m, kind.peg_length_m
-    peg = Solid(solid="cylinder", size_m=(diameter, diameter, length), centre_m=(0.0, 0.0, -length / 2))
-    return *kind.solids, peg
+    return kind.whole

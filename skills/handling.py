@@ -119,7 +119,7 @@ def take_phases(
     bottom_m = part.world_from_part.position_m[2]
     lifted_m = max(carry_m, bottom_m) + grasp.height_m
     speed, force = settings.gripper_speed_m_s, settings.grip_force_n
-    planner.hold = grasp.hold
+    planner.hold, planner.lying = grasp.hold, None
     descent_m_s = settings.close_speed_m_s if grasp.close else None
     return [
         Activate(),

@@ -74,10 +74,29 @@ def free_spots(
 
     Best has the widest gap to the nearest part, up to ENOUGH_M; among equals the nearest spot.
     """
-    start = np.array(part.world_from_part.position_m[:2])
-    half = np.array(kind.size_m[:2]) / 2
+    start, headings = part.world_from_part.position_m[:2], (part.world_from_part.yaw_rad, 0.0, math.pi / 2)
+    bottom = tray.centre_m[2] + kind.peg_length_m
+    centres = free_centres(kind.size_m, start, headings, others, tray, settings)
+    return [Pose.from_yaw((x, y, bottom), yaw) for x, y, yaw in centres[:SPOTS]]
+
+
+def free_centres(
+    size_m: Sequence[float],
+    start_m: Sequence[float],
+    headings_rad: Sequence[float],
+    others: Sequence[PartDetection],
+    tray: Tray,
+    settings: MotionSettings,
+    each: int = SPOTS,
+) -> list[tuple[float, float, float]]:
+    """Where a box (length, width, ...) has room in the tray: (x, y) and heading, best first, so many of each heading.
+
+    Args:
+        start_m: (x, y) of where it is now.
+    """
+    start, half = np.array(start_m), np.array(size_m[:2]) / 2
     ranked: list[tuple[float, float, float, float, float]] = []
-    for yaw in (part.world_from_part.yaw_rad, 0.0, math.pi / 2):
+    for yaw in headings_rad:
         centres = _grid(yaw, half, tray, settings.rim_gap_m)
         gaps = np.full(len(centres), ENOUGH_M)
         for other in others:
@@ -85,10 +104,10 @@ def free_spots(
         distances = np.linalg.norm(centres - start, axis=1)
         roomy = gaps >= settings.part_gap_m
         rows = zip(-gaps[roomy], distances[roomy], *centres[roomy].T, strict=True)
-        ranked += [(float(gap), float(distance), float(x), float(y), yaw) for gap, distance, x, y in rows]
+        found = sorted((float(gap), float(distance), float(x), float(y), yaw) for gap, distance, x, y in rows)
+        ranked += found[:each]
     ranked.sort()
-    bottom = tray.centre_m[2] + kind.peg_length_m
-    return [Pose.from_yaw((x, y, bottom), yaw) for _, _, x, y, yaw in ranked[:SPOTS]]
+    return [(x, y, yaw) for _, _, x, y, yaw in ranked]
 
 
 def _grid(yaw_rad: float, half_m: Array, tray: Tray, margin_m: float) -> Array:

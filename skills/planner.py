@@ -14,6 +14,7 @@ from cell.interfaces.product import Product
 from skills.collision import Box, CollisionChecker
 from skills.grip import Hold
 from skills.kinematics import Kinematics
+from skills.lying_grasp import LyingHold
 from skills.outline import Shape
 from skills.separation import SeparationMonitor
 from skills.settings import MotionSettings
@@ -49,12 +50,14 @@ class MotionPlanner:
         kinematics: of the arm with its tool.
         separation: of the arm from the person.
         hold: how the part is held that was taken last; None where this planner has not seen to one.
+        lying: how it is held if it was taken as it lay; None for a part that stood.
     """
 
     def __init__(self, product: Product, bench: Bench, settings: MotionSettings | None = None) -> None:
         self.product, self.bench = product, bench
         self.settings = settings or MotionSettings()
         self.hold: Hold | None = None
+        self.lying: LyingHold | None = None
         self.kinematics = Kinematics(self.settings)
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
         self.separation = SeparationMonitor(

@@ -220,6 +220,7 @@ class PartDetection:
         box_px: (left, top, right, bottom) in the image.
         embedding: features of the crop for the grasp planner; empty where the detector has none.
         upright: it stands on its peg; of what does not, and of unknown things, the pose is a rough one.
+        lies: exact world_from_part of a part that does not stand, where it could be made out how it lies.
     """
 
     part: str
@@ -229,6 +230,7 @@ class PartDetection:
     box_px: tuple[int, int, int, int]
     embedding: tuple[float, ...] = ()
     upright: bool = True
+    lies: Pose | None = None
 
 
 @dataclass(frozen=True)

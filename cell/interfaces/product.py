@@ -48,6 +48,13 @@ class PartType(Model):
         return self.shape or (Solid(solid="box", size_m=self.size_m, centre_m=(0.0, 0.0, self.size_m[2] / 2)),)
 
     @cached_property
+    def whole(self) -> tuple[Solid, ...]:
+        """The body's solids and the peg."""
+        diameter, length = self.peg_diameter_m, self.peg_length_m
+        peg = Solid(solid="cylinder", size_m=(diameter, diameter, length), centre_m=(0.0, 0.0, -length / 2))
+        return *self.solids, peg
+
+    @cached_property
     def alike_after_half_turn(self) -> bool:
         """Whether nobody can tell the body's two ends apart."""
         return Counter(solid.mark(1) for solid in self.solids) == Counter(solid.mark(-1) for solid in self.solids)

@@ -7,12 +7,9 @@ bench, product and the file of weights; a new kind is one more line in TRAINED.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from cell.configuration import Configuration
 from cell.interfaces.bench import Bench
@@ -24,17 +21,16 @@ from cell.interfaces.perception import (
     Frame,
     HandTracker,
     HoleReader,
-    PartDetection,
     PartDetector,
     PartsView,
 )
-from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
 from cell.settings import LEARNED_KINDS, Perception
 from learned.bench_watcher import DetectorChain
 from learned.calibration.check import TrayCheck
 from learned.classical.detectors import ClassicalDetectors
+from learned.classical.lying_parts import LyingParts
 from learned.onnx_model import OnnxModel
 
 Maker = Callable[[Bench, Product, Path], Any]
@@ -82,8 +78,6 @@ NO_CARD = ("classical", "mediapipe")  # kinds whose files are not ours, or that 
 LATENCY_SCORE = "latency_ms_p95"  # of a model card: processor time of a frame's answer
 BESIDE_S = 0.01  # health of image and track, calibration, and the way between processes
 UNKNOWN_LATENCY_S = 0.1  # of detectors whose cards do not tell
-LEAST_HEIGHT_M, LEAST_SURE = 0.02, 0.3  # of something that lies: its height, and that it is there
-BEYOND_M = 0.003  # its box reaches so far beyond what is seen of it
 
 
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
@@ -95,46 +89,14 @@ def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Cal
 def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:
     """What answers wrist frames."""
     detector: PartDetector = Detectors(bench, product, perception).make("parts")
-    check = TrayCheck(bench)
+    check, lying = TrayCheck(bench), LyingParts(bench, product)
 
     def find(frame: Frame) -> PartsView:
         placed = frame.seen_from(bench.wrist.told(frame.world_from_camera))
-        found = detector.detect(placed)
-        known = tuple(one for one in found if one.upright and one.part in product.parts)
-        others = tuple(
-            on_floor(placed, bench, product, one)
-            for one in found
-            if one not in known and one.confidence >= LEAST_SURE and not any(covers(part, one) for part in known)
-        )
-        return PartsView(frame.sequence, frame.time_s, known, others, check.judge(placed))
+        standing, others = lying.sort(placed, detector.detect(placed))
+        return PartsView(frame.sequence, frame.time_s, standing, others, check.judge(placed))
 
     return find
-
-
-def on_floor(frame: Frame, bench: Bench, product: Product, one: PartDetection) -> PartDetection:
-    """What does not stand as an upright box along the axes of the world that holds what the camera sees of it.
-
-    One look does not tell on which side a part lies: it counts as high as it can be.
-    """
-    left, top, right, bottom = one.box_px
-    middle_m = one.world_from_part.position_m[2]
-    floor_m = bench.tray.centre_m[2]
-    half_m = max(middle_m - floor_m, LEAST_HEIGHT_M / 2)
-    pixels = np.array([[left, top], [right, top], [right, bottom], [left, bottom]], float)
-    corners = bench.wrist.model.onto_plane(frame.world_from_camera, pixels, floor_m + half_m)[:, :2]
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    x, y = (float(value) for value in (low + high) / 2)
-    known = product.parts.get(one.part)
-    length, width = (float(value) + 2 * BEYOND_M for value in high - low)
-    top_m = max(2 * half_m, *(known.size_m if known else (min(length, width),)))
-    return replace(one, world_from_part=Pose((x, y, floor_m)), size_m=(length, width, top_m), upright=False)
-
-
-def covers(standing: PartDetection, other: PartDetection) -> bool:
-    """Whether something is seen where a part stands: the part itself, seen twice."""
-    x, y, _ = standing.world_from_part.inverse().transform(np.array(other.world_from_part.position_m))
-    length, width, _ = standing.size_m
-    return bool(abs(x) < length / 2 and abs(y) < width / 2)
 
 
 class Detectors:

@@ -36,13 +36,21 @@ TICK_S = 0.040
 class RobotAlone:
     """A world with the given parts in its tray, its arm and gripper, and a motion planner."""
 
-    def __init__(self, types: Sequence[str], channel: str, watch: Callable[[World], Observer] | None = None) -> None:
+    def __init__(
+        self,
+        types: Sequence[str],
+        channel: str,
+        watch: Callable[[World], Observer] | None = None,
+        product: Product | None = None,
+    ) -> None:
         """Args:
         types: one part of each stands aside on the table until a test puts it somewhere.
         channel: name of the virtual CAN bus, one for each robot.
         watch: makes something that looks at the world after every control period.
+        product: the shipped one by default.
         """
-        self.product, self.bench = load_cell()
+        shipped, self.bench = load_cell()
+        self.product = product or shipped
         scene = [
             standing(self.product, self.bench.tray, name, (0.0, 0.7 + 0.1 * i), 0.0) for i, name in enumerate(types)
         ]

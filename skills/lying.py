@@ -1,0 +1,210 @@
+"""Taking a part that lies, and putting it down again: upright, or on a side from which it is nearer to standing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from cell.interfaces.command import GripperCommand
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import PartType
+from cell.interfaces.resting import SIDES, UPRIGHT, side_up
+from skills.contact import Descend
+from skills.grip import STROKE_M
+from skills.handling import bracket_boxes, carry_over_bracket_m, joints_of, seen_in_holes, tray_boxes
+from skills.lying_grasp import MOST_LEAN_RAD, LyingHold, held_box, laid_out, lying_holds, solid_boxes, turns_left
+from skills.move_aside import free_centres
+from skills.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
+from skills.planner import Load, MotionPlanner, at_height
+
+HEADINGS = tuple(math.pi / 4 * turn for turn in range(8))  # of a part that is put down: the tool leans another way
+LEANING_M = 0.012  # a leaning finger's corner is so much lower than its middle
+DROP_M = 0.0025  # a part is let go this far above the floor: how it lay was not seen exactly
+TRIES = 24  # ways to hold, of those that are clear of the part itself, that are tried with the arm
+
+Chosen = tuple[LyingHold, Pose, Array]  # how, the tool (TCP) in the world, and the joints (6,) for it
+
+
+class SetUpright(PhasedSkill):
+    """Take a part that lies and stand it on its peg where the tray is free, or lay it on a side nearer to that."""
+
+    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> None:
+        """Args:
+        part: it lies, and it is known how (`lies`).
+        others: all other parts seen in the tray.
+        """
+        super().__init__()
+        self._planner, self._part, self._others = planner, part, tuple(others)
+        self._then = ""
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """A grasp from which the part can be put down better than it lies now."""
+        planner, part = self._planner, self._part
+        kind, reason = planner.product.parts[part.part], f"cannot set {part.part} upright: no grasp turns it"
+        if part.lies is None:
+            return f"cannot take {part.part}: it is not clear how it lies"
+        left = turns_left(kind, side_up(part.lies))
+        carry_m = carry_over_bracket_m(planner, kind)
+        for hold, tool, joints in grasps_of_lying(planner, part, self._others, joints_of(observation)):
+            if left is None or hold.turn.then not in better(kind, hold.turn.up):
+                continue
+            take = take_lying(planner, part, self._others, (hold, tool, joints), carry_m)
+            lifted = planner.kinematics.inverse(at_height(tool, carry_m), joints)
+            if lifted is None or isinstance(take, str):
+                reason = take if isinstance(take, str) else f"cannot lift {part.part}: out of the arm's reach"
+                continue
+            put = put_lying(planner, part.part, hold, observation, self._others, (hold.turn.then,), lifted)
+            if isinstance(put, str):
+                reason = put
+                continue
+            self._then = hold.turn.then
+            return [*take, *put]
+        return reason
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return (
+            f"{self._part.part} stands upright" if self._then == UPRIGHT else f"{self._part.part} lies on another side"
+        )
+
+
+class PickLying(PhasedSkill):
+    """Take a part that lies and lift it, to hand it over; it stays as it is held."""
+
+    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection]) -> None:
+        super().__init__()
+        self._planner, self._part, self._others = planner, part, tuple(others)
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """Any grasp that the arm reaches."""
+        planner, part = self._planner, self._part
+        if part.lies is None:
+            return f"cannot take {part.part}: it is not clear how it lies"
+        carry_m = carry_over_bracket_m(planner, planner.product.parts[part.part])
+        for chosen in grasps_of_lying(planner, part, self._others, joints_of(observation)):
+            phases = take_lying(planner, part, self._others, chosen, carry_m)
+            if not isinstance(phases, str):
+                return phases
+        return f"cannot take {part.part} as it lies: no room for the fingers"
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return f"holding {self._part.part} as it lay"
+
+
+def better(kind: PartType, up: str) -> tuple[str, ...]:
+    """Sides from which a part needs fewer turns than from this one, the best first."""
+    left = {side: turns for side in (UPRIGHT, *SIDES) if (turns := turns_left(kind, side)) is not None}
+    return tuple(side for side in sorted(left, key=left.__getitem__) if up in left and left[side] < left[up])
+
+
+def grasps_of_lying(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], near_rad: Array
+) -> Iterator[Chosen]:
+    """Ways to take a part that lies, which the arm reaches without touching anything, the best first."""
+    assert part.lies is not None
+    settings, kind = planner.settings, planner.product.parts[part.part]
+    obstacles = (*tray_boxes(planner, others), *solid_boxes(part.part, kind, part.lies))
+    for _, hold in zip(range(TRIES), lying_holds(kind, side_up(part.lies), settings), strict=False):
+        tool = part.lies @ hold.part_from_tool
+        found = planner.reach([tool], near_rad, Load(_opening_m(planner, hold), obstacles, close=True))
+        if not isinstance(found, str):
+            yield hold, *found
+
+
+def take_lying(
+    planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection], chosen: Chosen, carry_m: float
+) -> list[Phase] | str:
+    """Phases that end with the part held as it lay, the tool at least `carry_m` above the table."""
+    assert part.lies is not None
+    hold, tool, joints = chosen
+    settings, name, kind = planner.settings, part.part, planner.product.parts[part.part]
+    boxes, itself = tray_boxes(planner, others), solid_boxes(part.part, kind, part.lies)
+    opening_m = _opening_m(planner, hold)
+    tops = [other.world_from_part.position_m[2] + other.size_m[2] for other in (part, *others)]
+    over_m = max(*tops, tool.position_m[2]) + settings.fingertip_beyond_tcp_m + settings.approach_gap_m + LEANING_M
+    above = planner.kinematics.inverse(at_height(tool, over_m), joints)
+    if above is None:
+        return f"cannot take {name}: out of the arm's reach above it"
+    on_way, around = Load(opening_m, (*boxes, *itself)), Load(opening_m, (*boxes, *itself), close=True)
+    if isinstance(way := planner.straight_move(above, tool, around), str):
+        return f"cannot take {name}: {way}"
+    speed, force = settings.gripper_speed_m_s, settings.grip_force_n
+    planner.hold, planner.lying = None, hold
+    return [
+        Activate(),
+        SetGripper("opening the fingers", GripperCommand(opening_m, speed, force), settings, wait=False),
+        Move(f"moving above {name}", lambda start: planner.free_move(start, above, on_way), settings),
+        FingersRest("opening the fingers", settings),
+        Descend(name, planner, tool, around),
+        SetGripper(f"grasping {name}", GripperCommand(0.0, speed, force), settings, must_hold=True),
+        Move(f"lifting {name}", lambda start: planner.rise(start, carry_m, opening_m), settings, holding=name),
+    ]
+
+
+def put_lying(
+    planner: MotionPlanner,
+    name: str,
+    hold: LyingHold,
+    observation: Observation,
+    others: Sequence[PartDetection],
+    sides: Sequence[str],
+    near_rad: Array,
+) -> list[Phase] | str:
+    """Phases that put the held part down in the tray, with one of these sides up, the first that there is room for."""
+    kind, tray = planner.product.parts[name], planner.bench.tray
+    reason = f"no free spot in the tray for {name}"
+    for up in sides:
+        lies = laid_out(kind, up)
+        if lies is None or hold.lean_rad(up) > MOST_LEAN_RAD:
+            continue
+        spot_from_part, room = lies
+        for x, y, yaw in free_centres(room, tray.centre_m[:2], HEADINGS, others, tray, planner.settings, each=2):
+            spot = Pose.from_yaw((x, y, tray.centre_m[2] + DROP_M), yaw)
+            phases = put_at(planner, name, hold, spot @ spot_from_part, observation, others, near_rad)
+            if not isinstance(phases, str):
+                return phases
+            reason = phases
+    return reason
+
+
+def put_at(
+    planner: MotionPlanner,
+    name: str,
+    hold: LyingHold,
+    world_from_part: Pose,
+    observation: Observation,
+    others: Sequence[PartDetection],
+    near_rad: Array,
+) -> list[Phase] | str:
+    """Phases that let the held part go at a pose and end with the empty fingers above it."""
+    settings, kind = planner.settings, planner.product.parts[name]
+    obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, others))
+    held, opening_m = (held_box(name, kind, hold),), _opening_m(planner, hold)
+    carrying, lowering = Load(opening_m, obstacles, held), Load(opening_m, obstacles, close=True)
+    tool = world_from_part @ hold.part_from_tool
+    found = planner.reach([tool], near_rad, lowering)
+    if isinstance(found, str):
+        return f"cannot put {name} there: {found}"
+    carry_m = max(carry_over_bracket_m(planner, kind), tool.position_m[2])
+    above = planner.kinematics.inverse(at_height(tool, carry_m), found[1])
+    if above is None:
+        return f"cannot put {name} there: out of the arm's reach above it"
+    for way in (planner.free_move(near_rad, above, carrying), planner.straight_move(above, tool, lowering)):
+        if isinstance(way, str):
+            return f"cannot put {name} there: {way}"
+    release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
+    return [
+        Move(f"turning {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
+        Move(f"lowering {name}", lambda start: planner.straight_move(start, tool, lowering), settings, holding=name),
+        SetGripper(f"letting go of {name}", release, settings),
+        Move(f"leaving {name}", lambda start: planner.rise(start, carry_m, opening_m), settings),
+    ]
+
+
+def _opening_m(planner: MotionPlanner, hold: LyingHold) -> float:
+    return min(STROKE_M, hold.held_m + 2 * planner.settings.finger_clearance_m)

@@ -1,0 +1,92 @@
+"""Parts that lie are set upright by the simulated robot: friction alone holds what is turned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cell.interfaces.command import Command
+from cell.interfaces.resting import SIDES, UPRIGHT, side_up
+from cell.interfaces.skill import SkillStatus
+from skills.lying import PickLying, SetUpright
+from skills.move_to import MoveTo
+from tests.integration.lying_parts import Bench
+from tests.integration.robot_alone import RobotAlone
+
+TYPES = ("o1", "o2", "o3")
+
+
+@pytest.fixture
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    with RobotAlone(TYPES, request.node.name) as robot:
+        assert robot.run(MoveTo(robot.planner, "look")).status is SkillStatus.SUCCESS
+        yield Bench(robot, np.random.default_rng(1), pixels=False)
+
+
+@pytest.mark.parametrize(("number", "up"), [(0, "+y"), (0, "-x"), (1, "-y"), (1, "+x"), (2, "-y"), (2, "+x")])
+def test_a_part_on_its_side_or_end_is_set_upright(bench: Bench, number: int, up: str) -> None:
+    robot, part = bench.robot, bench.robot.parts[number]
+    assert bench.lay(part, up)
+    seen = bench.seen(part)
+    assert seen is not None
+    progress = robot.run(SetUpright(robot.planner, seen, ()))
+    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, f"{part.part} stands upright")
+    robot.wait(0.5)
+    assert bench.stands(part)
+
+
+def test_a_part_on_its_head_is_laid_on_another_side_first(bench: Bench) -> None:
+    robot, part = bench.robot, bench.robot.parts[1]
+    assert bench.lay(part, "-z")
+    seen = bench.seen(part)
+    assert seen is not None
+    progress = robot.run(SetUpright(robot.planner, seen, ()))
+    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, "o2 lies on another side")
+    robot.wait(0.5)
+    assert side_up(robot.world.part_pose(part)) in (UPRIGHT, *SIDES[:4])
+
+
+def test_where_no_room_is_left_to_set_it_down_nothing_moves(bench: Bench) -> None:
+    robot, part = bench.robot, bench.robot.parts[1]
+    assert bench.lay(part, "+y")
+    seen = bench.seen(part)
+    assert seen is not None
+    tray = robot.bench.tray
+    full = type(seen)("o3", 1.0, seen.world_from_part, (*tray.size_m, 0.01), (0, 0, 0, 0), upright=False)
+    before = robot.observe().arm.positions_rad
+    progress = robot.run(SetUpright(robot.planner, seen, (full,)))
+    assert progress.status is SkillStatus.FAILURE
+    assert robot.observe().arm.positions_rad == pytest.approx(before, abs=1e-3)
+
+
+def test_a_halt_in_the_turn_stops_the_arm_and_keeps_the_part(bench: Bench) -> None:
+    robot, part = bench.robot, bench.robot.parts[0]
+    assert bench.lay(part, "+y")
+    seen = bench.seen(part)
+    assert seen is not None
+    skill, command = SetUpright(robot.planner, seen, ()), Command()
+    progress = skill.poll(robot.observe(), command)
+    while not progress.reason.startswith("turning"):
+        robot.act(command)
+        command = Command()
+        progress = skill.poll(robot.observe(), command)
+        assert progress.status is SkillStatus.RUNNING
+    skill.halt(command)
+    robot.act(command)
+    robot.wait(1.0)
+    assert not robot.observe().arm.moving
+    assert robot.observe().gripper.holding
+    assert robot.world.part_pose(part).position_m[2] > 0.05
+
+
+def test_a_part_that_lies_is_lifted_as_it_is_held(bench: Bench) -> None:
+    robot, part = bench.robot, bench.robot.parts[1]
+    assert bench.lay(part, "+x")
+    seen = bench.seen(part)
+    assert seen is not None
+    assert robot.run(PickLying(robot.planner, seen, ())).status is SkillStatus.SUCCESS
+    assert robot.observe().gripper.holding
+    assert robot.planner.lying is not None
+    assert robot.world.part_pose(part).position_m[2] > 0.1

@@ -12,18 +12,19 @@ OFF_MIDDLE_M = (0.014, 0.010)
 """How far the pads' middle may be from the middle of a part's sides: of its ends, where the fingers close along x, and
 of its long sides. On these the part's own middle stays between the pads, as many parts are round there: farther off,
 some were dropped in simulation."""
+_SHARES = ((0.0, 0.5, -0.5, 1.0, -1.0), (0.0, 1.0, -1.0))  # of that; half of the way on long sides adds next to nothing
 
 _SURE_M = 0.002  # what holds is so far inside of the pads' edges, because of errors of detector and arm
 _ALIKE_M = 1e-4
 
 
-def places_m(axis: int) -> tuple[float, float, float]:
-    """Middle of the pads along the sides that they close on, from the middle of these; the usual place first.
+def places_m(axis: int) -> tuple[float, ...]:
+    """Middle of the pads along the sides that they close on, from the middle of these; the nearest to it first.
 
     Args:
         axis: of the part, along which the fingers close: 0 for x, 1 for y.
     """
-    return 0.0, OFF_MIDDLE_M[axis], -OFF_MIDDLE_M[axis]
+    return tuple(share * OFF_MIDDLE_M[axis] for share in _SHARES[axis])
 
 
 def held_off_middle(kind: PartType, axis: int, fingertips_m: float) -> bool:
@@ -41,9 +42,6 @@ def held_off_middle(kind: PartType, axis: int, fingertips_m: float) -> bool:
 
     half, off = PAD_WIDTH_M / 2, OFF_MIDDLE_M[axis]
     middle = between(-half, half)
-    others = (
-        between(off - half + _SURE_M, off + half - _SURE_M),
-        between(-off - half + _SURE_M, half - off - _SURE_M),
-        between(-off - half, off + half),
-    )
+    others = [between(place - half + _SURE_M, place + half - _SURE_M) for place in places_m(axis) if place != 0.0]
+    others.append(between(-off - half, off + half))
     return middle is not None and all(one is not None and math.dist(one, middle) < _ALIKE_M for one in others)

@@ -6,21 +6,23 @@ Where beside the middle is said in cell/interfaces/grasping.py, to these and to 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
-from cell.interfaces.grasping import held_off_middle, places_m
+from cell.interfaces.grasping import OFF_MIDDLE_M, held_off_middle
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 from cell.interfaces.product import PartType, Product
 from learned.grasp.boxes import Blocks, Boxes
 
-Candidate = Literal["width", "length", "width+", "length+", "width-", "length-"]
-CANDIDATES: tuple[Candidate, ...] = ("width", "length", "width+", "length+", "width-", "length-")
-SIDE = np.array([0, 1, 0, 1, 0, 1])  # 0: the fingers close across the width, 1: across the length
-PLACE_M = np.array([places_m(1), places_m(0)]).T.ravel()  # of the pads, along the sides that they close on
-_TURNED = [0, 1, 4, 5, 2, 3]  # what each candidate is called from the part's other end
+Candidate = Literal["width", "length", "width+", "length+", "width-", "length-", "length+half", "length-half"]
+CANDIDATES: tuple[Candidate, ...] = get_args(Candidate)
+SIDE = np.array([0, 1, 0, 1, 0, 1, 1, 1])  # 0: the fingers close across the width, 1: across the length
+_WIDTH_M, _LENGTH_M = OFF_MIDDLE_M[1], OFF_MIDDLE_M[0]
+PLACE_M = np.array([0, 0, _WIDTH_M, _LENGTH_M, -_WIDTH_M, -_LENGTH_M, _LENGTH_M / 2, -_LENGTH_M / 2])
+"""Of the pads' middle, along the sides that they close on: those of `places_m`."""
+_TURNED = [0, 1, 4, 5, 2, 3, 7, 6]  # what each candidate is called from the part's other end
 _TURN_RAD = SIDE * np.pi / 2
 
 

@@ -15,7 +15,7 @@ each candidate that it has, the numbers of the parts that are in the way) and `n
 detections) may be left out; so may `run`, the recording that a scene is from: scenes of one run show the same parts and
 are trained on together or not at all. Where `blockers` are missing they are worked out from the truth. Candidates are
 "width" and "length", the sides between the fingers, in their middle; with "+" beside it along the part's own axis, with
-"-" against it (learned/grasp/candidates.py).
+"-" against it, with "half" half as far (learned/grasp/candidates.py).
 """
 
 from __future__ import annotations

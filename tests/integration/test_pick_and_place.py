@@ -138,7 +138,7 @@ def test_60_parts_between_others_are_picked_and_placed(robot: RobotAlone) -> Non
 def test_each_type_is_taken_beside_its_middle_and_placed(
     robot: RobotAlone, monkeypatch: pytest.MonkeyPatch, number: int, grip: Grip, side: int
 ) -> None:
-    hold, rng = Hold(grip, places_m(grip.axis)[side]), np.random.default_rng(side)
+    hold, rng = Hold(grip, places_m(grip.axis)[-side]), np.random.default_rng(side)
     assert pick_beside_the_middle_and_place(robot, monkeypatch, hold, number, rng) is None
 
 
@@ -149,7 +149,8 @@ def test_60_poses_are_taken_beside_the_middle_and_placed(
 ) -> None:
     rng, failures = np.random.default_rng(2), []
     for pose in range(60):
-        hold = Hold(grip, places_m(grip.axis)[1 + pose % 2])
+        beside = places_m(grip.axis)[1:]
+        hold = Hold(grip, beside[pose % len(beside)])
         wrong = pick_beside_the_middle_and_place(robot, monkeypatch, hold, number, rng)
         robot.put_away(robot.parts[number])
         if wrong is not None:

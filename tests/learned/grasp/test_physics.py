@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cell.interfaces.grasping import places_m
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Boxes, boxes_of
-from learned.grasp.candidates import CANDIDATES, PLACE_M, as_headed, available, graspable, gripped_m, jaw_yaw_rad
+from learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE, as_headed, available, graspable, gripped_m, jaw_yaw_rad
 from learned.grasp.physics import clearance_m, fingertips_m, touching
 from learned.grasp.scenes import can_grasp, draw_scenes
 from learned.grasp.settings import WITH_MARGINS, GripperOutline
@@ -73,14 +74,26 @@ def test_what_touches_blocks_the_cautious_rule_too() -> None:
 
 def test_options_are_those_that_the_jaw_opens_wide_enough_for() -> None:
     boxes = boxes_of(tuple(standing(name, 0.3 * k, 0.0) for k, name in enumerate(PRODUCT.parts)), PRODUCT)
-    assert available(boxes, OUTLINE).tolist() == [3 * [True, True], 3 * [True, True], 3 * [True, False]]
-    assert touching(boxes, OUTLINE)[2].tolist() == 3 * [[False, False, False], [False, False, True]]
+    assert available(boxes, OUTLINE).tolist() == [8 * [True], 8 * [True], (SIDE == 0).tolist()]
+    assert touching(boxes, OUTLINE)[2].tolist() == [[False, False, bool(side)] for side in SIDE]
     assert graspable(touching(boxes, OUTLINE)).all()
+
+
+def test_candidates_are_at_the_places_where_the_skills_hold_parts() -> None:
+    for axis, closing in ((0, SIDE == 1), (1, SIDE == 0)):
+        assert sorted(PLACE_M[closing]) == pytest.approx(sorted(places_m(axis)))
+
+
+def test_half_way_to_an_end_there_is_room_where_there_is_none_in_the_middle_or_at_the_end() -> None:
+    parts = (standing("o2", 0.0, 0.0), standing("o2", 0.066, -0.026), standing("o2", 0.066, 0.040))
+    boxes = boxes_of(parts, PRODUCT)
+    ends = [name for name in CANDIDATES if name.startswith("length") and can_grasp(boxes, 0, name)]
+    assert ends == ["length+half"]
 
 
 def test_a_wall_along_the_sides_leaves_the_ends() -> None:
     boxes = boxes_of(walled("o1", "o3"), PRODUCT)
-    assert [can_grasp(boxes, 0, candidate) for candidate in CANDIDATES] == [False, True, False, False, False, False]
+    assert [name for name in CANDIDATES if can_grasp(boxes, 0, name)] == ["length", "length+half", "length-half"]
 
 
 def test_a_neighbour_at_one_end_leaves_the_other_end() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import re
 import sys
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 TREE = own_or_shipped("trees", "ahead.xml", "assemble.xml")
 SHIFT_TREE = own_or_shipped("trees", "shift.xml")
 BAD_INPUT, SAFE_STOP = 2, 3
+SEARCHES_GARBAGE = 100_000  # new objects after which garbage is searched: 30 ms, less than a tick
 LIVE_PORT = 8765
 PAGE_PORT = 8780
 
@@ -226,6 +228,8 @@ def run(
         page_port=page_port if page else None,
         orders=typed_lines(sys.stdin.fileno()) if orders else None,
     )
+    gc.freeze()  # what was imported stays
+    gc.set_threshold(SEARCHES_GARBAGE)
     result = running.run(options, screen)
     _list_run(Path(str(result.summary["log"])))
     screen.print(table("run", result.rows))

@@ -19,6 +19,7 @@ from sim.storage import Bin
 
 TABLE_SIZE_M = (1.90, 2.10, 0.04)
 TABLE_CENTRE_M = (0.50, 0.05)
+TABLE = "table"  # name of its geom
 ROOM_FLOOR_M = -0.80
 WALL_M = 0.006
 BIN_RIM_M = 0.006
@@ -33,7 +34,8 @@ def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, bins: Seq
     table = add_box(world, (x, y, -TABLE_SIZE_M[2] / 2), TABLE_SIZE_M, surfaces.table_rgb)
     if material := add_table_material(spec, surfaces):
         table.material, table.rgba = material, [1.0] * 4
-    add_box(world, (x, y, ROOM_FLOOR_M), (6.0, 6.0, 0.02), palette.FLOOR, palette.NO_TOUCH)
+    floor = add_box(world, (x, y, ROOM_FLOOR_M), (6.0, 6.0, 0.02), palette.FLOOR, palette.NO_TOUCH)
+    table.name, floor.group = TABLE, palette.FLOOR_GROUP
     _add_bracket(world, product, bench, surfaces.plate_rgb)
     spec.add_material(name="plate", specular=surfaces.plate_shine, shininess=PLATE_SHININESS)
     for geom in spec.body("bracket").geoms:

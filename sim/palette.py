@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import mujoco
 
-FLOOR = (0.35, 0.35, 0.34)  # out of sight of the cameras
+FLOOR = (0.35, 0.35, 0.34)
+FLOOR_GROUP = 5  # of geoms: drawn only where a camera looks past the table, see sim/studio.py
 HOLE = (0.02, 0.02, 0.02)
 LINK = (0.58, 0.61, 0.64)
 JOINT = (0.34, 0.42, 0.50)

@@ -18,6 +18,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.files import shipped
 from cell.interfaces.product import Product
 from sim.cell import SimCell
+from sim.palette import FLOOR_GROUP
 from sim.settings import SimSettings
 from sim.world import World
 
@@ -47,7 +48,7 @@ def picture(world: World, view: View, width_px: int, height_px: int) -> NDArray[
     camera.lookat = list(view.at_m)
     camera.distance, camera.azimuth, camera.elevation = view.distance_m, view.azimuth_deg, view.elevation_deg
     options = mujoco.MjvOption()
-    options.geomgroup[3] = 0
+    options.geomgroup[3], options.geomgroup[FLOOR_GROUP] = 0, 1
     with _good_light(world.model), mujoco.Renderer(world.model, height_px, width_px) as renderer:
         renderer.update_scene(world.data, camera, options)
         image: NDArray[np.uint8] = renderer.render()

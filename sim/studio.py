@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
+from sim.furniture import TABLE
+from sim.palette import FLOOR_GROUP
 
 # What MuJoCo draws from: fields of its state, in the order of ScenePoses.
 VISIBLE = ("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
@@ -46,6 +49,9 @@ def show_poses(data: mujoco.MjData, poses: ScenePoses) -> None:
         getattr(data, field)[:] = values
 
 
+CORNERS = np.array([[1, 1, 1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1]])  # of an image, as signs
+
+
 class Studio:
     """Renders a scene; keeps one renderer for each image size and closes them all."""
 
@@ -54,15 +60,31 @@ class Studio:
         self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
         self._options = mujoco.MjvOption()
         self._options.geomgroup[3] = 0
+        table = mujoco.mj_name2id(scene.model, mujoco.mjtObj.mjOBJ_GEOM, TABLE)
+        self._table = table if table >= 0 else None
+        self._half_m = scene.model.geom_size[table]
 
     def render(self, camera: str | mujoco.MjvCamera, width_px: int, height_px: int) -> NDArray[np.uint8]:
         """One clean image (height, width, 3), RGB."""
         renderer = self._renderers.get((width_px, height_px))
         if renderer is None:
             renderer = self._renderers[width_px, height_px] = self._renderer(width_px, height_px)
+        self._options.geomgroup[FLOOR_GROUP] = self._past_table(camera, width_px / height_px)
         renderer.update_scene(self._scene.data, camera, self._options)
         image: NDArray[np.uint8] = renderer.render()
         return image
+
+    def _past_table(self, camera: str | mujoco.MjvCamera, aspect: float) -> bool:
+        """Whether a camera may see more than the table's top and what is above; if not, the floor need not be drawn."""
+        if self._table is None or not isinstance(camera, str):
+            return True
+        number, data = self._scene.model.camera(camera).id, self._scene.data
+        slope = math.tan(math.radians(self._scene.model.cam_fovy[number]) / 2)
+        rays = (CORNERS * (aspect * slope, slope, -1.0)) @ data.cam_xmat[number].reshape(3, 3).T
+        top_m = data.geom_xpos[self._table][2] + self._half_m[2]
+        away = (top_m - data.cam_xpos[number][2]) / rays[:, 2]
+        off_m = data.cam_xpos[number][:2] + away[:, np.newaxis] * rays[:, :2] - data.geom_xpos[self._table][:2]
+        return not ((away > 0).all() and (np.abs(off_m) < self._half_m[:2]).all())
 
     def _renderer(self, width_px: int, height_px: int) -> mujoco.Renderer:
         """With a buffer no larger than the image, all of which is cleared for each image, and without a sky."""

@@ -23,6 +23,7 @@ from sim.parts import add_foreign, add_part
 from sim.robot import STROKE_M, add_gripper, arm_spec
 from sim.settings import PhysicsSettings
 from sim.storage import Bin, own_bins, person_set
+from sim.tessellation import simplify_cylinders
 from sim.things import add_things
 
 # MuJoCo's cameras look along -z with y up; ours along z with y down.
@@ -213,6 +214,7 @@ def build_world(
     if extend is not None:
         extend(spec)
     fit_hand(spec, look.person)
+    simplify_cylinders(spec)
     return World(spec, product, bench, scene, physics, look)
 
 

@@ -29,28 +29,35 @@ class ArmOutline:
         self.names = tuple(objects[number].name for number in self._links)
         self._shapes = [objects[number].geometry for number in self._links]
         self._corners = np.array([_corners(shape) for shape in self._shapes])
-        self._all = np.ones(len(self._links), dtype=bool)
+        self._all = np.ones((1, len(self._links)), dtype=bool)
         self._always = np.array([name != HELD for name in self.names])
         self._request = coal.DistanceRequest()
 
     def distances(self, joints_rad: Array, body: coal.Convex, holding: bool) -> tuple[Array, Array]:
         """Least distances (L,) in [m], and the ways (L, 3) from the body to the links; infinite for a part not held."""
-        return self.rooms(self.placed(joints_rad), body, holding, self._all)
+        distances, ways = self.rooms(self.placed(joints_rad[np.newaxis]), body, holding, self._all)
+        return distances[0], ways[0]
 
     def placed(self, joints_rad: Array) -> Array:
-        """Where the links are: world_from_link (L, 4, 4)."""
-        pinocchio.updateGeometryPlacements(self._model, self._data, self._geometry, self._at, joints_rad)
-        return np.array([self._at.oMg[number].homogeneous for number in self._links])
+        """Where the links are at K times, from joints (K, 6): world_from_link (K, L, 4, 4)."""
+        placed = np.empty((len(joints_rad), len(self._links), 4, 4))
+        for number, joints in enumerate(joints_rad):
+            pinocchio.updateGeometryPlacements(self._model, self._data, self._geometry, self._at, joints)
+            for row, link in enumerate(self._links):
+                placed[number, row] = self._at.oMg[link].homogeneous
+        return placed
 
     def rooms(self, placed: Array, body: coal.Convex, holding: bool, wanted: Array) -> tuple[Array, Array]:
-        """The same as `distances` for the links (L,) that are wanted; infinite for all others."""
-        distances, ways = np.full(len(placed), np.inf), np.zeros((len(placed), 3))
+        """The same as `distances` at K times, for the links (K, L) that are wanted; infinite for all others."""
+        distances, ways = np.full(placed.shape[:2], np.inf), np.zeros((*placed.shape[:2], 3))
         request, result = self._request, coal.DistanceResult()
-        for row in np.flatnonzero(wanted if holding else wanted & self._always):
+        asked = np.nonzero(wanted if holding else wanted & self._always)
+        for number, row in zip(*(index.tolist() for index in asked), strict=True):
+            at = placed[number, row]
             result.clear()
-            link = coal.Transform3s(placed[row, :3, :3], placed[row, :3, 3])
-            distances[row] = coal.distance(self._shapes[row], link, body, HERE, request, result)
-            ways[row] = result.getNearestPoint1() - result.getNearestPoint2()
+            link = coal.Transform3s(at[:3, :3], at[:3, 3])
+            distances[number, row] = coal.distance(self._shapes[row], link, body, HERE, request, result)
+            ways[number, row] = result.getNearestPoint1() - result.getNearestPoint2()
         return distances, ways
 
     def corners_m(self, placed: Array) -> Array:

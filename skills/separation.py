@@ -141,7 +141,7 @@ class SeparationMonitor:
     ) -> _Stretch:
         trajectory, path_s = ahead
         joints = trajectory.along(path_s + NUMBERS * MARK_S)
-        places = np.array([self.outline.placed(one) for one in joints])
+        places = self.outline.placed(joints)
         steps_m = np.diff(self.outline.corners_m(places), axis=0)
         between = np.linalg.norm(steps_m, axis=3).max(axis=2) / MARK_S
         speeds_m_s = np.maximum(between[:-1], between[1:])
@@ -149,12 +149,10 @@ class SeparationMonitor:
         asked = np.zeros((MARKS + 1, fast.shape[1]), dtype=bool)
         asked[:-1] |= fast
         asked[1:] |= fast
-        found = [self.outline.rooms(at, person, holding, wanted) for at, wanted in zip(places[1:], asked, strict=True)]
-        rooms_m = np.array([rooms for rooms, _ in found])
-        ways = np.array([ways for _, ways in found[:-1]])
+        rooms_m, ways = self.outline.rooms(places[1:], person, holding, asked)
         return _Stretch(
             rooms_m=np.minimum(rooms_m[:-1], rooms_m[1:]),
-            coming_m_s=self._coming_m_s(velocity_m_s, ways),
+            coming_m_s=self._coming_m_s(velocity_m_s, ways[:-1]),
             speeds_m_s=speeds_m_s,
             joints_rad_s=(joints[2:] - joints[:-2]) / (2 * MARK_S),
             bends_rad_s2=(joints[2:] - 2 * joints[1:-1] + joints[:-2]) / MARK_S**2,

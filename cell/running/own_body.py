@@ -40,7 +40,7 @@ class OwnBody:
         near = [one for one in (*before, *after) if abs(one[0] - time_s) <= NEAR_S]
         if not near:
             return None
-        placed = np.array([self._outline.placed(np.array(joints)) for _, joints, _ in near])
+        placed = self._outline.placed(np.array([joints for _, joints, _ in near]))
         points: Array = np.concatenate(list(self._outline.corners_m(placed)), axis=1)
         held = any(holding for _, _, holding in near)
         return points if held else points[~self._part]

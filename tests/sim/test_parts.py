@@ -44,6 +44,9 @@ def extents(world: World, body: int, *, touching: bool) -> Array:
     model, low, high = world.model, np.full(3, np.inf), np.full(3, -np.inf)
     for geom in np.flatnonzero(model.geom_bodyid == body):
         counts = model.geom_contype[geom] != 0 if touching else model.geom_group[geom] != 3
+        drawn = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH  # a cylinder's, see sim/tessellation.py
+        round_m = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER and not touching
+        counts = not drawn and (counts or round_m)
         if not counts or model.geom_pos[geom][2] < 0:
             continue
         turn = np.zeros(9)

@@ -162,7 +162,7 @@ def test_the_simulated_arm_is_slow_wherever_a_hand_that_comes_at_once_could_be(
     share = MONITOR.judge(trajectory.at(path_s), person, age_s, True, (trajectory, path_s)).share
     joints = np.array(arm_that_brakes(trajectory, path_s, share))
     wall, outline = PersonSpace(BENCH, S).wall(person), MONITOR.outline
-    corners = outline.corners_m(np.array([outline.placed(row) for row in joints]))
+    corners = outline.corners_m(outline.placed(joints))
     speeds = np.linalg.norm(np.diff(corners, axis=0), axis=3).max(axis=2) / PERIOD_S
     for step, row in enumerate(joints[1:]):
         reached = float(reach(age_s + (step + 1) * PERIOD_S, np.zeros(1), S)[0])

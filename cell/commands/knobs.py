@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +13,7 @@ from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, Rows
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.evaluating.row_file import Row
+    from cell.evaluating.knobs import Scored
 
 KNOB = "--knob light.ambient=0.1,0.5"
 
@@ -62,11 +62,13 @@ def knobs(
     except KeyboardInterrupt:
         console().print(f"interrupted: {len(kept.rows)} of {len(turned)} values are done")
     rows = [row for row in kept.rows if row["value"] in tried.get(str(row["knob"]), ())]
-    console().print(_table(rows, scored.title), highlight=False, soft_wrap=True)
+    console().print(_table(rows, scored), highlight=False, soft_wrap=True)
     if plot is not None and rows:
-        _plot(rows, scored.title, look, plot)
+        from cell.evaluating.knob_plot import plot_knobs
+
+        plot_knobs(rows, f"{scored.title} (line), {scored.beside} (dashes); look {look}", plot)
     if as_json:
-        print_json({**told, "share": scored.title, "rows": rows})
+        print_json({**told, "share": scored.title, "beside": scored.beside, "rows": rows})
 
 
 def _values(text: str) -> tuple[str, tuple[Any, ...]]:
@@ -79,16 +81,10 @@ def _values(text: str) -> tuple[str, tuple[Any, ...]]:
     return name, tuple(constant(value) for value in values.split(","))
 
 
-def _table(rows: Iterable[Mapping[str, Any]], title: str) -> str:
-    lines = [f"| knob | value | {title} | beside it |", "|---|---|---|---|"]
+def _table(rows: Iterable[Mapping[str, Any]], scored: Scored) -> str:
+    lines = [f"| knob | value | {scored.title} | {scored.beside} |", "|---|---|---|---|"]
     for row in rows:
         share = f"{row['share']:.3f} of {row['n']} ({row['low']:.3f} - {row['high']:.3f})"
-        lines.append(f"| {row['knob']} | {row['value']} | {share} | {row['beside']} |")
+        beside = "" if row["beside"] is None else f"{row['beside']:.3g}"
+        lines.append(f"| {row['knob']} | {row['value']} | {share} | {beside} |")
     return "\n".join(lines)
-
-
-def _plot(rows: Sequence[Row], title: str, look: str, path: Path) -> None:
-    """A panel for each knob."""
-    from cell.evaluating.knob_plot import plot_knobs
-
-    plot_knobs(rows, f"{title}, look {look}", path)

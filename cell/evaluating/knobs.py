@@ -71,7 +71,7 @@ def _actions(configuration: Configuration, product: Product, seeds: Sequence[int
     tally = evaluate_actions(configuration, product, [chosen.kind], seeds, physics=True, weights=weights)[chosen.kind]
     found = tally.summary(Classes.of(product))
     placements = found["placements"]
-    return {**found["outside_guard"], "beside": f"placements {placements['share']:.2f} of {placements['n']}"}
+    return {**found["outside_guard"], "beside": placements["share"] if placements["n"] else None}
 
 
 def _hands(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
@@ -81,14 +81,14 @@ def _hands(configuration: Configuration, product: Product, seeds: Sequence[int])
 
     found = evaluate_hands(configuration, product, {"": make}, seeds, stretches=STRETCHES)[""]
     told = {name: found[f"found{end}"] for name, end in (("share", ""), ("low", "_low"), ("high", "_high"))}
-    return {**told, "n": found["found_n"], "beside": f"palm {found['palm_mm_p50']:.1f} / {found['palm_mm_p95']:.0f} mm"}
+    return {**told, "n": found["found_n"], "beside": found.get("palm_mm_p95")}
 
 
 def _holes(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
     chosen = configuration.perception.chosen("holes")
     found = score_holes(Task(configuration, product, chosen.kind, chosen.weights), seeds, STILLS)
     told = {name: round(found[f"right{end}"], 4) for name, end in (("share", ""), ("low", "_low"), ("high", "_high"))}
-    return {**told, "n": int(found["holes"]), "beside": f"right where said {found.get('right_where_said', 0):.3f}"}
+    return {**told, "n": int(found["holes"]), "beside": found.get("right_where_said")}
 
 
 def _parts(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
@@ -96,7 +96,7 @@ def _parts(configuration: Configuration, product: Product, seeds: Sequence[int])
     found = score_parts(Task(configuration, product, chosen.kind, chosen.weights), seeds, mixed=True)
     count = int(found["standing"])
     told = share_of(round(count * (1 - found.get("missed", 0))), count)
-    return {**told, "beside": f"mAP@.5 {found['map_50']:.3f}, position p95 {found.get('position_mm_p95', 0):.1f} mm"}
+    return {**told, "beside": found.get("position_mm_p95")}
 
 
 @dataclass(frozen=True)
@@ -104,19 +104,21 @@ class Scored:
     """How one detector is scored.
 
     Attributes:
-        score: of some seeds: `share`, its interval `low` and `high`, `n`, and another figure in words (`beside`).
+        score: of some seeds: `share`, its interval `low` and `high`, `n`, and another figure, `beside`.
         title: what `share` is.
+        beside: what the other figure is.
         knobs: values by knob that are tried by default.
     """
 
     score: Score
     title: str
+    beside: str
     knobs: Mapping[str, tuple[float, ...]]
 
 
 SCORED: Mapping[str, Scored] = {
-    "actions": Scored(_actions, "segments named right, outside the guard band", MOVING),
-    "hands": Scored(_hands, "hands found", {**LIGHT, **PERSON, **MOVING}),
-    "holes": Scored(_holes, "bare holes right", {**LIGHT, **PAINT}),
-    "parts": Scored(_parts, "standing parts found", {**LIGHT, **PAINT}),
+    "actions": Scored(_actions, "segments named right, outside the guard band", "placements told in time", MOVING),
+    "hands": Scored(_hands, "hands found", "palm error, 95 % [mm]", {**LIGHT, **PERSON, **MOVING}),
+    "holes": Scored(_holes, "bare holes right", "right where said", {**LIGHT, **PAINT}),
+    "parts": Scored(_parts, "standing parts found", "position error, 95 % [mm]", {**LIGHT, **PAINT}),
 }

@@ -1,6 +1,7 @@
 """Says whether an overhead image can be believed: light, colour, sharpness, life, and where the bracket's plate is.
 
-Absolute limits find what no bench looks like; the rest is compared with the first frames of the run.
+Absolute limits find what no bench looks like, and a lens that is out of focus from the start; the rest is compared with
+the first frames of the run.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ FROZEN_FRAMES = 2  # a sensor's noise makes every image another one
 MOVED_PX, SEARCH_PX = 7, 16  # how far the plate's edges may be off, and how far they are looked for
 LEAST_STEP = 10.0  # grey levels across an edge of the plate
 SAME_SHIFT_PX = 3
+STEP_PX = 4  # across which an edge of the plate is measured
+SOFT_REACH_PX, LEAST_STEEPNESS = 8, 0.54  # of a step, how much lies within STEP_PX: so much at a blur of 2.9 px
+SOFT_FRAMES, LEAST_EDGES = 8, 2
 SHIFT_FRAMES, LEAST_RESPONSE = 5, 0.1
 MOVED_FRAMES, ASTRAY_FRAMES = 8, 45
 SIDE_SAMPLES = 24
@@ -57,7 +61,7 @@ class ImageHealth:
         self._in_view = np.array([one.all() for one in inside])
         self._baseline: list[_Figures] = []
         self._before: NDArray[np.uint8] | None = None
-        self._same = self._moved = self._astray = 0
+        self._same = self._moved = self._astray = self._soft = 0
         self._first: NDArray[np.float32] | None = None
         self._frames, self._whole_px = 0, 0.0
 
@@ -65,7 +69,7 @@ class ImageHealth:
         """What is wrong with it, in words; empty for a sound image."""
         small = np.ascontiguousarray(frame.image[::GRID, ::GRID])
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
-        return self._frozen(small) or _absolute(small) or self._compared(small, grey) or self._shifted(grey)
+        return self._frozen(small) or _absolute(small) or self._compared(small, grey) or self._by_plate(grey)
 
     def _frozen(self, small: NDArray[np.uint8]) -> str:
         same = self._before is not None and np.array_equal(small, self._before)
@@ -85,10 +89,18 @@ class ImageHealth:
             return "discoloured"
         return "blurred" if figures.sharpness < LEAST_SHARPNESS * usual.sharpness else ""
 
-    def _shifted(self, grey: NDArray[np.uint8]) -> str:
-        """Whether the plate stands elsewhere in the image than the calibration says."""
+    def _by_plate(self, grey: NDArray[np.uint8]) -> str:
+        """What the edges of the plate tell."""
         x, y = self._edges[self._in_view, ..., 0], self._edges[self._in_view, ..., 1]
-        found = iter(_offsets_px(_median(grey[y, x], axis=1)))  # profiles across each edge
+        profiles = _median(grey[y, x], axis=1)
+        steepness = _steepness(profiles)
+        soft = len(steepness) >= LEAST_EDGES and float(np.median(steepness)) < LEAST_STEEPNESS
+        self._soft = self._soft + 1 if soft else 0
+        return "blurred" if self._soft >= SOFT_FRAMES else self._shifted(profiles, grey)
+
+    def _shifted(self, profiles: Array, grey: NDArray[np.uint8]) -> str:
+        """Whether the plate stands elsewhere in the image than the calibration says."""
+        found = iter(_offsets_px(profiles))
         offsets = [next(found) if seen else None for seen in self._in_view]
         shifts = [px for px in (_shift_px(*offsets[:2]), _shift_px(*offsets[2:])) if px is not None]
         near, whole_px = max(shifts, default=0.0), self._since_start_px(grey)
@@ -255,8 +267,25 @@ def _offsets_px(profiles: Array) -> list[float | None]:
     Args:
         profiles: (edges, 2 SEARCH_PX + 1) grey levels across them.
     """
-    drops = np.abs(profiles[:, 4:] - profiles[:, :-4])  # across five pixels
+    drops = _steps(profiles)
     most = drops.max(axis=1, keepdims=True)
     away = np.where(drops >= 0.8 * most, np.abs(REACH_PX), np.inf)
     nearest = REACH_PX[away.argmin(axis=1)]
     return [float(px) if step >= LEAST_STEP else None for px, step in zip(nearest, most[:, 0], strict=True)]
+
+
+def _steps(profiles: Array) -> Array:
+    """(edges, places) of grey levels across STEP_PX."""
+    steps: Array = np.abs(profiles[:, STEP_PX:] - profiles[:, :-STEP_PX])
+    return steps
+
+
+def _steepness(profiles: Array) -> list[float]:
+    """Of each edge that is seen, the share of its step that lies within STEP_PX: 1 where it is sharp."""
+    found = []
+    for profile, steps in zip(profiles, _steps(profiles), strict=True):
+        middle = int(steps.argmax()) + STEP_PX // 2
+        around = profile[max(0, middle - SOFT_REACH_PX) : middle + SOFT_REACH_PX + 1]
+        if steps.max() >= LEAST_STEP:
+            found.append(float(steps.max() / np.ptp(around)))
+    return found

@@ -31,6 +31,11 @@ def scaled(*factors: float) -> Callable[[Image], Image]:
     return lambda image: np.clip(image * np.array(factors), 0, 255).astype(np.uint8)
 
 
+def blurred_by(sigma_px: float) -> Callable[[Image], Image]:
+    """A lens out of focus."""
+    return lambda image: np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8)
+
+
 SPOILS: dict[str, Callable[[Image], Image]] = {
     "black": scaled(0.0),
     "white": lambda image: np.full_like(image, 255),
@@ -38,9 +43,11 @@ SPOILS: dict[str, Callable[[Image], Image]] = {
     "gain 1.6": scaled(1.6),
     "red and blue swapped": lambda image: np.ascontiguousarray(image[..., ::-1]),
     "cold light": scaled(0.8, 1.0, 1.25),
-    "out of focus": lambda image: np.asarray(cv2.GaussianBlur(image, (0, 0), 3), np.uint8),
+    "out of focus": blurred_by(3),
     "pushed aside": lambda image: np.roll(image, 12, axis=1),
 }
+FROM_THE_START = "out of focus from the start"
+BLURRED = blurred_by(3.5)
 
 
 def frames_of(configuration: Configuration, product: Product, seed: int, count: int) -> list[Frame]:
@@ -73,8 +80,8 @@ def main() -> None:
     options = parser.parse_args()
     configuration = load_configuration()
     product = load_product(configuration)
-    print(f"| look | false alarms, of frames | {' | '.join([*SPOILS, 'frozen'])} |", flush=True)
-    print("|---|" + "---|" * (len(SPOILS) + 2))
+    print(f"| look | false alarms, of frames | {' | '.join([*SPOILS, 'frozen', FROM_THE_START])} |", flush=True)
+    print("|---|" + "---|" * (len(SPOILS) + 3))
     for look in options.looks:
         found, false, judged = Counter[str](), Counter[str](), 0
         here = simulated(configuration, look)
@@ -87,8 +94,10 @@ def main() -> None:
                 wrong = [replace(frame, image=spoil(frame.image)) for frame in late]
                 found[name] += bool(told(here, product, [*frames[:SOUND], *wrong])[-1])
             frozen = [replace(frame, image=frames[SOUND - 1].image) for frame in late]
+            blurred = [replace(frame, image=BLURRED(frame.image)) for frame in frames[:SOUND]]
+            found[FROM_THE_START] += told(here, product, blurred)[-1] == "blurred"
             found["frozen"] += bool(told(here, product, [*frames[:SOUND], *frozen])[-1])
-        cells = " | ".join(f"{found[name]} of {options.seeds}" for name in [*SPOILS, "frozen"])
+        cells = " | ".join(f"{found[name]} of {options.seeds}" for name in [*SPOILS, "frozen", FROM_THE_START])
         alarms = ", ".join(f"{count} {word}" for word, count in false.items()) or "0"
         print(f"| `{look}` | {alarms}, of {judged} | {cells} |", flush=True)
 

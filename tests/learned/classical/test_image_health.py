@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -78,6 +79,16 @@ def test_an_image_that_is_black_from_the_start_is_found() -> None:
     health = ImageHealth(BENCH, PRODUCT)
     black = np.zeros((BENCH.overhead.height_px, BENCH.overhead.width_px, 3), np.uint8)
     assert health.judge(Frame("overhead", 0, 0.0, black, BENCH.overhead.mount.pose)) == "dark"
+
+
+@pytest.mark.parametrize("blur_px", [3.5, 5])
+def test_a_lens_that_is_out_of_focus_from_the_start_is_found(frames: list[Frame], blur_px: float) -> None:
+    health = ImageHealth(BENCH, PRODUCT)
+    blurred = [replace(frame, image=np.asarray(cv2.GaussianBlur(frame.image, (0, 0), blur_px))) for frame in frames]
+    told = [health.judge(frame) for frame in blurred]
+    assert told[:5] == [""] * 5  # an arm over the edges looks like that for a moment
+    assert told.count("blurred") > 0.8 * len(told)
+    assert set(told) == {"", "blurred"}
 
 
 def test_the_watcher_hands_health_and_speed_on(frames: list[Frame]) -> None:

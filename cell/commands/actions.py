@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cell.commands.budget import seconds as budget_s
-from cell.commands.detectors import LookOption, PersonOption, TestSeedOption, how_to_use
+from cell.commands.detectors import Hung, HungOption, LookOption, PersonOption, TestSeedOption, how_to_use
 from cell.commands.made_data import make_data
 from cell.commands.terminal import (
     CONFIGURATION,
@@ -104,6 +104,7 @@ def evaluate(
         bool, typer.Option("--quick", help="Only the segments' last frames; true track with a tracker's noise.")
     ] = False,
     weights: Annotated[Path | None, typer.Option(help="Of the only --kind, instead of the configured file.")] = None,
+    cameras: HungOption = Hung.calibrated,
     confusions: Annotated[
         Path | None, typer.Option(help="Write what the first kind takes for what, for planners.semantic.confusions.")
     ] = None,
@@ -135,11 +136,16 @@ def evaluate(
         print_json({**told, "first_seed": first_seed, "recordings": recordings, **scores})
         return
     tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
-    told |= {"tracker": tracker, "physics": physics}
+    told |= {"tracker": tracker, "physics": physics, "cameras": cameras.value}
     of_weights = {} if weights is None else {kinds[0]: weights}
     kept = RowFile(out, {"command": "actions", **told, "kinds": kinds, "weights": weights and str(weights)})
     watch = partial(
-        evaluate_actions, configuration, product, kinds, true_track=true_track, physics=physics, weights=of_weights
+        evaluate_actions,
+        *(configuration, product, kinds),
+        true_track=true_track,
+        physics=physics,
+        weights=of_weights,
+        calibrated=cameras is Hung.calibrated,
     )
     rows = _watched(watch, wanted, kept)
     if not rows:

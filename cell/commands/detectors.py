@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,21 @@ OutOption = Annotated[Path | None, typer.Option("--out", "-o", help="File of wei
 LookOption = Annotated[str, typer.Option(help="What it looks like: nominal, varied, hard, or a file.")]
 PersonOption = Annotated[str, typer.Option(help="Who assembles: a person's name or file.")]
 TestSeedOption = Annotated[int, typer.Option(min=0, help="Of seeds in a row; tests begin at 900000.")]
+
+
+class Hung(StrEnum):
+    """Where the cameras are believed to hang."""
+
+    calibrated = "calibrated"
+    believed = "believed"
+
+
+HungOption = Annotated[
+    Hung,
+    typer.Option(
+        "--cameras", help="calibrated, as by `cell calibrate` in each look, or believed, as the bench file says."
+    ),
+]
 WeightsOption = Annotated[Path | None, typer.Option(help="Weights; the shipped ones by default.")]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cell.commands.detectors import LookOption, PersonOption, TestSeedOption
+from cell.commands.detectors import Hung, HungOption, LookOption, PersonOption, TestSeedOption
 from cell.commands.terminal import (
     CONFIGURATION,
     ConfigOption,
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from cell.configuration import Configuration
 
 KINDS = ("classical", "learned")
-CAMERAS = ("calibrated", "believed")
 
 KindOption = Annotated[
     str | None, typer.Option(help="classical or learned for all detectors; by default as configured.")
@@ -42,9 +41,7 @@ def system(
     goals: Annotated[list[int] | None, typer.Option(help="How many goals are possible; may be repeated.")] = None,
     runs: Annotated[int, typer.Option(min=1, help="Assemblies for each number of goals.")] = 4,
     first_seed: TestSeedOption = 900_000,
-    cameras: Annotated[
-        str, typer.Option(help="calibrated, as by `cell calibrate` in each look, or believed, as the bench file says.")
-    ] = "calibrated",
+    cameras: HungOption = Hung.calibrated,
     out: RowsOption = None,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
@@ -62,17 +59,15 @@ def system(
 
     if perception not in (None, *KINDS):
         raise InputError(f"--perception {perception}: legal: {', '.join(KINDS)}")
-    if cameras not in CAMERAS:
-        raise InputError(f"--cameras {cameras}: legal: {', '.join(CAMERAS)}")
     configuration = detected_by(simulated(load_configuration(config), look, person), perception)
-    told = {"look": look, "person": person, "perception": configuration.perception.words, "cameras": cameras}
+    told = {"look": look, "person": person, "perception": configuration.perception.words, "cameras": cameras.value}
     wanted = [(count, seed) for seed in range(first_seed, first_seed + runs) for count in goals or [3]]
     kept = RowFile(out, {"command": "system", **told})
     rows: list[dict[str, Any]] = [row for row in kept.rows if (row.get("goals"), row.get("seed")) in wanted]
     done = {(row["goals"], row["seed"]) for row in rows}
     left = [one for one in wanted if one not in done]
     try:
-        work = partial(evaluate_system, configuration, config, calibrated=cameras == "calibrated")
+        work = partial(evaluate_system, configuration, config, calibrated=cameras is Hung.calibrated)
         for row in mapped(work, left, workers, scheduler):
             kept.add(row)
             rows.append(row)
@@ -81,7 +76,7 @@ def system(
         console().print(f"interrupted after {len(rows)} of {len(wanted)} assemblies")
     found = table_1(rows)
     for count, scores in found.items():
-        title = f"{count} goals, look {look}, person {person}, perception {told['perception']}, cameras {cameras}"
+        title = f"{count} goals, look {look}, person {person}, perception {told['perception']}, cameras {cameras.value}"
         console().print(table(title, {name: _words(value) for name, value in scores.items()}))
     if as_json:
         print_json({**told, "first_seed": first_seed, "runs": runs, "goals": found})

@@ -13,6 +13,7 @@ import numpy as np
 
 from cell.configuration import Configuration
 from cell.evaluating.row_file import Row
+from cell.evaluating.things import calibrated_bench
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
@@ -126,6 +127,7 @@ def evaluate_actions(
     true_track: bool = False,
     physics: bool = False,
     weights: Mapping[str, Any] | None = None,
+    calibrated: bool = True,
 ) -> dict[str, Tally]:
     """Let detectors watch recordings.
 
@@ -133,15 +135,17 @@ def evaluate_actions(
         kinds: of action detectors; all of them see the same frames. "classical" has classical hands and holes, too.
         true_track: a tracker without error instead of the configured one.
         weights: files by kind, instead of the shipped ones.
+        calibrated: the cameras were calibrated in each look, as `cell calibrate` does it; else they hang elsewhere than
+            the bench file says, as the look has it.
     """
     classes = Classes.of(product)
     tallies = {kind: Tally() for kind in kinds}
     for seed in seeds:
         assembly = record(product, configuration.bench, configuration.devices.simulation, seed, physics=physics)
         source = Source(assembly, product, configuration.bench)
-        watchers = {
-            kind: _Watcher(configuration, source, kind, true_track, (weights or {}).get(kind)) for kind in tallies
-        }
+        bench = calibrated_bench(configuration, product, seed) if calibrated else configuration.bench
+        believed = configuration.model_copy(update={"bench": bench})
+        watchers = {kind: _Watcher(believed, source, kind, true_track, (weights or {}).get(kind)) for kind in tallies}
         photographer = assembly.photographer(configuration.bench)
         for moment in assembly.moments:
             frame = photographer.take(moment.exposure)

@@ -1,7 +1,7 @@
 """What in an image is the robot itself, by where the cell knows it to be, and whether it explains a hand that is read.
 
 Robots cannot hide a hand by this: a hand counts as explained only where its palm and fingertips lie on the robot, the
-reader is not sure of it, and nothing like a hand is left where the robot is painted over.
+reader is not sure of it, and no hand is found where the robot is painted over.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Image
 
 SURE = 0.99  # a reader that is so sure is believed: true hands have more, the gripper has less
-BEYOND_M = 0.03  # so far beside the robot's outline a point still lies on it
+BEYOND_M = 0.05  # so far beside the robot's outline a point still lies on it: palms are also seen in its shadow
 RING_PX = 12  # the robot is painted in the colour of what is around it
 LEAST_DEPTH_M = 0.05  # links nearer to the camera are not drawn
 LEFT_CONFIDENCE = 0.5  # of what is read where the robot is painted over: a hand is left
@@ -49,8 +49,8 @@ class OwnRobot:
         return reading.confidence < SURE and self.under(reading) and not self._left(reading)
 
     def _left(self, reading: Reading) -> bool:
-        """Whether a hand is seen there without the robot, too."""
-        found = self._reader.read(self._painted, [reading.centre_px])
+        """Whether a hand is found there without the robot, too, by a reader that is not told where to look."""
+        found = self._reader.read(self._painted, [])
         return any(
             one.confidence >= LEFT_CONFIDENCE
             and float(np.linalg.norm(one.centre_px - reading.centre_px)) < self._near_px

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cell.commands.models import eval_app
-from cell.configuration import load_configuration, load_product, simulated
+from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.evaluating.actions import Tally, evaluate_actions, matched, share
 from cell.evaluating.system import Listener, table_1, with_goals
 from cell.interfaces.errors import InputError
@@ -98,6 +98,25 @@ def test_an_evaluation_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pyt
     asked.clear()
     other = CliRunner().invoke(eval_app, [*words, "--look", "varied"])
     assert isinstance(other.exception, InputError)
+
+
+def test_detectors_watch_with_the_camera_where_its_calibration_finds_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As for hands, holes, parts and whole assemblies; crops of `varied` were cut where the camera did not hang."""
+    seen: list[object] = []
+
+    class Stop(Exception):
+        pass
+
+    def watcher(configuration: Configuration, *_: object) -> None:
+        seen.append(configuration.bench.overhead.mount)
+        raise Stop
+
+    monkeypatch.setattr("cell.evaluating.actions._Watcher", watcher)
+    looks = simulated(CONFIGURATION, "varied", "varied")
+    for calibrated in (True, False):
+        with pytest.raises(Stop):
+            evaluate_actions(looks, PRODUCT, ["slim"], [800_003], calibrated=calibrated)
+    assert seen[0] != seen[1] == looks.bench.overhead.mount
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from cell.commands import system as commands
 from cell.commands.main import main
 from cell.evaluating import system
 from cell.evaluating.system import table_1
@@ -81,4 +80,3 @@ def test_what_a_file_holds_is_not_run_again_and_an_interrupted_table_is_printed(
 def test_cameras_and_detectors_must_be_legal() -> None:
     assert main(["eval", "system", "--cameras", "good"]) == 2
     assert main(["eval", "system", "--perception", "good"]) == 2
-    assert commands.CAMERAS == ("calibrated", "believed")

@@ -26,6 +26,7 @@ from skills.grasp_pose import (
 )
 from skills.grip import Grip, Hold, hold_of, possible_grips
 from skills.insertion import Insert
+from skills.lying_grasp import held_box
 from skills.phases import Activate, FingersRest, Move, Phase, SetGripper
 from skills.planner import Load, MotionPlanner, at_height
 from skills.settings import MotionSettings
@@ -191,7 +192,10 @@ def carried(planner: MotionPlanner, name: str | None, observation: Observation) 
     """The held part's type and its boxes in the tool frame, as far as it is known what the gripper holds."""
     if name is None or not observation.gripper.holding:
         return None, ()
-    kind, hold = planner.product.parts[name], present_hold(planner, name, observation)
+    kind = planner.product.parts[name]
+    if planner.lying is not None:
+        return name, (held_box(name, kind, planner.lying),)
+    hold = present_hold(planner, name, observation)
     return name, held_boxes(name, kind, planner.settings, hold, with_peg=True)
 
 

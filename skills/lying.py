@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import product as all_of
 
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import Observation
@@ -22,7 +23,7 @@ from skills.planner import Load, MotionPlanner, at_height
 HEADINGS = tuple(math.pi / 4 * turn for turn in range(8))  # of a part that is put down: the tool leans another way
 LEANING_M = 0.012  # a leaning finger's corner is so much lower than its middle
 DROP_M = 0.0025  # a part is let go this far above the floor: how it lay was not seen exactly
-TRIES = 24  # ways to hold, of those that are clear of the part itself, that are tried with the arm
+TRIES = 64  # ways to hold that are tried
 
 Chosen = tuple[LyingHold, Pose, Array]  # how, the tool (TCP) in the world, and the joints (6,) for it
 
@@ -42,7 +43,7 @@ class SetUpright(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """A grasp from which the part can be put down better than it lies now."""
         planner, part = self._planner, self._part
-        kind, reason = planner.product.parts[part.part], f"cannot set {part.part} upright: no grasp turns it"
+        kind, reason = planner.product.parts[part.part], f"cannot take {part.part} as it lies: no room for the fingers"
         if part.lies is None:
             return f"cannot take {part.part}: it is not clear how it lies"
         left = turns_left(kind, side_up(part.lies))
@@ -109,7 +110,7 @@ def grasps_of_lying(
     assert part.lies is not None
     settings, kind = planner.settings, planner.product.parts[part.part]
     obstacles = (*tray_boxes(planner, others), *solid_boxes(part.part, kind, part.lies))
-    for _, hold in zip(range(TRIES), lying_holds(kind, side_up(part.lies), settings), strict=False):
+    for hold in lying_holds(kind, side_up(part.lies), settings)[:TRIES]:
         tool = part.lies @ hold.part_from_tool
         found = planner.reach([tool], near_rad, Load(_opening_m(planner, hold), obstacles, close=True))
         if not isinstance(found, str):
@@ -169,6 +170,34 @@ def put_lying(
             if not isinstance(phases, str):
                 return phases
             reason = phases
+    return reason
+
+
+def put_lying_back(
+    planner: MotionPlanner, name: str, observation: Observation, others: Sequence[PartDetection]
+) -> list[Phase] | str:
+    """Phases that put a part back into the tray that is held as it lay: as near to standing as the hold allows."""
+    hold = planner.lying
+    assert hold is not None
+    return put_lying(planner, name, hold, observation, others, hold.sides, joints_of(observation))
+
+
+def put_lying_down(
+    planner: MotionPlanner, name: str, world_from_spot: Pose, observation: Observation, others: Sequence[PartDetection]
+) -> list[Phase] | str:
+    """Phases that put a part down on a spot that is held as it lay: as near to standing as the hold allows."""
+    hold = planner.lying
+    assert hold is not None
+    reason = f"cannot put {name} there"
+    for up, turn in all_of(hold.sides, HEADINGS):
+        found = laid_out(planner.product.parts[name], up)
+        if found is None or hold.lean_rad(up) > MOST_LEAN_RAD:
+            continue
+        target = world_from_spot @ Pose.from_yaw((0.0, 0.0, DROP_M), turn) @ found[0]
+        phases = put_at(planner, name, hold, target, observation, others, joints_of(observation))
+        if not isinstance(phases, str):
+            return phases
+        reason = phases
     return reason
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product as all_of
+from itertools import zip_longest
 
 import numpy as np
 
@@ -59,6 +60,11 @@ class LyingHold:
     part_from_tool: Pose
     held_m: float
 
+    @property
+    def sides(self) -> tuple[str, str]:
+        """Those with which it can be put down, the one that the turn is for first."""
+        return self.turn.then, self.turn.up
+
     def lean_rad(self, up: str) -> float:
         """How far the tool leans from the vertical when this side of the part is up."""
         return math.acos(min(1.0, max(-1.0, float(-self.part_from_tool.rotation[:, 2] @ axis_of(up)))))
@@ -81,15 +87,15 @@ def turns_left(kind: PartType, up: str) -> int | None:
     return left
 
 
-def lying_holds(kind: PartType, up: str, settings: MotionSettings) -> Iterator[LyingHold]:
-    """All ways to hold a part that lies, the best first: those that bring it nearest to standing."""
+@cache
+def lying_holds(kind: PartType, up: str, settings: MotionSettings) -> tuple[LyingHold, ...]:
+    """All ways to hold a part that lies: first those that bring it nearer to standing, of every lean one by turns."""
     left = turns_left(kind, up)
     useful = [turn for turn in _turns(kind, up) if left is not None and turns_left(kind, turn.then) == left - 1]
     others = [turn for turn in _turns(kind, up) if turn not in useful]
-    for lean, turn in all_of(LEANS_RAD, useful):
-        yield from _holds(kind, turn, lean, settings)
-    for turn in others:
-        yield from _holds(kind, turn, LEANS_RAD[0], settings)
+    ways = [_holds(kind, turn, lean, settings) for lean, turn in all_of(LEANS_RAD, useful)]
+    by_turns = [hold for row in zip_longest(*ways) for hold in row if hold is not None]
+    return *by_turns, *(hold for turn in others for hold in _holds(kind, turn, LEANS_RAD[0], settings))
 
 
 def solid_boxes(name: str, kind: PartType, world_from_part: Pose) -> tuple[Box, ...]:

@@ -40,6 +40,8 @@ class Place(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Refuse a filled hole, choose a heading of the tool."""
         planner, placed = self._planner, seen_in_holes(observation)
+        if planner.lying is not None:
+            return f"cannot put {self._part} at {self._position}: it is held as it lay"
         if self._position in placed:
             return f"cannot put {self._part} at {self._position}: {placed[self._position]} is there"
         obstacles = (*bracket_boxes(planner, placed), *tray_boxes(planner, self._tray_parts))

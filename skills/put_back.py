@@ -16,6 +16,7 @@ from skills.handling import (
     seen_in_holes,
     tray_boxes,
 )
+from skills.lying import put_lying_back
 from skills.move_aside import free_spots
 from skills.phases import Phase, PhasedSkill
 from skills.planner import MotionPlanner
@@ -35,6 +36,8 @@ class PutBack(PhasedSkill):
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Find a spot, then a way."""
         planner = self._planner
+        if planner.lying is not None:
+            return put_lying_back(planner, self._part, observation, self._tray_parts)
         kind = planner.product.parts[self._part]
         tray = planner.bench.tray
         obstacles = (

@@ -16,6 +16,7 @@ from skills.handling import (
     seen_in_holes,
     tray_boxes,
 )
+from skills.lying import put_lying_down
 from skills.phases import Phase, PhasedSkill
 from skills.planner import MotionPlanner
 
@@ -52,6 +53,8 @@ class PutDown(PhasedSkill):
             return f"cannot put {self._part} down at {self._where}: nothing stands on a tilted spot"
         obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self._standing))
         kind = planner.product.parts[self._part]
+        if planner.lying is not None:
+            return put_lying_down(planner, self._part, self._spot, observation, self._standing)
         return put_phases(
             planner,
             self._part,

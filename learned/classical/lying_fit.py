@@ -25,11 +25,13 @@ FLOOR_PX = 3  # so far from the detection its floor begins
 SHADED = (0.25, 1.08)  # of the floor's brightness: shadows, and light that is not even
 LEAST_CONTRAST, NOISES = 14.0, 5.0  # of what stands out, in grey levels and in what the floor differs by itself
 HEADINGS = 24
+LEAST_PX = 12
 FINER = 6  # coarse answers that are looked at more closely
 STEPS = ((0.003, 0.12), (0.0015, 0.06), (0.0008, 0.03))  # [m] and [rad]
 LEAST_AGREEMENT = 0.80
 LEAST_LEAD = 0.02  # over the best answer that means something else
 OTHERWISE_RAD = math.radians(40)
+PEG_WEIGHT = 0.15  # of how well the peg stands out from the body, beside the agreement
 
 
 @dataclass(frozen=True)
@@ -74,12 +76,15 @@ class LyingFitter:
         scene = _Scene(self._camera, frame.world_from_camera, window)
         seeds = [fit for name in types if name in self._models for fit in self._coarse(scene, self._models[name])]
         seeds.sort(key=lambda fit: -fit.agreement)
-        found = sorted((self._finer(scene, fit) for fit in _various(seeds)), key=lambda fit: -fit.agreement)
-        if not found or found[0].agreement < LEAST_AGREEMENT:
+        found = [self._finer(scene, fit) for fit in _various(seeds)]
+        scores = [fit.agreement + PEG_WEIGHT * scene.peg_contrast(self._models[fit.part], fit) for fit in found]
+        best, score = max(zip(found, scores, strict=True), key=lambda pair: pair[1], default=(None, 0.0))
+        if best is None or best.agreement < LEAST_AGREEMENT:
             return None
-        best = found[0]
-        second = max((fit.agreement for fit in found if fit.part != best.part or not fit.means(best)), default=0.0)
-        return best if best.agreement - second > LEAST_LEAD else None
+        otherwise = (
+            one for fit, one in zip(found, scores, strict=True) if fit.part != best.part or not fit.means(best)
+        )
+        return best if score - max(otherwise, default=0.0) > LEAST_LEAD else None
 
     def agreement(self, frame: Frame, box_px: Sequence[int], part: str, world_from_part: Pose, hidden: Mask) -> float:
         """How well a part at some pose agrees with what stands out in a box; 1 where nothing does."""
@@ -136,11 +141,13 @@ class _Window:
 
     Attributes:
         corner_px: (column, row) of its first pixel in the image.
+        piece: (height, width, 3), smoothed.
         shown: (height, width), 1 where it stands out from the floor.
         counts: 1 where that says something.
     """
 
     corner_px: Array
+    piece: NDArray[np.float32]
     shown: Mask
     counts: Mask
 
@@ -170,7 +177,7 @@ class _Window:
         contrast = max(LEAST_CONTRAST, NOISES * float(np.median(apart[floor == 1])))
         shown = np.asarray(cv2.medianBlur((apart > contrast).astype(np.uint8), 3), np.uint8) * counts
         shown = _largest(shown)
-        return None if int(shown.sum()) < 50 else _Window(np.array([left, top], float), shown, counts)
+        return None if int(shown.sum()) < 50 else _Window(np.array([left, top], float), piece, shown, counts)
 
 
 class _Scene:
@@ -184,13 +191,25 @@ class _Scene:
         place: Array = self._camera.onto_plane(self._world_from_camera, pixel[None], height_m)[0, :2]
         return place
 
-    def covered(self, model: _Model, pose: Pose) -> Mask:
-        """The silhouette of a part in the window."""
+    def covered(self, model: _Model, pose: Pose, solids: slice = slice(None)) -> Mask:
+        """The silhouette of a part in the window, or of some of its solids; the peg is the last one."""
         pixels = self._camera.project(self._world_from_camera, pose.transform(model.points)) - self.window.corner_px
         mask = np.zeros(self.window.shown.shape, np.uint8)
-        for cloud in np.split(np.round(pixels * 16).astype(np.int32), model.ends):
+        for cloud in np.split(np.round(pixels * 16).astype(np.int32), model.ends)[solids]:
             cv2.fillConvexPoly(mask, cv2.convexHull(cloud), 1, lineType=8, shift=4)
         return mask
+
+    def peg_contrast(self, model: _Model, fit: LyingFit) -> float:
+        """How much of the differences of colour is between peg and body, 0 to 1; a peg bears no paint."""
+        peg, body = (self.covered(model, fit.world_from_part, one) for one in (slice(-1, None), slice(-1)))
+        seen = self.window.shown & self.window.counts
+        peg_px = self.window.piece[(seen & peg & (1 if fit.up == "-z" else 1 - body)) == 1]
+        body_px = self.window.piece[(seen & body & (1 - peg)) == 1]
+        if min(len(peg_px), len(body_px)) < LEAST_PX:
+            return 0.0
+        both = np.concatenate([peg_px, body_px])
+        within = ((peg_px - peg_px.mean(axis=0)) ** 2).sum() + ((body_px - body_px.mean(axis=0)) ** 2).sum()
+        return float(1.0 - within / max(float(((both - both.mean(axis=0)) ** 2).sum()), 1e-6))
 
     def agreement(self, model: _Model, pose: Pose) -> float:
         """What a silhouette and what stands out have in common, as a share of both together."""

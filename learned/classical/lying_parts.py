@@ -37,24 +37,26 @@ class LyingParts:
         fallen = [(one, fit) for one in told if (fit := self._fallen(frame, one, found)) is not None]
         standing = tuple(one for one in told if all(one is not other for other, _ in fallen))
         rest = [one for one in found if one not in told and one.confidence >= LEAST_SURE]
-        rough: list[PartDetection] = []
+        exact, rough = [self._exact(one, fit) for one, fit in fallen], []
         for one in sorted(rest, key=lambda one: -one.confidence):
-            if any(covers(part, one) for part in standing) or any(
-                overlap(one, other) >= SAME_BOX for other, _ in fallen
-            ):
+            if any(covers(part, one) for part in (*standing, *exact)) or _again(one, exact):
                 continue
             fit = self._lying(frame, one, found)
             if fit is None:
-                rough.append(on_floor(frame, self._bench, self._product, one))
+                rough.append(one)
             else:
-                fallen.append((one, fit))
-        exact = [self._exact(one, fit) for one, fit in fallen]
-        return standing, (*exact, *(one for one in rough if all(overlap(one, fitted) < SAME_BOX for fitted in exact)))
+                exact.append(self._exact(one, fit))
+        apart = [one for one in rough if not _again(one, exact) and not any(covers(part, one) for part in exact)]
+        return standing, (*exact, *(on_floor(frame, self._bench, self._product, one) for one in apart))
 
     def _lying(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
-        """How a thing lies, of whichever type it is."""
-        types = dict.fromkeys(other.part for other in (one, *found) if overlap(one, other) >= SAME_BOX)
-        return self._fitter.fit(frame, one.box_px, tuple(types), self._hidden(frame, one, found))
+        """How a thing lies, of whichever type it is; a large part may also be told as several small ones."""
+        types = tuple(dict.fromkeys(other.part for other in (one, *found) if overlap(one, other) >= SAME_BOX))
+        fit = self._fitter.fit(frame, one.box_px, types, self._hidden(frame, one, found))
+        if fit is not None:
+            return fit
+        around = [other for other in found if not inside(other, one)]
+        return self._fitter.fit(frame, one.box_px, types, self._hidden(frame, one, around))
 
     def _fallen(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
         """How a part lies that was told to stand; None where it stands, or where nothing else is sure."""
@@ -112,6 +114,19 @@ def covers(standing: PartDetection, other: PartDetection) -> bool:
     x, y, _ = standing.world_from_part.inverse().transform(np.array(other.world_from_part.position_m))
     length, width, _ = standing.size_m
     return bool(abs(x) < length / 2 and abs(y) < width / 2)
+
+
+def inside(small: PartDetection, large: PartDetection) -> bool:
+    """Whether the middle of one box in the image is inside another, larger one."""
+    left, top, right, bottom = large.box_px
+    a, b, c, d = small.box_px
+    smaller = (c - a) * (d - b) < (right - left) * (bottom - top)
+    return smaller and left <= (a + c) / 2 <= right and top <= (b + d) / 2 <= bottom
+
+
+def _again(one: PartDetection, known: Found) -> bool:
+    """Whether something is one of the known things, seen twice."""
+    return any(overlap(one, other) >= SAME_BOX for other in known)
 
 
 def overlap(first: PartDetection, second: PartDetection) -> float:

@@ -93,6 +93,9 @@ class HoldsNeededPart(CellNode):
         if part is None or not self.services.observation.gripper.holding:
             self.feedback_message = "nothing is in the gripper"
             return Status.FAILURE
+        if self.services.held_lying:
+            self.feedback_message = f"{part} is held as it lay, and fits into no hole so"
+            return Status.FAILURE
         if remaining(self.services, self.state.get())[part] <= 0:
             self.feedback_message = f"no {part} is needed any more"
             return Status.FAILURE

@@ -57,9 +57,7 @@ class FindPart(CellNode):
             self.feedback_message = f"no {part} in the tray"
             lies = any(seen.part == part for seen in parts.others)
             title = self.services.product.title(part)
-            self.services.failed(
-                f"the {title} lies on its side, as far as I see" if lies else f"there is no {title} in the tray"
-            )
+            self.services.failed(lies_on_its_side(title) if lies else f"there is no {title} in the tray")
             return Status.FAILURE
         plans = {i: self.services.solve(parts, i) for i in candidates}
         vain = {i: self.services.tried_in_vain(parts.detections[i]) for i in candidates}
@@ -113,6 +111,22 @@ class DecodeSolution(CellNode):
         if near.part not in self.services.product.parts:
             return "something that I do not know lies in the way"
         return f"the {self.services.product.title(near.part)} that lies on its side is in the way"
+
+
+def seen_part(parts: PartsView, index: int) -> PartDetection:
+    """A part by its number, standing or lying.
+
+    Raises:
+        NodeError: no seen part has this number.
+    """
+    if not 0 <= index < len(parts.seen):
+        raise NodeError(f"part number {index} is not among the {len(parts.seen)} seen parts")
+    return parts.seen[index]
+
+
+def lies_on_its_side(title: str) -> str:
+    """Why a part cannot be taken that is seen, but not standing."""
+    return f"the {title} lies on its side, as far as I see"
 
 
 def part_and_others(parts: PartsView, index: int) -> tuple[PartDetection, tuple[PartDetection, ...]]:

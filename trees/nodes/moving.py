@@ -17,6 +17,8 @@ from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
 
+DOWN_RAD = 0.1  # a tool that leans more than this holds no part that stood
+
 
 class NamedPose(Enum):
     """Arm poses that the bench file names."""
@@ -71,6 +73,10 @@ class IdentifyHeldPart(CellNode):
         from skills.held_part import held_type
 
         services = self.services
+        if services.tool_tilt_rad() > DOWN_RAD and not services.held_lying:
+            self.feedback_message = "the tool leans, so that it is not known how it holds the part"
+            services.failed("I do not know how I hold it")
+            return Status.FAILURE
         if services.held_part is None:
             opening_m = services.observation.gripper.opening_m
             services.held_part = held_type(services.product, opening_m, services.motion.settings)
@@ -106,6 +112,7 @@ class PickPart(SkillNode):
         services, parts = self.services, self.parts.get()
         part, others = part_and_others(parts, self.index.get())
         services.held_part, services.tray_parts, self._target = part.part, others, part
+        services.held_lying = False
         services.tray_seen_s, self._seen_s = None, parts.time_s  # known again once the part is held
         return Pick(services.motion, part, services.standing)
 
@@ -129,12 +136,13 @@ class MoveAside(SkillNode):
 
         part, others = part_and_others(self.parts.get(), self.index.get())
         self.services.held_part, self.services.tray_parts = part.part, others
+        self.services.held_lying = False
         self.services.tray_seen_s = None
         return MoveAsideSkill(self.services.motion, part, self.services.standing)
 
 
 class ReturnToTray(SkillNode):
-    """Put the part in the gripper back into the tray."""
+    """Put the part in the gripper back into the tray; one that was taken as it lay is set upright, if it can be."""
 
     def make_skill(self) -> Skill:
         from skills.put_back import PutBack

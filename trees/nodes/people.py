@@ -14,7 +14,7 @@ from cell.interfaces.pose import Array
 from trees.engine.ports import InputPort
 from trees.engine.vocabulary import Hole
 from trees.framed_pose import FramedPose
-from trees.nodes.clutter import part_and_others
+from trees.nodes.clutter import seen_part
 from trees.nodes.poses import world_pose
 from trees.nodes.services import CellNode, Services
 from trees.nodes.watching import SeenAction
@@ -100,7 +100,7 @@ class WaitForHandClearOfPart(HandWatch):
     index = InputPort(int, "number of the part among the seen ones")
 
     def target(self) -> tuple[str, Array]:
-        part, _ = part_and_others(self.parts.get(), self.index.get())
+        part = seen_part(self.parts.get(), self.index.get())
         return f"{part.part} in the tray", np.array(part.world_from_part.position_m[:2])
 
 

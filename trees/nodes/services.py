@@ -41,6 +41,7 @@ class Services:
         semantic, grasp: the chosen planners, usually learned.
         rule_semantic, rule_grasp: rule-based planners that answer where the chosen ones cannot be used.
         held_part: type of the part that was picked last; whether it is still held, the gripper tells.
+        held_lying: that part was taken as it lay, and is still held so.
         tray_parts: what stands or lies in the tray as last seen, without what was taken since.
         files: tables and saved values of the user.
         teach: notes a goal, its name and the part at every position, where goals are kept, and says under which name;
@@ -68,6 +69,7 @@ class Services:
     command: Command = field(default_factory=Command)
     display: Display = field(default_factory=Display)
     held_part: str | None = None
+    held_lying: bool = False
     tray_parts: tuple[PartDetection, ...] = ()
     put_down: tuple[PartDetection, ...] = ()
     files: Files = field(default_factory=WorkingFolder)
@@ -174,6 +176,11 @@ class Services:
         seen = parts.seen
         others = seen[:required] + seen[required + 1 :]
         return why_not_graspable(self.motion, seen[required], others, np.array(self.observation.arm.positions_rad))
+
+    def tool_tilt_rad(self) -> float:
+        """How far the fingers point away from straight down."""
+        tool = self.motion.kinematics.forward(np.array(self.observation.arm.positions_rad))
+        return math.acos(min(1.0, max(-1.0, -float(tool.rotation[2, 2]))))
 
     def tool_on_bench_m(self) -> tuple[float, float]:
         """Where the tool is above the bench, (x, y)."""

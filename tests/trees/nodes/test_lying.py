@@ -1,0 +1,118 @@
+"""Finding parts that lie, taking them, and what is known of a part that is held as it lay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from py_trees.common import Status
+
+from cell.interfaces.command import Command
+from cell.interfaces.observation import Observation
+from cell.interfaces.perception import PartDetection, PartsView
+from cell.interfaces.planning import AssemblyState
+from cell.interfaces.pose import Pose
+from cell.interfaces.skill import Progress, SkillStatus
+from skills.planner import MotionPlanner
+from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, seen_parts, services
+from trees.engine.errors import NodeError
+from trees.nodes.ahead import HoldsNeededPart
+from trees.nodes.clutter import lies_on_its_side
+from trees.nodes.lying import FindLying, SetUpright
+from trees.nodes.moving import IdentifyHeldPart
+from trees.nodes.services import Services
+from trees.testing import alone
+
+
+def lying(part: str, x_m: float, confidence: float = 0.9, *, told: bool = True) -> PartDetection:
+    place = Pose((x_m, -0.4, 0.004))
+    lies = Pose((x_m, -0.4, 0.02), (0.5**0.5, 0.5**0.5, 0.0, 0.0)) if told else None
+    return PartDetection(part, confidence, place, (0.09, 0.05, 0.05), (0, 0, 1, 1), upright=False, lies=lies)
+
+
+def found(to: Services, view: PartsView, **ports: Any) -> int | None:
+    node: Any = alone(FindLying("find"), to, parts=view, **ports)
+    return node.index.entry.value if node.update() is Status.SUCCESS else None
+
+
+VIEW = replace(seen_parts("o1"), others=(lying("o3", 0.5, told=False), lying("o2", 0.6), lying("o2", 0.72, 0.95)))
+
+
+def test_a_part_that_lies_is_found_by_its_type_where_it_is_known_how_it_lies() -> None:
+    assert found(services(), VIEW, part="o2") == 3  # the surer one
+    assert found(services(), VIEW) == 3
+    assert found(services(), VIEW, part="o3") is None
+    assert found(services(), VIEW, part="o1") is None
+
+
+def test_what_lies_near_another_part_is_found_the_nearest_first() -> None:
+    assert found(services(), VIEW, near=0, within_m=0.25) == 2
+    assert found(services(), VIEW, near=0, within_m=0.1) is None
+    with pytest.raises(NodeError, match="part number 7 is not among the 4 seen parts"):
+        found(services(), VIEW, near=7)
+
+
+def test_one_that_was_tried_in_vain_comes_last_and_then_not_at_all() -> None:
+    to = services()
+    to.failed_at(VIEW.seen[3])
+    assert found(to, VIEW, part="o2") == 2
+    to.failed_at(VIEW.seen[2])
+    assert found(to, VIEW, part="o2", tries=1) is None
+    to.failed_at(VIEW.seen[3])
+    to.failed_at(VIEW.seen[2])
+    assert found(to, VIEW, part="o2") is None
+
+
+@pytest.mark.parametrize("index", [0, 1, 9])
+def test_a_part_that_stands_or_of_which_nobody_knows_how_it_lies_is_not_set_upright(index: int) -> None:
+    node: Any = alone(SetUpright("set"), services(), parts=VIEW, index=index)
+    with pytest.raises(NodeError, match=f"part number {index} is none that is seen to lie"):
+        node.initialise()
+
+
+class Turned:
+    """A skill that succeeds at once."""
+
+    def poll(self, observation: Observation, command: Command) -> Progress:  # noqa: ARG002
+        return Progress(SkillStatus.SUCCESS, "o2 stands upright")
+
+    def halt(self, command: Command) -> None:
+        """Nothing to stop."""
+
+
+def test_a_part_that_was_set_upright_is_no_reason_to_ask_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skills.lying.SetUpright", lambda *_: Turned())
+    to = services()
+    to.failed(lies_on_its_side(PRODUCT.title("o2")))
+    to.failed_at(VIEW.seen[2])
+    node: Any = alone(SetUpright("set"), to, parts=VIEW, index=3)
+    node.initialise()
+    assert (to.held_part, to.held_lying, to.tray_parts) == ("o2", True, VIEW.seen[:3])
+    assert node.update() is Status.SUCCESS
+    assert not to.reasons
+    assert found(to, VIEW, near=0, within_m=0.25, tries=1) == 2  # what was in vain may go well now
+
+
+def test_a_part_that_is_held_as_it_lay_is_none_that_a_hole_needs() -> None:
+    to = services(held_part="o2")
+    to.observation = replace(to.observation, gripper=HOLDING)
+    node: Any = alone(HoldsNeededPart("holds"), to, state=AssemblyState({}))
+    assert node.update() is Status.SUCCESS
+    to.held_lying = True
+    assert node.update() is Status.FAILURE
+    assert node.feedback_message == "o2 is held as it lay, and fits into no hole so"
+
+
+def test_a_run_that_begins_with_a_leaning_tool_does_not_know_how_it_holds_the_part() -> None:
+    planner = MotionPlanner(PRODUCT, BENCH)
+    to = services(motion=planner, held_part="o2")
+    for tilt, known in ((0.0, Status.SUCCESS), (0.6, Status.FAILURE)):
+        joints = np.array(BENCH.arm_park_rad) + tilt * np.eye(6)[3]
+        arm = replace(to.observation.arm, positions_rad=cast(Any, tuple(joints)))
+        to.observation = replace(to.observation, arm=arm, gripper=HOLDING)
+        node = IdentifyHeldPart("identify")
+        node.setup(services=to)
+        assert node.update() is known
+    assert list(to.reasons) == ["I do not know how I hold it"]

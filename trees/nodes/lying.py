@@ -1,0 +1,117 @@
+"""Parts that lie: find one, set it upright, or take it as it lies.
+
+The skills are imported by the nodes that make them, so that `cell check` does not wait for kinematics.
+"""
+
+from __future__ import annotations
+
+import math
+
+from py_trees.common import Status
+
+from cell.interfaces.perception import PartDetection, PartsView
+from cell.interfaces.skill import Skill
+from trees.engine.errors import NodeError
+from trees.engine.ports import InputPort, OutputPort
+from trees.engine.vocabulary import Part
+from trees.nodes.clutter import lies_on_its_side
+from trees.nodes.services import CellNode
+from trees.nodes.skill_node import SkillNode
+
+
+class FindLying(CellNode):
+    """Choose a part that lies in the tray and of which it is seen how: of a type, near another part, or any.
+
+    One that could not be taken, or not be set upright, comes after the others, and after `tries` times not at all.
+    """
+
+    part = InputPort(Part, "only this type; any type where nothing is given", optional=True)
+    parts = InputPort(PartsView, "parts seen in the tray")
+    near = InputPort(int, "number of a seen part; only what lies near it", optional=True)
+    within_m = InputPort(float, "how near to it, middle to middle", default=0.15)
+    tries = InputPort(int, "how often one is tried", default=2)
+    index = OutputPort(int, "number of the part that lies among the seen ones")
+
+    def update(self) -> Status:
+        view, part, near = self.parts.get(), self.part.get_or(""), self.near.get_or(None)
+        if near is not None and not 0 <= near < len(view.seen):
+            raise NodeError(f"part number {near} is not among the {len(view.seen)} seen parts")
+        there = None if near is None else _place(view.seen[near])
+        found = []
+        for number, one in enumerate(view.seen):
+            away_m = 0.0 if there is None else math.dist(_place(one), there)
+            vain = self.services.tried_in_vain(one)
+            wanted = one.lies is not None and part in ("", one.part) and away_m <= self.within_m.get()
+            if wanted and vain < self.tries.get():
+                found.append((vain, away_m, -one.confidence, number))
+        if not found:
+            self.feedback_message = f"no {part or 'part'} lies {'near it' if there else 'there'} that could be taken"
+            return Status.FAILURE
+        number = min(found)[-1]
+        self.index.set(number)
+        self.feedback_message = f"{view.seen[number].part} lies there"
+        return Status.SUCCESS
+
+
+class TakesLying(SkillNode):
+    """Base of the nodes that take a part that lies."""
+
+    abstract = True
+
+    parts = InputPort(PartsView, "parts seen in the tray")
+    index = InputPort(int, "number of the part that lies among the seen ones")
+
+    _target: PartDetection
+
+    def make_skill(self) -> Skill:
+        services, parts, index = self.services, self.parts.get(), self.index.get()
+        if not 0 <= index < len(parts.seen) or parts.seen[index].lies is None:
+            raise NodeError(f"part number {index} is none that is seen to lie, and how")
+        self._target = parts.seen[index]
+        services.held_part, services.held_lying = self._target.part, True
+        services.tray_parts = parts.seen[:index] + parts.seen[index + 1 :]
+        services.tray_seen_s = None
+        return self.skill()
+
+    def skill(self) -> Skill:
+        """What is done with it."""
+        raise NotImplementedError
+
+    def update(self) -> Status:
+        status = super().update()
+        if status is Status.FAILURE:
+            self.services.failed_at(self._target)
+        return status
+
+
+class SetUpright(TakesLying):
+    """Take a part that lies and stand it on its peg where the tray is free.
+
+    One that lies on its head is laid on another side first: look again, and set it upright from there.
+    """
+
+    def skill(self) -> Skill:
+        from skills.lying import SetUpright as Motion
+
+        return Motion(self.services.motion, self._target, self.services.standing)
+
+    def update(self) -> Status:
+        status = super().update()
+        if status is Status.SUCCESS:  # it lies no more as it lay: nobody need be told
+            self.services.reasons.pop(lies_on_its_side(self.services.product.title(self._target.part)), None)
+            self.services.in_vain = tuple(one for one in self.services.in_vain if one.upright)  # there is room now
+        return status
+
+
+class PickLying(TakesLying):
+    """Take a part as it lies and lift it, to put it down elsewhere with `PutDown`; no hole takes it so."""
+
+    def skill(self) -> Skill:
+        from skills.lying import PickLying as Motion
+
+        return Motion(self.services.motion, self._target, self.services.standing)
+
+
+def _place(one: PartDetection) -> tuple[float, float]:
+    x, y, _ = one.world_from_part.position_m
+    return x, y

@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 
 from cell.interfaces.command import Command
+from cell.interfaces.pose import Pose
 from cell.interfaces.resting import SIDES, UPRIGHT, side_up
 from cell.interfaces.skill import SkillStatus
+from sim.clutter import ScenePart, standing
 from skills.lying import PickLying, SetUpright
+from skills.lying_grasp import laid_out
 from skills.move_to import MoveTo
+from tests import ROOT
+from tests.integration.cell_rig import BENCH, PRODUCT, robot_alone, run_tree
 from tests.integration.lying_parts import Bench
 from tests.integration.robot_alone import RobotAlone
 
@@ -90,3 +95,17 @@ def test_a_part_that_lies_is_lifted_as_it_is_held(bench: Bench) -> None:
     assert robot.observe().gripper.holding
     assert robot.planner.lying is not None
     assert robot.world.part_pose(part).position_m[2] > 0.1
+
+
+def test_a_tree_fetches_a_part_that_lies_from_pixels() -> None:
+    side = laid_out(PRODUCT.parts["o3"], "-y")
+    assert side is not None
+    spot = Pose.from_yaw((0.52, -0.42, BENCH.tray.centre_m[2] + 0.001), 0.6)
+    scene = [ScenePart("o3", spot @ side[0]), standing(PRODUCT, BENCH.tray, "o1", (0.62, -0.28), 1.0)]
+    with robot_alone(scene, seed=3) as cell:
+        outcome, diary = run_tree(cell, ROOT / "trees" / "clear_and_grasp.xml")
+        assert outcome.end == "finished", outcome
+        assert "o3 stands upright" in diary.reasons()
+        assert "holding o3" in diary.reasons()
+        stands = [cell.world.part_pose(body).rotation[2, 2] for body in cell.world.bodies]
+        assert min(stands) > 0.999

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from cell.configuration import Configuration
+from cell.evaluating.hands import LEAST_VISIBLE
+from cell.evaluating.placements import Told, delays, releases
 from cell.evaluating.row_file import Row
 from cell.evaluating.things import calibrated_bench
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
@@ -30,10 +32,8 @@ from learned.onnx_model import OnnxModel
 from learned.scores import wilson
 from sim.data.actions import Source, hands_of, segment_ends, write_segments
 from sim.data.folder import DataFolder
-from sim.data.recording import Assembly, record
-
-IN_TIME_S = (-0.3, 1.0)  # a placement may be told so long after the fingers opened
-Told = tuple[float, str, str]  # (time, part, position)
+from sim.data.hands import visible_shares
+from sim.data.recording import record
 
 
 @dataclass
@@ -42,14 +42,19 @@ class Tally:
 
     Attributes:
         rows: of each segment: class as it was, class as it was named, whether it lies in the guard band.
+        hidden: of each segment whether less than half of the hand shows in its last frame; empty where nobody looked.
         placed, told, right: placements that were, that were told, and those told in time with the right part and hole.
+        placed_hidden, right_hidden: those of them before which less than half of the hand showed.
         latency_s: processor time of each frame's answer, tracker and hole reader included.
     """
 
     rows: list[tuple[int, int, bool]] = field(default_factory=list)
+    hidden: list[bool] = field(default_factory=list)
     placed: int = 0
     told: int = 0
     right: int = 0
+    placed_hidden: int = 0
+    right_hidden: int = 0
     delays_s: list[float] = field(default_factory=list)
     latency_s: list[float] = field(default_factory=list)
 
@@ -66,6 +71,8 @@ class Tally:
         shares = {"all_segments": right, "outside_guard": right[clear], "assemblies": right[placing]}
         for index, kind in enumerate(("screw", "transit", "idle")):
             shares[kind] = right[(truth == classes.assemblies + index) & clear]
+        if self.hidden:
+            shares["outside_guard_seen"] = right[clear & ~np.array(self.hidden)]
         found: dict[str, Any] = {name: share(int(values.sum()), len(values)) for name, values in shares.items()}
         return found | {"confusions": _confusions(truth[clear], named[clear], classes)}
 
@@ -75,6 +82,7 @@ class Tally:
         confusions = found.pop("confusions")
         return found | {
             "placements": share(self.right, self.placed),
+            "placements_seen": share(self.right - self.right_hidden, self.placed - self.placed_hidden),
             "false_per_100": round(100 * (self.told - self.right) / max(1, self.placed), 2),
             "delay_s": round(float(np.median(self.delays_s)), 3) if self.delays_s else None,
             "latency_ms": [round(1000 * float(np.quantile(self.latency_s, at)), 1) for at in (0.5, 0.95)],
@@ -153,7 +161,7 @@ def evaluate_actions(
                 watcher.watch(frame)
         photographer.close()
         for kind, watcher in watchers.items():
-            _count(tallies[kind], assembly, watcher, classes)
+            _count(tallies[kind], source, watcher, classes)
     return tallies
 
 
@@ -249,39 +257,31 @@ def _sample(hand: Mapping[str, Any]) -> HandSample:
     return HandSample(**told)
 
 
-def _count(tally: Tally, assembly: Assembly, watcher: _Watcher, classes: Classes) -> None:
-    for end in segment_ends(assembly):
+def _count(tally: Tally, source: Source, watcher: _Watcher, classes: Classes) -> None:
+    assembly = source.assembly
+    ends = list(segment_ends(assembly))
+    for end in ends:
         label = assembly.labels[end]
         number = classes.number(label.kind, label.part, label.position)
         tally.rows.append((number, watcher.listener.named[end], assembly.guarded[end]))
-    placed = list(_releases(assembly))
-    delays_s = matched(placed, watcher.told)
+    tally.hidden += [share < LEAST_VISIBLE for share in visible_shares(source, ends)]
+    released = releases(assembly)
+    placed = [(assembly.moments[number].time_s, part, position) for number, part, position in released]
+    hidden = [_hidden(source, number) for number, _, _ in released]
+    delays_s = delays(placed, watcher.told)
     tally.placed += len(placed)
-    tally.right += len(delays_s)
-    tally.delays_s += delays_s
+    tally.placed_hidden += sum(hidden)
+    tally.right += sum(delay_s is not None for delay_s in delays_s)
+    tally.right_hidden += sum(delay_s is not None for delay_s, one in zip(delays_s, hidden, strict=True) if one)
+    tally.delays_s += [delay_s for delay_s in delays_s if delay_s is not None]
     tally.told += len(watcher.told)
     tally.latency_s += watcher.latency_s
 
 
-def matched(placed: Iterable[Told], told: Iterable[Told]) -> list[float]:
-    """Delays of what was told in time with the right part and hole; each is matched once."""
-    left, delays_s = list(told), []
-    for time_s, part, position in placed:
-        for one in left:
-            if one[1:] == (part, position) and IN_TIME_S[0] <= one[0] - time_s <= IN_TIME_S[1]:
-                left.remove(one)
-                delays_s.append(one[0] - time_s)
-                break
-    return delays_s
-
-
-def _releases(assembly: Assembly) -> Iterator[Told]:
-    """When fingers opened over a hole, and what was let go there."""
-    opened = False
-    for moment, label in zip(assembly.moments, assembly.labels, strict=True):
-        if label.released and not opened and label.part and label.position:
-            yield moment.time_s, label.part, label.position
-        opened = label.released
+def _hidden(source: Source, number: int) -> bool:
+    """Whether less than half of the hand showed for most of the second before a moment."""
+    last = range(max(0, number - round(source.bench.overhead.rate_hz)), number + 1)
+    return float(np.median(visible_shares(source, last))) < LEAST_VISIBLE
 
 
 def _confusions(truth: Any, named: Any, classes: Classes) -> dict[str, int]:

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from cell.configuration import Configuration, load_faults, load_product
-from cell.evaluating.actions import Told, matched, share
+from cell.evaluating.actions import share
+from cell.evaluating.placements import Told, matched
 from cell.evaluating.things import calibrated_bench
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import DeviceFault, InputError

@@ -84,6 +84,19 @@ def write_hands(source: Source, folder: DataFolder, every: bool = False) -> None
         folder.row("hands", {**row, "hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px})
 
 
+def visible_shares(source: Source, numbers: Sequence[int]) -> list[float]:
+    """How much of the hand that works shows at some moments of a recording, as it is: nothing else in the way."""
+    assembly = source.assembly
+    projection = Projection(assembly.world, CAMERA, source.bench.overhead, assembly.look)
+    hand, data = _hands_of(source)[0], mujoco.MjData(assembly.world.model)
+    found = []
+    for number in numbers:
+        moment = assembly.moments[number]
+        show_poses(data, poses := moment.exposure.moments[-1])
+        found.append(hand.shown(moment, poses, assembly.held[number], projection, data))
+    return found
+
+
 def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFrame]:
     """The frames of stretches of moments, given in order; in each stretch the arm stands still."""
     assembly, bench = source.assembly, source.bench
@@ -160,6 +173,12 @@ class _HandModel:
             points_m={name: _rounded(value, 5) for name, value in points.items()},  # type: ignore[misc]
             points_px={name: _rounded(px, 2) for name, px in zip(points, pixels, strict=True)},  # type: ignore[misc]
         )
+
+    def shown(
+        self, moment: Moment, poses: ScenePoses, held: str | None, projection: Projection, data: mujoco.MjData
+    ) -> float:
+        """How much of it shows at a moment."""
+        return self._visible(poses, np.concatenate([self.geoms, self._part(moment, held)]), projection, data)
 
     def _part(self, moment: Moment, held: str | None) -> NDArray[np.int64]:
         """Shapes of the held part."""

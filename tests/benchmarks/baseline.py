@@ -20,7 +20,7 @@ from pathlib import Path
 from rich.console import Console
 
 from cell.configuration import load_configuration, load_product
-from cell.evaluating.actions import Told, matched
+from cell.evaluating.placements import Told, matched
 from cell.evaluating.row_file import RowFile
 from cell.interfaces.errors import InputError
 from cell.log.reading.indexed import IndexedLog

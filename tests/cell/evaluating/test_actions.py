@@ -12,11 +12,15 @@ from typer.testing import CliRunner
 
 from cell.commands.models import eval_app
 from cell.configuration import Configuration, load_configuration, load_product, simulated
-from cell.evaluating.actions import Tally, evaluate_actions, matched, share
+from cell.evaluating.actions import Tally, evaluate_actions, share
+from cell.evaluating.placements import matched
 from cell.evaluating.system import Listener, table_1, with_goals
 from cell.interfaces.errors import InputError
 from cell.interfaces.perception import Action
 from learned.actions.classes import Classes
+from sim.data.actions import Source
+from sim.data.hands import visible_shares
+from sim.data.recording import record as recorded
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
 
@@ -117,6 +121,26 @@ def test_detectors_watch_with_the_camera_where_its_calibration_finds_it(monkeypa
         with pytest.raises(Stop):
             evaluate_actions(looks, PRODUCT, ["slim"], [800_003], calibrated=calibrated)
     assert seen[0] != seen[1] == looks.bench.overhead.mount
+
+
+def test_what_is_done_under_the_robot_is_counted_apart() -> None:
+    rows = [(0, 19, False), (0, 0, False), (19, 19, False), (18, 19, True)]
+    tally = Tally(rows=rows, hidden=[True, False, False, True], placed=5, placed_hidden=2, right=4, right_hidden=1)
+    found = replace(tally, latency_s=[0.01]).summary(CLASSES)
+    assert found["outside_guard"] == share(2, 3)
+    assert found["outside_guard_seen"] == share(2, 2)
+    assert found["placements"] == share(4, 5)
+    assert found["placements_seen"] == share(3, 3)
+
+
+def test_a_hand_under_the_arm_is_hidden() -> None:
+    """Seed 820002 of `varied`: the arm that hands a part over hangs over the hand while it is placed (14 s)."""
+    looks = simulated(CONFIGURATION, "varied", "varied")
+    recording = recorded(PRODUCT, looks.bench, looks.devices.simulation, 820_002)
+    source = Source(recording, PRODUCT, looks.bench)
+    shares = visible_shares(source, [45, 216])
+    assert shares[0] > 0.9
+    assert shares[1] < 0.1
 
 
 @pytest.mark.slow

@@ -14,9 +14,11 @@ from cell.interfaces.perception import (
     HandSample,
     HandTracker,
     HoleReader,
+    Preparing,
     Segment,
 )
 from cell.interfaces.product import Product
+from learned.ahead import Image
 from learned.calibration.check import CalibrationCheck
 from learned.classical.image_health import ImageHealth, TrackHealth
 
@@ -36,6 +38,15 @@ class DetectorChain:
         self._calibration = CalibrationCheck(bench, product)
         self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
         self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
+
+    def prepare(self, image: Image) -> None:
+        """Do what follows from an image alone, before it is asked about; answers stay the same."""
+        for one in (self._tracker, self._health, self._reader):
+            if isinstance(one, Preparing):
+                one.prepare(image)
+
+    def __call__(self, frame: Frame) -> BenchView:
+        return self.watch(frame)
 
     def watch(self, frame: Frame) -> BenchView:
         """The answer to this frame; frames must come in order. The camera is where its calibration says."""

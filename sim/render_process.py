@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.errors import CellError, DeviceFault
-from cell.interfaces.perception import Frame, PendingFrame
+from cell.interfaces.perception import Frame, PendingFrame, Preparing
 from sim.job_process import PATIENCE_S, JobProcess, process_context
 from sim.photographer import Exposure, Photographer, SensorSetup
 
@@ -27,6 +27,7 @@ Answer = TypeVar("Answer")
 Build = Callable[..., Callable[[Frame], Answer]]
 Image = NDArray[np.uint8]
 
+PREPARE = "prepare"  # what a job is that nobody waits for
 NAME, DETECTORS = "render process", "detector process"
 SLOTS = 8  # frames of a camera that may wait to be rendered; then the physics waits
 HURRIED = 3  # ... where time does not wait
@@ -99,6 +100,8 @@ class RenderProcess:
         self._taken: dict[tuple[str, int], tuple[int, Future[Any]]] = {}  # number of the frame by camera and slot
         self._read: dict[tuple[str, int], Future[Any]] = {}  # the last answer from the image there
         self._detectors = 0
+        self._asked: dict[str, int] = {}  # detector that was asked about a camera's last frame
+        self._ahead: list[tuple[str, int]] = []  # frames that nobody has asked about yet
         given = model, dict(sensors), self._drawn
         drawn = self._drawn
         self._drawing = JobProcess(context, NAME, _draw, given, lambda frame: drawn.copy(*frame))
@@ -126,6 +129,7 @@ class RenderProcess:
             self._detecting.awaited(self._read.pop(slot))
         future = self._drawing.send(exposure)
         self._taken[slot] = sequence, future
+        self._ahead.append((camera, sequence))
         image = partial(self._drawing.awaited, future)
         return PendingFrame(camera, sequence, exposure.time_s, image, exposure.world_from_camera, future.done)
 
@@ -143,17 +147,31 @@ class RenderProcess:
     def _begin(self, detector: int, frame: Frame) -> Callable[[], Any]:
         """Send a frame of ours to a detector; the answer is waited for by who calls the result."""
         slot = (frame.camera, frame.sequence % SLOTS)
-        lies = slot in self._taken and self._taken[slot][0] == frame.sequence
+        known = slot in self._taken and self._taken[slot][0] == frame.sequence
+        lies = known and isinstance(frame, PendingFrame)  # else somebody has put another image in its place
         told = frame.camera, frame.sequence, frame.time_s, frame.world_from_camera, frame.robot_m
         future = self._detecting.send((detector, told, None if lies else frame.image))
         if lies:
             self._read[slot] = future
+        self._asked[frame.camera] = detector
+        self._ahead = [one for one in self._ahead if one[0] != frame.camera or one[1] > frame.sequence]
+        self._prepare()
 
         def answer() -> Any:
             _ = frame.image  # raises where it could not be made
-            return self._detecting.awaited(future)
+            found = self._detecting.awaited(future)
+            self._prepare()
+            return found
 
         return answer
+
+    def _prepare(self) -> None:
+        """Let detectors begin with the frames that they will be asked about next, once nothing else waits for them."""
+        for camera, sequence in self._ahead:
+            if camera in self._asked:
+                job = self._detecting.send((PREPARE, self._asked[camera], camera, sequence))
+                self._read[camera, sequence % SLOTS] = job
+        self._ahead.clear()
 
 
 def _draw(
@@ -173,6 +191,7 @@ def _draw(
 def _detect(drawn: _Drawn) -> Callable[[tuple[Any, ...]], Any]:
     """The work of the process that detects: builds a detector, or asks one that was built, by its number."""
     detectors: list[Callable[[Frame], object]] = []
+    prepared: dict[tuple[str, int], Image] = {}
 
     def build(what: Build[object], arguments: tuple[object, ...]) -> CellError | None:
         try:
@@ -184,11 +203,29 @@ def _detect(drawn: _Drawn) -> Callable[[tuple[Any, ...]], Any]:
     def answer(detector: int, told: tuple[Any, ...], image: Image | None) -> object:
         camera, sequence, time_s, world_from_camera, robot_m = told
         if image is None:
-            drawn.wait(camera, sequence)
-            image = drawn.copy(camera, sequence)
+            image = prepared.pop((camera, sequence), None)
+        if image is None:
+            image = look(camera, sequence)
         return detectors[detector](Frame(camera, sequence, time_s, image, world_from_camera, robot_m))
 
-    return lambda job: build(*job) if callable(job[0]) else answer(*job)
+    def look(camera: str, sequence: int) -> Image:
+        drawn.wait(camera, sequence)
+        return drawn.copy(camera, sequence)
+
+    def prepare(detector: int, camera: str, sequence: int) -> None:
+        one = detectors[detector]
+        if isinstance(one, Preparing):
+            prepared.pop((camera, sequence - SLOTS), None)  # nobody asked
+            prepared[camera, sequence] = look(camera, sequence)
+            one.prepare(prepared[camera, sequence])
+
+    def work(job: tuple[Any, ...]) -> object:
+        if job[0] == PREPARE:
+            prepare(*job[1:])
+            return None
+        return build(*job) if callable(job[0]) else answer(*job)
+
+    return work
 
 
 def _size(setup: CameraSetup) -> int:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import coal
 import numpy as np
-import pinocchio
 
 from cell.interfaces.pose import Array
 from skills.collision import HELD, CollisionChecker
+from skills.link_places import LinkPlaces
 
 HELD_RADIUS_M = 0.05  # of a sphere around a part between the fingers
 FIXED_JOINTS = 1  # base and shoulder stand where the person does not reach
@@ -22,33 +22,29 @@ class ArmOutline:
     """
 
     def __init__(self, checker: CollisionChecker) -> None:
-        self._model, self._geometry = checker.model, checker.arm_with_part(HELD_RADIUS_M)
-        self._data, self._at = self._model.createData(), self._geometry.createData()
-        objects = self._geometry.geometryObjects
-        self._links = [number for number, item in enumerate(objects) if item.parentJoint > FIXED_JOINTS]
-        self.names = tuple(objects[number].name for number in self._links)
-        self._shapes = [objects[number].geometry for number in self._links]
+        objects = checker.arm_with_part(HELD_RADIUS_M).geometryObjects
+        links = [item for item in objects if item.parentJoint > FIXED_JOINTS]
+        self._places = LinkPlaces(checker.model, [one.parentJoint for one in links], [one.placement for one in links])
+        self.names = tuple(one.name for one in links)
+        self._shapes = [one.geometry for one in links]
         self._corners = np.array([_corners(shape) for shape in self._shapes])
-        self._all = np.ones((1, len(self._links)), dtype=bool)
         self._always = np.array([name != HELD for name in self.names])
         self._request = coal.DistanceRequest()
 
     def distances(self, joints_rad: Array, body: coal.Convex, holding: bool) -> tuple[Array, Array]:
         """Least distances (L,) in [m], and the ways (L, 3) from the body to the links; infinite for a part not held."""
-        distances, ways = self.rooms(self.placed(joints_rad[np.newaxis]), body, holding, self._all)
+        distances, ways = self.rooms(self.placed(joints_rad[np.newaxis]), body, holding)
         return distances[0], ways[0]
 
     def placed(self, joints_rad: Array) -> Array:
         """Where the links are at K times, from joints (K, 6): world_from_link (K, L, 4, 4)."""
-        placed = np.empty((len(joints_rad), len(self._links), 4, 4))
-        for number, joints in enumerate(joints_rad):
-            pinocchio.updateGeometryPlacements(self._model, self._data, self._geometry, self._at, joints)
-            for row, link in enumerate(self._links):
-                placed[number, row] = self._at.oMg[link].homogeneous
-        return placed
+        return self._places.at(joints_rad)
 
-    def rooms(self, placed: Array, body: coal.Convex, holding: bool, wanted: Array) -> tuple[Array, Array]:
+    def rooms(
+        self, placed: Array, body: coal.Convex, holding: bool, wanted: Array | None = None
+    ) -> tuple[Array, Array]:
         """The same as `distances` at K times, for the links (K, L) that are wanted; infinite for all others."""
+        wanted = np.ones(placed.shape[:2], dtype=bool) if wanted is None else wanted
         distances, ways = np.full(placed.shape[:2], np.inf), np.zeros((*placed.shape[:2], 3))
         request, result = self._request, coal.DistanceResult()
         asked = np.nonzero(wanted if holding else wanted & self._always)
@@ -66,8 +62,7 @@ class ArmOutline:
         Args:
             placed: (K, L, 4, 4), see `placed`.
         """
-        turned = np.einsum("klij,lcj->klci", placed[..., :3, :3], self._corners)
-        corners: Array = turned + placed[..., None, :3, 3]
+        corners: Array = self._corners @ placed[..., :3, :3].swapaxes(-1, -2) + placed[..., None, :3, 3]
         return corners
 
 

@@ -121,12 +121,14 @@ class SeparationMonitor:
         holding: bool,
         ahead: Following | None,
     ) -> Separation:
-        rooms_m, ways = self.outline.distances(joints_rad, person, holding)
+        path_rad = joints_rad[np.newaxis][:0] if ahead is None else ahead[0].along(ahead[1] + NUMBERS * MARK_S)
+        places = self.outline.placed(np.concatenate([joints_rad[np.newaxis], path_rad]))
+        rooms_m, ways = (one[0] for one in self.outline.rooms(places[:1], person, holding))
         link = int(rooms_m.argmin())
         coming = self._coming_m_s(velocity_m_s, ways)
         share = 1.0
         if ahead is not None:
-            share = self._share(self._stretch(person, velocity_m_s, holding, ahead), age_s)
+            share = self._share(self._stretch(path_rad, places[1:], person, velocity_m_s, holding), age_s)
         return Separation(float(rooms_m[link]), share, self.least_m(coming[link], age_s), self.outline.names[link])
 
     def least_m(self, coming_m_s: float, age_s: float) -> float:
@@ -137,11 +139,13 @@ class SeparationMonitor:
         return float(self.settings.margin_m + coming_m_s * (age_s + reaction_s + stop_s) + arm_m)
 
     def _stretch(
-        self, person: coal.Convex, velocity_m_s: tuple[float, float] | None, holding: bool, ahead: Following
+        self,
+        joints: Array,
+        places: Array,
+        person: coal.Convex,
+        velocity_m_s: tuple[float, float] | None,
+        holding: bool,
     ) -> _Stretch:
-        trajectory, path_s = ahead
-        joints = trajectory.along(path_s + NUMBERS * MARK_S)
-        places = self.outline.placed(joints)
         steps_m = np.diff(self.outline.corners_m(places), axis=0)
         between = np.linalg.norm(steps_m, axis=3).max(axis=2) / MARK_S
         speeds_m_s = np.maximum(between[:-1], between[1:])
@@ -170,26 +174,25 @@ class SeparationMonitor:
         shares: Array = np.linspace(least, 1.0, SHARES)
         fits = np.ones(SHARES, dtype=bool)
         now, path_s, time_s = shares.copy(), np.zeros(SHARES), 0.0
+        left_m, limits, along = stretch.rooms_m - settings.margin_m, *self._braking(stretch)
         while (fits & (now > least + TINY)).any():
             mark = np.minimum((path_s / MARK_S).astype(int), MARKS - 1)
-            fast = stretch.speeds_m_s[mark] * now[:, None] > settings.slow_m_s
-            reach_m = reach(age_s + time_s + PLAY_S, stretch.coming_m_s[mark], settings)
-            fits &= ~(fast & (stretch.rooms_m[mark] - settings.margin_m < reach_m)).any(axis=1)
+            met = left_m < reach(age_s + time_s + PLAY_S, stretch.coming_m_s, settings)
+            fast = stretch.speeds_m_s[mark] * now[:, None] > settings.slow_m_s + TINY  # at the least share none is
+            fits &= ~(met[mark] & fast).any(axis=1)
             if time_s >= settings.reaction_s:
-                now = np.maximum(now - PLAY_S * self._braking(stretch, mark, now), least)
+                can = (limits[mark] + along[mark] * now[:, None] ** 2).min(axis=1)
+                braking = np.maximum(can, LEAST_BRAKING * limits[mark].min(axis=1))
+                now = np.maximum(now - PLAY_S * braking, least)
             path_s, time_s = path_s + now * PLAY_S, time_s + PLAY_S
         fits[0] = True
         refused = np.flatnonzero(~fits)
         return float(shares[refused[0] - 1]) if len(refused) else 1.0
 
-    def _braking(self, stretch: _Stretch, marks: Array, shares: Array) -> Array:
-        """How the share of speed can fall in [1/s], all joints along the path together; of each share at its mark."""
-        speeds, bends = stretch.joints_rad_s[marks], stretch.bends_rad_s2[marks]
-        fastest = np.maximum(np.abs(speeds), TINY)
-        limits = self._acceleration_rad_s2 / fastest
-        along = bends * np.sign(speeds) * shares[:, None] ** 2 / fastest
-        braking: Array = np.maximum((limits + along).min(axis=1), LEAST_BRAKING * limits.min(axis=1))
-        return braking
+    def _braking(self, stretch: _Stretch) -> tuple[Array, Array]:
+        """How each joint (K, 6) lets the share of speed fall in [1/s], and what its path adds at all of the speed."""
+        fastest = np.maximum(np.abs(stretch.joints_rad_s), TINY)
+        return self._acceleration_rad_s2 / fastest, stretch.bends_rad_s2 * np.sign(stretch.joints_rad_s) / fastest
 
     def out_of_view(self, joints_rad: Array) -> bool:
         """Whether the tool works where the overhead camera would not see a hand beside it."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,6 +254,15 @@ class PartsView:
     def seen(self) -> tuple[PartDetection, ...]:
         """All that stands or lies in the tray; what stands comes first, by the same numbers as in `detections`."""
         return self.detections + self.others
+
+
+@runtime_checkable
+class Preparing(Protocol):
+    """A detector that can do part of its work before it is asked."""
+
+    def prepare(self, image: NDArray[np.uint8]) -> None:
+        """Do what follows from the image alone."""
+        ...
 
 
 class HandTracker(Protocol):

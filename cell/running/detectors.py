@@ -83,7 +83,7 @@ UNKNOWN_LATENCY_S = 0.1  # of detectors whose cards do not tell
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
     """What answers overhead frames."""
     made = Detectors(bench, product, perception)
-    return DetectorChain(bench, product, made.make("hands"), made.make("holes"), made.make("actions")).watch
+    return DetectorChain(bench, product, made.make("hands"), made.make("holes"), made.make("actions"))
 
 
 def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:

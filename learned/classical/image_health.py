@@ -18,6 +18,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Edge, Frame
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
+from learned.ahead import Ahead
 from learned.classical.box_model import View
 
 DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
@@ -64,20 +65,23 @@ class ImageHealth:
         self._same = self._moved = self._astray = self._soft = 0
         self._first: NDArray[np.float32] | None = None
         self._frames, self._whole_px = 0, 0.0
+        self._looked = Ahead(_look)
 
     def judge(self, frame: Frame) -> str:
         """What is wrong with it, in words; empty for a sound image."""
-        small = np.ascontiguousarray(frame.image[::GRID, ::GRID])
-        grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
-        return self._frozen(small) or _absolute(small) or self._compared(small, grey) or self._by_plate(grey)
+        small, grey, figures = self._looked(frame.image)
+        return self._frozen(small) or _absolute(small) or self._compared(figures) or self._by_plate(grey)
+
+    def prepare(self, image: NDArray[np.uint8]) -> None:
+        """Do before anybody asks what follows from the image alone."""
+        self._looked.prepare(image)
 
     def _frozen(self, small: NDArray[np.uint8]) -> str:
         same = self._before is not None and np.array_equal(small, self._before)
         self._same, self._before = (self._same + 1 if same else 0), small
         return "frozen" if self._same + 1 >= FROZEN_FRAMES else ""
 
-    def _compared(self, small: NDArray[np.uint8], grey: NDArray[np.uint8]) -> str:
-        figures = _figures(small, grey)
+    def _compared(self, figures: _Figures) -> str:
         if len(self._baseline) < BASELINE_FRAMES:
             self._baseline.append(figures)
             return ""
@@ -198,6 +202,13 @@ def _shift_px(low: float | None, high: float | None) -> float | None:
     if low is None or high is None or abs(low + high) > SAME_SHIFT_PX:
         return None
     return abs(high - low) / 2
+
+
+def _look(image: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8], _Figures]:
+    """An image made small, in grey, and its figures."""
+    small = np.ascontiguousarray(image[::GRID, ::GRID])
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+    return small, grey, _figures(small, grey)
 
 
 def _absolute(small: NDArray[np.uint8]) -> str:

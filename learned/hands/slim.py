@@ -13,6 +13,7 @@ from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.errors import ModelError
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
+from learned.ahead import Ahead
 from learned.hands.height import PalmLength
 from learned.hands.reading import ApparentSize, Reading
 from learned.hands.regions import POINTS, Image, Regions, planes
@@ -52,6 +53,7 @@ class SlimReader:
     def __init__(self, setup: CameraSetup, types: tuple[str, ...], path: Path) -> None:
         self._regions = Regions.of(setup)
         self._finder = OnnxModel.load(finder_file(path), FINDER_KIND)
+        self._found = Ahead(self._find)
         self._reader = OnnxModel.load(path, READER_KIND)
         if "log_angle" not in self._reader.outputs:
             raise ModelError(f"{path}: an older version trained it; train it again with: cell train hands")
@@ -80,8 +82,15 @@ class SlimReader:
                 best.append(reading)
         return best
 
+    def prepare(self, image: Image) -> None:
+        """Look for hands before anybody asks."""
+        self._found.prepare(image)
+
     def find(self, image: Image) -> list[Array]:
         """Centres (column, row) of what may be hands, likeliest first."""
+        return list(self._found(image))
+
+    def _find(self, image: Image) -> list[Array]:
         answer = self._finder.run({"image": planes(self._regions.small(image)[np.newaxis])})
         score, offset = answer["score"][0, 0], answer["offset"][0]
         peaks = (score >= cv2.dilate(score, np.ones((3, 3), np.uint8))) & (score > LEAST_SCORE)

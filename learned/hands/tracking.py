@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.perception import Frame, HandSample, Preparing
 from cell.interfaces.pose import Array
+from learned.ahead import Image
 from learned.classical.box_model import View
 from learned.hands.height import PalmLength, heights_m
 from learned.hands.own_robot import OwnRobot
@@ -126,6 +127,11 @@ class HandTracks:
     def others(self) -> tuple[HandSample, ...]:
         """The hands of the last frame that do not work."""
         return self._others
+
+    def prepare(self, image: Image) -> None:
+        """Let the reader do what follows from the image alone."""
+        if isinstance(self._reader, Preparing):
+            self._reader.prepare(image)
 
     def track(self, frame: Frame) -> HandSample | None:
         """The hand that works, or None where none is in view.

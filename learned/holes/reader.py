@@ -13,6 +13,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample, HoleView
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
+from learned.ahead import Ahead
 from learned.exposure import Image, levelled
 from learned.holes.crops import hole_crops, squares_m
 from learned.onnx_model import Network, OnnxModel
@@ -80,6 +81,7 @@ class PlateHoleReader:
     def __init__(self, bench: Bench, product: Product, network: Network) -> None:
         self._camera = bench.overhead.mount.pose
         self._network = HoleNetwork(bench, product, network)
+        self._answer = Ahead(lambda image: self._network.answer(image, self._camera))
         self._answers: deque[Answer] = deque(maxlen=VOTES)
         self._views: dict[str, HoleView] = {}
 
@@ -92,6 +94,10 @@ class PlateHoleReader:
         """
         return PlateHoleReader(bench, product, OnnxModel.load(path, KIND))
 
+    def prepare(self, image: Image) -> None:
+        """Look at the holes before anybody asks."""
+        self._answer.prepare(image)
+
     def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
         """Holes by position name, as far as ever seen; what covers a hole is seen in the image, whatever `hand` is.
 
@@ -99,7 +105,7 @@ class PlateHoleReader:
         one changes nothing.
         """
         del hand
-        self._answers.append(self._network.answer(frame.image, self._camera))
+        self._answers.append(self._answer(frame.image))
         if len(self._answers) == VOTES:
             for position, reading in self._network.read(*self._answers).items():
                 if reading is not None:

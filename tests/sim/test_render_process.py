@@ -103,6 +103,45 @@ def test_a_hosted_detector_reads_the_frames_that_it_is_sent(world: World, bench:
     assert [answer() for answer in answers] == expected
 
 
+def test_another_image_in_the_place_of_a_frames_is_what_a_detector_sees(
+    world: World, bench: Bench, process: RenderProcess
+) -> None:
+    """A camera that is made to fail hands over frames of the same number."""
+    begin = process.host(build_brightness)
+    frame = taken(world, bench, process)[-1]
+    black = Frame(frame.camera, frame.sequence, frame.time_s, np.zeros_like(frame.image), frame.world_from_camera)
+    assert begin(black)() == (frame.sequence, 0)
+
+
+class Prepared:
+    """Tells whether the image that it is asked about was prepared."""
+
+    def __init__(self) -> None:
+        self._images: list[object] = []
+
+    def prepare(self, image: object) -> None:
+        self._images.append(image)
+
+    def __call__(self, frame: Frame) -> tuple[int, bool, int]:
+        known = any(one is frame.image for one in self._images)
+        return frame.sequence, known, int(frame.image.sum())
+
+
+def test_a_detector_begins_before_it_is_asked(world: World, bench: Bench, process: RenderProcess) -> None:
+    """With all that was taken until a frame is asked about, once it has read one of this camera."""
+    begin = process.host(Prepared)
+    frames = [frame for frame in taken(world, bench, process) if frame.camera == "overhead"]
+    answers = [begin(frame)() for frame in frames[-3:]]
+    assert [(sequence, total) for sequence, _, total in answers] == [
+        (frame.sequence, int(frame.image.sum())) for frame in frames[-3:]
+    ]
+    exposure = Exposure("overhead", FRAMES, 100.0, Pose((0.0, 0.0, 1.0)), (visible_poses(world.data),))
+    newest = process.take(exposure)
+    assert newest is not None
+    begin(frames[-1])()
+    assert begin(newest)() == (FRAMES, True, int(newest.image.sum()))
+
+
 COPIED = """
 import signal, sys
 from cell.configuration import load_configuration, load_product

@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import coal
 import numpy as np
+import pinocchio
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import HandSample
+from skills.arm_outline import HELD_RADIUS_M
+from skills.collision import CollisionChecker
 from skills.person_space import EDGES, PersonSpace
 from skills.separation import reach
 from skills.trajectory import joint_move
@@ -189,3 +192,18 @@ def arm_that_brakes(trajectory: JointTrajectory, path_s: float, share: float) ->
             arm.pace(share if clock.now_s() < began_s + S.reaction_s else 0.0)
             clock.sleep_until(clock.now_s() + PERIOD_S)
     return found
+
+
+def test_links_are_placed_as_pinocchio_places_them() -> None:
+    outline, rng = MONITOR.outline, np.random.default_rng(3)
+    planner = motion_planner()
+    checker = CollisionChecker(planner.kinematics, planner.product, planner.bench, planner.settings)
+    geometry = checker.arm_with_part(HELD_RADIUS_M)
+    data, at = checker.model.createData(), geometry.createData()
+    paths = rng.uniform(-3.0, 3.0, (20, 6))
+    placed = outline.placed(paths)
+    for joints, found in zip(paths, placed, strict=True):
+        pinocchio.updateGeometryPlacements(checker.model, data, geometry, at, joints)
+        wanted = {item.name: at.oMg[number].homogeneous for number, item in enumerate(geometry.geometryObjects)}
+        for name, one in zip(outline.names, found, strict=True):
+            np.testing.assert_allclose(one, wanted[name], atol=1e-12)

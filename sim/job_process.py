@@ -53,7 +53,7 @@ class JobProcess:
         arrived: Callable[[Any], Any] = lambda result: result,
         beside: Sequence[JobProcess] = (),
     ) -> None:
-        """Start it; returns before it is ready. `listen` is called once all processes have been started.
+        """Start it; returns before it is ready. `listen` is called once all processes have been started, if at all.
 
         Args:
             context: see `process_context`.
@@ -85,7 +85,7 @@ class JobProcess:
         return self._process.pid
 
     def listen(self) -> None:
-        """Begin to hand out what comes back."""
+        """Begin to hand out what comes back, in a thread; without it one thread alone may wait for answers."""
         self._receiver.start()
 
     def send(self, job: object) -> Future[Any]:
@@ -101,7 +101,15 @@ class JobProcess:
         return future
 
     def awaited(self, future: Future[Any]) -> Any:
-        """What a job came to; waits for it. Raises DeviceFault, and what the job says of the user's files."""
+        """What a job came to; waits for it. Raises DeviceFault, and what the job says of the user's files.
+
+        Where nobody listens, who waits reads.
+        """
+        while self._receiver.ident is None and not future.done():
+            if not self.pipe.poll(PATIENCE_S):
+                raise DeviceFault(self._name, f"nothing came for {PATIENCE_S:g} s")
+            if reason := self._read():
+                self._fail(reason)
         try:
             return future.result(PATIENCE_S)
         except TimeoutError:
@@ -118,17 +126,24 @@ class JobProcess:
 
     def _receive(self) -> None:
         """Hand out what comes back, until the process ends; runs in a thread."""
-        reason = ""
+        while not (reason := self._read()):
+            pass
+        self._fail(reason)
+
+    def _read(self) -> str:
+        """Hand out the next that comes back; waits for it. Returns why nothing more will come."""
         try:
-            while True:
-                number, result = self.pipe.recv()
-                if number is None:
-                    reason = result
-                    break
-                self._hand_out(number, result)
+            number, result = self.pipe.recv()
         except (EOFError, OSError):
             self._process.join(JOIN_S)
-            reason = f"it died (exit code {self._process.exitcode})"
+            return f"it died (exit code {self._process.exitcode})"
+        if number is None:
+            return str(result)
+        self._hand_out(number, result)
+        return ""
+
+    def _fail(self, reason: str) -> None:
+        """Tell everybody who waits, and who will ask."""
         with self._lock:
             self._fault = DeviceFault(self._name, reason)
             pending, self._pending = self._pending, {}

@@ -106,8 +106,7 @@ class RenderProcess:
         drawn = self._drawn
         self._drawing = JobProcess(context, NAME, _draw, given, lambda frame: drawn.copy(*frame))
         self._detecting = JobProcess(context, DETECTORS, _detect, (drawn,), beside=(self._drawing,))
-        self._drawing.listen()
-        self._detecting.listen()
+        self._drawing.listen()  # several wait for frames; the controller alone waits for answers, and reads them itself
 
     @property
     def process_ids(self) -> tuple[int, int]:

@@ -112,7 +112,7 @@ class OnnxModel:
     """A loaded ONNX file: runs on one CPU thread and never hands out NaN.
 
     Attributes:
-        outputs: their names.
+        inputs, outputs: their names.
         sha256: hash of the file, for logs.
     """
 
@@ -121,6 +121,7 @@ class OnnxModel:
         self.card = card
         self.sha256 = sha256
         self._session = session
+        self.inputs = [one.name for one in session.get_inputs()]
         self.outputs = [output.name for output in session.get_outputs()]
 
     @staticmethod

@@ -21,7 +21,7 @@ from learned.hands.regions import POINTS, REGION_PX, Image, Regions, centre_of
 from learned.stills import labelled_rows
 
 ROWS = "hands.jsonl"
-PATCH_PX = REGION_PX + 48  # a region and the room that it is shifted in
+PATCH_PX = REGION_PX + 64  # a region and the room that it is shifted in
 LEAST_VISIBLE = 0.25  # of a hand that is to be found; less is neither right nor wrong
 EDGE_PX = 4.0  # a hand whose centre is nearer to the image's edge is neither, too
 NO_HAND_WITHIN = 0.8  # of a region: of places that are shown as empty
@@ -37,29 +37,33 @@ class HandData:
         small: (frames, 120, 160, 3) whole images.
         centres: (hands, 3): frame, and centre of a hand as shares of the image.
         unsure: (hands, 3) the same of hands that may be found or not.
-        patches: (n, 144, 144, 3) about hands, then about empty places.
+        patches: (n, 192, 192, 3) about hands and empty places.
+        frames: (n,) number of the image that each is of.
+        centres_px: (n, 2) of each, in the image.
         points: (n, 8, 2) shares of the middle region of a patch; not a number where there is none.
         boxes: (n, 4) shares: left, top, right, bottom.
         facts: (n, 3) 0 or 1: there is a hand, a left one, the one that works.
         heights_m: (n, 2) of palm and pinch.
         log_angles: (n,) apparent size: logarithm of the length from palm to wrist over the distance from the camera.
         held: (n,) 0 for nothing, else 1 + number of the type.
-        places: (n, 2) of the patch in the image.
         palm_lengths_m: (hands,) from palm to wrist.
+        regions: of the camera.
     """
 
     small: NDArray[np.uint8]
     centres: Array
     unsure: Array
     patches: NDArray[np.uint8]
+    frames: NDArray[np.int64]
+    centres_px: Array
     points: NDArray[np.float32]
     boxes: NDArray[np.float32]
     facts: NDArray[np.float32]
     heights_m: NDArray[np.float32]
     log_angles: NDArray[np.float32]
     held: NDArray[np.int64]
-    places: NDArray[np.float32]
     palm_lengths_m: Array
+    regions: Regions
     sha256: str
 
 
@@ -119,26 +123,28 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
             sure = hand["visible"] >= LEAST_VISIBLE and bool(_inside(centre, setup, EDGE_PX))
             (centres if sure else unsure).append([frame, *((centre + 0.5) / regions.size_px)])
             if sure:
-                samples.append(_sample(regions, view, image, centre, hand, types))
+                samples.append(_sample(regions, view, image, frame, centre, hand, types))
                 lengths_m.append(palm_length_m(hand))
         empty = (*_empty(regions, hands, rng), *_gripper(regions, hands, row["tool_px"], rng))
-        samples += [_sample(regions, view, image, place, None, types) for place in empty]
+        samples += [_sample(regions, view, image, frame, place, None, types) for place in empty]
     columns = [np.stack(column) for column in zip(*samples, strict=True)]
-    patches, points, boxes, facts, heights_m, log_angles, held, places = columns
+    patches, frames, centres_px, points, boxes, facts, heights_m, log_angles, held = columns
     digest = hashlib.sha256(b"".join((folder / ROWS).read_bytes() for folder in folders)).hexdigest()
     return HandData(
         np.stack(small),
         np.array(centres).reshape(-1, 3),
         np.array(unsure).reshape(-1, 3),
         patches,
+        frames,
+        centres_px,
         points,
         boxes,
         facts,
         heights_m,
         log_angles,
         held,
-        places,
         np.array(lengths_m),
+        regions,
         digest,
     )
 
@@ -149,14 +155,19 @@ def palm_length_m(hand: dict[str, Any]) -> float:
 
 
 def _sample(
-    regions: Regions, view: View, image: Image, centre: Array, hand: dict[str, Any] | None, types: Sequence[str]
+    regions: Regions,
+    view: View,
+    image: Image,
+    frame: int,
+    centre: Array,
+    hand: dict[str, Any] | None,
+    types: Sequence[str],
 ) -> tuple[Any, ...]:
-    """One row of the reader's arrays."""
-    patch, place = regions.cut(image, centre, PATCH_PX), regions.place(centre).astype(np.float32)
+    """One row of the reader's arrays, from `patches` to `held`."""
+    seen = regions.cut(image, centre, PATCH_PX), np.int64(frame), centre
     points, box = np.full((len(POINTS), 2), np.nan, np.float32), np.zeros(4, np.float32)
     if hand is None:
-        nothing = np.zeros(3, np.float32), np.zeros(2, np.float32), np.float32(0), np.int64(0)
-        return patch, points, box, *nothing, place
+        return *seen, points, box, np.zeros(3, np.float32), np.zeros(2, np.float32), np.float32(0), np.int64(0)
     for index, name in enumerate(POINTS):
         if name in hand["points_px"]:
             points[index] = regions.inside(np.array(hand["points_px"][name]), centre)
@@ -166,7 +177,7 @@ def _sample(
     held = np.int64(0 if hand["held_part"] is None else 1 + list(types).index(hand["held_part"]))
     away_m = float(view.depths(np.array([hand["points_m"]["palm"]]))[0])
     log_angle = np.float32(math.log(palm_length_m(hand) / away_m))
-    return patch, points, box, facts, heights, log_angle, held, place
+    return *seen, points, box, facts, heights, log_angle, held
 
 
 def _centre(hand: dict[str, Any]) -> Array:

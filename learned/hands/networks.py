@@ -14,7 +14,10 @@ HEAT_PX = REGION_PX // 4
 FACTS = 13  # numbers about one hand, beside what it holds
 USUAL_HEIGHT_ERROR_M, USUAL_LOG_ANGLE, USUAL_ANGLE_ERROR = 0.02, -3.0, 0.02
 LEAST_CONTRAST = 0.04  # of an image that is normalised
-HIDDEN = 128  # of the layer from which facts are told
+HIDDEN = 192  # of the layer from which facts are told
+PAIRS = torch.triu_indices(len(POINTS) - 1, len(POINTS) - 1, 1)  # of points without what is held
+LEAST_DISTANCE = 0.02  # of a region
+PLACES = 2 * len(POINTS) + PAIRS.shape[1] + 2  # numbers: points, distances, place of the region
 
 
 class Found(NamedTuple):
@@ -73,7 +76,7 @@ class Finder(nn.Module):
 
 
 class Reader(nn.Module):
-    """Points, box, heights and kind of one hand, from a region around it.
+    """Points, box, heights and kind of one hand, from a region around it and what surrounds that.
 
     Args:
         types: of parts.
@@ -81,37 +84,44 @@ class Reader(nn.Module):
 
     def __init__(self, types: int) -> None:
         super().__init__()
-        self.stem = nn.Sequential(_conv(3, 16, 2), _conv(16, 32, 2), _conv(32, 32))  # 24 x 24
-        self.middle = nn.Sequential(_conv(32, 64, 2), _conv(64, 64))  # 12 x 12
-        self.deep = nn.Sequential(_conv(64, 96, 2), _conv(96, 96))  # 6 x 6
-        self.from_deep, self.from_middle, self.from_stem = (
-            nn.Conv2d(96, 48, 1),
-            nn.Conv2d(64, 48, 1),
-            nn.Conv2d(32, 48, 1),
-        )
+        self.stem = nn.Sequential(_conv(3, 24, 2), _conv(24, 48, 2), _conv(48, 48))  # 32 x 32
+        self.middle = nn.Sequential(_conv(48, 96, 2), _conv(96, 96))  # 16 x 16
+        self.deep = nn.Sequential(_conv(96, 128, 2), _conv(128, 128))  # 8 x 8
+        self.from_deep, self.from_middle, self.from_stem = (nn.Conv2d(size, 48, 1) for size in (128, 96, 48))
         self.mix = _conv(48, 48)
         self.fine = _conv(48, 48)
         self.heat = nn.Conv2d(48, len(POINTS), 1)
+        self.whole = nn.Conv2d(128, 12, 1)  # of the region, and where in it
+        self.around = nn.Sequential(
+            _conv(3, 16, 2), _conv(16, 32, 2), _conv(32, 48, 2), _conv(48, 64, 2), nn.Conv2d(64, 16, 1)
+        )  # 6 x 6
         self.facts = nn.Sequential(
-            nn.Linear(96 + 48 + 2 * len(POINTS) + 2 + 48 * len(POINTS), HIDDEN),
+            nn.Linear(128 + 48 + 12 * 8**2 + 16 * 6**2 + PLACES + 48 * len(POINTS), HIDDEN),
             nn.ReLU(),
             nn.Linear(HIDDEN, FACTS + 1 + types),
         )
 
-    def raw(self, region: Tensor, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Points (n, 8, 2), facts (n, FACTS + 1 + types) as they come, and the heatmaps (n, 8, 24, 24)."""
+    def maps(self, region: Tensor, around: Tensor) -> tuple[Tensor, ...]:
+        """What is seen, coarse (n, 128, 8, 8) and fine (n, 48, 32, 32), the heatmaps (n, 8, 32, 32), and what is
+        around (n, 16, 6, 6)."""
         stem = self.stem(normalised(region))
         middle = self.middle(stem)
         deep = self.deep(middle)
         up = self.mix(self.from_middle(middle) + F.interpolate(self.from_deep(deep), scale_factor=2.0))
         fine = self.fine(self.from_stem(stem) + F.interpolate(up, scale_factor=2.0))
-        heat = self.heat(fine)
-        points = soft_argmax(heat)
-        pooled = [deep.mean(dim=(2, 3)), fine.mean(dim=(2, 3)), points.flatten(1), place, attended(heat, fine)]
-        return points, self.facts(torch.cat(pooled, dim=1)), heat
+        return deep, fine, self.heat(fine), self.around(normalised(around))
 
-    def forward(self, region: Tensor, place: Tensor) -> Read:
-        points, facts, _ = self.raw(region, place)
+    def tell(self, deep: Tensor, fine: Tensor, heat: Tensor, around: Tensor, place: Tensor) -> tuple[Tensor, Tensor]:
+        """Points (n, 8, 2) and facts (n, FACTS + 1 + types) as they come, of the maps."""
+        points = soft_argmax(heat)
+        seen = [deep.mean(dim=(2, 3)), fine.mean(dim=(2, 3)), attended(heat, fine)]
+        where = [F.relu(self.whole(deep)).flatten(1), F.relu(around).flatten(1)]
+        facts = self.facts(torch.cat([*seen, *where, points.flatten(1), log_distances(points), place], dim=1))
+        return points, facts
+
+    def forward(self, region: Tensor, around: Tensor, place: Tensor) -> Read:
+        deep, fine, heat, surroundings = self.maps(region, around)
+        points, facts = self.tell(deep, fine, heat, surroundings, place)
         told = split_facts(facts)
         likely = torch.sigmoid(told.likely)
         return Read(
@@ -158,6 +168,12 @@ def attended(heat: Tensor, features: Tensor) -> Tensor:
     """(n, k c) features (n, c, s, s) at the places of each heatmap (n, k, s, s): there one sees what is held."""
     weights = torch.softmax(heat.flatten(2), dim=2)
     return torch.bmm(weights, features.flatten(2).transpose(1, 2)).flatten(1)
+
+
+def log_distances(points: Tensor) -> Tensor:
+    """(n, pairs) logarithms of the distances between points (n, k, 2) that every hand has: how large it looks."""
+    one, other = points[:, PAIRS[0]], points[:, PAIRS[1]]
+    return (one - other).square().sum(dim=2).add(LEAST_DISTANCE**2).log() / 2
 
 
 def soft_argmax(heat: Tensor) -> Tensor:

@@ -1,11 +1,13 @@
 """Which part of an overhead image the networks look at: all of it, made small, to find hands; a square around each.
 
-A region is as large as a hand with what it holds, whatever the camera: REGION_M at REGION_HEIGHT_M over the table.
+A region is as large as a hand with what it holds, whatever the camera: REGION_M at REGION_HEIGHT_M over the table. Its
+surroundings are a coarser square about the same place, which shows the forearm and shadows of a lifted hand.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +18,8 @@ from cell.interfaces.pose import Array
 
 FINDER_PX = (160, 120)  # (width, height) of the whole image as the finder sees it
 CELL_PX = 8  # of the finder's answer, in its image
-REGION_PX = 96  # side of a region as the reader sees it
+REGION_PX = 128  # side of a region as the reader sees it
+AROUND_PX = 96  # side of the surroundings, in pixels of the finder's image
 REGION_M, REGION_HEIGHT_M = 0.32, 0.10
 POINTS = ("palm", "pinch", "thumb", "index", "wrist", "radial", "ulnar", "held")
 
@@ -58,12 +61,23 @@ class Regions:
             side_px: of the answer; more than REGION_PX takes a larger region at the same scale.
         """
         scale = self.side_px / REGION_PX
-        corner = centre_px - scale * (side_px - 1) / 2
-        back = np.array([[scale, 0.0, corner[0]], [0.0, scale, corner[1]]])
         smooth = cv2.GaussianBlur(image, (0, 0), 0.35 * scale) if scale > 1.5 else image
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        cut = cv2.warpAffine(smooth, back, (side_px, side_px), flags=flags, borderValue=(110, 110, 110))
-        return cut.astype(np.uint8, copy=False)
+        return _warped(smooth, centre_px - scale * (side_px - 1) / 2, scale, side_px)
+
+    def around(self, small: Image, centre_px: Array, shift_px: float | Array = 0.0, scale: float = 1.0) -> Image:
+        """The surroundings of a point (column, row), (AROUND_PX, AROUND_PX, 3), of the image as the finder sees it.
+
+        Args:
+            shift_px: (right, down), of the region in its own pixels.
+            scale: by which it is seen larger.
+        """
+        middle = self._in_small(centre_px + shift_px * self.side_px / REGION_PX)
+        corner = middle - (AROUND_PX - 1) / 2 / scale
+        return _warped(small, corner, 1 / scale, AROUND_PX)
+
+    def _in_small(self, point_px: Array) -> Array:
+        shares: Array = (point_px + 0.5) / self.size_px
+        return shares * FINDER_PX - 0.5
 
     def inside(self, points_px: Array, centre_px: Array) -> Array:
         """Points (..., 2) of the image as shares of the region around a point, 0 to 1."""
@@ -79,6 +93,14 @@ class Regions:
         """Where in the image a region is, (2,), 0 in the middle and +-1 at the edges."""
         place: Array = 2 * (centre_px + 0.5) / self.size_px - 1
         return place
+
+
+def _warped(image: Image | NDArray[Any], corner: Array, step_px: float, side_px: int) -> Image:
+    """A square (side, side, 3) of an image, from a corner (column, row) on, in steps of so many pixels."""
+    back = np.array([[step_px, 0.0, corner[0]], [0.0, step_px, corner[1]]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    cut = cv2.warpAffine(image, back, (side_px, side_px), flags=flags, borderValue=(110, 110, 110))
+    return cut.astype(np.uint8, copy=False)
 
 
 def planes(images: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -22,6 +22,7 @@ from learned.onnx_model import OnnxModel
 
 FINDER_KIND, READER_KIND = "hands.slim_finder", "hands.slim"
 LEAST_SCORE = 0.25  # of the finder: the reader has the last word
+NEW_CONFIDENCE = 0.95  # of a hand that was not seen before: shadows that look like one have less
 SAME_SHARE = 0.25  # of a region's side: centres that are nearer are of one hand
 MOST_REGIONS = 4
 # Training boxes lie around the boxes of a hand's shapes: by so much of a region they are wider than what is seen.
@@ -40,7 +41,7 @@ def slim_tracker(bench: Bench, product: Product, path: Path) -> HandTracks:
         ModelError: the file, or the one beside it, cannot be used.
     """
     reader = SlimReader(bench.overhead, tuple(product.parts), path)
-    return HandTracks(bench, reader, reader.palm_length)
+    return HandTracks(bench, reader, reader.palm_length, NEW_CONFIDENCE)
 
 
 class SlimReader:
@@ -55,22 +56,23 @@ class SlimReader:
         self._finder = OnnxModel.load(finder_file(path), FINDER_KIND)
         self._found = Ahead(self._find)
         self._reader = OnnxModel.load(path, READER_KIND)
-        if "log_angle" not in self._reader.outputs:
+        if "around" not in self._reader.inputs:
             raise ModelError(f"{path}: an older version trained it; train it again with: cell train hands")
         known = self._reader.card.vocabulary.get("parts", ())
         self._types: tuple[str | None, ...] = known if known == types else (None,) * len(known)
 
     def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:
         """All hands in an RGB image, surest first."""
-        centres = self.find(image)
+        small, likely = self._found(image)
         same_px = SAME_SHARE * self._regions.side_px
-        centres += [one for one in expected_px if _apart(one, centres, same_px)]
+        centres = [*likely, *(one for one in expected_px if _apart(one, likely, same_px))]
         if not centres:
             return []
         centres = centres[:MOST_REGIONS]
         regions = planes(np.stack([self._regions.cut(image, centre) for centre in centres]))
+        around = planes(np.stack([self._regions.around(small, centre) for centre in centres]))
         places = np.stack([self._regions.place(centre) for centre in centres]).astype(np.float32)
-        answer = self._reader.run({"region": regions, "place": places})
+        answer = self._reader.run({"region": regions, "around": around, "place": places})
         found = [
             self._reading(centre, {name: v[row] for name, v in answer.items()}) for row, centre in enumerate(centres)
         ]
@@ -86,17 +88,15 @@ class SlimReader:
         """Look for hands before anybody asks."""
         self._found.prepare(image)
 
-    def find(self, image: Image) -> list[Array]:
-        """Centres (column, row) of what may be hands, likeliest first."""
-        return list(self._found(image))
-
-    def _find(self, image: Image) -> list[Array]:
-        answer = self._finder.run({"image": planes(self._regions.small(image)[np.newaxis])})
+    def _find(self, image: Image) -> tuple[Image, list[Array]]:
+        """The image made small, and centres (column, row) of what may be hands, likeliest first."""
+        small = self._regions.small(image)
+        answer = self._finder.run({"image": planes(small[np.newaxis])})
         score, offset = answer["score"][0, 0], answer["offset"][0]
         peaks = (score >= cv2.dilate(score, np.ones((3, 3), np.uint8))) & (score > LEAST_SCORE)
         cells = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda cell: -float(score[cell]))
         shares = [(np.array(cell[::-1]) + offset[(slice(None), *cell)]) / score.shape[::-1] for cell in cells]
-        return [share * self._regions.size_px - 0.5 for share in shares]
+        return small, [share * self._regions.size_px - 0.5 for share in shares]
 
     def _reading(self, centre: Array, answer: dict[str, Array]) -> Reading:
         points = dict(zip(POINTS, self._regions.outside(answer["points"].astype(float), centre), strict=True))

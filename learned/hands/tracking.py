@@ -112,10 +112,21 @@ class _Track:
 
 
 class HandTracks:
-    """Follows the hands that a reader sees (HandTracker)."""
+    """Follows the hands that a reader sees (HandTracker).
 
-    def __init__(self, bench: Bench, reader: HandReader, palm_length: PalmLength | None = None) -> None:
-        self._setup, self._reader = bench.overhead, reader
+    Args:
+        palm_length: what is known of the person's hand.
+        new_confidence: of a hand that was not seen before; less begins no track.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        reader: HandReader,
+        palm_length: PalmLength | None = None,
+        new_confidence: float = NEW_CONFIDENCE,
+    ) -> None:
+        self._setup, self._reader, self._new_confidence = bench.overhead, reader, new_confidence
         self._palm_length = palm_length or PalmLength(0.0, 1.0)
         self._near_px = NEAR_SHARE * Regions.of(bench.overhead).side_px
         self._tracks: list[_Track] = []
@@ -176,7 +187,7 @@ class HandTracks:
                     track.take(readings[r], now_s)
                     track.away = track.away or not robot.under(readings[r])
         for r in sorted(left):
-            if readings[r].confidence >= NEW_CONFIDENCE:
+            if readings[r].confidence >= self._new_confidence:
                 away = not robot.under(readings[r]) or self._was_seen(readings[r])
                 if away or not robot.explains(readings[r]):
                     self._tracks.append(_Track.begun(readings[r], now_s, away))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -27,7 +26,9 @@ from learned.onnx_model import ModelCard, OnnxModel
 from learned.torch_model import TorchModel, write_weights
 
 EPOCHS = 10
+FINDER_EPOCHS_SHARE = 0.5  # of the reader's epochs: it learns sooner
 BATCH = 32
+NO_HANDS_SHARE = 0.4  # as many places without a hand are read in an epoch, other ones each time
 LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-2
 LARGEST_GRADIENT = 5.0
 SHIFT_PX = (PATCH_PX - REGION_PX) // 2  # of a region about its hand, in training
@@ -109,7 +110,8 @@ def train_hands(
         small = {"image": planes(training.data.small[:1])}
         write_weights(TorchModel(finder, Found._fields, card), finder_file(out), [small], dict, tolerance=TOLERANCE)
     reader = fit_reader(training, len(types), checkpoint)
-    region = {"region": planes(_middle(training.data.patches[:2])), "place": training.data.places[:2]}
+    batch = reader_batch(training.data, np.arange(2), np.random.default_rng(seed))
+    region = {name: batch[name].numpy() for name in ("region", "around", "place")}
     model = TorchModel(reader, Read._fields, card.model_copy(update={"kind": READER_KIND}))
     return write_weights(model, out, [region], score, any_rows=True, tolerance=TOLERANCE)
 
@@ -134,21 +136,24 @@ def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:
     """Train the network that finds hands in whole images."""
     torch.manual_seed(training.seed)
     rng = np.random.default_rng([training.seed, 6])
-    data, network = training.data, Finder()
+    data, network = training.data, Finder().to(memory_format=torch.channels_last)
     target, offset, near = finder_targets(data)
 
     def losses(_: int) -> Iterator[Tensor]:
-        for rows in _batches(len(data.small), rng):
+        for rows in _batches(np.arange(len(data.small)), rng):
             flip = rng.random() < 0.5
             images, _mixed = varied(torch.from_numpy(planes(data.small[rows])), rng, FINDER_NOISE)
             wanted = [torch.from_numpy(one[rows]) for one in (target, offset, near)]
             if flip:
                 images, wanted = images.flip(-1), [one.flip(-1) for one in wanted]
                 wanted[1][:, 0] = 1 - wanted[1][:, 0]
-            yield finder_loss(network.logits(images), *wanted)
+            with torch.autocast("cpu", torch.bfloat16):
+                logits = network.logits(images)
+            yield finder_loss(logits.float(), *wanted)
 
-    _fit(network, losses, len(data.small), training, rng, checkpoint)
-    return network
+    epochs = max(1, round(FINDER_EPOCHS_SHARE * training.epochs))
+    _fit(network, losses, len(data.small), replace(training, epochs=epochs), rng, checkpoint)
+    return network.to(memory_format=torch.contiguous_format)
 
 
 def finder_targets(data: HandData) -> tuple[NDArray[np.float32], ...]:
@@ -188,14 +193,17 @@ def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -
     """Train the network that reads one hand."""
     torch.manual_seed(training.seed)
     rng = np.random.default_rng([training.seed, 7])
-    data, network = training.data, Reader(types)
+    data, network = training.data, Reader(types).to(memory_format=torch.channels_last)
+    hands, empty = (np.flatnonzero(data.facts[:, 0] == value) for value in (1, 0))
+    most = min(len(empty), round(NO_HANDS_SHARE * len(hands)))
 
     def losses(_: int) -> Iterator[Tensor]:
-        for rows in _batches(len(data.patches), rng):
+        chosen = np.concatenate([hands, rng.permutation(empty)[:most]])
+        for rows in _batches(chosen, rng):
             yield reader_loss(network, reader_batch(data, rows, rng))
 
-    _fit(network, losses, len(data.patches), training, rng, checkpoint)
-    return network
+    _fit(network, losses, len(hands) + most, training, rng, checkpoint)
+    return network.to(memory_format=torch.contiguous_format)
 
 
 def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generator) -> dict[str, Tensor]:
@@ -203,20 +211,28 @@ def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generat
     shifts = np.clip(rng.normal(0.0, SHIFT_PX / 2.5, (len(rows), 2)).round(), -SHIFT_PX, SHIFT_PX)
     logs = rng.uniform(-1.0, 1.0, len(rows)) * (rng.random(len(rows)) < SCALED_SHARE) * np.log(LARGEST_SCALE)
     scales = np.exp(logs).astype(np.float32)
-    cuts = [_scaled(data.patches[row], *place) for row, *place in zip(rows, scales, shifts, strict=True)]
+    seen = list(zip(rows, scales, shifts, strict=True))
+    cuts = [_scaled(data.patches[row], scale, shift) for row, scale, shift in seen]
+    around = [
+        data.regions.around(data.small[data.frames[row]], data.centres_px[row], shift, float(scale))
+        for row, scale, shift in seen
+    ]
+    places = [data.regions.place(data.centres_px[row]) for row in rows]
     moved = (shifts / REGION_PX).astype(np.float32)
     points, boxes = (shares - 0.5 for shares in (data.points[rows], data.boxes[rows]))
     arrays = {
         "region": planes(np.stack(cuts)),
+        "around": planes(np.stack(around)),
         "points": (points - moved[:, np.newaxis]) * scales[:, np.newaxis, np.newaxis] + 0.5,
         "box": (boxes - np.tile(moved, 2)) * scales[:, np.newaxis] + 0.5,
         "facts": data.facts[rows],
         "heights": data.heights_m[rows],
         "angle": data.log_angles[rows] + logs.astype(np.float32),
         "held": data.held[rows],
-        "place": data.places[rows],
+        "place": np.array(places, np.float32),
     }
     batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(one)) for name, one in arrays.items()}
+    batch["around"], _ = varied(batch["around"], rng, FINDER_NOISE)
     batch["region"], mixed = varied(batch["region"], rng)
     batch["paint"] = mixed < MIXED
     return mirrored(batch, torch.from_numpy(rng.random(len(rows)) < 0.5))
@@ -234,7 +250,8 @@ def _scaled(patch: NDArray[np.uint8], scale: float, shift_px: NDArray[np.float64
 def mirrored(batch: dict[str, Tensor], chosen: Tensor) -> dict[str, Tensor]:
     """The chosen rows seen in a mirror: a left hand becomes a right one."""
     hand = chosen & (batch["facts"][:, 0] > 0)
-    batch["region"] = torch.where(chosen[:, None, None, None], batch["region"].flip(-1), batch["region"])
+    for name in ("region", "around"):
+        batch[name] = torch.where(chosen[:, None, None, None], batch[name].flip(-1), batch[name])
     side = torch.tensor([1.0, 0.0])
     batch["points"] = torch.where(
         chosen[:, None, None], side - batch["points"] * torch.tensor([1.0, -1.0]), batch["points"]
@@ -248,7 +265,10 @@ def mirrored(batch: dict[str, Tensor], chosen: Tensor) -> dict[str, Tensor]:
 
 def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
     """The weighted sum of all losses; only presence where there is no hand."""
-    points, facts, heat = network.raw(batch["region"], batch["place"])
+    with torch.autocast("cpu", torch.bfloat16):  # points and sizes need more digits than what is seen
+        seen = network.maps(batch["region"], batch["around"])
+    deep, fine, heat, around = (one.float() for one in seen)
+    points, facts = network.tell(deep, fine, heat, around, batch["place"])
     told = split_facts(facts)
     hand = batch["facts"][:, 0] > 0
     known = ((batch["points"] > 0) & (batch["points"] < 1)).all(dim=2) & hand[:, None]
@@ -314,15 +334,11 @@ def _fit(
     )
 
 
-def _batches(rows: int, rng: np.random.Generator) -> Iterator[NDArray[np.int64]]:
+def _batches(rows: NDArray[np.int64], rng: np.random.Generator) -> Iterator[NDArray[np.int64]]:
     """Whole batches in a new order."""
     order = rng.permutation(rows)
-    for start in range(0, rows - BATCH + 1, BATCH):
+    for start in range(0, len(rows) - BATCH + 1, BATCH):
         yield np.sort(order[start : start + BATCH])
-
-
-def _middle(patches: NDArray[np.uint8]) -> Any:
-    return patches[:, SHIFT_PX : SHIFT_PX + REGION_PX, SHIFT_PX : SHIFT_PX + REGION_PX]
 
 
 def _hands(data: HandData) -> float:

@@ -23,7 +23,9 @@ from sim.data.working_arm import WorkingArm
 from sim.studio import ScenePoses, show_poses
 from sim.world import World
 
-FRAMES = 16  # of each recording
+FRAMES = 8  # of each recording
+RAISED_SHARE = 0.5  # of them are drawn evenly over the palm's height, the others evenly over time
+HEIGHT_STEP_M = 0.03
 EVERY_STRETCH = 45  # frames in which the arm stands still, where all are written
 POINTS = ("palm", "pinch", "thumb", "index", "wrist", "radial", "ulnar", "held")  # radial: the thumb's edge of the palm
 BLOCKS_M = 0.02  # what is nearer to the camera than a point by more hides it
@@ -73,8 +75,9 @@ def write_hands(source: Source, folder: DataFolder, every: bool = False) -> None
     """
     assembly = source.assembly
     rng = np.random.default_rng([assembly.seed, 4])
-    chosen = np.sort(rng.choice(len(assembly.moments), min(FRAMES, len(assembly.moments)), replace=False))
     count = len(assembly.moments)
+    shares = shares_by_height(np.array([moment.palm_m[2] for moment in assembly.moments]))
+    chosen = np.sort(rng.choice(count, min(FRAMES, count), replace=False, p=shares))
     stretches = [range(index, index + 1) for index in chosen]
     if every:
         stretches = [range(first, min(first + EVERY_STRETCH, count)) for first in range(0, count, EVERY_STRETCH)]
@@ -95,6 +98,14 @@ def visible_shares(source: Source, numbers: Sequence[int]) -> list[float]:
         show_poses(data, poses := moment.exposure.moments[-1])
         found.append(hand.shown(moment, poses, assembly.held[number], projection, data))
     return found
+
+
+def shares_by_height(palms_m: Array) -> Array:
+    """(n,) how often each of so high palms is drawn: a hand is seldom high over the table, but must be read there."""
+    steps = np.round(palms_m / HEIGHT_STEP_M)
+    kinds, which, counts = np.unique(steps, return_inverse=True, return_counts=True)
+    shares: Array = RAISED_SHARE / (len(kinds) * counts[which]) + (1 - RAISED_SHARE) / len(palms_m)
+    return shares
 
 
 def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFrame]:

@@ -24,7 +24,7 @@ from learned.holes.dataset import load_plates
 from learned.parts.dataset import load_scenes
 from sim.data.actions import MOST_OF, Source, holes_of, write_holes, write_segments
 from sim.data.folder import DataFolder, DataPiece
-from sim.data.hands import hand_frames, write_hands
+from sim.data.hands import hand_frames, shares_by_height, write_hands
 from sim.data.objects import write_objects
 from sim.data.plates import write_plates
 from sim.data.recording import Assembly, record
@@ -289,3 +289,9 @@ def test_what_another_process_made_is_added_as_if_it_were_made_here(tmp_path: Pa
     files = sorted(file.relative_to(tmp_path / "here") for file in (tmp_path / "here").rglob("*") if file.is_file())
     assert len(files) == 4
     assert all((tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes() for name in files)
+
+
+def test_hands_high_over_the_table_are_drawn_more_often_than_they_are_seen() -> None:
+    shares = shares_by_height(np.array([0.1] * 90 + [0.25] * 10))
+    assert shares.sum() == pytest.approx(1.0)
+    assert shares[90:].sum() == pytest.approx(0.5 * 0.5 + 0.5 * 0.1)

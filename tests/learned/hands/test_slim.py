@@ -17,7 +17,7 @@ from sim.data.hands import hand_frames
 from sim.data.recording import record
 
 FILE = WEIGHTS / weights_file("hands", "slim")
-MOST_BYTES = 2_000_000
+MOST_BYTES = 5_000_000
 SEED = 900_012
 FRAMES, ABOVE_M = 12, np.array([0.0, 0.0, 0.1])
 BOX_M = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (-0.02, 0.02)])
@@ -32,6 +32,7 @@ def test_hands_are_found_read_and_told_apart(look: str) -> None:
     assert scores["found_n"] > 20
     assert scores["found"] > 0.95
     assert scores["palm_image_mm_p95"] < 15
+    assert scores["palm_plane_mm_p95"] < 8
     assert scores["palm_mm_p50"] < scores["palm_image_mm_p50"] + 2  # the cameras are calibrated in each look
     assert scores["forearm_deg_p95"] < 15
     assert scores["others_imagined"] < 0.1
@@ -42,7 +43,8 @@ def test_most_hands_are_found_in_looks_beyond_those_of_training() -> None:
     product = load_product(configuration)
     trackers = {"slim": lambda bench: slim_tracker(bench, product, FILE)}
     scores = evaluate_hands(configuration, product, trackers, [SEED], stretches=2, physics=False)["slim"]
-    assert scores["found"] > 0.7
+    assert scores["found"] > 0.9
+    assert scores["palm_plane_mm_p95"] < 14  # large dark hands were read 10 mm too far from the fingers
 
 
 def test_the_other_hand_is_not_the_one_that_works() -> None:

@@ -15,7 +15,7 @@ from cell.interfaces.errors import InputError  # noqa: E402
 from learned.hands.augment import varied  # noqa: E402
 from learned.hands.dataset import HandData, load_hands  # noqa: E402
 from learned.hands.networks import HEAT_PX, Reader, soft_argmax  # noqa: E402
-from learned.hands.regions import POINTS, REGION_PX, Regions, centre_of  # noqa: E402
+from learned.hands.regions import AROUND_PX, POINTS, Regions, centre_of  # noqa: E402
 from learned.hands.score import score_readings  # noqa: E402
 from learned.hands.slim import SlimReader, finder_file  # noqa: E402
 from learned.hands.train import (  # noqa: E402
@@ -101,6 +101,18 @@ def test_regions_lie_about_their_hands(data: HandData) -> None:
     assert np.allclose(regions.outside(regions.inside(point, centre), centre), point)
 
 
+def test_surroundings_show_more_about_the_same_place(data: HandData) -> None:
+    regions, bright = Regions.of(SETUP), data.small.astype(int).sum(axis=3)
+    for frame, x, y in data.centres[:10]:
+        centre = np.array([x, y]) * regions.size_px - 0.5
+        seen = regions.around(data.small[int(frame)], centre)
+        assert seen.shape == (AROUND_PX, AROUND_PX, 3)
+        middle = seen[AROUND_PX // 2 - 1 : AROUND_PX // 2 + 1, AROUND_PX // 2 - 1 : AROUND_PX // 2 + 1]
+        assert middle.astype(int).sum(axis=2).mean() > 1.5 * np.median(bright[int(frame)])
+        larger = regions.around(data.small[int(frame)], centre, 0.0, 2.0)
+        assert (larger.astype(int).sum(axis=2) > 400).sum() > 2 * (seen.astype(int).sum(axis=2) > 400).sum()
+
+
 def test_the_finder_is_to_find_each_hand_in_its_cell(data: HandData) -> None:
     score, offset, weight = finder_targets(data)
     assert (score == 1).sum() == len(data.centres)
@@ -177,7 +189,6 @@ def test_training_writes_two_files_that_find_hands(folder: Path, tmp_path: Path)
         assert set(reading.points_px) >= set(POINTS[:5])
     other = SlimReader(SETUP, ("x", "y", "z"), out)
     assert all(reading.held_part is None for reading in other.read(image, [np.array([240.0, 180.0])]))
-    assert REGION_PX == 96
 
 
 def test_the_gripper_is_shown_as_no_hand_unless_one_is_there(tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """f_i of the paper: features of the crop around each detected part, which shows what stands in its way.
 
-A crop is cut from the wrist image at a fixed scale, its rows along the part's x axis. A small network turns it into the
-embedding of the detection; it is trained together with the planner that reads the embeddings (learned/grasp/paper.py).
+A crop is cut from the wrist image at a fixed scale, its rows along the part's x axis. With it goes from where each
+pixel was seen, as bodies lean in the image away from the camera. A small network turns it into the embedding of the
+detection (learned/grasp/paper.py).
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ from cell.interfaces.pose import Array, Pose
 from learned.grasp.boxes import Boxes
 from learned.onnx_model import Network, OnnxModel
 
-CROP_PX, STEP_M = 24, 0.005  # 12 cm: the part with the room of fingers and palm
+CROP_PX, STEP_M = 48, 0.003  # 14 cm: the part with the room of fingers and palm
+CHANNELS = 5  # colours, and how far the line of sight leans along the part's x and y axis
 EMBEDDING = 32  # features of a crop
 CROPS_KIND = "grasp.crops"
 _FINER = 2  # times finer sampled, then averaged
 
-Crops = NDArray[np.uint8]  # (n, 3, CROP_PX, CROP_PX), one for each detection
+Crops = NDArray[np.uint8]  # (n, CHANNELS, CROP_PX, CROP_PX), one for each detection
 View = tuple[Boxes, tuple[PartDetection, ...]]  # what stands in the tray, and where it was detected
 TrayCamera = Callable[[Sequence[View]], list[Crops]]  # images of views, cut to crops
 
@@ -37,7 +39,7 @@ def crops_of(
 ) -> Crops:
     """Crops of all detections; x of the part runs to the right."""
     found = [_crop(image, camera, world_from_camera, part.world_from_part) for part in parts]
-    return np.array(found, np.uint8).reshape(-1, 3, CROP_PX, CROP_PX)
+    return np.array(found, np.uint8).reshape(-1, CHANNELS, CROP_PX, CROP_PX)
 
 
 def _crop(image: NDArray[np.uint8], camera: CameraModel, world_from_camera: Pose, part: Pose) -> NDArray[np.uint8]:
@@ -51,7 +53,19 @@ def _crop(image: NDArray[np.uint8], camera: CameraModel, world_from_camera: Pose
     turn = cv2.getPerspectiveTransform(own, seen)
     fine = cv2.warpPerspective(image, turn, (pixels, pixels), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     crop = cv2.resize(fine, (CROP_PX, CROP_PX), interpolation=cv2.INTER_AREA)
-    return np.asarray(crop, np.uint8).transpose(2, 0, 1)
+    return np.concatenate([np.asarray(crop, np.uint8).transpose(2, 0, 1), _leaning(world_from_camera, part)])
+
+
+def _leaning(world_from_camera: Pose, part: Pose) -> NDArray[np.uint8]:
+    """(2, CROP_PX, CROP_PX): from each place to the camera, along the part's x and y axis, for each metre upwards.
+
+    From -1 to 1 as bytes from 0 to 255.
+    """
+    eye = Pose.from_yaw(part.position_m, part.yaw_rad).inverse() @ world_from_camera
+    place = (np.arange(CROP_PX) - (CROP_PX - 1) / 2) * STEP_M
+    x, y, height = eye.position_m
+    lean = np.stack(np.meshgrid((x - place) / height, (y - place) / height))
+    return np.asarray(np.clip(np.round(127.5 * (1 + lean)), 0, 255), np.uint8)
 
 
 def with_embeddings(parts: tuple[PartDetection, ...], crops: Crops, network: Network) -> tuple[PartDetection, ...]:
@@ -96,7 +110,10 @@ def load_crops(path: Path) -> OnnxModel:
         ModelError: the file is missing, damaged or of another kind.
     """
     model = OnnxModel.load(path, CROPS_KIND)
-    answer = model.run({"crops": np.zeros((1, 3, CROP_PX, CROP_PX), np.uint8)})
+    try:
+        answer = model.run({"crops": np.zeros((1, CHANNELS, CROP_PX, CROP_PX), np.uint8)})
+    except ModelError as error:
+        raise ModelError(f"{path}: reads other crops than those of today; `cell train grasp --kind paper`") from error
     if answer["embedding"].shape != (1, EMBEDDING):
         raise ModelError(f"{path}: {answer['embedding'].shape[1]} features of a crop, not {EMBEDDING}")
     return model

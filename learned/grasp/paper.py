@@ -12,7 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from cell.interfaces.product import Product
-from learned.grasp.crops import CROP_PX, EMBEDDING, Crops
+from learned.grasp.crops import EMBEDDING
+from learned.grasp.footprints import MAP_PX, FootprintNet, Maps
 from learned.grasp.graph import MAX_PARTS, Attention, EdgeKind, feature_count, scene_graph
 from learned.grasp.language import END, FIRST_TYPE, MAX_WORDS, encode, grammar
 from learned.grasp.scenes import Scene
@@ -47,26 +48,35 @@ class _Bias(nn.Module):
 
 
 class CropNet(nn.Module):
-    """f_i: a small convolutional network on the crop around a part."""
+    """f_i: what a small convolutional network makes of the footprints that another one sees around a part.
 
-    def __init__(self, channels: int = 16) -> None:
+    Attributes:
+        footprints: trained before, and left as it is.
+    """
+
+    def __init__(self, types: int, channels: int = 16) -> None:
         super().__init__()
+        self.footprints = FootprintNet(types).requires_grad_(False)
         wide = 2 * channels
         self.layers = nn.Sequential(
-            nn.Conv2d(3, channels, 3, 2, 1),
+            nn.Conv2d(types, channels, 3, 2, 1),
             nn.ReLU(),
             nn.Conv2d(channels, wide, 3, 2, 1),
             nn.ReLU(),
             nn.Conv2d(wide, wide, 3, 2, 1),
             nn.ReLU(),
             nn.Flatten(),
-            nn.Linear(wide * (CROP_PX // 8) ** 2, EMBEDDING),
+            nn.Linear(wide * (MAP_PX // 8) ** 2, EMBEDDING),
             nn.ReLU(),
         )
 
     def forward(self, crops: Tensor) -> Tensor:
-        """Embeddings (b, EMBEDDING) of crops (b, 3, CROP_PX, CROP_PX), bytes or numbers up to 255."""
-        embedding: Tensor = self.layers(crops.to(torch.float32) / 255.0 - 0.5)
+        """Embeddings (b, EMBEDDING) of crops (b, CHANNELS, CROP_PX, CROP_PX), bytes or numbers up to 255."""
+        return self.of_maps(torch.sigmoid(self.footprints(crops)))
+
+    def of_maps(self, maps: Tensor) -> Tensor:
+        """Embeddings (b, EMBEDDING) of footprints (b, types, MAP_PX, MAP_PX) from 0 to 1."""
+        embedding: Tensor = self.layers(maps)
         return embedding
 
 
@@ -89,7 +99,7 @@ class PaperNet(nn.Module):
     ) -> None:
         super().__init__()
         self.types = types
-        self.crops = CropNet() if crops else None
+        self.crops = CropNet(types) if crops else None
         widths = [features] + [hidden] * layers
         self.convolutions = nn.ModuleList(GraphConvolution(narrow, wide, own) for narrow, wide in pairwise(widths))
         self.head = nn.Sequential(nn.Linear(2 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
@@ -193,7 +203,7 @@ class GraphData:
 
     Attributes:
         nodes: (scenes, MAX_PARTS, features without embeddings), no part being required yet.
-        crops: (scenes, MAX_PARTS, 3, CROP_PX, CROP_PX) bytes; None where there are none.
+        maps: (scenes, MAX_PARTS, types, MAP_PX, MAP_PX) bytes, footprints around each part; None where there are none.
         weights, present: as in SceneGraph.
         graspable: (scenes, MAX_PARTS).
         words: (scenes, MAX_PARTS, MAX_WORDS).
@@ -201,7 +211,7 @@ class GraphData:
     """
 
     nodes: Tensor
-    crops: Tensor | None
+    maps: Tensor | None
     weights: Tensor
     present: Tensor
     graspable: Tensor
@@ -214,7 +224,7 @@ class GraphData:
     def loss(self, net: PaperNet, chosen: Tensor) -> Tensor:
         """Cross-entropy of all verdicts, and of the words about the required parts: some at random.
 
-        Scenes are turned at random and half of them mirrored; a crop looks alike from both ends of its part.
+        Scenes are turned at random and half of them mirrored; footprints look alike from both ends of a part.
         """
         present = self.present[chosen]
         flags = (torch.rand(present.shape) < 0.5).float() * present
@@ -240,16 +250,16 @@ class GraphData:
             cos, sin = torch.cos(times * angle), torch.sin(times * angle)
             nodes[..., place], nodes[..., place + 1] = x * cos - y * sin, x * sin + y * cos
         nodes[..., kinds] = flags
-        if net.crops is None or self.crops is None:
+        if net.crops is None or self.maps is None:
             return nodes
         there = self.present[chosen] > 0
-        crops = self.crops[chosen][there]
+        maps = self.maps[chosen][there].to(torch.float32) / 255.0
         upside_down = (mirror < 0).expand_as(there)[there]
-        half_turn = torch.rand(len(crops)) < 0.5
-        crops = torch.where((upside_down ^ half_turn)[:, None, None, None], crops.flip(2), crops)
-        crops = torch.where(half_turn[:, None, None, None], crops.flip(3), crops)
+        half_turn = torch.rand(len(maps)) < 0.5
+        maps = torch.where((upside_down ^ half_turn)[:, None, None, None], maps.flip(2), maps)
+        maps = torch.where(half_turn[:, None, None, None], maps.flip(3), maps)
         embedding = nodes.new_zeros((*there.shape, EMBEDDING))
-        embedding[there] = net.crops(crops)
+        embedding[there] = net.crops.of_maps(maps)
         return torch.cat([nodes, embedding], dim=-1)
 
 
@@ -258,14 +268,14 @@ def graph_data(
     product: Product,
     edges: EdgeKind,
     filter_m: float | None = None,
-    crops: Sequence[Crops] | None = None,
+    maps: Sequence[Maps] | None = None,
 ) -> GraphData:
-    """Graphs from the detections and the images' crops, labels from the truth."""
+    """Graphs from the detections and the footprints around them, labels from the truth."""
     shape, names = (len(scenes), MAX_PARTS), list(product.parts)
     nodes = np.zeros((*shape, feature_count(product)), np.float32)
     weights, present = np.zeros((*shape, MAX_PARTS), np.float32), np.zeros(shape, np.float32)
     graspable, words = np.zeros(shape, np.float32), np.full((*shape, MAX_WORDS), END)
-    images = None if crops is None else np.zeros((*shape, 3, CROP_PX, CROP_PX), np.uint8)
+    around = None if maps is None else np.zeros((*shape, len(names), MAP_PX, MAP_PX), np.uint8)
     for k, scene in enumerate(scenes):
         if len(scene.parts) > MAX_PARTS:
             raise ValueError(f"a scene of {len(scene.parts)} parts; at most {MAX_PARTS} fit into a graph")
@@ -275,9 +285,9 @@ def graph_data(
         for place, part in enumerate(graph.order):
             graspable[k, place] = scene.graspable(part)
             words[k, place] = encode(scene.solution(part), types)
-            if images is not None and crops is not None:
-                images[k, place] = crops[k][part]
-    seen = None if images is None else torch.from_numpy(images)
+            if around is not None and maps is not None:
+                around[k, place] = maps[k][part]
+    seen = None if around is None else torch.from_numpy(around)
     edges_and_nodes = torch.from_numpy(weights), torch.from_numpy(present)
     labels = torch.from_numpy(graspable), torch.from_numpy(words)
     return GraphData(torch.from_numpy(nodes), seen, *edges_and_nodes, *labels, len(names))

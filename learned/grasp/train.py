@@ -19,8 +19,9 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.planning import crops_file
 from cell.interfaces.product import Product
 from learned.fitting import Checkpoint, fit
-from learned.grasp.crops import CROP_PX, CROPS_KIND, TrayCamera, load_crops
+from learned.grasp.crops import CHANNELS, CROP_PX, CROPS_KIND, TrayCamera, load_crops
 from learned.grasp.evaluate import Look, embedded, evaluate_grasp, evaluate_scenes
+from learned.grasp.footprints import FootprintNet, fit_footprints
 from learned.grasp.graph import MAX_PARTS, feature_count
 from learned.grasp.language import words_of
 from learned.grasp.observing import observed_again
@@ -104,7 +105,7 @@ def train_grasp(
 
 def _write_crops(network: nn.Module, out: Path, card: ModelCard) -> Network:
     """Export the network of the crops, beside the planner that reads its embeddings."""
-    images = np.random.default_rng(0).integers(0, 256, (3, 3, CROP_PX, CROP_PX), np.uint8)
+    images = np.random.default_rng(0).integers(0, 256, (3, CHANNELS, CROP_PX, CROP_PX), np.uint8)
     own = card.model_copy(update={"kind": CROPS_KIND})
     write_weights(TorchModel(network, ("embedding",), own), out, [{"crops": images}], dict, any_rows=True)
     return load_crops(out)
@@ -133,6 +134,7 @@ def train_network(
     settings: TrainingSettings,
     *,
     camera: TrayCamera | None = None,
+    footprints: FootprintNet | None = None,
     checkpoint: Path | None = None,
     quiet: bool = True,
 ) -> nn.Module:
@@ -140,10 +142,11 @@ def train_network(
 
     Args:
         camera: takes the images of the scenes, where a network learns from them.
+        footprints: trained on such scenes before; trained on these where None.
         checkpoint: file that keeps the fit; where it is of the same scenes, settings and seed, the fit goes on from it.
     """
     torch.manual_seed(seed)
-    network, data = _task(list(observed_again(scenes, seed, settings)), product, settings, camera)
+    network, data = _task(list(observed_again(scenes, seed, settings)), product, seed, settings, camera, footprints)
     optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
 
     def losses(epoch: int) -> Iterator[Tensor]:
@@ -171,21 +174,29 @@ class TrainingData(Protocol):
 
 
 def _task(
-    scenes: list[Scene], product: Product, settings: TrainingSettings, camera: TrayCamera | None
+    scenes: list[Scene],
+    product: Product,
+    seed: int,
+    settings: TrainingSettings,
+    camera: TrayCamera | None,
+    footprints: FootprintNet | None,
 ) -> tuple[nn.Module, TrainingData]:
-    """An untrained network, and what it is to learn."""
+    """An untrained network, but for what tells it footprints, and what it is to learn."""
     if isinstance(settings, PairwiseSettings):
         return PairNet(settings.hidden, settings.members), pair_data(scenes, product)
     if isinstance(settings, PaperSettings):
-        crops = None
-        if settings.crops:
+        features, own = feature_count(product, settings.crops), settings.edges != "gcn"
+        types, sizes = len(product.parts), (settings.hidden, settings.layers)
+        network = PaperNet(types, *sizes, own, settings.attention, features, settings.crops)
+        maps = None
+        if network.crops is not None:
             if camera is None:
                 raise InputError("the paper's planner learns from images of the scenes: a camera is wanted")
             crops = camera([(scene.boxes, scene.parts) for scene in scenes])
-        data = graph_data(scenes, product, settings.edges, settings.filter_m, crops)
-        features, own = feature_count(product, settings.crops), settings.edges != "gcn"
-        types, sizes = len(product.parts), (settings.hidden, settings.layers)
-        return PaperNet(types, *sizes, own, settings.attention, features, settings.crops), data
+            seen = footprints or fit_footprints(crops, scenes, list(product.parts), seed, settings.footprint_passes)
+            network.crops.footprints = seen
+            maps = [seen.maps(some) for some in crops]
+        return network, graph_data(scenes, product, settings.edges, settings.filter_m, maps)
     assert isinstance(settings, RelationSettings)
     relations = relation_data(scenes, product, settings.filter)
     return RelationNet(relation_features(product), settings.hidden), relations

@@ -61,6 +61,7 @@ class PaperSettings(TrainingSettings):
         batch: scenes in a step.
         loose_share: of the scenes are drawn as loose as the simulator's tray, the others as `data` says.
         crops: nodes have features of the images' crops.
+        footprint_passes: crops by which a network learns where parts stand around a part, before all else.
         edges: which reading of Eq. 4 weights the edges; "none" weights them alike, "gcn" is the plain graph
             convolution without weights of its own for the node itself.
         filter_m: parts farther from each other have no edge.
@@ -75,6 +76,7 @@ class PaperSettings(TrainingSettings):
     peak_rate: float = Field(default=0.003, gt=0)
     loose_share: float = Field(default=0.5, ge=0, le=1)
     crops: bool = True
+    footprint_passes: int = Field(default=120_000, gt=0)
     hidden: int = Field(default=64, gt=0)
     layers: int = Field(default=3, gt=0)
     edges: EdgeKind = "normalised"

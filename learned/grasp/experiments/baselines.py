@@ -13,6 +13,7 @@ from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.product import Product
 from learned.grasp.crops import CROPS_KIND, TrayCamera
 from learned.grasp.evaluate import Look, embedded
+from learned.grasp.footprints import FootprintNet, fit_footprints
 from learned.grasp.paper import PaperNet
 from learned.grasp.planner import PairwisePlanner, PaperPlanner
 from learned.grasp.reference import AveragingPlanner
@@ -159,4 +160,16 @@ def _for(settings: TrainingSettings, scenes: int) -> TrainingSettings:
 def _trained(settings: TrainingSettings, product: str, seed: int, camera: TrayCamera) -> nn.Module:
     """Trained once for all cells that ask for it."""
     catalogue, scenes = training_scenes(Product.model_validate_json(product), seed, settings)
-    return train_network(scenes, catalogue, seed, settings, camera=camera)
+    footprints = None
+    if isinstance(settings, PaperSettings) and settings.crops:
+        alike = settings.model_dump(include={"scenes", "data", "parts", "loose_share", "footprint_passes"})
+        footprints = _footprints(PaperSettings.model_validate(alike), product, seed, camera)
+    return train_network(scenes, catalogue, seed, settings, camera=camera, footprints=footprints)
+
+
+@lru_cache(maxsize=4)
+def _footprints(settings: PaperSettings, product: str, seed: int, camera: TrayCamera) -> FootprintNet:
+    """Trained once for all baselines that learn from the same scenes."""
+    catalogue, scenes = training_scenes(Product.model_validate_json(product), seed, settings)
+    crops = camera([(scene.boxes, scene.parts) for scene in scenes])
+    return fit_footprints(crops, scenes, list(catalogue.parts), seed, settings.footprint_passes)

@@ -13,7 +13,8 @@ def departures_section(cells: Cells) -> str:
     rows = (
         (
             "f_i: RoI features of ResNet-101 in Faster R-CNN",
-            "a network of three convolutions on a crop around the detection, trained with the planner",
+            "a network that tells where parts stand in a crop around the detection, trained before on the same images, "
+            "and three convolutions on what it tells, trained with the planner",
             f"without f_i {_change(cells, 'paper', 'poses')}",
         ),
         (

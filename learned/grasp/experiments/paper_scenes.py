@@ -38,7 +38,8 @@ def paper_section(cells: Cells) -> str:
         f"{USUAL_SCENES} training and {TEST_SCENES} test scenes of {fewest} to {most} parts, at most 3, 2 and 1 of a "
         "type, one way to grasp (across the width), a fifth of the parts asked for not graspable at once; one seed. "
         "Whole answers, right by type as the paper's words name types; `by part`: the very parts, in an order that "
-        "works. 2 and 3 types: one graph with so many flags. f_i: a small convolutional network on a crop of 12 cm "
-        "of the rendered wrist image around each part, trained with the rest. `train`: on its own training scenes "
-        f"(the paper's Train_Acc is 1).\n\n{markdown(HEAD, rows)}"
+        "works. 2 and 3 types: one graph with so many flags. f_i: a small network tells, from a crop of 14 cm of "
+        "the rendered wrist image around each part, where parts stand; it is trained before on the same images, as the "
+        "paper's detector is. A second one, trained with the rest, makes features of that. `train`: on its own "
+        f"training scenes (the paper's Train_Acc is 1).\n\n{markdown(HEAD, rows)}"
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learned.grasp.crops import CROP_PX, Crops, View
+from learned.grasp.crops import CHANNELS, CROP_PX, Crops, View
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import PAPER_SCENES, DetectionNoise
 from tests.learned.grasp.layouts import PRODUCT
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.torch
 
 
 def no_camera(views: Sequence[View]) -> list[Crops]:
-    return [np.zeros((len(parts), 3, CROP_PX, CROP_PX), np.uint8) for _, parts in views]
+    return [np.zeros((len(parts), CHANNELS, CROP_PX, CROP_PX), np.uint8) for _, parts in views]
 
 
 def test_every_baseline_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -26,7 +26,7 @@ def test_every_baseline_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> N
 
     for name, baseline in BASELINES.items():
         if baseline.settings is not None:
-            short = baseline.settings.model_copy(update={"epochs": 1})
+            short = baseline.settings.model_copy(update={"epochs": 1, "footprint_passes": 10})
             monkeypatch.setitem(BASELINES, name, replace(baseline, settings=short))
     drawn = list(draw_scenes(PRODUCT, 31, 1, "validation"))
     for name in BASELINES:

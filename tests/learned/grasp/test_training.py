@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import pytest
 from cell.interfaces.errors import InputError
 from cell.interfaces.planning import crops_file
 from learned.grasp.boxes import boxes_of
-from learned.grasp.crops import CROP_PX, EMBEDDING, Crops, View, load_crops
+from learned.grasp.crops import CHANNELS, CROP_PX, EMBEDDING, Crops, View, load_crops
 from learned.grasp.evaluate import embedded
 from learned.grasp.graph import Attention, scene_graph
 from learned.grasp.language import MAX_WORDS, decode, encode
@@ -23,13 +24,24 @@ from learned.grasp.training_settings import PairwiseSettings, PaperSettings, Tra
 from learned.onnx_model import OnnxModel
 from tests.learned.grasp.layouts import PRODUCT, walled
 
+if TYPE_CHECKING:
+    from learned.grasp.footprints import Maps
+
 pytestmark = pytest.mark.torch  # torch is imported in the tests alone: other processes collect this file, too
 TOLERANCE = 1e-5
 SHORT_PAIRWISE = PairwiseSettings(
     random_share=0.0, scenes=80, test_scenes=40, epochs=60, batch=64, hidden=24, members=2
 )
 SHORT_PAPER = PaperSettings(
-    scenes=20, test_scenes=8, epochs=2, batch=8, hidden=16, layers=2, edges="printed", loose_share=0.0
+    scenes=20,
+    test_scenes=8,
+    epochs=2,
+    batch=8,
+    hidden=16,
+    layers=2,
+    edges="printed",
+    loose_share=0.0,
+    footprint_passes=200,
 )
 SEED = 5
 
@@ -68,7 +80,7 @@ def noisy_camera(views: Sequence[View]) -> list[Crops]:
     """Crops that depend on the view alone; no OpenGL beside torch."""
     return [
         np.random.default_rng(int(1e6 * abs(boxes.centre_m.sum()))).integers(
-            0, 256, (len(parts), 3, CROP_PX, CROP_PX), np.uint8
+            0, 256, (len(parts), CHANNELS, CROP_PX, CROP_PX), np.uint8
         )
         for boxes, parts in views
     ]
@@ -78,8 +90,14 @@ def order_of(scene: Scene) -> tuple[int, ...]:
     return scene_graph(scene.parts, (0,), PRODUCT, "normalised").order
 
 
-def flipped(crops: Crops) -> list[Crops]:
-    return [np.ascontiguousarray(crops[:, :, ::rows, ::columns]) for rows in (1, -1) for columns in (1, -1)]
+def random_maps(scenes: list[Scene]) -> list[Maps]:
+    """Footprints that depend on the scene alone."""
+    rng, shape = np.random.default_rng(SEED), (len(PRODUCT.parts), CROP_PX // 2, CROP_PX // 2)
+    return [rng.integers(0, 256, (len(scene.parts), *shape), np.uint8) for scene in scenes]
+
+
+def mirrored(maps: Maps) -> list[Maps]:
+    return [np.ascontiguousarray(maps[:, :, ::rows, ::columns]) for rows in (1, -1) for columns in (1, -1)]
 
 
 def drawn_for(settings: TrainingSettings) -> list[Scene]:
@@ -148,8 +166,7 @@ def test_it_learns_verdicts_and_words_of_all_required_parts(scenes: list[Scene])
     from learned.grasp.paper import PaperNet, graph_data
 
     torch.manual_seed(0)
-    views = [(scene.boxes, scene.parts) for scene in scenes]
-    data = graph_data(scenes, PRODUCT, "normalised", crops=noisy_camera(views))
+    data = graph_data(scenes, PRODUCT, "normalised", maps=random_maps(scenes))
     features = data.nodes.shape[-1] + EMBEDDING
     net = PaperNet(len(PRODUCT.parts), 16, 2, features=features, crops=True)
     optimiser = torch.optim.AdamW(net.parameters(), 0.01)
@@ -162,14 +179,14 @@ def test_it_learns_verdicts_and_words_of_all_required_parts(scenes: list[Scene])
     assert data.loss(net, chosen).item() < before / 2
 
 
-def test_turning_the_scene_turns_poses_and_not_crops(scenes: list[Scene]) -> None:
-    """Distances and differences of headings stay; a mirrored crop is one of four flips of what was seen."""
+def test_turning_the_scene_turns_poses_and_not_footprints(scenes: list[Scene]) -> None:
+    """Distances and differences of headings stay; mirrored footprints are one of four flips of what was seen."""
     import torch
 
     from learned.grasp.paper import PaperNet, graph_data
 
-    crops = noisy_camera([(scene.boxes, scene.parts) for scene in scenes])
-    data = graph_data(scenes, PRODUCT, "normalised", crops=crops)
+    maps = random_maps(scenes)
+    data = graph_data(scenes, PRODUCT, "normalised", maps=maps)
     net = PaperNet(len(PRODUCT.parts), 8, 1, features=data.nodes.shape[-1] + EMBEDDING, crops=True).eval()
     chosen, kinds = torch.arange(4), len(PRODUCT.parts)
     with torch.no_grad():
@@ -179,8 +196,8 @@ def test_turning_the_scene_turns_poses_and_not_crops(scenes: list[Scene]) -> Non
         for column in (kinds + 1, kinds + 3):
             old, new = before[:, column : column + 2], after[:, column : column + 2]
             assert torch.allclose(torch.cdist(old, old), torch.cdist(new, new), atol=1e-4)
-        images = flipped(crops[place][list(order_of(scenes[place]))])
-        flips = [net.crops(torch.from_numpy(some)) for some in images]  # type: ignore[misc]
+        seen = mirrored(maps[place][list(order_of(scenes[place]))])
+        flips = [net.crops.of_maps(torch.from_numpy(some) / 255.0) for some in seen]  # type: ignore[union-attr]
         for number, row in enumerate(after[:, -EMBEDDING:]):
             assert any(torch.allclose(row, some[number], atol=1e-5) for some in flips)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,6 +16,9 @@ from sim.clutter import ScenePart, standing
 from skills.lying import PickLying, SetUpright
 from skills.lying_grasp import laid_out
 from skills.move_to import MoveTo
+from skills.place import Place
+from skills.put_back import PutBack
+from skills.put_down import PutDown
 from tests import ROOT
 from tests.integration.cell_rig import BENCH, PRODUCT, robot_alone, run_tree
 from tests.integration.lying_parts import Bench
@@ -84,6 +88,13 @@ def test_a_halt_in_the_turn_stops_the_arm_and_keeps_the_part(bench: Bench) -> No
     assert not robot.observe().arm.moving
     assert robot.observe().gripper.holding
     assert robot.world.part_pose(part).position_m[2] > 0.05
+    place = robot.run(Place(robot.planner, "p2", part.part))
+    assert place.reason == "cannot put o1 at p2: it is held as it lay"
+    assert robot.run(MoveTo(robot.planner, "park", held=part.part)).status is SkillStatus.SUCCESS
+    assert robot.observe().gripper.holding
+    assert robot.run(PutBack(robot.planner, part.part, ())).status is SkillStatus.SUCCESS
+    robot.wait(0.5)
+    assert bench.stands(part)
 
 
 def test_a_part_that_lies_is_lifted_as_it_is_held(bench: Bench) -> None:
@@ -95,6 +106,12 @@ def test_a_part_that_lies_is_lifted_as_it_is_held(bench: Bench) -> None:
     assert robot.observe().gripper.holding
     assert robot.planner.lying is not None
     assert robot.world.part_pose(part).position_m[2] > 0.1
+    before_person = Pose((0.86, -0.16, 0.0))
+    assert robot.run(PutDown(robot.planner, part.part, before_person, "the spot")).status is SkillStatus.SUCCESS
+    robot.wait(0.5)
+    there = robot.world.part_pose(part)
+    assert math.dist(there.position_m[:2], before_person.position_m[:2]) < 0.02
+    assert side_up(there) in (UPRIGHT, "+x")
 
 
 def test_a_tree_fetches_a_part_that_lies_from_pixels() -> None:

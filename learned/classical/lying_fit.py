@@ -23,6 +23,7 @@ Mask = NDArray[np.uint8]
 AROUND_PX = 26  # of the image around a detection, in which its part and its floor are looked for
 FLOOR_PX = 3  # so far from the detection its floor begins
 SHADED = (0.25, 1.08)  # of the floor's brightness: shadows, and light that is not even
+LIT_PERCENT = 80
 LEAST_CONTRAST, NOISES = 14.0, 5.0  # of what stands out, in grey levels and in what the floor differs by itself
 HEADINGS = 24
 LEAST_PX = 12
@@ -172,7 +173,9 @@ class _Window:
         if int(floor.sum()) < 50:
             return None
         colour = np.median(piece[floor == 1], axis=0)
-        share = np.clip(piece @ colour / max(float(colour @ colour), 1.0), *SHADED)
+        share = piece @ colour / max(float(colour @ colour), 1.0)
+        lit = max(1.0, float(np.percentile(share[floor == 1], LIT_PERCENT)))  # where half of the floor is in a shadow
+        share = np.clip(share, SHADED[0], SHADED[1] * lit)
         apart = np.linalg.norm(piece - share[..., None] * colour, axis=2)
         contrast = max(LEAST_CONTRAST, NOISES * float(np.median(apart[floor == 1])))
         shown = np.asarray(cv2.medianBlur((apart > contrast).astype(np.uint8), 3), np.uint8) * counts

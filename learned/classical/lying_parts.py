@@ -21,6 +21,8 @@ SAME_BOX = 0.4  # intersection over union, from which two findings may be one th
 STANDS = 0.8  # of what stands out, from which a silhouette is that of a standing part
 BETTER = 0.1  # by which one that lies must fit better than one that was told to stand
 
+CLEARLY, STRANGE_FITS = 0.1, 0.88  # surer by this it is of its type; else its silhouette must agree so well
+
 Found = Sequence[PartDetection]
 
 
@@ -51,12 +53,20 @@ class LyingParts:
 
     def _lying(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
         """How a thing lies, of whichever type it is; a large part may also be told as several small ones."""
-        types = tuple(dict.fromkeys(other.part for other in (one, *found) if overlap(one, other) >= SAME_BOX))
-        fit = self._fitter.fit(frame, one.box_px, types, self._hidden(frame, one, found))
-        if fit is not None:
-            return fit
+        same = [other for other in found if overlap(one, other) >= SAME_BOX]
+        types = tuple(dict.fromkeys(other.part for other in same))
         around = [other for other in found if not inside(other, one)]
-        return self._fitter.fit(frame, one.box_px, types, self._hidden(frame, one, around))
+        for others in (found, around):
+            fit = self._fitter.fit(frame, one.box_px, types, self._hidden(frame, one, others))
+            if fit is not None and fit.agreement >= self._least_agreement(fit.part, same):
+                return fit
+        return None
+
+    def _least_agreement(self, part: str, same: Found) -> float:
+        """How well a part must fit what may also be something unknown, by what the detector says of the thing."""
+        sure = max((one.confidence for one in same if one.part == part), default=0.0)
+        strange = max((one.confidence for one in same if one.part not in self._product.parts), default=0.0)
+        return 0.0 if sure >= strange + CLEARLY else STRANGE_FITS
 
     def _fallen(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
         """How a part lies that was told to stand; None where it stands, or where nothing else is sure."""

@@ -14,7 +14,11 @@ from cell.interfaces.pose import Pose
 from cell.interfaces.resting import SIDES, UPRIGHT, rest_on
 from cell.running.detectors import Detectors
 from learned.classical.lying_parts import LyingParts, covers
+from sim.clutter import sample_clutter
 from sim.data.trays import TrayCamera
+from sim.settings import ClutterSettings
+from sim.tray_truth import resting_parts
+from tests.benchmarks.perception_accuracy import look, open_sim
 from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT
 
 FLOOR_M = BENCH.tray.centre_m[2]
@@ -94,3 +98,22 @@ def test_what_lies_where_a_part_stands_is_that_part() -> None:
     beside = PartDetection("o1", 0.4, Pose((0.56, -0.4, 0.004)), (0.1, 0.1, 0.1), (0, 0, 9, 9), upright=False)
     assert covers(part, inside)
     assert not covers(part, beside)
+
+
+@pytest.mark.parametrize("seed", [8000501, 8000502])
+def test_a_thing_of_no_type_is_not_told_to_be_a_part_that_lies(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    settings = ClutterSettings(lying_share=0.5, foreign_objects=3)
+    clutter = sample_clutter(PRODUCT, BENCH.tray, ["o1", "o2", "o3", "o2"], rng, settings)
+    cell = open_sim(CONFIGURATION, PRODUCT, seed, worker=False, clutter=clutter)
+    cell.world.set_arm(BENCH.arm_look_rad)
+    frame, truth = look(cell), resting_parts(cell.world)
+    found = Detectors(BENCH, PRODUCT, CONFIGURATION.perception).make("parts").detect(frame)
+    cell.close()
+    told = [one for one in LyingParts(BENCH, PRODUCT).sort(frame, found)[1] if one.lies is not None]
+    assert told
+    for one in told:
+        assert one.lies is not None
+        there = one.lies.position_m[:2]
+        nearest = min(truth, key=lambda each: math.dist(each.world_from_part.position_m[:2], there))
+        assert nearest.part == one.part

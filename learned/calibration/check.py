@@ -9,7 +9,7 @@ from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.calibration.landmarks import PlateModel
-from learned.calibration.solve import Fit, Shot, fit_camera, holes_off_m
+from learned.calibration.solve import REACHES_M, Fit, Shot, fit_camera, holes_off_m
 from learned.calibration.tray import tray_off_m
 
 EVERY_S, AGAIN_S = 60.0, 0.5  # between checks, and between looks of one check
@@ -18,6 +18,7 @@ MOST_LOOKS = 20  # hand and arm are often in the way; then the check waits for t
 MOST_OFF_M = 0.010  # at the holes
 MOST_RMS_PX = 1.2  # a worse fit is none
 LEAST_SEEN = 0.6  # of the plate's edges
+NEAR_REACHES_M = REACHES_M[1:]  # of a search that finds the plate only where it is believed to be
 MARGIN_PX = 15.0  # around the plate: a hand this near may hide it
 WORLD = Pose((0.0, 0.0, 0.0))
 
@@ -63,8 +64,7 @@ class CalibrationCheck:
         return bool(left < high[0] and right > low[0] and top < high[1] and bottom > low[1])
 
     def _look(self, frame: Frame) -> None:
-        setup = self._bench.overhead
-        fit = fit_camera([Shot(frame.image, WORLD)], setup, self._bench, self._product)
+        setup, fit = self._bench.overhead, self._fit(frame)
         self._looks += 1
         if not trouble(fit, 1, self._bench, self._product) and fit.edges >= LEAST_SEEN * self._points:
             self._off_m.append(holes_off_m(setup, fit.setup, self._bench, self._product))
@@ -76,6 +76,19 @@ class CalibrationCheck:
             self._due_s, self._off_m, self._looks = frame.time_s + EVERY_S, [], 0
         else:
             self._due_s = frame.time_s + AGAIN_S
+
+    def _fit(self, frame: Frame) -> Fit:
+        """The camera as the frame shows it.
+
+        A search that reaches far takes the feet of parts for an edge of a plate that is nearly full, now and then. So
+        a camera that seems to have moved is looked for near its place, too, and there it is if no less is seen then.
+        """
+        seen = [Shot(frame.image, WORLD)], self._bench.overhead, self._bench, self._product
+        fit = fit_camera(*seen)
+        if holes_off_m(self._bench.overhead, fit.setup, self._bench, self._product) <= MOST_OFF_M:
+            return fit
+        near = fit_camera(*seen, reaches_m=NEAR_REACHES_M)
+        return near if (near.edges, near.holes) >= (fit.edges, fit.holes) and near.rms_px <= fit.rms_px else fit
 
 
 class TrayCheck:

@@ -54,17 +54,23 @@ class Fit:
 
 
 def fit_camera(
-    shots: Sequence[Shot], setup: CameraSetup, bench: Bench, product: Product, start: Array | None = None
+    shots: Sequence[Shot],
+    setup: CameraSetup,
+    bench: Bench,
+    product: Product,
+    start: Array | None = None,
+    reaches_m: Sequence[float] = REACHES_M,
 ) -> Fit:
     """The camera under which the plate is where the images show it, as near to the believed one as they allow.
 
     Args:
         start: where the search begins, as PRIOR counts it; at the believed camera by default.
+        reaches_m: how far on the plate its edges are searched for, round after round.
     """
     plate = PlateModel.of(bench, product)
     values = np.zeros(len(PRIOR)) if start is None else start
     seen: list[tuple[Shot, Sighting]] = []
-    for reach_m in REACHES_M:
+    for reach_m in reaches_m:
         camera, mount = _camera(setup, values)
         found = [(shot, sight(shot.image, camera, shot.world_from_base @ mount, plate, reach_m)) for shot in shots]
         seen = [(shot, each) for shot, each in found if each.edges >= LEAST_EDGES]

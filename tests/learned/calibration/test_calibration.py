@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 import pickle
 from functools import cache
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from cell.configuration import load_configuration, load_product
+from cell.configuration import load_configuration, load_product, simulated
+from cell.evaluating.things import calibrated_bench
 from cell.interfaces.bench import Calibration, CameraCalibration, CameraSetup, Mount
 from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
@@ -102,6 +105,18 @@ def test_a_camera_that_is_pushed_during_the_run_is_noticed_within_a_minute_and_n
         assert check.judge(at(pushed, EVERY_S + 2 + number), OVER_PLATE) == ""
     told = [check.judge(at(pushed, EVERY_S + 30 + number), None) for number in range(5)]
     assert "run `cell calibrate`" in told[-1]
+
+
+def test_a_plate_that_is_nearly_full_is_not_taken_for_a_pushed_camera() -> None:
+    """Seed 931001 of `varied`, with a person who errs: the run was stopped, "the holes 16 mm off"."""
+    configuration = simulated(CONFIGURATION, "varied", None)
+    bench = calibrated_bench(configuration, PRODUCT, 931_001)
+    stored = cv2.imread(str(Path(__file__).parent / "plate_nearly_full.jpg"))
+    assert stored is not None
+    image = np.asarray(cv2.cvtColor(stored, cv2.COLOR_BGR2RGB), np.uint8)
+    check = CalibrationCheck(bench, PRODUCT)
+    frames = (Frame("overhead", number, float(number), image, bench.overhead.mount.pose) for number in range(LOOKS + 1))
+    assert [check.judge(one, AWAY) for one in frames] == [""] * (LOOKS + 1)
 
 
 @pytest.mark.parametrize("shift_m", [0.0, 0.004, 0.02])

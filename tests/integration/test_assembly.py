@@ -99,11 +99,15 @@ def test_a_part_lying_where_the_fingers_go_is_avoided() -> None:
     assert not any("met something" in reason for reason in diary.reasons())
 
 
-def test_where_parts_lie_on_all_sides_the_fingers_do_not_go_down() -> None:
+def test_where_parts_lie_on_all_sides_one_of_them_is_set_upright_first() -> None:
     with robot_alone(lying_beside((0.0, 0.05), (0.0, -0.075), (0.065, 0.0), (-0.065, 0.0)), seed=1) as cell:
         outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o1"})
-    assert outcome.end == "failed", outcome.reason
-    assert not any("going down" in reason for reason in diary.reasons())
+        held = lifted(cell, "o1")
+    assert outcome.end == "finished", outcome.reason
+    assert held
+    reasons = diary.reasons()
+    assert reasons.index("o2 stands upright") < reasons.index("grasping o1")
+    assert not any("met something" in reason for reason in reasons)
 
 
 def test_a_hand_near_the_part_stops_the_arm_which_goes_on_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ BEYOND_M = 0.003  # its box reaches so far beyond what is seen of it
 SAME_BOX = 0.4  # intersection over union, from which two findings may be one thing
 STANDS = 0.8  # of what stands out, from which a silhouette is that of a standing part
 BETTER = 0.1  # by which one that lies must fit better than one that was told to stand
-
+MOST_HIDDEN = 0.4  # of the box of a part that was told to stand, up to which its silhouette may say otherwise
 CLEARLY, STRANGE_FITS = 0.1, 0.88  # surer by this it is of its type; else its silhouette must agree so well
 
 Found = Sequence[PartDetection]
@@ -71,6 +71,9 @@ class LyingParts:
     def _fallen(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
         """How a part lies that was told to stand; None where it stands, or where nothing else is sure."""
         hidden = self._hidden(frame, one, found)
+        left, top, right, bottom = (max(value, 0) for value in one.box_px)
+        if hidden[top:bottom, left:right].mean() > MOST_HIDDEN:
+            return None
         stands = self._fitter.agreement(frame, one.box_px, one.part, one.world_from_part, hidden)
         if stands >= STANDS:
             return None

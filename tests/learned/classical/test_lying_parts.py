@@ -117,3 +117,15 @@ def test_a_thing_of_no_type_is_not_told_to_be_a_part_that_lies() -> None:
         there = one.lies.position_m[:2]
         nearest = min(truth, key=lambda each: math.dist(each.world_from_part.position_m[:2], there))
         assert nearest.part == one.part
+
+
+def test_what_a_silhouette_of_a_third_of_a_part_says_does_not_count() -> None:
+    """A small part between two higher ones, whose boxes hide most of its own."""
+    scene = [
+        ("o3", lying("o3", UPRIGHT, 0.5954, -0.2619, -0.731)),
+        ("o1", lying("o1", UPRIGHT, 0.5579, -0.2887, 2.739)),
+        ("o2", lying("o2", UPRIGHT, 0.5179, -0.2601, -1.844)),
+    ]
+    standing, others = sorted_out(scene)
+    assert sorted(one.part for one in standing) == ["o1", "o2", "o3"]
+    assert others == ()

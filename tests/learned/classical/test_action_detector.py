@@ -135,6 +135,16 @@ def test_a_resting_or_absent_hand_is_idle(place: tuple[float, float] | None) -> 
     assert Film().play(still(place), 1.0)[-1].kind == "idle"
 
 
+def test_a_hand_that_rests_over_a_bin_is_idle_but_not_while_it_takes_a_part() -> None:
+    film = Film()
+    film.play(still((0.9, 0.3)), 1.0)
+    actions = film.play(still(REST, "o1"), 4.0)
+    assert {action.kind for action in actions[: round(0.9 * RATE_HZ)]} == {"transit"}
+    assert {action.kind for action in actions[round(1.6 * RATE_HZ) :]} == {"idle"}
+    carried = film.play(lambda time_s: ((1.5 - 0.1 * time_s, 0.44), "o1"), 2.0)
+    assert {action.kind for action in carried[round(RATE_HZ) :]} == {"transit"}
+
+
 def test_a_moving_hand_is_in_transit() -> None:
     actions = Film().play(lambda time_s: ((1.0 - 0.2 * time_s, 0.5), None), 1.0)
     assert {action.kind for action in actions} == {"transit"}

@@ -20,10 +20,9 @@ SCREW_LARGEST_M = 0.040
 SCREW_TURNS = 3  # turning points of both coordinates together
 SCREW_KEEPS_S = 0.4  # a screw action goes on this long after the last sign of it
 CARRY_WINDOW_S = 1.5
-REST_WINDOW_S = 0.4
-REST_OVER_PART_S = 1.5  # with a part under the fingers: longer than taking one from a bin
+REST_WINDOW_S, REST_M = 0.4, 0.06  # a hand with nothing at its fingers rests: still for so long, so close to its place
+LONG_REST_WINDOW_S, LONG_REST_M = 1.5, 0.12  # so does any hand that is still for longer than it takes to grasp a part
 REST_RATE_HZ = 10.0  # a hand that is seen less often is not judged
-REST_M = 0.06  # from the resting place
 BEFORE_S = 0.5  # a hole is looked at this long before it is covered, so that frames overlap
 
 
@@ -133,16 +132,22 @@ class ClassicalActionDetector:
         return sum(turning_points(column, SCREW_SWING_M) for column in tips.T) >= SCREW_TURNS
 
     def _resting(self, hands: list[HandSample], now_s: float) -> bool:
-        """Palm at its resting place, fingertips still; medians, for the outline of a hand trembles by a pixel.
+        """Palm at its resting place, fingertips still.
 
-        A part that shows at the fingers may lie in a bin under them: then the hand must be still for longer.
+        A part that shows at the fingers may lie in a bin under them, and where the palm is seen depends on how high
+        it is: after a longer while neither counts.
         """
-        window_s = REST_WINDOW_S if hands[-1].held_part is None else REST_OVER_PART_S
+        if hands[-1].held_part is None and self._still(hands, now_s, REST_WINDOW_S, REST_M):
+            return True
+        return self._still(hands, now_s, LONG_REST_WINDOW_S, LONG_REST_M)
+
+    def _still(self, hands: list[HandSample], now_s: float, window_s: float, reach_m: float) -> bool:
+        """Near the resting place for most of a while; medians, for the outline of a hand trembles by a pixel."""
         recent = [hand for hand in hands if now_s - hand.time_s < window_s]
         if len(recent) < round(window_s * REST_RATE_HZ):
             return False
         palms = np.array([hand.palm_m for hand in recent])
-        if float(np.linalg.norm(np.median(palms, axis=0) - self._rest_m)) > REST_M:
+        if float(np.linalg.norm(np.median(palms, axis=0) - self._rest_m)) > reach_m:
             return False
         tips = np.array([hand.fingertips_m for hand in recent])
         half = len(tips) // 2

@@ -145,6 +145,13 @@ def test_a_hand_that_rests_over_a_bin_is_idle_but_not_while_it_takes_a_part() ->
     assert {action.kind for action in carried[round(RATE_HZ) :]} == {"transit"}
 
 
+@pytest.mark.parametrize(("y_m", "kind"), [(0.53, "idle"), (0.25, "transit")])
+def test_a_hand_that_lies_still_beside_its_resting_place_is_idle(y_m: float, kind: str) -> None:
+    actions = Film().play(still((1.0, y_m)), 3.0)
+    assert actions[round(0.6 * RATE_HZ)].kind == "transit"
+    assert actions[-1].kind == kind
+
+
 def test_a_moving_hand_is_in_transit() -> None:
     actions = Film().play(lambda time_s: ((1.0 - 0.2 * time_s, 0.5), None), 1.0)
     assert {action.kind for action in actions} == {"transit"}

@@ -166,11 +166,19 @@ def put_phases(
     depth_m = kind.peg_length_m + settings.insertion_start_m if into_hole else 0.0
     before = at_height(pose, pose.position_m[2] + depth_m)
     clear_m = _clear_height_m(planner, kind, target)
-    release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
     return [
         Move(f"carrying {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
         Move(f"lowering {name}", lambda start: planner.straight_move(start, before, lowering), settings, holding=name),
         *([Insert(name, planner, pose, depth_m, lowering)] if into_hole else []),
+        *release_phases(planner, name, opening_m, clear_m),
+    ]
+
+
+def release_phases(planner: MotionPlanner, name: str, opening_m: float, clear_m: float) -> list[Phase]:
+    """Phases that open the fingers around a part that stands or lies, and lift them to a height above it."""
+    settings = planner.settings
+    release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
+    return [
         SetGripper(f"letting go of {name}", release, settings),
         Move(f"leaving {name}", lambda start: planner.rise(start, clear_m, opening_m), settings),
     ]

@@ -14,7 +14,7 @@ from cell.interfaces.product import PartType
 from cell.interfaces.resting import SIDES, UPRIGHT, side_up
 from skills.contact import Descend
 from skills.grip import STROKE_M
-from skills.handling import bracket_boxes, carry_over_bracket_m, joints_of, seen_in_holes, tray_boxes
+from skills.handling import bracket_boxes, carry_over_bracket_m, joints_of, release_phases, seen_in_holes, tray_boxes
 from skills.lying_grasp import MOST_LEAN_RAD, LyingHold, held_box, laid_out, lying_holds, solid_boxes, turns_left
 from skills.move_aside import free_centres
 from skills.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
@@ -226,12 +226,10 @@ def put_at(
     for way in (planner.free_move(near_rad, above, carrying), planner.straight_move(above, tool, lowering)):
         if isinstance(way, str):
             return f"cannot put {name} there: {way}"
-    release = GripperCommand(opening_m, settings.gripper_speed_m_s, settings.grip_force_n)
     return [
         Move(f"turning {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
         Move(f"lowering {name}", lambda start: planner.straight_move(start, tool, lowering), settings, holding=name),
-        SetGripper(f"letting go of {name}", release, settings),
-        Move(f"leaving {name}", lambda start: planner.rise(start, carry_m, opening_m), settings),
+        *release_phases(planner, name, opening_m, carry_m),
     ]
 
 

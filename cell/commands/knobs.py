@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +13,9 @@ from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, Rows
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
+    from cell.configuration import Configuration
     from cell.evaluating.knobs import Scored
+    from cell.evaluating.row_file import RowFile
 
 KNOB = "--knob light.ambient=0.1,0.5"
 
@@ -54,13 +56,7 @@ def knobs(
     _, wanted = seeds(first_seed, recordings)
     told = {"detector": detector, "look": look, "person": person, "recordings": recordings, "first_seed": first_seed}
     kept = RowFile(out, {"command": "knobs", **told})
-    done = {(row["knob"], row["value"]) for row in kept.rows}
-    try:
-        for name, value, cell in turned:
-            if (name, value) not in done:
-                kept.add({"knob": name, "value": value, **scored.score(cell, product, wanted)})
-    except KeyboardInterrupt:
-        console().print(f"interrupted: {len(kept.rows)} of {len(turned)} values are done")
+    _score(kept, turned, lambda cell: scored.score(cell, product, wanted))
     rows = [row for row in kept.rows if row["value"] in tried.get(str(row["knob"]), ())]
     console().print(_table(rows, scored), highlight=False, soft_wrap=True)
     if plot is not None and rows:
@@ -69,6 +65,19 @@ def knobs(
         plot_knobs(rows, f"{scored.title} (line), {scored.beside} (dashes); look {look}", plot)
     if as_json:
         print_json({**told, "share": scored.title, "beside": scored.beside, "rows": rows})
+
+
+def _score(
+    kept: RowFile, turned: Sequence[tuple[str, Any, Configuration]], score: Callable[[Configuration], dict[str, Any]]
+) -> None:
+    """Add a row for each value that has none yet, until somebody interrupts."""
+    done = {(row["knob"], row["value"]) for row in kept.rows}
+    try:
+        for name, value, cell in turned:
+            if (name, value) not in done:
+                kept.add({"knob": name, "value": value, **score(cell)})
+    except KeyboardInterrupt:
+        console().print(f"interrupted: {len(kept.rows)} of {len(turned)} values are done")
 
 
 def _values(text: str) -> tuple[str, tuple[Any, ...]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -42,15 +43,13 @@ def score_readings(reader: HandReader, bench: Bench, folder: Path) -> dict[str, 
             places = np.array([points["palm"], points["pinch"]])
             heights = {name: point[2] for name, point in hand["points_m"].items()}
             there = {name: view.on_plane(px[np.newaxis], heights[name])[0] for name, px in points.items()}
-            nearest = min(
-                range(len(palms)), key=lambda one: float(np.linalg.norm(palms[one] - there["palm"])), default=-1
-            )
-            found = nearest >= 0 and float(np.linalg.norm(palms[nearest] - there["palm"])) < FOUND_M
+            nearest = _nearest(palms, there["palm"])
+            found = nearest is not None
             true += found
             if hand["visible"] < LEAST_VISIBLE or (places < EDGE_PX).any() or (places >= size - EDGE_PX).any():
                 continue
             counter.add("found" if hand["acting"] else "second_found", found)
-            if not found:
+            if nearest is None:
                 continue
             reading = readings[nearest]
             counter.add("side", (reading.left > 0.5) == (hand["side"] == "left"))
@@ -68,6 +67,12 @@ def score_readings(reader: HandReader, bench: Bench, folder: Path) -> dict[str, 
         for percent in (50, 95)
     }
     return counter.scores() | told | latencies(times_s)
+
+
+def _nearest(palms: Sequence[Array], true: Array) -> int | None:
+    """Number of the palm that is nearest to a true one; None where none is near."""
+    distances_m = [float(np.linalg.norm(palm - true)) for palm in palms]
+    return int(np.argmin(distances_m)) if min(distances_m, default=FOUND_M) < FOUND_M else None
 
 
 def _xy(view: View, reading: Reading, name: str) -> Array:

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from cell.interfaces.command import Command
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.resting import SIDES, UPRIGHT, side_up
 from cell.interfaces.skill import SkillStatus
 from sim.clutter import ScenePart, standing
+from sim.world import WorldPart
 from skills.lying import PickLying, SetUpright
 from skills.lying_grasp import laid_out
 from skills.move_to import MoveTo
@@ -34,12 +36,19 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
         yield Bench(robot, np.random.default_rng(1), pixels=False)
 
 
-@pytest.mark.parametrize(("number", "up"), [(0, "+y"), (0, "-x"), (1, "-y"), (1, "+x"), (2, "-y"), (2, "+x")])
-def test_a_part_on_its_side_or_end_is_set_upright(bench: Bench, number: int, up: str) -> None:
-    robot, part = bench.robot, bench.robot.parts[number]
+def laid(bench: Bench, number: int, up: str) -> tuple[WorldPart, PartDetection]:
+    """A part that lies with this side up, and how it is seen."""
+    part = bench.robot.parts[number]
     assert bench.lay(part, up)
     seen = bench.seen(part)
     assert seen is not None
+    return part, seen
+
+
+@pytest.mark.parametrize(("number", "up"), [(0, "+y"), (0, "-x"), (1, "-y"), (1, "+x"), (2, "-y"), (2, "+x")])
+def test_a_part_on_its_side_or_end_is_set_upright(bench: Bench, number: int, up: str) -> None:
+    robot = bench.robot
+    part, seen = laid(bench, number, up)
     progress = robot.run(SetUpright(robot.planner, seen, ()))
     assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, f"{part.part} stands upright")
     robot.wait(0.5)
@@ -47,10 +56,8 @@ def test_a_part_on_its_side_or_end_is_set_upright(bench: Bench, number: int, up:
 
 
 def test_a_part_on_its_head_is_laid_on_another_side_first(bench: Bench) -> None:
-    robot, part = bench.robot, bench.robot.parts[1]
-    assert bench.lay(part, "-z")
-    seen = bench.seen(part)
-    assert seen is not None
+    robot = bench.robot
+    part, seen = laid(bench, 1, "-z")
     progress = robot.run(SetUpright(robot.planner, seen, ()))
     assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, "o2 lies on another side")
     robot.wait(0.5)
@@ -58,10 +65,8 @@ def test_a_part_on_its_head_is_laid_on_another_side_first(bench: Bench) -> None:
 
 
 def test_where_no_room_is_left_to_set_it_down_nothing_moves(bench: Bench) -> None:
-    robot, part = bench.robot, bench.robot.parts[1]
-    assert bench.lay(part, "+y")
-    seen = bench.seen(part)
-    assert seen is not None
+    robot = bench.robot
+    _, seen = laid(bench, 1, "+y")
     tray = robot.bench.tray
     full = type(seen)("o3", 1.0, seen.world_from_part, (*tray.size_m, 0.01), (0, 0, 0, 0), upright=False)
     before = robot.observe().arm.positions_rad
@@ -71,10 +76,8 @@ def test_where_no_room_is_left_to_set_it_down_nothing_moves(bench: Bench) -> Non
 
 
 def test_a_halt_in_the_turn_stops_the_arm_and_keeps_the_part(bench: Bench) -> None:
-    robot, part = bench.robot, bench.robot.parts[0]
-    assert bench.lay(part, "+y")
-    seen = bench.seen(part)
-    assert seen is not None
+    robot = bench.robot
+    part, seen = laid(bench, 0, "+y")
     skill, command = SetUpright(robot.planner, seen, ()), Command()
     progress = skill.poll(robot.observe(), command)
     while not progress.reason.startswith("turning"):
@@ -98,10 +101,8 @@ def test_a_halt_in_the_turn_stops_the_arm_and_keeps_the_part(bench: Bench) -> No
 
 
 def test_a_part_that_lies_is_lifted_as_it_is_held(bench: Bench) -> None:
-    robot, part = bench.robot, bench.robot.parts[1]
-    assert bench.lay(part, "+x")
-    seen = bench.seen(part)
-    assert seen is not None
+    robot = bench.robot
+    part, seen = laid(bench, 1, "+x")
     assert robot.run(PickLying(robot.planner, seen, ())).status is SkillStatus.SUCCESS
     assert robot.observe().gripper.holding
     assert robot.planner.lying is not None

@@ -54,7 +54,7 @@ class SlimReader:
     def __init__(self, setup: CameraSetup, types: tuple[str, ...], path: Path) -> None:
         self._regions = Regions.of(setup)
         self._finder = OnnxModel.load(finder_file(path), FINDER_KIND)
-        self._found = Ahead(self._find)
+        self._seen = Ahead(self._see)
         self._reader = OnnxModel.load(path, READER_KIND)
         if "around" not in self._reader.inputs:
             raise ModelError(f"{path}: an older version trained it; train it again with: cell train hands")
@@ -63,19 +63,10 @@ class SlimReader:
 
     def read(self, image: Image, expected_px: Sequence[Array] = ()) -> list[Reading]:
         """All hands in an RGB image, surest first."""
-        small, likely = self._found(image)
+        small, likely, found = self._seen(image)
         same_px = SAME_SHARE * self._regions.side_px
-        centres = [*likely, *(one for one in expected_px if _apart(one, likely, same_px))]
-        if not centres:
-            return []
-        centres = centres[:MOST_REGIONS]
-        regions = planes(np.stack([self._regions.cut(image, centre) for centre in centres]))
-        around = planes(np.stack([self._regions.around(small, centre) for centre in centres]))
-        places = np.stack([self._regions.place(centre) for centre in centres]).astype(np.float32)
-        answer = self._reader.run({"region": regions, "around": around, "place": places})
-        found = [
-            self._reading(centre, {name: v[row] for name, v in answer.items()}) for row, centre in enumerate(centres)
-        ]
+        missing = [one for one in expected_px if _apart(one, likely, same_px)]
+        found = [*found, *self._read(image, small, missing[: MOST_REGIONS - len(likely)])]
         best: list[Reading] = []
         for reading in sorted(found, key=lambda one: -one.confidence):
             if reading.confidence >= LEAST_CONFIDENCE and _apart(
@@ -85,18 +76,35 @@ class SlimReader:
         return best
 
     def prepare(self, image: Image) -> None:
-        """Look for hands before anybody asks."""
-        self._found.prepare(image)
+        """Look for hands, and read them, before anybody asks."""
+        self._seen.prepare(image)
 
-    def _find(self, image: Image) -> tuple[Image, list[Array]]:
-        """The image made small, and centres (column, row) of what may be hands, likeliest first."""
+    def _see(self, image: Image) -> tuple[Image, list[Array], list[Reading]]:
+        """What follows from an image alone: it made small, centres of what may be hands, and what is read there."""
         small = self._regions.small(image)
+        likely = self._find(small)[:MOST_REGIONS]
+        return small, likely, self._read(image, small, likely)
+
+    def _find(self, small: Image) -> list[Array]:
+        """Centres (column, row) of what may be hands, likeliest first."""
         answer = self._finder.run({"image": planes(small[np.newaxis])})
         score, offset = answer["score"][0, 0], answer["offset"][0]
         peaks = (score >= cv2.dilate(score, np.ones((3, 3), np.uint8))) & (score > LEAST_SCORE)
         cells = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda cell: -float(score[cell]))
         shares = [(np.array(cell[::-1]) + offset[(slice(None), *cell)]) / score.shape[::-1] for cell in cells]
-        return small, [share * self._regions.size_px - 0.5 for share in shares]
+        return [share * self._regions.size_px - 0.5 for share in shares]
+
+    def _read(self, image: Image, small: Image, centres: Sequence[Array]) -> list[Reading]:
+        """What is seen around points (column, row)."""
+        if not centres:
+            return []
+        regions = planes(np.stack([self._regions.cut(image, centre) for centre in centres]))
+        around = planes(np.stack([self._regions.around(small, centre) for centre in centres]))
+        places = np.stack([self._regions.place(centre) for centre in centres]).astype(np.float32)
+        answer = self._reader.run({"region": regions, "around": around, "place": places})
+        return [
+            self._reading(centre, {name: v[row] for name, v in answer.items()}) for row, centre in enumerate(centres)
+        ]
 
     def _reading(self, centre: Array, answer: dict[str, Array]) -> Reading:
         points = dict(zip(POINTS, self._regions.outside(answer["points"].astype(float), centre), strict=True))

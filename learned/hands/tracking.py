@@ -212,11 +212,11 @@ class HandTracks:
 def _sample(track: _Track, view: View, frame: Frame, heights: tuple[float, float]) -> HandSample:
     """A hand in the world, by the heights of palm and fingertips."""
     reading = track.reading
-    of_name = {name: heights[0 if name in OF_PALM else 1] for name in reading.points_px}
-    world = {
-        name: np.array([*view.on_plane(pixel[np.newaxis], of_name[name])[0], of_name[name]])
-        for name, pixel in reading.points_px.items()
-    }
+    world: dict[str, Array] = {}
+    for at_palm, height_m in zip((True, False), heights, strict=True):
+        names = [name for name in reading.points_px if (name in OF_PALM) == at_palm]
+        flat = view.on_plane(np.array([reading.points_px[name] for name in names]), height_m)
+        world |= {name: np.array([*point, height_m]) for name, point in zip(names, flat, strict=True)}
     smooth = _smoothed(track, world, frame.time_s)
     back = smooth["wrist"][:2] - smooth["palm"][:2]
     height, width = frame.image.shape[:2]
@@ -246,11 +246,9 @@ def _smoothed(track: _Track, world: Mapping[str, Array], time_s: float) -> dict[
 
 
 def _clipped(box: tuple[float, float, float, float], width: int, height: int) -> tuple[int, int, int, int]:
-    left, top = (
-        int(np.clip(math.floor(value), 0, most - 1)) for value, most in zip(box[:2], (width, height), strict=True)
-    )
+    left, top = (min(max(math.floor(value), 0), most - 1) for value, most in zip(box[:2], (width, height), strict=True))
     right, bottom = (math.ceil(value) for value in box[2:])
-    return left, top, int(np.clip(right, left + 1, width)), int(np.clip(bottom, top + 1, height))
+    return left, top, min(max(right, left + 1), width), min(max(bottom, top + 1), height)
 
 
 def _xy(point: Array) -> Point:

@@ -1,10 +1,13 @@
 """The shipped weights of the small tracker find hands that they were not trained on."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.evaluating.hands import FOUND_M, ONLY, evaluate_hands
@@ -12,6 +15,7 @@ from cell.interfaces.errors import ModelError
 from cell.interfaces.planning import weights_file
 from cell.settings import WEIGHTS
 from learned.hands.slim import finder_file, slim_tracker
+from learned.onnx_model import OnnxModel
 from sim.data.actions import Source
 from sim.data.hands import hand_frames
 from sim.data.recording import record
@@ -75,6 +79,31 @@ def test_a_true_hand_is_seen_also_where_the_robot_is_said_to_be(look: str, share
         later = surprised.track(one.frame.beside(robot_m if number > 2 else None))
         assert later is not None  # it came from elsewhere
     assert found >= share * FRAMES
+
+
+def test_hands_are_read_before_anybody_asks_and_read_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    configuration = load_configuration()
+    product = load_product(configuration)
+    simulation = configuration.devices.simulation
+    source = Source(record(product, configuration.bench, simulation, SEED, physics=False), product, configuration.bench)
+    middle = len(source.assembly.moments) // 2
+    frames = [one.frame for one in hand_frames(source, [range(middle, middle + FRAMES)])]
+    asked, ahead = (slim_tracker(configuration.bench, product, FILE) for _ in range(2))
+    unprepared = [(asked.track(frame), asked.others) for frame in frames]
+    assert any(hand is not None for hand, _ in unprepared)
+    runs: list[str] = []
+    run = OnnxModel.run
+
+    def counted(model: OnnxModel, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        runs.append(model.card.kind)
+        return run(model, inputs)
+
+    monkeypatch.setattr(OnnxModel, "run", counted)
+    for frame, before in zip(frames, unprepared, strict=True):
+        ahead.prepare(frame.image)
+        runs.clear()
+        assert (ahead.track(frame), ahead.others) == before
+        assert not runs
 
 
 def test_the_weights_are_small_and_both_are_needed(tmp_path: Path) -> None:

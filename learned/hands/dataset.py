@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,10 @@ ROWS = "hands.jsonl"
 PATCH_PX = REGION_PX + 64  # a region and the room that it is shifted in
 LEAST_VISIBLE = 0.25  # of a hand that is to be found; less is neither right nor wrong
 EDGE_PX = 4.0  # a hand whose centre is nearer to the image's edge is neither, too
-NO_HAND_WITHIN = 0.8  # of a region: of places that are shown as empty
-TOOL_AWAY = 0.55  # of a region: a gripper so far from every hand is shown as no hand
-TOOL_JITTER = 0.12  # of a region, standard deviation: a hand may be seen in any part of it
+NO_HAND_WITHIN = 0.42  # of a region: what is so far from the middle of every hand is shown as no hand
+NO_HANDS = 2  # places of a frame that are shown as none, at most
+JITTER = 0.12  # of a region, standard deviation: what looks like a hand may be seen in any part of it
+FOREARM = (0.8, 4.0)  # of the length from palm to wrist, beyond the wrist: sleeves look like hands
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,12 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
     rows = labelled_rows(
         folder,
         "hands",
-        lambda row: {"file": folder / row["file"], **{name: row[name] for name in told}, "tool_px": row.get("tool_px")},
+        lambda row: {
+            "file": folder / row["file"],
+            **{name: row[name] for name in told},
+            "tool_px": row.get("tool_px"),
+            "shadows_px": row.get("shadows_px", ()),
+        },
     )
     if not rows:
         raise InputError(f"{folder / ROWS}: holds no frames")
@@ -125,8 +131,7 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
             if sure:
                 samples.append(_sample(regions, view, image, frame, centre, hand, types))
                 lengths_m.append(palm_length_m(hand))
-        empty = (*_empty(regions, hands, rng), *_gripper(regions, hands, row["tool_px"], rng))
-        samples += [_sample(regions, view, image, frame, place, None, types) for place in empty]
+        samples += [_sample(regions, view, image, frame, place, None, types) for place in _none(regions, row, rng)]
     columns = [np.stack(column) for column in zip(*samples, strict=True)]
     patches, frames, centres_px, points, boxes, facts, heights_m, log_angles, held = columns
     digest = hashlib.sha256(b"".join((folder / ROWS).read_bytes() for folder in folders)).hexdigest()
@@ -189,24 +194,27 @@ def _inside(point: Array, setup: CameraSetup, margin_px: float) -> Any:
     return ((point >= margin_px) & (point < size - margin_px)).all()
 
 
-def _empty(regions: Regions, hands: Sequence[tuple[Array, Any]], rng: np.random.Generator) -> Iterator[Array]:
-    """A place of the image without a hand, if one is found soon."""
-    for _ in range(5):
-        place: Array = rng.uniform((0.0, 0.0), regions.size_px)
-        if all(np.abs(place - centre).max() > NO_HAND_WITHIN * regions.side_px for centre, _ in hands):
-            yield place
-            return
+def _none(regions: Regions, row: Mapping[str, Any], rng: np.random.Generator) -> list[Array]:
+    """Some places of an image without a hand: anywhere, and what looks most like one.
+
+    That is the robot's gripper, the shadows of hands and of the gripper, and forearms.
+    """
+    near_px = NO_HAND_WITHIN * regions.side_px
+    centres = [_centre(hand) for hand in row["hands"]]
+    tool = () if row["tool_px"] is None else (np.array(row["tool_px"]),)
+    alike = [*tool, *map(np.array, row["shadows_px"]), *(_on_forearm(hand, rng) for hand in row["hands"])]
+    places = [rng.uniform((0.0, 0.0), regions.size_px)]
+    places += [place + rng.normal(0.0, JITTER * regions.side_px, 2) for place in alike]
+    empty = [
+        place
+        for place in places
+        if ((place >= 0) & (place < regions.size_px)).all()
+        and all(np.abs(place - centre).max() > near_px for centre in centres)
+    ]
+    return [empty[index] for index in rng.permutation(len(empty))[:NO_HANDS]]
 
 
-def _gripper(
-    regions: Regions, hands: Sequence[tuple[Array, Any]], tool_px: Sequence[float] | None, rng: np.random.Generator
-) -> Iterator[Array]:
-    """About the robot's gripper, where it is in the image and away from hands: it is what looks most like one."""
-    if tool_px is None:
-        return
-    centre: Array = np.array(tool_px) + rng.normal(0.0, TOOL_JITTER * regions.side_px, 2)
-    away_px = [np.abs(centre - one).max() for one, _ in hands]
-    if ((centre >= 0) & (centre < regions.size_px)).all() and min(
-        away_px, default=np.inf
-    ) > TOOL_AWAY * regions.side_px:
-        yield centre
+def _on_forearm(hand: Mapping[str, Any], rng: np.random.Generator) -> Array:
+    palm, wrist = (np.array(hand["points_px"][name]) for name in ("palm", "wrist"))
+    point: Array = wrist + rng.uniform(*FOREARM) * (wrist - palm)
+    return point

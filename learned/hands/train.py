@@ -28,10 +28,11 @@ from learned.torch_model import TorchModel, write_weights
 EPOCHS = 10
 FINDER_EPOCHS_SHARE = 0.5  # of the reader's epochs: it learns sooner
 BATCH = 32
-NO_HANDS_SHARE = 0.4  # as many places without a hand are read in an epoch, other ones each time
+NO_HANDS_SHARE = 0.6  # as many places without a hand are read in an epoch, other ones each time
 LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-2
 LARGEST_GRADIENT = 5.0
 SHIFT_PX = (PATCH_PX - REGION_PX) // 2  # of a region about its hand, in training
+SHIFT_OF_NONE = 0.3  # of that, about what is no hand: else it might show one in its middle
 HEAT_SPREAD = 1.0  # cells, of the target of a heatmap
 FOCAL_NEAR, FOCAL_EASY = 4, 2  # powers of the focal loss of CornerNet (Law 2018)
 WEIGHTS = {
@@ -208,7 +209,8 @@ def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -
 
 def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generator) -> dict[str, Tensor]:
     """Regions that do not quite sit on their hands, of other sizes, half of them mirrored; what is true of them."""
-    shifts = np.clip(rng.normal(0.0, SHIFT_PX / 2.5, (len(rows), 2)).round(), -SHIFT_PX, SHIFT_PX)
+    shifts = np.clip(rng.normal(0.0, SHIFT_PX / 2.5, (len(rows), 2)), -SHIFT_PX, SHIFT_PX)
+    shifts = (shifts * np.where(data.facts[rows, :1] > 0, 1.0, SHIFT_OF_NONE)).round()
     logs = rng.uniform(-1.0, 1.0, len(rows)) * (rng.random(len(rows)) < SCALED_SHARE) * np.log(LARGEST_SCALE)
     scales = np.exp(logs).astype(np.float32)
     seen = list(zip(rows, scales, shifts, strict=True))

@@ -20,6 +20,8 @@ from sim.data.folder import DataFolder
 from sim.data.recording import CAMERA, Moment
 from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection, fingertip
 from sim.data.working_arm import WorkingArm
+from sim.lighting import AIM_M
+from sim.look import Light
 from sim.studio import ScenePoses, show_poses
 from sim.world import World
 
@@ -59,11 +61,13 @@ class HandFrame:
 
     Attributes:
         tool_px: (column, row), also where it is out of the image.
+        shadows_px: (column, row) of the shadows that hands and gripper throw on the table, where a lamp throws any.
     """
 
     frame: Frame
     hands: tuple[HandTruth, ...]
     tool_px: tuple[float, float]
+    shadows_px: tuple[tuple[float, float], ...]
     poses: ScenePoses
 
 
@@ -84,7 +88,8 @@ def write_hands(source: Source, folder: DataFolder, every: bool = False) -> None
     for seen in hand_frames(source, stretches):
         file = folder.image(f"images/{source.name}-{seen.frame.sequence:06d}.jpg", seen.frame.image)
         row = {"file": file, "log": source.name, "frame": seen.frame.sequence, "time_s": round(seen.frame.time_s, 4)}
-        folder.row("hands", {**row, "hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px})
+        told = {"hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px, "shadows_px": seen.shadows_px}
+        folder.row("hands", {**row, **told})
 
 
 def visible_shares(source: Source, numbers: Sequence[int]) -> list[float]:
@@ -128,10 +133,21 @@ def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFram
             held = assembly.held[index]
             told = (hand.truth(moment, poses, held, projection, data) for hand in hands)
             seen = tuple(one for one in told if one is not None)
-            column, row = projection.pixels(poses, arm.fingertips_m(poses)[np.newaxis])[0]
+            tool_m = arm.fingertips_m(poses)
+            thrown = on_table(assembly.look.light, np.array([tool_m, *(_middle_m(hand) for hand in seen)]))
+            tool, *shadows = (_rounded(px, 2) for px in projection.pixels(poses, np.array([tool_m, *thrown])))
             frame = photographer.take(exposure).beside(arm.points_m(poses, pose))
-            yield HandFrame(frame, seen, (round(float(column), 2), round(float(row), 2)), poses)
+            yield HandFrame(frame, seen, tool, tuple(shadows), poses)  # type: ignore[arg-type]
     photographer.close()
+
+
+def on_table(light: Light, points_m: Array) -> Array:
+    """Where the shadows of points (n, 3) fall on the table, (n, 3); none, (0, 3), where no lamp throws shadows."""
+    if not light.shadows or light.lamps_n == 0:
+        return np.empty((0, 3))
+    way = np.array(AIM_M) - light.lamps[0].position_m
+    fallen: Array = points_m - points_m[:, 2:] / way[2] * way
+    return fallen
 
 
 @dataclass(frozen=True)
@@ -237,6 +253,11 @@ def _hands_of(source: Source) -> list[_HandModel]:
         palm, first, *_, last, wrist, _ = rest = shown("second_hand")
         found.append(_HandModel(world, False, sides[1], np.array(rest[:-1]), palm, last, first, wrist))
     return found
+
+
+def _middle_m(hand: HandTruth) -> Array:
+    middle: Array = np.array([hand.points_m["palm"], hand.points_m["pinch"]]).mean(axis=0)
+    return middle
 
 
 def _rounded(values: Array, digits: int) -> tuple[float, ...]:

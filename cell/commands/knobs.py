@@ -30,6 +30,9 @@ def knobs(
     person: PersonOption = "varied",
     recordings: Annotated[int, typer.Option(min=1, help="Seeds for each value.")] = 4,
     first_seed: TestSeedOption = 900_000,
+    physics: Annotated[
+        bool, typer.Option(help="Move hands by physics, blurred and slipping, or, eight times as fast, by rule.")
+    ] = True,
     out: RowsOption = None,
     plot: Annotated[Path | None, typer.Option(help="Draw it into this PNG file.")] = None,
     config: ConfigOption = CONFIGURATION,
@@ -40,7 +43,7 @@ def knobs(
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
     """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.knobs import SCORED, at
+    from cell.evaluating.knobs import SCORED, Sample, at
     from cell.evaluating.row_file import RowFile
     from sim.data.splits import seeds
 
@@ -54,9 +57,16 @@ def knobs(
     tried = dict(map(_values, knob)) if knob else scored.knobs
     turned = [(name, value, at(configuration, name, value)) for name, values in tried.items() for value in values]
     _, wanted = seeds(first_seed, recordings)
-    told = {"detector": detector, "look": look, "person": person, "recordings": recordings, "first_seed": first_seed}
+    told = {
+        "detector": detector,
+        "look": look,
+        "person": person,
+        "recordings": recordings,
+        "first_seed": first_seed,
+        "physics": physics,
+    }
     kept = RowFile(out, {"command": "knobs", **told})
-    _score(kept, turned, lambda cell: scored.score(cell, product, wanted))
+    _score(kept, turned, lambda cell: scored.score(Sample(cell, product, wanted, physics)))
     rows = [row for row in kept.rows if row["value"] in tried.get(str(row["knob"]), ())]
     console().print(_table(rows, scored), highlight=False, soft_wrap=True)
     if plot is not None and rows:

@@ -1,7 +1,4 @@
-"""How detectors fare when one value of the look, or the person's speed, is turned and the rest stays as it is.
-
-Hands move by physics, so that their frames are blurred and lost as the look says.
-"""
+"""How detectors fare when one value of the look, or the person's speed, is turned and the rest stays as it is."""
 
 from __future__ import annotations
 
@@ -20,7 +17,6 @@ from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
 from learned.actions.classes import Classes
 
-Score = Callable[[Configuration, Product, Sequence[int]], dict[str, Any]]
 PACE = "pace"  # of the person, by which they are faster than usual: the knob that no look has
 LEAST_PACE, MOST_PACE = 0.2, 5.0
 STILLS, STRETCHES = 6, 2  # of a seed
@@ -49,6 +45,23 @@ PAINT: Mapping[str, tuple[float, ...]] = {
 }
 
 
+@dataclass(frozen=True)
+class Sample:
+    """What a detector is scored on.
+
+    Attributes:
+        physics: hands move by it, so that frames are blurred as the look says; else by rule, much faster.
+    """
+
+    configuration: Configuration
+    product: Product
+    seeds: Sequence[int]
+    physics: bool = True
+
+
+Score = Callable[[Sample], dict[str, Any]]
+
+
 def at(configuration: Configuration, knob: str, value: Any) -> Configuration:
     """The same cell with a knob turned.
 
@@ -65,35 +78,37 @@ def at(configuration: Configuration, knob: str, value: Any) -> Configuration:
     return configuration.model_copy(update={"devices": devices.model_copy(update={"simulation": simulation})})
 
 
-def _actions(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
-    chosen = configuration.perception.chosen("actions")
-    weights = {chosen.kind: configuration.perception.weights("actions")} if chosen.kind != "classical" else {}
-    tally = evaluate_actions(configuration, product, [chosen.kind], seeds, physics=True, weights=weights)[chosen.kind]
-    found = tally.summary(Classes.of(product))
+def _actions(of: Sample) -> dict[str, Any]:
+    kind, perception = of.configuration.perception.chosen("actions").kind, of.configuration.perception
+    weights = {kind: perception.weights("actions")} if kind != "classical" else {}
+    tallies = evaluate_actions(of.configuration, of.product, [kind], of.seeds, physics=of.physics, weights=weights)
+    found = tallies[kind].summary(Classes.of(of.product))
     placements = found["placements"]
     return {**found["outside_guard"], "beside": placements["share"] if placements["n"] else None}
 
 
-def _hands(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
+def _hands(of: Sample) -> dict[str, Any]:
     def make(bench: Any) -> HandTracker:
-        tracker: HandTracker = Detectors(bench, product, configuration.perception).make("hands")
+        tracker: HandTracker = Detectors(bench, of.product, of.configuration.perception).make("hands")
         return tracker
 
-    found = evaluate_hands(configuration, product, {"": make}, seeds, stretches=STRETCHES)[""]
+    makers = {"": make}
+    scores = evaluate_hands(of.configuration, of.product, makers, of.seeds, stretches=STRETCHES, physics=of.physics)
+    found = scores[""]
     told = {name: found[f"found{end}"] for name, end in (("share", ""), ("low", "_low"), ("high", "_high"))}
     return {**told, "n": found["found_n"], "beside": found.get("palm_mm_p95")}
 
 
-def _holes(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
-    chosen = configuration.perception.chosen("holes")
-    found = score_holes(Task(configuration, product, chosen.kind, chosen.weights), seeds, STILLS)
+def _holes(of: Sample) -> dict[str, Any]:
+    chosen = of.configuration.perception.chosen("holes")
+    found = score_holes(Task(of.configuration, of.product, chosen.kind, chosen.weights), of.seeds, STILLS)
     told = {name: round(found[f"right{end}"], 4) for name, end in (("share", ""), ("low", "_low"), ("high", "_high"))}
     return {**told, "n": int(found["holes"]), "beside": found.get("right_where_said")}
 
 
-def _parts(configuration: Configuration, product: Product, seeds: Sequence[int]) -> dict[str, Any]:
-    chosen = configuration.perception.chosen("parts")
-    found = score_parts(Task(configuration, product, chosen.kind, chosen.weights), seeds, mixed=True)
+def _parts(of: Sample) -> dict[str, Any]:
+    chosen = of.configuration.perception.chosen("parts")
+    found = score_parts(Task(of.configuration, of.product, chosen.kind, chosen.weights), of.seeds, mixed=True)
     count = int(found["standing"])
     told = share_of(round(count * (1 - found.get("missed", 0))), count)
     return {**told, "beside": found.get("position_mm_p95")}
@@ -104,7 +119,7 @@ class Scored:
     """How one detector is scored.
 
     Attributes:
-        score: of some seeds: `share`, its interval `low` and `high`, `n`, and another figure, `beside`.
+        score: of a sample: `share`, its interval `low` and `high`, `n`, and another figure, `beside`.
         title: what `share` is.
         beside: what the other figure is.
         knobs: values by knob that are tried by default.

@@ -178,6 +178,28 @@ def test_the_arm_stands_elsewhere_in_each_stretch_and_keeps_away_from_the_finger
             assert np.linalg.norm(place - np.array(acting.points_m["pinch"])) > 0.1
 
 
+def test_shadows_of_hands_and_gripper_are_told_where_it_is_darker() -> None:
+    stretches = [range(index, index + 1) for index in range(60, 260, 10)]
+    low_lamps = simulated(load_configuration(), "hard", "careful").devices.simulation
+    shown = {}
+    for shadows in (False, True):
+        settings = low_lamps.model_copy(update={"look": low_lamps.look.fixed("light.shadows", shadows)})
+        lit = Source(record(PRODUCT, BENCH, settings, SEED, physics=False), PRODUCT, BENCH)
+        shown[shadows] = list(hand_frames(lit, stretches))
+    darker = []
+    for plain, dark in zip(shown[False], shown[True], strict=True):
+        assert plain.shadows_px == ()
+        assert len(dark.shadows_px) == 1 + len(dark.hands)
+        for hand, place in zip(dark.hands, dark.shadows_px[1:], strict=True):
+            column, row = np.array(place).round().astype(int)
+            clear = min(np.linalg.norm(np.array(place) - hand.points_px[name]) for name in ("palm", "pinch")) > 20
+            if clear and 2 < column < BENCH.overhead.width_px - 3 and 2 < row < BENCH.overhead.height_px - 3:
+                here = np.s_[row - 2 : row + 3, column - 2 : column + 3]
+                darker.append(dark.frame.image[here].mean() < 0.9 * plain.frame.image[here].mean())
+    assert len(darker) > 10
+    assert np.mean(darker) > 0.9
+
+
 def test_what_hides_a_hole_is_told(tmp_path: Path) -> None:
     write_holes(source(), DataFolder(tmp_path / "new", "test"))
     found = rows(tmp_path / "new" / "holes.jsonl")

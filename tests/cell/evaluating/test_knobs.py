@@ -54,6 +54,16 @@ def test_values_are_scored_once_and_drawn(tmp_path: Path, capsys: pytest.Capture
     assert drawn.shape[1] > 300
 
 
+def test_hands_are_scored_by_rule_where_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["eval", "knobs", "hands", "--recordings", "1", "--first-seed", "807100", "--no-physics", "--json"]
+    assert main([*words, "--knob", "camera.brightness_ev=0"]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    (row,) = told["rows"]
+    assert told["physics"] is False
+    assert row["n"] > 20
+    assert row["share"] > 0.9
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [

@@ -13,7 +13,7 @@ torch = pytest.importorskip("torch")
 from cell.configuration import load_configuration, load_product  # noqa: E402
 from cell.interfaces.errors import InputError  # noqa: E402
 from learned.hands.augment import varied  # noqa: E402
-from learned.hands.dataset import HandData, load_hands  # noqa: E402
+from learned.hands.dataset import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
 from learned.hands.networks import HEAT_PX, Reader, soft_argmax  # noqa: E402
 from learned.hands.regions import AROUND_PX, POINTS, Regions, centre_of  # noqa: E402
 from learned.hands.score import score_readings  # noqa: E402
@@ -191,18 +191,30 @@ def test_training_writes_two_files_that_find_hands(folder: Path, tmp_path: Path)
     assert all(reading.held_part is None for reading in other.read(image, [np.array([240.0, 180.0])]))
 
 
-def test_the_gripper_is_shown_as_no_hand_unless_one_is_there(tmp_path: Path) -> None:
-    folder = folder_of(tmp_path / "data", frames=2)
+def test_what_looks_like_a_hand_is_shown_as_none_unless_one_is_there(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / "data", frames=60)
     rows = [json.loads(line) for line in (folder / "hands.jsonl").read_text().splitlines()]
-    (x, y), side_px = rows[1]["hands"][0]["points_px"]["palm"], Regions.of(SETUP).side_px
-    away_px = x + (side_px if x < SETUP.width_px / 2 else -side_px)
-    counts = {}
-    for name, tool_px in {"none": None, "apart": [away_px, y], "here": [x, y], "unseen": [-50.0, y]}.items():
-        rows[1]["tool_px"] = tool_px
-        (folder / "hands.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-        counts[name] = int((load_hands([folder], SETUP, TYPES, 0).facts[:, 0] == 0).sum())
-    assert counts["apart"] == counts["none"] + 1
-    assert counts["here"] == counts["unseen"] == counts["none"]
+    side_px = Regions.of(SETUP).side_px
+    apart: list[tuple[int, Any]] = []
+    for frame, row in enumerate(rows[1:-1]):
+        x, y = row["hands"][0]["points_px"]["palm"]
+        row["tool_px"] = [x + (side_px if x < SETUP.width_px / 2 else -side_px), y]
+        row["shadows_px"] = [[x, y + (side_px if y < SETUP.height_px / 2 else -side_px)], [x + 5, y]]
+        apart += [(frame, place) for place in (row["tool_px"], row["shadows_px"][0])]
+    (folder / "hands.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    data = load_hands([folder], SETUP, TYPES, 0)
+    empty = data.facts[:, 0] == 0
+    for frame, centre in zip(data.frames[empty], data.centres_px[empty], strict=True):
+        for hand in rows[1 + frame]["hands"]:
+            middle = centre_of(*(np.array(hand["points_px"][name]) for name in ("palm", "pinch")))
+            assert np.abs(centre - middle).max() > NO_HAND_WITHIN * side_px
+    shown = [
+        any(f == frame and np.abs(centre - place).max() < 0.4 * side_px for f, centre in zip(*known, strict=True))
+        for known in [(data.frames[empty], data.centres_px[empty])]
+        for frame, place in apart
+    ]
+    assert np.mean(shown) > 0.4  # of four kinds of places two are shown
+    assert empty.sum() <= NO_HANDS * len(data.small)
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:

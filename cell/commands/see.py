@@ -53,7 +53,7 @@ def see(
     from cell.configuration import load_configuration, load_product, simulated
     from cell.recording.schemas import plain
     from cell.running.detectors import fitted
-    from cell.viewing.detections import VIDEO_SUFFIX, PictureWriter
+    from cell.viewing.detections import PICTURE_SUFFIXES, VIDEO_SUFFIX, PictureWriter
 
     if camera not in CAMERAS:
         raise InputError(f"--camera {camera}: there is no such camera; legal: {', '.join(CAMERAS)}")
@@ -65,6 +65,8 @@ def see(
     opened = open_source(source, camera, configuration, product, _pose(configuration.bench, camera))
     suffix = ".png" if opened.single else VIDEO_SUFFIX if opened.follows else ""
     target = out or Path(f"{opened.name}-seen{suffix}")
+    if target.suffix.lower() in PICTURE_SUFFIXES and not opened.single and frames != 1:
+        raise InputError(f"--out {target}: one picture holds one frame; name a folder or .mp4, or add --frames 1")
     writer = PictureWriter(target, opened.rate_hz / every, overwrite=overwrite)
     most = frames or (MOST_FROM_CAMERA if source.startswith("camera:") else None)
     told: list[Any] = []

@@ -54,6 +54,16 @@ def test_a_picture_gives_a_picture_with_the_hand_drawn_and_told(
     assert changed[bottom + 30 :, : left - 60].mean() < 0.01
 
 
+def test_many_frames_do_not_go_into_one_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The last one would be all that is left of them."""
+    out = tmp_path / "one.png"
+    assert main(["see", "sim:7", "--out", str(out)]) == BAD_INPUT
+    said = " ".join(capsys.readouterr().err.split())
+    assert "--frames 1" in said
+    assert ".mp4" in said
+    assert not out.exists()
+
+
 def test_nothing_is_overwritten_unasked(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
     kept = written(Path("kept.png"), np.zeros((4, 4, 3), np.uint8))
     before = kept.read_bytes()

@@ -25,10 +25,16 @@ _Stateful = nn.Module | torch.optim.Optimizer | torch.optim.lr_scheduler.LRSched
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where an unfinished fit is kept, and whose it is: data, settings and seed in words."""
+    """Where an unfinished fit is kept, and whose it is: data, settings and seed in words.
+
+    Attributes:
+        stays: also when the fit is done, so that a training of several fits can go on after this one; whoever trains
+            removes it.
+    """
 
     path: Path
     identity: str
+    stays: bool = False
 
     @property
     def fingerprint(self) -> str:
@@ -55,7 +61,7 @@ def fit(
         losses: the losses of the `batches` batches of an epoch, each computed when its turn comes.
         largest_gradient: norm to which gradients are clipped.
         rng: numpy's generator, where the losses draw from one.
-        checkpoint: of another fit, it is ignored and written over; removed at the end.
+        checkpoint: of another fit, it is ignored and written over; removed at the end unless it stays.
         quiet: no progress bar.
     """
     torch.set_num_threads(1)  # these networks are small: a second thread only waits
@@ -77,7 +83,7 @@ def fit(
             progress.update(task, advance=1, description=f"training, loss {float(loss.detach()):.3f}, epoch")
             if (epoch + 1) % max(1, epochs // CHECKPOINTS) == 0:
                 keeper.save(epoch + 1)
-    keeper.remove()
+    keeper.end(epochs)
     network.eval()
 
 
@@ -155,6 +161,8 @@ class _Keeper:
         torch.save(kept, partial)
         partial.replace(path)
 
-    def remove(self) -> None:
-        if self.checkpoint is not None:
+    def end(self, epochs: int) -> None:
+        if self.checkpoint is not None and self.checkpoint.stays:
+            self.save(epochs)
+        elif self.checkpoint is not None:
             self.checkpoint.path.unlink(missing_ok=True)

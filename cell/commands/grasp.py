@@ -110,14 +110,16 @@ def evaluate(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
     config: ConfigOption = CONFIGURATION,
-    seed: SeedOption = 0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of the test scenes; by default 0, and that of the pages in experiments.")
+    ] = None,
     scenes: Annotated[int, typer.Option(min=4, help="Number of test scenes.")] = 1000,
     as_json: JsonOption = False,
 ) -> None:
     """Score the grasp planner, or run an experiment with all of them."""
     product = product_of(config)
     if experiment:
-        _experiment(experiment, out, product, config)
+        _experiment(experiment, out, product, config, seed)
         return
     if out is not None:
         raise InputError("--out is for --experiment; scores of one planner go to the terminal, or --json")
@@ -130,14 +132,16 @@ def evaluate(
     path = weights or shipped_weights("grasp", kind)
     planner = load_grasp_planner(kind, path, product)
     if kind != "paper":
-        report_scores("grasp", evaluate_grasp(planner, product, seed, scenes), as_json)
+        report_scores("grasp", evaluate_grasp(planner, product, seed or 0, scenes), as_json)
         return
     with tray_camera(product, config) as camera:
         look = partial(embedded, camera=camera, network=load_crops(crops_file(path)))
-        report_scores("grasp", evaluate_grasp(planner, product, seed, scenes, look=look), as_json)
+        report_scores("grasp", evaluate_grasp(planner, product, seed or 0, scenes, look=look), as_json)
 
 
-def _experiment(experiments: list[Experiment], out: Path | None, product: Product, config: Path) -> None:
+def _experiment(
+    experiments: list[Experiment], out: Path | None, product: Product, config: Path, seed: int | None
+) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
     need_torch(plots=True)
@@ -145,17 +149,20 @@ def _experiment(experiments: list[Experiment], out: Path | None, product: Produc
 
     from cell.commands.tray_camera import tray_camera
     from learned.experiments import Store, write_page
+    from learned.grasp.experiments.cells import TEST_SEED
     from learned.grasp.experiments.page import HEAD
     from learned.grasp.experiments.page import experiments as tables
 
     typed = " ".join(f"--experiment {experiment.value}" for experiment in experiments)
+    test_seed = TEST_SEED if seed is None else seed
     facts = {
-        "command": f"`cell eval grasp {typed} --out {out}`",
+        "command": f"`cell eval grasp {typed} --seed {test_seed} --out {out}`",
         "date": date.today().isoformat(),
         "machine": f"{platform.machine()}, one thread, Python {platform.python_version()}, torch {torch.__version__}",
     }
     identity = sha256(product.model_dump_json().encode()).hexdigest()[:12]
     with tray_camera(product, config) as camera:
-        chosen = {name: some for name, some in tables(camera).items() if {Experiment.ALL, name} & {*experiments}}
+        every = tables(camera, test_seed)
+        chosen = {name: some for name, some in every.items() if {Experiment.ALL, name} & {*experiments}}
         write_page(HEAD, chosen, product, Store(KEPT / f"experiments_{identity}.jsonl"), out, facts)
     console().print(f"{', '.join(chosen)} in {out}")

@@ -127,6 +127,9 @@ def plates(
     recordings: Annotated[int, typer.Option(min=1, help="How many looks.")] = 10,
     first_seed: FirstSeedOption = 0,
     stills: Annotated[int, typer.Option(min=1, max=1000, help="Images of each look.")] = 10,
+    astray_share: Annotated[
+        float, typer.Option(min=0, max=1, help="Of parts, that lie, lean or stand beside their hole.")
+    ] = 0.15,
     steel_share: SteelOption = 0.0,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
@@ -153,10 +156,11 @@ def plates(
             folder,
             stills,
             lambda tool_m, yaw_rad: kinematics.inverse(tool_down(list(tool_m), yaw_rad)),
+            astray_share=astray_share,
         )
 
     wanted = Wanted("plates", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
-    _write(wanted, f" --stills {stills}{_steel(steel_share)}", one)
+    _write(wanted, f" --stills {stills} --astray-share {astray_share}{_steel(steel_share)}", one)
 
 
 def objects(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,9 +16,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from learned.fitting import fit
+from learned.fitting import Checkpoint, fit
 from learned.grasp.crops import CHANNELS, CROP_PX, STEP_M, Crops
-from learned.grasp.scenes import Scene
+from learned.grasp.scenes import Scene, data_hash
 
 MAP_PX, CELL_M = CROP_PX // 2, 2 * STEP_M
 Maps = NDArray[
@@ -72,13 +73,21 @@ def true_maps(scene: Scene, types: Sequence[str]) -> Maps:
 
 
 def fit_footprints(
-    crops: Sequence[Crops], scenes: Sequence[Scene], types: Sequence[str], seed: int, passes: int, *, quiet: bool = True
+    crops: Sequence[Crops],
+    scenes: Sequence[Scene],
+    types: Sequence[str],
+    seed: int,
+    passes: int,
+    *,
+    checkpoint: Path | None = None,
+    quiet: bool = True,
 ) -> FootprintNet:
     """A trained network; the same arguments give the same weights.
 
     Args:
         crops: of each scene.
         passes: crops that it sees until it has learned, each crop as often as any other.
+        checkpoint: file that keeps the fit, also when it is done; it goes on from one of the same arguments.
     """
     torch.manual_seed(seed)
     network = FootprintNet(len(types))
@@ -94,7 +103,8 @@ def fit_footprints(
             yield nn.functional.binary_cross_entropy_with_logits(network(flipped_crops(seen[chosen], dims)), target)
 
     batches = -(-len(seen) // _BATCH)
-    fit(network, optimiser, losses, max(1, round(passes / len(seen))), batches, quiet=quiet)
+    kept = None if checkpoint is None else Checkpoint(checkpoint, f"{data_hash(scenes)} {seed} {passes}", stays=True)
+    fit(network, optimiser, losses, max(1, round(passes / len(seen))), batches, checkpoint=kept, quiet=quiet)
     return network.requires_grad_(False)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -146,7 +146,10 @@ def train_network(
         checkpoint: file that keeps the fit; where it is of the same scenes, settings and seed, the fit goes on from it.
     """
     torch.manual_seed(seed)
-    network, data = _task(list(observed_again(scenes, seed, settings)), product, seed, settings, camera, footprints)
+    begun = None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}.footprints")
+    seen = list(observed_again(scenes, seed, settings))
+    told = partial(fit_footprints, checkpoint=begun, quiet=quiet) if footprints is None else lambda *_: footprints
+    network, data = _task(seen, product, seed, settings, camera, told)
     optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
 
     def losses(epoch: int) -> Iterator[Tensor]:
@@ -158,6 +161,8 @@ def train_network(
     kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
     batches = -(-len(data) // settings.batch)
     fit(network, optimiser, losses, settings.epochs, batches, largest_gradient=1.0, checkpoint=kept, quiet=quiet)
+    if begun is not None:
+        begun.unlink(missing_ok=True)
     return network
 
 
@@ -179,7 +184,7 @@ def _task(
     seed: int,
     settings: TrainingSettings,
     camera: TrayCamera | None,
-    footprints: FootprintNet | None,
+    footprints: Callable[..., FootprintNet],
 ) -> tuple[nn.Module, TrainingData]:
     """An untrained network, but for what tells it footprints, and what it is to learn."""
     if isinstance(settings, PairwiseSettings):
@@ -193,7 +198,7 @@ def _task(
             if camera is None:
                 raise InputError("the paper's planner learns from images of the scenes: a camera is wanted")
             crops = camera([(scene.boxes, scene.parts) for scene in scenes])
-            seen = footprints or fit_footprints(crops, scenes, list(product.parts), seed, settings.footprint_passes)
+            seen = footprints(crops, scenes, list(product.parts), seed, settings.footprint_passes)
             network.crops.footprints = seen
             maps = [seen.maps(some) for some in crops]
         return network, graph_data(scenes, product, settings.edges, settings.filter_m, maps)

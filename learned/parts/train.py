@@ -57,7 +57,7 @@ def train_centre(
     checkpoint: Path | None = None,
     quiet: bool = True,
 ) -> CentreNet:
-    """A trained centre net; the same arguments give the same weights."""
+    """A trained centre net; the same arguments give the same weights. Its checkpoint stays."""
     torch.manual_seed(seed)
     rng, types = np.random.default_rng([seed, 1]), tuple(product.parts)
     network = CentreNet(len(types), settings.widths, settings.features)
@@ -70,7 +70,7 @@ def train_centre(
         )
         return centre_loss(network(image), heat, further, weights)
 
-    kept = _checkpoint(checkpoint, scenes, settings, seed)
+    kept = _checkpoint(checkpoint, scenes, settings, seed, stays=True)
     fit_examples(network, scenes, loss, settings, rng, checkpoint=kept, quiet=quiet)
     return network
 
@@ -100,8 +100,11 @@ def train_pose(
     return network
 
 
-def _checkpoint(path: Path | None, scenes: Sequence[Scene], settings: Schedule, seed: int) -> Checkpoint | None:
-    return None if path is None else Checkpoint(path, f"{data_hash(scenes)} {settings.model_dump_json()} {seed}")
+def _checkpoint(
+    path: Path | None, scenes: Sequence[Scene], settings: Schedule, seed: int, *, stays: bool = False
+) -> Checkpoint | None:
+    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
+    return None if path is None else Checkpoint(path, identity, stays)
 
 
 PoseSample = tuple[NDArray[np.float32], int, NDArray[np.float32]]
@@ -214,4 +217,5 @@ def train_parts(
     write_centre(network, out, card(CENTRE_KIND, centre))
     refiner = train_pose(scenes, product, floor_m, seed, pose, checkpoint=begun[1], quiet=quiet)
     write_pose(refiner, pose_file(out), card(POSE_KIND, pose))
+    begun[0].unlink(missing_ok=True)
     return facts

@@ -55,8 +55,16 @@ class Still:
 class Plate:
     """A world whose plate is filled at random, again and again."""
 
-    def __init__(self, product: Product, bench: Bench, settings: SimSettings, seed: int, reach: Reach) -> None:
-        self._product, self._bench, self._reach = product, bench, reach
+    def __init__(
+        self,
+        product: Product,
+        bench: Bench,
+        settings: SimSettings,
+        seed: int,
+        reach: Reach,
+        astray_share: float = ASTRAY_SHARE,
+    ) -> None:
+        self._product, self._bench, self._reach, self._astray_share = product, bench, reach, astray_share
         self._rng = np.random.default_rng([seed, 5])
         self.look = settings.look.draw(seed)
         more = [ScenePart(name, Pose(FAR_AWAY_M), "person") for name in product.parts for _ in range(MORE_OF_EACH)]
@@ -94,7 +102,7 @@ class Plate:
         if rng.random() < 0.5:  # people and robot like the directions of the plate
             yaw = round(yaw / (math.pi / 2)) * math.pi / 2 + rng.normal(0, 0.05)
         hole = self._hole_m(position)
-        if rng.random() >= ASTRAY_SHARE:
+        if rng.random() >= self._astray_share:
             tilt = Pose.from_yaw((0, 0, 0), yaw) @ _tilted(rng.normal(0, SEATED_RAD), rng.uniform(-math.pi, math.pi))
             x, y, z = (float(value) for value in hole + np.array([*rng.normal(0, SEATED_M, 2), 0.0]))
             self.world.place(part, Pose((x, y, z), tilt.quaternion_wxyz))
@@ -163,14 +171,16 @@ def write_plates(
     stills: int,
     reach: Reach,
     frames: int = 1,
+    astray_share: float = ASTRAY_SHARE,
 ) -> None:
     """An image and a row of plates.jsonl for each frame; look and stills are drawn from the seed.
 
     Args:
         frames: in a row of each still, which differ by the sensor's noise.
         reach: joints that bring the tool to a place with its fingers down and a heading; None where the arm cannot.
+        astray_share: of parts, that lie, lean or stand beside their hole.
     """
-    plate = Plate(product, bench, settings, seed, reach)
+    plate = Plate(product, bench, settings, seed, reach, astray_share)
     world, look = plate.world, plate.look
     rng = np.random.default_rng([seed, 8])
     photographer = Photographer(world.model, {CAMERA: SensorSetup(bench.overhead, look.camera, rng)})

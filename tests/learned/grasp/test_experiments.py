@@ -48,6 +48,28 @@ def test_a_cell_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 0.0 < rules[0].measure()["object_accuracy_1"] <= 1.0
 
 
+def test_another_seed_gives_other_test_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    from learned.grasp.experiments import cells
+    from learned.grasp.experiments.page import experiments
+
+    asked: list[tuple[int, str]] = []
+
+    def drawn(_product: object, seed: int, _count: int, split: str, *_: object) -> list[object]:
+        asked.append((seed, split))
+        return []
+
+    monkeypatch.setattr(cells, "draw_scenes", drawn)
+    monkeypatch.setattr(cells, "evaluate_scenes", lambda _planner, _scenes, seed: {"seed": seed})
+    names = set()
+    for seed in (7, 8):
+        table = experiments(no_camera, seed)["table2"].cells(PRODUCT)
+        rule = next(cell for cell in table if cell.key["planner"] == "rule")
+        names.add(rule.name)
+        assert rule.measure() == {"seed": seed}
+    assert asked == [(7, "test"), (8, "test")]
+    assert len(names) == 2  # what is kept of one seed is not taken for the other's
+
+
 def test_the_page_has_a_row_for_every_planner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from learned.experiments import Store, write_page
     from learned.grasp.experiments.baselines import BASELINES

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -139,6 +139,38 @@ def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Sce
         assert np.abs(answer["verdict"] - verdict.numpy()).max() < TOLERANCE
         assert answer["words"].tolist() == words.tolist()
         assert np.allclose([part.embedding for part in scene.parts], features, atol=1e-4)
+
+
+def test_an_interrupted_training_keeps_what_tells_footprints(
+    tmp_path: Path, paper: Trained, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from learned.fitting import fit
+    from learned.grasp import footprints, train
+
+    flipped_crops = footprints.flipped_crops
+    learned: list[int] = []
+
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    def counted(crops: Any, dims: Any) -> Any:
+        learned.append(len(crops))
+        return flipped_crops(crops, dims)
+
+    def again() -> None:
+        train.train_grasp(PRODUCT, tmp_path / "grasp.onnx", SEED, "paper", settings=SHORT_PAPER, camera=noisy_camera)
+
+    monkeypatch.setattr(footprints, "flipped_crops", counted)
+    monkeypatch.setattr(train, "fit", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        again()
+    assert learned
+    learned.clear()
+    monkeypatch.setattr(train, "fit", fit)
+    again()
+    assert not learned
+    assert not list(tmp_path.glob("*checkpoint*"))
+    assert crops_file(tmp_path / "grasp.onnx").read_bytes() == crops_file(paper.path).read_bytes()
 
 
 @pytest.mark.parametrize("attention", ["additive", "printed", "none"])

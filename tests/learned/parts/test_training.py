@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -55,6 +57,36 @@ def test_a_short_training_gives_a_detector_that_answers(tmp_path: Path) -> None:
     detector = CentrePartDetector.load(BENCH, PRODUCT, out)
     for one in detector.detect(Frame("wrist", 0, 0.0, SCENES[0].image, ABOVE)):
         assert math.isfinite(one.confidence)
+
+
+def test_an_interrupted_training_goes_on_after_the_centre_net(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from learned.fitting import fit_examples
+    from learned.parts import train
+
+    fits: list[int] = []
+
+    def counted(network: object, examples: Sequence[object], loss: Callable[..., Any], *rest: Any, **more: Any) -> None:
+        def told(chosen: list[object]) -> Any:
+            fits.append(len(examples))
+            return loss(chosen)
+
+        fit_examples(network, examples, told, *rest, **more)  # type: ignore[arg-type]
+
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train, "fit_examples", counted)
+    out, pose = tmp_path / "parts_centre.onnx", train.train_pose
+    monkeypatch.setattr(train, "train_pose", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        train.train_parts(SCENES, PRODUCT, FLOOR_M, out, 0, epochs=1)
+    first = out.read_bytes()
+    fits.clear()
+    monkeypatch.setattr(train, "train_pose", pose)
+    train.train_parts(SCENES, PRODUCT, FLOOR_M, out, 0, epochs=1)
+    assert set(fits) == {3 * len(SCENES)}  # things, for the pose net; nothing was learned again from the images
+    assert out.read_bytes() == first
+    assert not list(tmp_path.glob("*checkpoint*"))
 
 
 def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:

@@ -12,9 +12,9 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -22,7 +22,9 @@ from typing import Any
 import cv2
 
 from cell.interfaces.errors import CellError, DeviceFault
+from sim.cores import leave_controllers_core, lent, two_cores
 
+GLANCE_S = 0.5  # wall time between looks at other processes
 JOIN_S = 2.0
 PATIENCE_S = 60.0  # wall time; a job takes some milliseconds
 
@@ -68,13 +70,15 @@ class JobProcess:
         self._numbers = itertools.count()
         self._lock = threading.Lock()
         self._fault: DeviceFault | None = None
+        self._cores = two_cores()
         self.pipe, theirs = context.Pipe()
         ours = [self.pipe, *(one.pipe for one in beside)]
         self._process: BaseProcess = context.Process(
-            target=_serve, args=(theirs, ours, make, given), name=name, daemon=True
+            target=_serve, args=(theirs, ours, self._cores, make, given), name=name, daemon=True
         )
-        with _one_cv2_thread():
-            self._process.start()
+        # The other cores have work of their own, and a copy would wait for OpenCV's threads, which it has not got.
+        cv2.setNumThreads(1)
+        self._process.start()
         theirs.close()
         self._receiver = threading.Thread(target=self._receive, name=name, daemon=True)
 
@@ -100,20 +104,41 @@ class JobProcess:
             self.pipe.send((number, job))
         return future
 
-    def awaited(self, future: Future[Any]) -> Any:
+    def awaited(self, future: Future[Any], needs: JobProcess | None = None) -> Any:
         """What a job came to; waits for it. Raises DeviceFault, and what the job says of the user's files.
 
         Where nobody listens, who waits reads.
+
+        Args:
+            needs: a process that this one waits for: it has the controller's core meanwhile, and its fault is raised.
         """
-        while self._receiver.ident is None and not future.done():
-            if not self.pipe.poll(PATIENCE_S):
-                raise DeviceFault(self._name, f"nothing came for {PATIENCE_S:g} s")
-            if reason := self._read():
-                self._fail(reason)
+        if self._receiver.ident is None:
+            if needs is None or future.done() or self.pipe.poll():
+                self._read_until(future, needs)
+            else:
+                with lent(needs.process_id, self._cores):
+                    self._read_until(future, needs)
         try:
             return future.result(PATIENCE_S)
         except TimeoutError:
-            raise DeviceFault(self._name, f"nothing came for {PATIENCE_S:g} s") from None
+            raise self._silent from None
+
+    def _read_until(self, future: Future[Any], needs: JobProcess | None) -> None:
+        waited_s = 0.0
+        while not future.done():
+            if self.pipe.poll(GLANCE_S):
+                if reason := self._read():
+                    self._fail(reason)
+                continue
+            waited_s += GLANCE_S
+            if needs is not None and needs._fault is not None:
+                raise needs._fault
+            if waited_s >= PATIENCE_S:
+                raise self._silent
+
+    @property
+    def _silent(self) -> DeviceFault:
+        return DeviceFault(self._name, f"nothing came for {PATIENCE_S:g} s")
 
     def close(self) -> None:
         """End the process; harmless when repeated."""
@@ -166,35 +191,24 @@ def _may_fork() -> bool:
     return sys.platform == "linux" and unused and threading.active_count() == 1
 
 
-@contextmanager
-def _one_cv2_thread() -> Iterator[None]:
-    """A copy of this process would wait for OpenCV's threads, which it has not got."""
-    count = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(count)
-
-
-def _leave_a_core() -> None:
-    """Where there are two cores, one is the controller's alone: where all share both, everyone waits for everyone."""
-    if sys.platform == "linux" and len(usable := os.sched_getaffinity(0)) == 2:
-        os.sched_setaffinity(0, {max(usable)})
-
-
-def _serve(pipe: Connection, theirs: Sequence[Connection], make: Callable[..., Work], given: Sequence[object]) -> None:
+def _serve(
+    pipe: Connection,
+    theirs: Sequence[Connection],
+    cores: tuple[int, int] | None,
+    make: Callable[..., Work],
+    given: Sequence[object],
+) -> None:
     """The process: works off jobs in their order; one that fails ends it, and the controller is told why."""
     for other in theirs:  # else the controller's death would not end the pipes
         other.close()
     # Signals often go to all processes of a group: this one lives until the controller has stopped the arm.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    # The other cores have work of their own: no threads for images or, where MuJoCo renders in software, for triangles.
-    cv2.setNumThreads(1)
+    cv2.setNumThreads(1)  # of a process that is no copy
+    # The other cores have work of their own: no threads for triangles where MuJoCo renders in software.
     os.environ.setdefault("LP_NUM_THREADS", "0")
     gc.freeze()  # what came with the copy stays shared
-    _leave_a_core()
+    leave_controllers_core(cores)
     try:
         work = make(*given)
         while True:

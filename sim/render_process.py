@@ -31,7 +31,7 @@ PREPARE = "prepare"  # what a job is that nobody waits for
 NAME, DETECTORS = "render process", "detector process"
 SLOTS = 8  # frames of a camera that may wait to be rendered; then the physics waits
 HURRIED = 3  # ... where time does not wait
-LESS_URGENT = 5  # niceness of drawing: the physics waits for answers that are due, and frames are due later
+LESS_URGENT = 10  # niceness of drawing: the physics waits for answers that are due, and frames are due later
 
 
 class _Drawn(NamedTuple):
@@ -157,8 +157,7 @@ class RenderProcess:
         self._prepare()
 
         def answer() -> Any:
-            _ = frame.image  # raises where it could not be made
-            found = self._detecting.awaited(future)
+            found = self._detecting.awaited(future, needs=self._drawing)
             self._prepare()
             return found
 

@@ -38,7 +38,8 @@ MOVED_FRAMES, ASTRAY_FRAMES = 8, 45
 SIDE_SAMPLES = 24
 REACH_PX = np.arange(-SEARCH_PX + 2, SEARCH_PX - 1)  # where steps across an edge are looked for
 STEEPEST = 4 * 255  # of what the Laplacian makes of grey levels
-GRID = 4  # every fourth pixel is enough for light and colour
+GRID = 4  # every fourth pixel is enough to tell two images apart, every eighth for light and colour
+SHARP_ROWS = 4  # every fourth row is enough for sharpness
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class ImageHealth:
         inside = (self._edges >= 0) & (self._edges < size_px)
         self._in_view = np.array([one.all() for one in inside])
         self._baseline: list[_Figures] = []
+        self._usual: _Figures | None = None
         self._before: NDArray[np.uint8] | None = None
         self._same = self._moved = self._astray = self._soft = 0
         self._first: NDArray[np.float32] | None = None
@@ -82,10 +84,12 @@ class ImageHealth:
         return "frozen" if self._same + 1 >= FROZEN_FRAMES else ""
 
     def _compared(self, figures: _Figures) -> str:
-        if len(self._baseline) < BASELINE_FRAMES:
+        usual = self._usual
+        if usual is None:
             self._baseline.append(figures)
+            if len(self._baseline) == BASELINE_FRAMES:
+                self._usual = _Figures(*np.median([tuple(vars(one).values()) for one in self._baseline], axis=0))
             return ""
-        usual = _Figures(*np.median([tuple(vars(one).values()) for one in self._baseline], axis=0))
         light = float(np.log(figures.light / usual.light))
         if abs(light) > LIGHT_LOG:
             return "brighter than before" if light > 0 else "darker than before"
@@ -221,10 +225,10 @@ def _absolute(small: NDArray[np.uint8]) -> str:
 
 
 def _figures(small: NDArray[np.uint8], grey: NDArray[np.uint8]) -> _Figures:
-    levels = small.reshape(-1, 3).astype(np.float32) + 1.0
+    levels = small[::2, ::2].reshape(-1, 3).astype(np.float32) + 1.0
     green = levels[:, 1]
     red, blue = (np.log(_median(levels[:, channel] / green, axis=0)) for channel in (0, 2))
-    steps = np.abs(cv2.Laplacian(grey, cv2.CV_16S)[::2])
+    steps = np.abs(cv2.Laplacian(grey, cv2.CV_16S)[::SHARP_ROWS])
     return _Figures(float(levels.mean()), float(red), float(blue), _percentile(steps, 99.5))
 
 

@@ -1,4 +1,4 @@
-"""`cell train all` makes every file of weights by the command on its model card; `cell eval weights` compares them."""
+"""`cell train all` makes every file of weights by the command on its model card."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cell.commands.detectors import LookOption, TestSeedOption
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json, table
+from cell.commands.terminal import CONFIGURATION, ConfigOption, console
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ def train_all(
     only: Annotated[
         list[str] | None, typer.Option(help="Only hands, actions, holes, parts, grasp or semantic; may be repeated.")
     ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Trainings at once, one core each.")] = 1,
     plan: Annotated[bool, typer.Option("--plan", help="Say what would be done, and do nothing.")] = False,
     config: ConfigOption = CONFIGURATION,
 ) -> None:
@@ -81,65 +83,21 @@ def train_all(
         return
     need_torch()
     rows = _rows(out, config)
-    for number, step in enumerate(steps, 1):
-        _do(step, out, config, rows, f"{number} of {len(steps)}")
+    with ThreadPoolExecutor(jobs) as pool:
+        begun = [
+            pool.submit(_do, step, out, config, rows, f"{number} of {len(steps)}", quiet=jobs > 1)
+            for number, step in enumerate(steps, 1)
+        ]
+        try:
+            for one in as_completed(begun):
+                one.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
     if all((out / f"{name}_{kind}.onnx").exists() for name, kind in _kinds()):
         _note_latencies(configuration, config, out)
     say(f"in {config}:", highlight=False)
     for line in _lines(out, config):
         say(line, highlight=False)
-
-
-def evaluate_weights(
-    folder: Annotated[Path, typer.Argument(help="Folder of `cell train all`.")],
-    against: Annotated[Path | None, typer.Option(help="Another one; the shipped weights by default.")] = None,
-    look: LookOption = "varied",
-    first_seed: TestSeedOption = 900_000,
-    recordings: Annotated[int, typer.Option(min=1, help="Looks of the plate, trays, and assemblies.")] = 6,
-    only: Annotated[
-        list[str] | None, typer.Option(help="Only hands, actions, holes or parts; may be repeated.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="File that keeps what was measured: interrupted, go on.")] = None,
-    config: ConfigOption = CONFIGURATION,
-    as_json: JsonOption = False,
-) -> None:
-    """Whether trained detectors have the figures of others: both are scored on the same images, one after the other."""
-    from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.row_file import RowFile
-    from cell.evaluating.weights import Sample, score_weights
-    from cell.settings import WEIGHTS
-
-    for name in only or ():
-        if name not in DETECTORS:
-            raise InputError(f"--only {name}: there is no such detector; legal: {', '.join(DETECTORS)}")
-    for one in (folder, against):
-        if one is not None and not one.is_dir():
-            raise InputError(f"{one}: there is no such folder; make it with: cell train all --out {one}")
-    configuration = simulated(load_configuration(config), look, "varied")
-    sample = Sample(configuration, load_product(configuration, config), first_seed, recordings)
-    folders = {"before": against or WEIGHTS, "now": folder}
-    heading = {"command": "weights", "look": look, **sample.told, **{name: str(one) for name, one in folders.items()}}
-    rows = RowFile(out, heading)
-    kept = {(row["detector"], row["which"]) for row in rows.rows}
-    found: dict[str, dict[str, dict[str, float]]] = {}
-    for detector in only or DETECTORS:
-        found[detector] = {}
-        for name, one in folders.items():
-            if (detector, name) not in kept:
-                rows.add({"detector": detector, "which": name, "scores": score_weights(sample, one, detector)})
-            found[detector][name] = _scores(rows, detector, name)
-        before, now = found[detector].values()
-        shown = {key: f"{before[key]:.4g} -> {now[key]:.4g} ({now[key] - before[key]:+.4g})" for key in now}
-        console().print(table(f"{detector}, {look}: {folders['before']} -> {folder} (difference)", shown))
-    if as_json:
-        print_json({**heading, "detectors": found})
-
-
-def _scores(rows: RowFile, detector: str, which: str) -> dict[str, float]:
-    row = next(row for row in rows.rows if (row["detector"], row["which"]) == (detector, which))
-    scores = row["scores"]
-    assert isinstance(scores, dict)
-    return scores
 
 
 def steps_of_shipped() -> Iterator[Step]:
@@ -202,19 +160,28 @@ def _rows(out: Path, config: Path) -> RowFile:
     return RowFile(kept, {"command": "train all", "made_for": fingerprint(config)})
 
 
-def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str) -> None:
-    """Train, unless that was done."""
+def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str, *, quiet: bool) -> None:
+    """Train, unless that was done.
+
+    Args:
+        quiet: what the training says goes into a file beside its weights.
+
+    Raises:
+        InputError: it failed, or did not write what it should.
+    """
     say = console().print
-    done = [row for row in rows.rows if row.get("command") == step.command]
-    if done and all((out / name).exists() for name in step.files):
+    before = [row for row in rows.rows if row.get("command") == step.command]
+    if before and all((out / name).exists() for name in step.files):
         say(f"{place}: {step.command}: made before", highlight=False)
         return
     say(f"{place}: {step.command}", highlight=False)
     words = [*step.words, "--config", str(config), "--out", str(out / step.files[0])]
-    began_s = time.monotonic()
-    status = subprocess.run([sys.executable, "-m", "cell", "train", *words], check=False).returncode
-    if status:
-        raise InputError(f"`{step.command}` ended with status {status}; the same command goes on there")
+    began_s, said = time.monotonic(), (out / step.files[0]).with_suffix(".txt")
+    with said.open("w") if quiet else nullcontext() as told:
+        done = subprocess.run([sys.executable, "-m", "cell", "train", *words], check=False, stdout=told, stderr=told)
+    if done.returncode:
+        why = f" (see {said})" if quiet else ""
+        raise InputError(f"`{step.command}` ended with status {done.returncode}{why}; the same command goes on there")
     missing = [name for name in step.files if not (out / name).exists()]
     if missing:
         raise InputError(f"`{step.command}` wrote no {', '.join(missing)}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from cell.commands import actions as action_commands
-from cell.commands import all_weights, things, worlds
+from cell.commands import all_weights, same_weights, things, worlds
 from cell.commands import data as data_commands
 from cell.commands import encounters as encounter_commands
 from cell.commands import faults as fault_commands
@@ -28,7 +28,7 @@ data_app.callback(invoke_without_command=True)(data_commands.from_logs)
 data_app.command("semantic")(semantic_commands.data)
 data_app.command("grasp")(grasp_commands.data)
 train_app.command("all")(all_weights.train_all)
-eval_app.command("weights")(all_weights.evaluate_weights)
+eval_app.command("weights")(same_weights.evaluate_weights)
 train_app.command("holes")(things.train_holes)
 train_app.command("parts")(things.train_parts)
 eval_app.command("holes")(things.evaluate_holes)

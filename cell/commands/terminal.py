@@ -65,8 +65,10 @@ def print_json(values: Mapping[str, object]) -> None:
 
 def report_scores(title: str, scores: Mapping[str, float], as_json: bool) -> None:
     """Scores as a table, each with its interval where it has one, and as JSON where that is asked for."""
-    rows = {name: f"{value:.4g}" for name, value in scores.items() if not name.endswith(("_low", "_high"))}
+    rows = {name: f"{value:.4g}" for name, value in scores.items() if not name.endswith(("_low", "_high", "_n"))}
     for name in rows:
+        if f"{name}_n" in scores:
+            rows[name] += f" of {scores[f'{name}_n']:.0f}"
         if f"{name}_low" in scores:
             rows[name] += f" ({scores[f'{name}_low']:.3f} - {scores[f'{name}_high']:.3f})"
     console().print(table(title, rows))

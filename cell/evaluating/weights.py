@@ -1,7 +1,8 @@
-"""Scores of all trained detectors of a folder, to see whether the figures of one folder come again in another."""
+"""Scores of all trained networks of a folder, to see whether the figures of one folder come again in another."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +18,34 @@ from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
 from cell.settings import LEARNED_KINDS, DetectorSettings
+from learned.onnx_model import OnnxModel
 from sim.data.splits import seeds as seeds_of
 
-FIGURES: Mapping[str, tuple[str, ...]] = {
-    "holes": ("right", "called_empty", "upright"),
-    "parts": ("map_50", "map_50_95", "posture", "position_mm_p95", "yaw_deg_p95"),
-    "hands": ("found", "palm_mm_p50", "palm_mm_p95"),
-    "actions": ("outside_guard", "all_segments", "assemblies"),
+NETWORKS = (
+    *LEARNED_KINDS.items(),
+    ("grasp", "pairwise"),
+    ("grasp", "paper"),
+    ("semantic", "factored"),
+    ("semantic", "paper"),
+)
+FIGURES: Mapping[str, Mapping[str, str]] = {  # names, and that of how many they were counted on; none: not a share
+    "holes": {"right": "holes", "called_empty": "filled", "upright": "upright_n"},
+    "parts": {
+        "map_50": "things",
+        "map_50_95": "things",
+        "posture": "posture_n",
+        "position_mm_p95": "",
+        "yaw_deg_p95": "",
+    },
+    "hands": {"found": "found_n", "palm_mm_p50": "", "palm_mm_p95": ""},
+    "actions": dict.fromkeys(("outside_guard", "all_segments", "assemblies"), "n"),
+    "grasp": dict.fromkeys((*(f"object_accuracy_{count}" for count in (1, 2, 3)), "graspability_accuracy"), "card"),
+    "semantic": dict.fromkeys(("success_all", "success_held_out"), "card"),
 }
+NEAR_POINTS = 0.5  # per cent, up to which a share counts as the same
+SAME, CHANCE, APART = "the same within .5 points", "apart by no more than chance", "apart"
+
+Figure = dict[str, float]  # "value", and "n" where it is a share of so many
 
 
 @dataclass(frozen=True)
@@ -52,15 +73,76 @@ class Sample:
         return {name: getattr(self, name) for name in numbers}
 
 
-def score_weights(sample: Sample, folder: Path, detector: str) -> dict[str, float]:
-    """The figures of one detector, by name, with the weights of a folder.
+@dataclass(frozen=True)
+class Comparison:
+    """Figures of two networks that are to be the same.
+
+    Attributes:
+        told: by figure `before`, `now`, and of shares `points` (per cent) apart, `n`, `chance_points` (95 %; where n
+            is known) and a verdict.
+        verdict: that of the worst figure.
+    """
+
+    told: Mapping[str, Mapping[str, Any]]
+    verdict: str
+
+    @property
+    def rows(self) -> dict[str, str]:
+        """For a table."""
+        return {name: _in_words(figure) for name, figure in self.told.items()} | {"verdict": self.verdict}
+
+
+def compared(before: Mapping[str, Figure], now: Mapping[str, Figure]) -> Comparison:
+    """How far figures are apart, and whether chance alone explains it.
+
+    The interval is that of two shares of independent samples; both saw the same images, so it is rather too wide.
+    """
+    told: dict[str, dict[str, Any]] = {}
+    for name in now.keys() & before.keys():
+        one, other = before[name], now[name]
+        told[name] = {"before": one["value"], "now": other["value"]}
+        if "n" in other:
+            told[name] |= _apart(one["value"], other["value"], int(other["n"]))
+    verdicts = [figure["verdict"] for figure in told.values() if "verdict" in figure]
+    worst = max(verdicts, key=(SAME, CHANCE, APART).index, default="no figure in common")
+    return Comparison(dict(sorted(told.items())), worst)
+
+
+def _apart(before: float, now: float, n: int) -> dict[str, Any]:
+    points, mean = 100 * (now - before), (before + now) / 2
+    chance = 100 * 1.96 * math.sqrt(max(0.0, mean * (1 - mean)) * 2 / n) if n else 0.0
+    verdict = SAME if abs(points) <= NEAR_POINTS else CHANCE if abs(points) <= chance else APART
+    return {"points": round(points, 2), "n": n, "chance_points": round(chance, 2), "verdict": verdict}
+
+
+def _in_words(figure: Mapping[str, Any]) -> str:
+    told = f"{figure['before']:.4g} -> {figure['now']:.4g}"
+    if "points" not in figure:
+        return told
+    n = f" of {figure['n']}, chance up to {figure['chance_points']:.2g}" if figure["n"] else ""
+    return f"{told} ({figure['points']:+.2f} points{n}): {figure['verdict']}"
+
+
+def score_weights(sample: Sample, folder: Path, name: str, kind: str) -> dict[str, Figure]:
+    """The figures of one network, with the weights of a folder.
 
     Raises:
         ModelError: the weights are missing, damaged, or of another product.
     """
-    weights = folder / weights_file(detector, LEARNED_KINDS[detector])
-    scored: Mapping[str, Any] = _SCORED[detector](sample, weights)
-    return {name: _number(scored[name]) for name in FIGURES[detector] if name in scored}
+    weights = folder / weights_file(name, kind)
+    scored: Mapping[str, Any] = _SCORED[name](sample, weights) if name in _SCORED else _on_card(weights)
+    return {figure: _figure(scored, figure, count) for figure, count in FIGURES[name].items() if figure in scored}
+
+
+def _on_card(weights: Path) -> dict[str, Any]:
+    return {**OnnxModel.card_of(weights).scores, "card": 0}
+
+
+def _figure(scored: Mapping[str, Any], name: str, count: str) -> Figure:
+    value = scored[name]
+    if isinstance(value, Mapping):
+        return {"value": float(value["share"]), "n": float(value["n"])}
+    return {"value": float(value)} | ({"n": float(scored[count])} if count else {})
 
 
 def _task(sample: Sample, detector: str, weights: Path) -> tuple[Task, range]:
@@ -99,7 +181,3 @@ def _actions(sample: Sample, weights: Path) -> dict[str, Any]:
 
 
 _SCORED = {"holes": _holes, "parts": _parts, "hands": _hands, "actions": _actions}
-
-
-def _number(value: Any) -> float:
-    return float(value["share"] if isinstance(value, Mapping) else value)

@@ -71,6 +71,8 @@ class HoleFindings:
             if count:
                 told[name] = right / count
                 told[f"{name}_low"], told[f"{name}_high"] = wilson(right, count)
+        if self.upright_said:
+            told["upright_n"] = float(self.upright_said)
         if self.seconds:
             for percent in (50, 95):
                 told[f"processor_ms_p{percent}"] = float(np.percentile(self.seconds, percent)) * 1e3

@@ -58,7 +58,7 @@ class Findings:
         if UNKNOWN in precisions:
             told["ap_50_unknown"] = precisions[UNKNOWN][0]
         if self.postures[1]:
-            told["posture"] = self.postures[0] / self.postures[1]
+            told["posture"], told["posture_n"] = self.postures[0] / self.postures[1], float(self.postures[1])
         if self.standing:
             told["missed"], told["extra"] = self.missed / self.standing, self.extra / self.standing
         for name, values, unit in (

@@ -68,6 +68,29 @@ def test_interrupted_it_goes_on_with_the_next_training(tmp_path: Path, trained: 
     assert trained[-1][-1].endswith("holes_plate.onnx")
 
 
+def test_two_at_a_time_make_the_same_files(tmp_path: Path, trained: list[list[str]]) -> None:
+    assert main(["train", "all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 0
+    assert len(trained) == len(list(steps_of_shipped()))
+    for path in WEIGHTS.iterdir():
+        assert (tmp_path / "new" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_when_one_of_two_fails_no_other_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begun: list[list[str]] = []
+
+    def failing(words: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+        begun.append(words)
+        return subprocess.CompletedProcess(words, 3)
+
+    monkeypatch.setattr(subprocess, "run", failing)
+    assert main(["train", "all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "ended with status 3 (see" in told
+    assert len(begun) < len(list(steps_of_shipped()))
+
+
 @pytest.mark.usefixtures("trained")
 def test_the_lines_that_it_ends_with_take_the_folder_into_use(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -1,0 +1,67 @@
+"""`cell eval weights` gives a verdict for each network: the same, apart by chance, or apart."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from cell.commands.main import main
+from cell.evaluating import weights
+from cell.evaluating.weights import APART, CHANCE, SAME, Figure, compared
+from cell.settings import WEIGHTS
+
+
+def share(value: float, n: int) -> Mapping[str, Figure]:
+    return {"right": {"value": value, "n": float(n)}}
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "n", "verdict"),
+    [(0.99, 0.987, 200, SAME), (0.99, 0.97, 200, CHANCE), (0.99, 0.97, 5000, APART), (0.98, 0.9, 200, APART)],
+)
+def test_the_verdict_goes_by_points_and_by_how_many(before: float, now: float, n: int, verdict: str) -> None:
+    told = compared(share(before, n), share(now, n))
+    assert told.verdict == verdict
+    assert told.told["right"]["points"] == pytest.approx(100 * (now - before))
+    assert f"of {n}" in told.rows["right"]
+
+
+def test_the_worst_figure_decides_and_those_without_a_share_have_none() -> None:
+    before = {"near": {"value": 0.9, "n": 100.0}, "far": {"value": 0.9, "n": 100.0}, "mm": {"value": 3.0}}
+    now = {"near": {"value": 0.9, "n": 100.0}, "far": {"value": 0.5, "n": 100.0}, "mm": {"value": 9.0}}
+    told = compared(before, now)
+    assert told.verdict == APART
+    assert told.told["near"]["verdict"] == SAME
+    assert "verdict" not in told.told["mm"]
+    assert told.rows["mm"] == "3 -> 9"
+
+
+def test_planners_are_compared_by_their_cards(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["eval", "weights", str(WEIGHTS), "--only", "grasp", "--only", "semantic", "--json"]) == 0
+    networks = json.loads(capsys.readouterr().out)["networks"]
+    assert sorted(networks) == ["grasp pairwise", "grasp paper", "semantic factored", "semantic paper"]
+    for figures in networks.values():
+        assert figures
+        assert all(figure["verdict"] == SAME for figure in figures.values())
+
+
+def test_what_was_measured_is_kept_and_both_folders_are_scored_on_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[tuple[Path, int]] = []
+
+    def scored(sample: weights.Sample, file: Path) -> dict[str, float]:
+        asked.append((file.parent, sample.first_seed))
+        return {"right": 0.99 if file.parent == WEIGHTS else 0.9, "holes": 300.0}
+
+    monkeypatch.setitem(weights._SCORED, "holes", scored)
+    words = ["eval", "weights", str(tmp_path), "--only", "holes", "--first-seed", "907000", "--json"]
+    assert main([*words, "--out", str(tmp_path / "rows.jsonl")]) == 0
+    assert asked == [(WEIGHTS, 907000), (tmp_path, 907000)]
+    told = json.loads(capsys.readouterr().out)["networks"]["holes plate"]["right"]
+    assert told == {"before": 0.99, "now": 0.9, "points": -9.0, "n": 300, "chance_points": 3.65, "verdict": APART}
+    assert main([*words, "--out", str(tmp_path / "rows.jsonl")]) == 0
+    assert len(asked) == 2

@@ -34,9 +34,11 @@ if TYPE_CHECKING:
     from cell.interfaces.product import Product
     from learned.semantic.confusions import Reported
 
+# Looks of recordings to learn from: share of them, and first seed.
+LOOKS = {"people": (0.45, 0), "varied": (0.35, 300_000), "nominal": (0.2, 500_000)}
 DATA_S = 1.5  # processor time of a recording
 DATA_SHARE = 0.6  # of a budget
-PIECE = 100  # recordings that are made at once: an interrupted training goes on with the next piece
+PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
 VALIDATION_SEED, VALIDATION_SHARE = 800_000, 0.1
 
 KindsOption = Annotated[list[str] | None, typer.Option("--kind", help="slim, paper or classical; may be repeated.")]
@@ -48,7 +50,10 @@ def train(
         list[Path] | None, typer.Option(help="Folder of `cell data actions` or `cell data --from`; may be repeated.")
     ] = None,
     validation: Annotated[Path | None, typer.Option(help="Another such folder, for the scores.")] = None,
-    look: Annotated[str, typer.Option(help="Of recordings that are made where no --data is given.")] = "varied",
+    look: Annotated[
+        str | None,
+        typer.Option(help="Of all recordings that are made where no --data is given; else of several looks."),
+    ] = None,
     budget: Annotated[str, typer.Option(help="Processor time for data and training, as in 30m or 90s.")] = "20m",
     epochs: Annotated[int, typer.Option(min=1, help="Passes through the data, as far as the budget goes.")] = 14,
     share: Annotated[float, typer.Option(min=0.05, max=1, help="Of VGG16's channels, where it is used.")] = 1.0,
@@ -201,7 +206,7 @@ def _command(
     kind: str,
     data: list[Path] | None,
     validation: Path | None,
-    look: str,
+    look: str | None,
     budget: str,
     epochs: int,
     share: float,
@@ -211,24 +216,30 @@ def _command(
     words = ["cell", "train", "actions", "--kind", kind, "--budget", budget, "--epochs", str(epochs)]
     words += ["--share", str(share)] if share != 1 else []
     words += [word for folder in data or () for word in ("--data", str(folder))]
-    words += ["--validation", str(validation)] if validation is not None else ["--look", look]
+    words += ["--validation", str(validation)] if validation is not None else []
+    words += ["--look", look] if look is not None else []
     return shlex.join([*words, "--seed", str(seed)])
 
 
 def _recordings(
-    weights: Path, look: str, config: Path, seconds: float, *, frames: bool = False
+    weights: Path, look: str | None, config: Path, seconds: float, *, frames: bool = False
 ) -> tuple[list[Path], Path]:
     """Make recordings to learn from and for the scores."""
     count = max(4, int(DATA_SHARE * seconds / DATA_S))
     kept = max(2, int(VALIDATION_SHARE * count))
     validation = weights.with_suffix(".validation")
-    pieces = {weights.with_suffix(".data") / f"{first:06d}": first for first in range(0, count, PIECE)}
-    numbers = [min(PIECE, count - first) for first in pieces.values()]
-    firsts = [*pieces.values(), VALIDATION_SEED]
-    for path, first, number in zip([*pieces, validation], firsts, [*numbers, kept], strict=True):
-        options = {"--look": look, "--recordings": number, "--first-seed": first, "--config": config}
-        make_data("actions", path, options, "--thin", *(["--frames"] if frames else []))
-    return list(pieces), validation
+    flags = ["--thin", "--gaps", *(["--frames"] if frames else [])]
+    folders = []
+    for name, (share, first_seed) in LOOKS.items() if look is None else ((look, (1.0, 0)),):
+        of_look = round(share * count)
+        for first in range(0, of_look, PIECE):
+            folders.append(weights.with_suffix(".data") / f"{Path(name).stem}{first:06d}")
+            number = min(PIECE, of_look - first)
+            options = {"--look": name, "--recordings": number, "--first-seed": first_seed + first, "--config": config}
+            make_data("actions", folders[-1], options, *flags)
+    options = {"--look": look or "varied", "--recordings": kept, "--first-seed": VALIDATION_SEED, "--config": config}
+    make_data("actions", validation, options, *flags)
+    return folders, validation
 
 
 def _words(value: object) -> str:

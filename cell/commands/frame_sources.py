@@ -136,8 +136,8 @@ def _simulated(seed: int, camera: str, configuration: Configuration, product: Pr
     """The person alone before the overhead camera."""
     if camera != "overhead":
         raise InputError(f"sim:{seed}: shows the overhead camera only; for others see: cell data objects")
-    from sim.data.actions import Source as Recorded
     from sim.data.hands import hand_frames
+    from sim.data.recording import Source as Recorded
     from sim.data.recording import record
 
     def frames() -> Iterator[Frame]:

@@ -38,6 +38,9 @@ ThinOption = Annotated[
     bool, typer.Option("--thin", help="For training: only some of the segments of classes that are frequent.")
 ]
 FramesOption = Annotated[bool, typer.Option("--frames", help="Whole frames of each segment, too, made small.")]
+GapsOption = Annotated[
+    bool, typer.Option("--gaps", help="The hand as a tracker tells it: lost for a while, or seen elsewhere.")
+]
 PhysicsOption = Annotated[bool, typer.Option("--physics", help="Move hand and parts by physics: slower, with slips.")]
 
 
@@ -75,6 +78,7 @@ def actions(
     physics: PhysicsOption = False,
     thin: ThinOption = False,
     frames: FramesOption = False,
+    gaps: GapsOption = False,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
@@ -82,7 +86,7 @@ def actions(
 ) -> None:
     """Segments of 45 frames: the hand's track, a crop of the hand, and what it did."""
     wanted = Wanted("actions", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
-    _from_assemblies(wanted, physics, thin=thin, frames=frames)
+    _from_assemblies(wanted, physics, thin=thin, frames=frames, gaps=gaps)
 
 
 def hands(
@@ -196,19 +200,24 @@ def objects(
 
 
 def _from_assemblies(
-    wanted: Wanted, physics: bool, steel_share: float = 0.0, thin: bool = False, frames: bool = False
+    wanted: Wanted,
+    physics: bool,
+    steel_share: float = 0.0,
+    thin: bool = False,
+    frames: bool = False,
+    gaps: bool = False,
 ) -> None:
     from cell.configuration import load_configuration, load_product, simulated
-    from sim.data.actions import Source, write_holes, write_segments
+    from sim.data.actions import write_holes, write_segments
     from sim.data.hands import write_hands
-    from sim.data.recording import record
+    from sim.data.recording import Source, record
     from sim.data.variety import sometimes_steel
 
     configuration = simulated(load_configuration(wanted.config), wanted.look, wanted.person)
     product, bench = load_product(configuration, wanted.config), configuration.bench
     simulation = configuration.devices.simulation
     writers: dict[str, Callable[[Source, DataFolder], None]] = {
-        "actions": partial(write_segments, thin=thin, frames=frames),
+        "actions": partial(write_segments, thin=thin, frames=frames, gaps=gaps),
         "hands": partial(write_hands, every=physics),
         "holes": write_holes,
     }
@@ -219,7 +228,7 @@ def _from_assemblies(
         writers[wanted.what](Source(assembly, kinds, bench), folder)
         return assembly.moments[-1].time_s
 
-    more = " --thin" * thin + " --frames" * frames + " --physics" * physics
+    more = " --thin" * thin + " --frames" * frames + " --gaps" * gaps + " --physics" * physics
     _write(wanted, more + _steel(steel_share), one)
 
 

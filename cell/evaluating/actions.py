@@ -13,7 +13,7 @@ import numpy as np
 
 from cell.configuration import Configuration
 from cell.evaluating.hands import LEAST_VISIBLE
-from cell.evaluating.placements import Told, delays, releases
+from cell.evaluating.placements import Told, delays, matched, releases
 from cell.evaluating.row_file import Row
 from cell.evaluating.things import calibrated_bench
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
@@ -25,15 +25,18 @@ from learned.actions.classes import Classes
 from learned.actions.dataset import load_segments
 from learned.actions.detector import TrainedActionDetector
 from learned.actions.evaluate import answers
+from learned.actions.events import PlacementEvents
 from learned.actions.segments import SegmentReader
 from learned.actions.settings import WHOLE_FRAMES
 from learned.bench_watcher import DetectorChain
 from learned.onnx_model import OnnxModel
 from learned.scores import wilson
-from sim.data.actions import Source, hands_of, segment_ends, write_segments
+from sim.data.actions import segment_ends, write_segments
 from sim.data.folder import DataFolder
 from sim.data.hands import visible_shares
-from sim.data.recording import record
+from sim.data.recording import Source, record
+from sim.data.tracks import hands_of
+from sim.data.working_arm import WorkingArm
 
 
 @dataclass
@@ -44,6 +47,7 @@ class Tally:
         rows: of each segment: class as it was, class as it was named, whether it lies in the guard band.
         hidden: of each segment whether less than half of the hand shows in its last frame; empty where nobody looked.
         placed, told, right: placements that were, that were told, and those told in time with the right part and hole.
+        told_by_hand, right_by_hand: what the network alone would have told, without the witness of the holes.
         placed_hidden, right_hidden: those of them before which less than half of the hand showed.
         latency_s: processor time of each frame's answer, tracker and hole reader included.
     """
@@ -53,6 +57,8 @@ class Tally:
     placed: int = 0
     told: int = 0
     right: int = 0
+    told_by_hand: int = 0
+    right_by_hand: int = 0
     placed_hidden: int = 0
     right_hidden: int = 0
     delays_s: list[float] = field(default_factory=list)
@@ -84,6 +90,8 @@ class Tally:
             "placements": share(self.right, self.placed),
             "placements_seen": share(self.right - self.right_hidden, self.placed - self.placed_hidden),
             "false_per_100": round(100 * (self.told - self.right) / max(1, self.placed), 2),
+            "placements_by_hand": share(self.right_by_hand, self.placed),
+            "false_per_100_by_hand": round(100 * (self.told_by_hand - self.right_by_hand) / max(1, self.placed), 2),
             "delay_s": round(float(np.median(self.delays_s)), 3) if self.delays_s else None,
             "latency_ms": [round(1000 * float(np.quantile(self.latency_s, at)), 1) for at in (0.5, 0.95)],
             "confusions": confusions,
@@ -155,8 +163,9 @@ def evaluate_actions(
         believed = configuration.model_copy(update={"bench": bench})
         watchers = {kind: _Watcher(believed, source, kind, true_track, (weights or {}).get(kind)) for kind in tallies}
         photographer = assembly.photographer(configuration.bench)
+        arm = WorkingArm(assembly.world, bench.arm_look_rad, np.random.default_rng(seed))
         for moment in assembly.moments:
-            frame = photographer.take(moment.exposure)
+            frame = photographer.take(moment.exposure).beside(arm.points_m(moment.exposure.moments[-1], None))
             for watcher in watchers.values():
                 watcher.watch(frame)
         photographer.close()
@@ -207,6 +216,7 @@ class _Watcher:
         self._chain = DetectorChain(configuration.bench, source.product, tracker, made.make("holes"), self.listener)
         self.latency_s: list[float] = []
         self.told: list[Told] = []
+        self.told_by_hand: list[Told] = []
         self._before: Action | None = None
 
     def watch(self, frame: Frame) -> None:
@@ -218,14 +228,28 @@ class _Watcher:
         new = before is None or (before.part, before.position) != (action.part, action.position)
         if action.finished and new and action.part and action.position:
             self.told.append((frame.time_s, action.part, action.position))
+        if (told := self.listener.by_hand(frame.time_s)) is not None:
+            self.told_by_hand.append(told)
 
 
 class _Listener:
-    """An action detector that keeps the class that each segment alone was named."""
+    """An action detector that keeps the class that each segment alone was named, and what the hand alone tells."""
 
     def __init__(self, detector: ActionDetector, classes: Classes) -> None:
         self._detector, self._classes = detector, classes
         self.named: list[int] = []
+        self._events = None
+        if isinstance(detector, TrainedActionDetector):
+            self._events = PlacementEvents(classes, detector.settings)
+
+    def by_hand(self, time_s: float) -> Told | None:
+        """The placement that the last frame finishes, had nobody looked at the holes; asked once for every frame."""
+        detector = self._detector
+        if self._events is None or not isinstance(detector, TrainedActionDetector):
+            return None
+        placed = self._events.update(time_s, detector.last_posterior, detector.last_released)
+        names = self._classes
+        return None if placed is None else (time_s, names.parts[placed.part], names.positions[placed.position])
 
     def detect(self, segment: Segment, holes: Mapping[str, HoleView]) -> Action:
         action = self._detector.detect(segment, holes)
@@ -275,6 +299,8 @@ def _count(tally: Tally, source: Source, watcher: _Watcher, classes: Classes) ->
     tally.right_hidden += sum(delay_s is not None for delay_s, one in zip(delays_s, hidden, strict=True) if one)
     tally.delays_s += [delay_s for delay_s in delays_s if delay_s is not None]
     tally.told += len(watcher.told)
+    tally.told_by_hand += len(watcher.told_by_hand)
+    tally.right_by_hand += len(matched(placed, watcher.told_by_hand))
     tally.latency_s += watcher.latency_s
 
 

@@ -23,9 +23,8 @@ from cell.interfaces.perception import Frame, HandSample, HandTracker
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.classical.box_model import View
-from sim.data.actions import Source
 from sim.data.hands import HandTruth, hand_frames
-from sim.data.recording import record
+from sim.data.recording import Source, record
 from sim.look_range import LookRange
 
 FOUND_M = 0.06  # between the palm that a tracker tells and the true one

@@ -1,6 +1,7 @@
 """Whole assemblies with the detectors in the loop: the paper's Table 1, by the number of goals that are possible.
 
-AD: placements of the person that were told, part and hole right, within a second and once. SG: placements that the
+AD: placements of the person that were told, part and hole right, within a second and once, by the hand's movement or
+by the hole that it filled; AD_by_hand: those of them that no hole had to tell. SG: placements that the
 robot was allowed to make that belong to the person's goal. SC: assemblies that end with the right part in every hole.
 Corrected: the SC of those in which the person took a wrong part, or took one out of its hole again.
 """
@@ -38,6 +39,7 @@ class Listener:
     """An observer that keeps which placements were told, and which the robot was allowed to make."""
 
     told: list[Told] = field(default_factory=list)
+    by_hand: list[Told] = field(default_factory=list)
     allowed: list[str] = field(default_factory=list)
     contradictions: int = 0
     _before: Action | None = None
@@ -53,6 +55,7 @@ class Listener:
             new = before is None or (before.part, before.position) != (action.part, action.position)
             if action.finished and new and action.part and action.position:
                 self.told.append((view.time_s, action.part, action.position))
+                self.by_hand += [] if action.shown else self.told[-1:]
         for topic, fields in record.notes:
             if topic == "verdict" and fields.get("decision") == "act":
                 self.allowed.append(str(fields["subject"]))
@@ -130,6 +133,7 @@ def assemble(configuration: Configuration, product: Product, seed: int) -> dict[
         "placed": len(placed),
         "told": len(listener.told),
         "told_right": right,
+        "told_right_by_hand": len(matched(placed, listener.by_hand)),
         "allowed": len(listener.allowed),
         "allowed_right": sum(one in goal for one in listener.allowed),
         "contradictions": listener.contradictions,
@@ -165,6 +169,7 @@ def table_1(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
         found[str(count)] = {
             "assemblies": len(of_count),
             "AD": share(total["told_right"], total["placed"]),
+            **_by_hand(of_count),
             "false_per_100": round(100 * (total["told"] - total["told_right"]) / max(1, total["placed"]), 2),
             "SG": share(total["allowed_right"], total["allowed"]),
             "SC": share(sum(row["correct"] for row in of_count), len(of_count)),
@@ -174,6 +179,13 @@ def table_1(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
             "not_finished": sum(row["end"] != "finished" for row in of_count),
         }
     return found
+
+
+def _by_hand(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Nothing where rows are older than that count."""
+    rows = [row for row in rows if "told_right_by_hand" in row]
+    right, placed = (sum(row[name] for row in rows) for name in ("told_right_by_hand", "placed"))
+    return {"AD_by_hand": share(right, placed)} if rows else {}
 
 
 def _corrected(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:

@@ -152,6 +152,7 @@ class Action:
         finished: the hand motion that this action consists of is over.
         posterior: probability by the name of each class that is not out of the question, as in "o1 at p3" or "screw";
             empty where the detector has none.
+        shown: it is told that it is finished because its hole is newly filled, not by the hand's movement alone.
     """
 
     kind: ActionKind
@@ -160,6 +161,7 @@ class Action:
     position: str | None = None
     finished: bool = False
     posterior: Mapping[str, float] = field(default_factory=dict, hash=False)
+    shown: bool = False
 
     def __str__(self) -> str:
         return f"{self.part} at {self.position}" if self.kind == "assembly" else self.kind

@@ -22,9 +22,6 @@ from cell.interfaces.pose import Array
 from learned.actions.classes import Classes
 from learned.actions.segments import (
     CROP_PX,
-    HEIGHT,
-    OPENING,
-    PALM,
     TIPS,
     UNKNOWN_HAND,
     Floats,
@@ -33,9 +30,7 @@ from learned.actions.segments import (
     opening_m,
 )
 from learned.actions.settings import WHOLE_FRAMES
-
-DRIFT_KNOTS = 6  # of what drifts within a segment: it goes straight between them
-KEPT_PX = 80  # side of what is kept of a window: what networks see, and room to shift it
+from learned.actions.variation import KEPT_PX, OtherCamera, Variation, cut_out, varied_track
 
 
 @dataclass(frozen=True)
@@ -89,41 +84,6 @@ class Segments:
         apart = set(logs[fold::folds])
         inside = np.array([log in apart for log in self.logs])
         return self.some(np.flatnonzero(~inside)), self.some(np.flatnonzero(inside))
-
-
-@dataclass(frozen=True)
-class Variation:
-    """By how much training varies what a tracker and a camera tell.
-
-    Attributes:
-        bias_m, noise_m: standard deviation of the track, of a whole segment and of each frame.
-        scale: of the track about the bracket's middle, as of a hand whose height is not known.
-        drift_m: of the track, slowly within the segment.
-        height_bias_m, height_drift_m, height_noise_m: of the fingertips' height.
-        opening_bias_m, opening_drift_m, opening_noise_m: of how far they are apart. No tracker tells it to the
-            millimetre by which types of parts differ: what is held is to be seen in the crops.
-        flat: share of segments for which the tracker tells neither.
-        lost: share of frames in which the hand is not seen.
-        shift_px: of the crops, in window pixels.
-        gain: of brightness and of each colour channel.
-        blank: share of segments whose crops are black.
-    """
-
-    bias_m: float = 0.005
-    noise_m: float = 0.0025
-    scale: float = 0.015
-    drift_m: float = 0.004
-    height_bias_m: float = 0.028
-    height_drift_m: float = 0.018
-    height_noise_m: float = 0.008
-    opening_bias_m: float = 0.008
-    opening_drift_m: float = 0.003
-    opening_noise_m: float = 0.003
-    flat: float = 0.1
-    lost: float = 0.03
-    shift_px: float = 2.5
-    gain: float = 0.12
-    blank: float = 0.03
 
 
 def load_segments(folders: Sequence[Path], classes: Classes) -> Segments:
@@ -201,14 +161,15 @@ def inputs_of(
     for row, number in enumerate(chosen):
         told = segments.tracks_m[number]
         if rng is not None:
-            told = _varied_track(told, reader, rng, variation)
+            told = varied_track(told, reader, rng, variation)
         tracks.append(reader.track(told, last_at_hole(told[:, TIPS], reader.holes_m)))
         if rng is not None and rng.random() < variation.blank:
             continue
-        gain = None if rng is None else np.exp(rng.normal(0, variation.gain) + rng.normal(0, variation.gain / 2, 3))
+        camera = None if rng is None else OtherCamera.drawn(rng, variation)
         for column in (0, 1):
             if window := int(segments.crops[number, column]):
-                crops[row, column] = _crop(segments.windows[window], gain, rng, variation)
+                crop = cut_out(segments.windows[window], rng, variation)
+                crops[row, column] = crop if camera is None else camera.take(crop)
     return np.array(tracks), crops
 
 
@@ -316,34 +277,3 @@ def _image(file: Path) -> Images:
     if image is None:
         raise InputError(f"{file}: no image")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
-
-
-def _varied_track(told: Array, reader: SegmentReader, rng: np.random.Generator, variation: Variation) -> Array:
-    """As a tracker and a camera that hangs elsewhere could have told it."""
-    middle_m = reader.holes_m.mean(axis=0)
-    scale, bias = rng.normal(1.0, variation.scale), rng.normal(0.0, variation.bias_m, 2)
-    each = [variation.noise_m] * 4 + [variation.height_noise_m, variation.opening_noise_m]
-    varied = told + rng.normal(0.0, 1.0, told.shape) * each
-    for columns in (TIPS, PALM):
-        varied[:, columns] = (varied[:, columns] - middle_m) * scale + middle_m + bias
-    slow = np.array([variation.drift_m] * 4 + [variation.height_drift_m, variation.opening_drift_m])
-    knots = rng.normal(0.0, slow, (DRIFT_KNOTS, len(slow)))
-    at = np.linspace(0, DRIFT_KNOTS - 1, len(told))
-    varied += np.stack([np.interp(at, np.arange(DRIFT_KNOTS), column) for column in knots.T], axis=1)
-    varied[:, HEIGHT] += rng.normal(0.0, variation.height_bias_m)
-    varied[:, OPENING] += rng.normal(0.0, variation.opening_bias_m)
-    varied[rng.random(len(told)) < variation.lost] = np.nan
-    if rng.random() < variation.flat:
-        varied[:, [HEIGHT, OPENING]] = np.nan
-    return varied
-
-
-def _crop(
-    window: Images, gain: Array | None, rng: np.random.Generator | None, variation: Variation
-) -> Images | NDArray[np.float64]:
-    edge = (KEPT_PX - CROP_PX) // 2
-    if rng is None or gain is None:
-        return window[edge : edge + CROP_PX, edge : edge + CROP_PX]
-    down, right = (int(value) for value in np.clip(rng.normal(edge, variation.shift_px, 2).round(), 0, 2 * edge))
-    crop = window[down : down + CROP_PX, right : right + CROP_PX] * gain
-    return np.clip(crop, 0, 255)

@@ -14,6 +14,7 @@ from cell.interfaces.product import Product
 from learned.actions.classes import Classes
 from learned.actions.evaluate import Floats, known_features, softmax
 from learned.actions.events import EventSettings, Placement, PlacementEvents, SteadyKind
+from learned.actions.filled import FilledHoles
 from learned.actions.segments import SegmentReader
 from learned.actions.settings import WHOLE_FRAMES
 from learned.onnx_model import OnnxModel
@@ -26,6 +27,8 @@ class TrainedActionDetector:
 
     Attributes:
         last_posterior: (classes,) of the last segment alone; an action is made of several.
+        last_released: probability that the fingers have opened, of the same.
+        settings: when a placement is told.
     """
 
     def __init__(self, bench: Bench, product: Product, network: OnnxModel) -> None:
@@ -35,20 +38,21 @@ class TrainedActionDetector:
         self._network = network
         self._whole_frames = network.card.kind.removeprefix("actions.") in WHOLE_FRAMES
         self._reader = SegmentReader(bench, product)
-        settings = EventSettings.model_validate(network.card.config.get("events", {}))
+        self.settings = settings = EventSettings.model_validate(network.card.config.get("events", {}))
         self._report_s = settings.report_s
         self._events = PlacementEvents(self._classes, settings)
+        self._filled = FilledHoles(self._classes, settings.shown_reads, settings.shown_confidence)
         self._kind = SteadyKind(self._classes, settings)
         self._placed: list[Placement] = []
         self.last_posterior: Floats = np.zeros(len(self._classes.names))
+        self.last_released = 0.0
 
     def detect(self, segment: Segment, holes: Mapping[str, HoleView]) -> Action:
-        """The action that the segment shows; the holes are another detector's opinion and are not looked at."""
-        del holes
+        """The action that the segment shows; a hole newly filled where the hand placed something confirms it."""
         now_s = segment.frames[-1].time_s
         posterior, released = self.posterior(segment)
-        self.last_posterior = posterior
-        if (placed := self._events.update(now_s, posterior, released)) is not None:
+        self.last_posterior, self.last_released = posterior, released
+        if (placed := self._events.update(now_s, posterior, released, self._filled.update(holes))) is not None:
             self._placed.append(placed)
         number, mean = self._kind.update(posterior)
         self._placed = [one for one in self._placed if now_s - one.time_s < self._report_s]
@@ -71,7 +75,8 @@ class TrainedActionDetector:
         told = {
             f"{name} at {position}": share for name, share in zip(self._classes.parts, placed.posterior, strict=True)
         }
-        return Action("assembly", placed.posterior[placed.part], part, position, finished=True, posterior=told)
+        sure = placed.posterior[placed.part]
+        return Action("assembly", sure, part, position, finished=True, posterior=told, shown=placed.shown)
 
     def _told(self, posterior: Floats) -> dict[str, float]:
         shares = zip(self._classes.names, posterior, strict=True)

@@ -1,8 +1,13 @@
-"""From posteriors, frame after frame, to placements that are each told once, and to one steady action."""
+"""From posteriors, frame after frame, to placements that are each told once, and to one steady action.
+
+Two witnesses tell a placement: the hand, whose fingers open over a hole, and the hole, which is newly filled where the
+hand placed something. Whichever is the first tells it.
+"""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +15,7 @@ from numpy.typing import NDArray
 
 from cell.interfaces.model import Model
 from learned.actions.classes import KINDS, Classes
+from learned.actions.filled import Filled
 
 Floats = NDArray[np.float64]
 
@@ -21,17 +27,25 @@ class EventSettings(Model):
         frames: posteriors that are looked at together.
         threshold: mean probability of "an assembly at this hole whose fingers have opened" over them.
         begins: probability of an assembly at a hole from which on evidence for its part is collected.
+        sure: share of that evidence that one part must have; else the hand alone tells nothing.
         again_s: a hole that was told is told again only after so long without an assembly at it.
         report_s: how long a finished assembly is told.
         keep: probability below which a screw action that goes on is given up.
+        shown_reads, shown_confidence: when a hole that was empty counts as newly filled, see `FilledHoles`.
+        shown_evidence: sum over the frames of the probability of an assembly at a hole from which on a newly filled
+            hole shows that the assembly is finished.
     """
 
     frames: int = 3
     threshold: float = 0.5
     begins: float = 0.3
+    sure: float = 0.6
     again_s: float = 1.0
     report_s: float = 0.7
     keep: float = 0.3
+    shown_reads: int = 2
+    shown_confidence: float = 0.9
+    shown_evidence: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -40,12 +54,14 @@ class Placement:
 
     Attributes:
         posterior: (parts,) which part it was.
+        shown: its hole, newly filled, told that it was finished before the hand's movement did.
     """
 
     part: int
     position: int
     time_s: float
     posterior: tuple[float, ...]
+    shown: bool = False
 
 
 class PlacementEvents:
@@ -58,13 +74,17 @@ class PlacementEvents:
         self._evidence = np.zeros(self._shape)
         self._last_s = np.full(self._shape[1], -np.inf)
         self._told = np.zeros(self._shape[1], bool)
+        self._awaited = np.zeros(self._shape[1], bool)  # told, and not yet shown by its hole
 
-    def update(self, time_s: float, posterior: Floats, released: float) -> Placement | None:
+    def update(
+        self, time_s: float, posterior: Floats, released: float, filled: Iterable[Filled] = ()
+    ) -> Placement | None:
         """The placement that this frame finishes.
 
         Args:
             posterior: (classes,).
             released: probability that the fingers have opened, if it is an assembly.
+            filled: holes that are newly filled.
         """
         pairs = posterior[: self._classes.assemblies].reshape(self._shape)
         at_hole = pairs.sum(axis=0)
@@ -74,12 +94,37 @@ class PlacementEvents:
         self._recent.append(at_hole * released)
         finished = np.mean(self._recent, axis=0) * (len(self._recent) / self._settings.frames)
         position = int(np.argmax(np.where(self._told, 0.0, finished)))
-        if self._told[position] or finished[position] < self._settings.threshold:
+        shown = [one for one in filled if self._shown(one)]
+        if not self._told[position] and finished[position] >= self._settings.threshold and self._sure(position):
+            self._awaited[position] = True
+            return self._placement(time_s, position, self._evidence[:, position], shown=False)
+        if not shown:
             return None
-        self._told[position] = True
+        position, likely = shown[0].position, np.full(self._shape[0], (1 - shown[0].confidence) / self._shape[0])
+        likely[shown[0].part] = shown[0].confidence
+        return self._placement(time_s, position, self._evidence[:, position] * likely, shown=True)
+
+    def _sure(self, position: int) -> bool:
+        """Whether the hand's movement tells the part; else the hole is waited for."""
         evidence = self._evidence[:, position]
+        return float(evidence.max()) >= self._settings.sure * float(evidence.sum())
+
+    def _placement(self, time_s: float, position: int, evidence: Floats, *, shown: bool) -> Placement:
+        self._told[position] = True
         share = evidence / max(float(evidence.sum()), 1e-9)
-        return Placement(int(share.argmax()), position, time_s, tuple(float(value) for value in share))
+        return Placement(int(share.argmax()), position, time_s, tuple(float(value) for value in share), shown)
+
+    def _shown(self, one: Filled) -> bool:
+        """Whether a newly filled hole shows that an assembly there, of the same part, is finished.
+
+        Where hand and hole disagree about the part, neither tells: the graph waits for what the hole goes on to show.
+        """
+        if self._awaited[one.position]:
+            self._awaited[one.position] = False
+            return False
+        evidence = self._evidence[:, one.position]
+        enough = float(evidence.sum()) >= self._settings.shown_evidence
+        return enough and not self._told[one.position] and int(evidence.argmax()) == one.part
 
     def _forget(self, time_s: float, at_hole: Floats) -> None:
         """What was seen at a hole counts no longer once no assembly was seen there for a while."""

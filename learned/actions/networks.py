@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from learned.actions.segments import TRACK_FEATURES
+from learned.exposure import LEVEL, MOST_GAIN
 
 KINDS_N = 3
 VGG16 = (64, 64, 0, 128, 128, 0, 256, 256, 256, 0, 512, 512, 512, 0, 512, 512, 512, 0)  # channels; 0: pooling
@@ -139,10 +140,16 @@ class ActionNet(nn.Module):
         """
         features = [] if self.track is None else [self.track(track)]
         if self.crop is not None:
-            images = crops.permute(0, 1, 4, 2, 3).to(track.dtype) / 127.5 - 1.0
+            images = levelled(crops.to(track.dtype)).permute(0, 1, 4, 2, 3) / 127.5 - 1.0
             features += [self.crop(images[:, index]) for index in self.crops]
         logits, released = self.head(torch.cat(features, dim=1))
         return logits, released
+
+
+def levelled(crops: Tensor) -> Tensor:
+    """Crops (n, k, height, width, 3) as bright as all are; black ones stay black."""
+    mean = crops.mean(dim=(2, 3, 4), keepdim=True)
+    return (crops * (LEVEL / mean.clamp(min=LEVEL / MOST_GAIN))).clamp(max=255.0)
 
 
 class Lrcn(nn.Module):

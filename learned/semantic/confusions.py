@@ -273,7 +273,9 @@ def confirmed_reports(path: Path) -> list[Reported]:
             detected = (row["detected"]["part"], row["detected"]["position"])
         except (KeyError, TypeError, AttributeError) as error:
             raise InputError(Problem(Place(path, number + 1), f"no segment: {error!r}")) from error
-        if true is not None and row["detected"] != rows[number - 1].get("detected"):
+        if true is None or row["detected"].get("shown"):  # the hole told it: that says nothing about the network
+            continue
+        if row["detected"] != rows[number - 1].get("detected"):
             found.append((true, detected))
     return found
 

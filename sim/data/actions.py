@@ -4,61 +4,46 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.bench import Bench
 from cell.interfaces.hand_window import hand_window, last_at_hole, seen_frames, small_frame, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
-from cell.interfaces.product import Product
 from sim.data.folder import DataFolder
-from sim.data.recording import CAMERA, Assembly, Moment
-from sim.data.sight import Masks, Projection, fingertip
+from sim.data.hands import visible_shares
+from sim.data.recording import CAMERA, Assembly, Moment, Source
+from sim.data.sight import Masks, Projection
+from sim.data.tracks import Hand, as_tracked, hands_of
 from sim.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
+GAPS_STREAM = 10
 STRIDE_FRAMES = 15  # a segment a second
 ASSEMBLY_STRIDE_FRAMES = 4  # and more while a part is placed, which is short
 HOLES_STRIDE_FRAMES = 30
 HOLE_HALF_M = 0.045  # half the width of a hole's crop on the plate
-HAND_BODIES = ("hand", "hand_thumb", "hand_index", "hand_fingers")
 MOST_OF = {"assembly": 1000, "transit": 14, "screw": 8, "idle": 4}  # segments of a recording that is thinned
 COVERED_BY = ("hand", "shoulder", "upper", "forearm", "wrist", "gripper", "finger", "tool", "base", "head")
 
 
-@dataclass(frozen=True)
-class Source:
-    """Where rows come from: one assembly on one bench."""
-
-    assembly: Assembly
-    product: Product
-    bench: Bench
-
-    @property
-    def name(self) -> str:
-        """Of the recording, in rows and file names."""
-        return f"seed{self.assembly.seed:06d}"
-
-    @property
-    def holes_m(self) -> Array:
-        """(holes, 2) where they are on the bench."""
-        holes = np.array([[*xy, 0.0] for xy in self.product.bracket.holes_m.values()])
-        found: Array = self.bench.bracket.pose.transform(holes)[:, :2]
-        return found
-
-
-def write_segments(source: Source, folder: DataFolder, *, thin: bool = False, frames: bool = False) -> None:
+def write_segments(
+    source: Source, folder: DataFolder, *, thin: bool = False, frames: bool = False, gaps: bool = False
+) -> None:
     """Rows of segments.jsonl, and the window of the hand at the end of each and where it was last at a hole.
 
     Args:
         thin: only some of the segments that are no assembly, drawn by chance, so that classes are less unequal.
         frames: every third whole frame of each segment, too, made small.
+        gaps: the hand as a tracker tells it, which loses it now and then.
     """
     assembly = source.assembly
-    hands = hands_of(source)
+    visible = visible_shares(source, range(len(assembly.moments)))
+    hands = hands_of(source, visible)
+    if gaps:
+        hands = as_tracked(source, hands, visible, np.random.default_rng([assembly.seed, GAPS_STREAM]))
     tips_m = np.array([(math.nan, math.nan) if hand is None else hand["fingertips_m"] for hand in hands])
     camera = _Windows(source)
     for end in _thinned(assembly) if thin else segment_ends(assembly):
@@ -75,8 +60,8 @@ def write_segments(source: Source, folder: DataFolder, *, thin: bool = False, fr
                 "truth": asdict(label),
                 "guarded": assembly.guarded[end],
                 **({"frames": [camera.small(index, folder) for index in seen_frames(end)]} if frames else {}),
-                "hole_crop": None if at_hole is None else camera.write(begin + at_hole, folder),
-                "hand_crop": None if window[-1] is None else camera.write(end, folder),
+                "hole_crop": None if at_hole is None else camera.write(begin + at_hole, window[at_hole], folder),
+                "hand_crop": camera.write(end, window[-1], folder),
                 "holes": {position: part for position, (part, _) in holes_of(source, moment).items()},
                 "hands": window,
             },
@@ -95,12 +80,15 @@ class _Windows:
         self._written: dict[int, str] = {}
         self._small: dict[int, str] = {}
 
-    def write(self, index: int, folder: DataFolder) -> str:
-        """The file of the window at a moment."""
+    def write(self, index: int, hand: Hand | None, folder: DataFolder) -> str | None:
+        """The file of the window around the fingertips at a moment, where they are told to be; None where nowhere."""
+        if hand is None:
+            return None
         if index not in self._written:
             moment = self._source.assembly.moments[index]
             exposure = moment.exposure
-            column, row = self._projection.pixels(exposure.moments[-1], moment.fingertips_m[np.newaxis])[0]
+            tips_m = np.array([[*hand["fingertips_m"], moment.fingertips_m[2]]])
+            column, row = self._projection.pixels(exposure.moments[-1], tips_m)[0]
             image = self._photographer.take(exposure).image
             name = f"crops/{self._source.name}-{exposure.sequence:06d}-hand.png"
             self._written[index] = folder.image(name, hand_window(image, (column, row), self._side_px))
@@ -188,60 +176,6 @@ def _thinned(assembly: Assembly) -> list[int]:
         of_kind = [end for end in ends if assembly.labels[end].kind == kind]
         chosen += list(rng.permutation(of_kind)[:most]) if of_kind else []
     return sorted(int(end) for end in chosen)
-
-
-def hands_of(source: Source) -> list[dict[str, Any] | None]:
-    """The hand as a perfect tracker would tell it, by moment; None where the fingertips are out of the image."""
-    assembly, setup = source.assembly, source.bench.overhead
-    model = assembly.world.model
-    projection = Projection(assembly.world, CAMERA, setup, assembly.look)
-    bodies = {body.name: body.body for body in assembly.world.bodies}
-    of_hand = {body for body in range(model.nbody) if model.body(body).name in HAND_BODIES}
-    sleeve = {index for index in range(model.nmat) if model.mat(index).name == "hand_sleeve"}
-    geoms = np.array(
-        [
-            index
-            for index in range(model.ngeom)
-            if model.geom_bodyid[index] in of_hand
-            and model.geom_matid[index] not in sleeve
-            and model.geom_group[index] < 3
-        ]
-    )
-    digits = {"thumb_m": model.body("hand_thumb").id, "index_m": model.body("hand_index").id}
-    bones = {name: int(np.flatnonzero(model.geom_bodyid == body)[0]) for name, body in digits.items()}
-    pieces = {name: np.flatnonzero(model.geom_bodyid == body) for name, body in bodies.items()}
-    found: list[dict[str, Any] | None] = []
-    for moment, held in zip(assembly.moments, assembly.held, strict=True):
-        poses = moment.exposure.moments[-1]
-        column, row = projection.pixels(poses, moment.fingertips_m[np.newaxis])[0]
-        seen = geoms if held is None else np.concatenate([geoms, pieces[_nearest(assembly, moment, held)]])
-        box = projection.box(poses, seen)
-        if box is None or not (0 <= column < setup.width_px and 0 <= row < setup.height_px):
-            found.append(None)
-            continue
-        found.append(
-            {
-                "time_s": round(moment.time_s, 4),
-                "box_px": box,
-                "fingertips_m": [round(float(value), 5) for value in moment.fingertips_m[:2]],
-                "palm_m": [round(float(value), 5) for value in moment.palm_m[:2]],
-                "held_part": held,
-                "fingertips_height_m": round(float(moment.fingertips_m[2]), 5),
-                **{name: _xy(fingertip(model, poses, bone, moment.palm_m)) for name, bone in bones.items()},
-            }
-        )
-    return found
-
-
-def _xy(point: Array) -> list[float]:
-    return [round(float(value), 5) for value in point[:2]]
-
-
-def _nearest(assembly: Assembly, moment: Moment, part: str) -> str:
-    """Name of the body of this type that is nearest to the fingertips."""
-    away = np.linalg.norm(moment.parts_m - moment.fingertips_m, axis=1)
-    of_type = [one for one in zip(away, assembly.world.bodies, strict=True) if one[1].part == part]
-    return min(of_type, key=lambda one: float(one[0]))[1].name
 
 
 def _hole_box(source: Source, position: str) -> tuple[int, int, int, int]:

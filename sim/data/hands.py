@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from cell.interfaces.perception import Frame, Side
 from cell.interfaces.pose import Array
-from sim.data.actions import Source
 from sim.data.folder import DataFolder
-from sim.data.recording import CAMERA, Moment
+from sim.data.recording import CAMERA, Moment, Source
 from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection, fingertip
 from sim.data.working_arm import WorkingArm
 from sim.lighting import AIM_M

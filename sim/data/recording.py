@@ -83,6 +83,27 @@ class Assembly:
         return Photographer(self.world.model, {CAMERA: SensorSetup(bench.overhead, self.look.camera, rng)})
 
 
+@dataclass(frozen=True)
+class Source:
+    """Where rows come from: one assembly on one bench."""
+
+    assembly: Assembly
+    product: Product
+    bench: Bench
+
+    @property
+    def name(self) -> str:
+        """Of the recording, in rows and file names."""
+        return f"seed{self.assembly.seed:06d}"
+
+    @property
+    def holes_m(self) -> Array:
+        """(holes, 2) where they are on the bench."""
+        holes = np.array([[*xy, 0.0] for xy in self.product.bracket.holes_m.values()])
+        found: Array = self.bench.bracket.pose.transform(holes)[:, :2]
+        return found
+
+
 def record(product: Product, bench: Bench, settings: SimSettings, seed: int, *, physics: bool = False) -> Assembly:
     """One assembly; look, person's habits and goal are drawn from the seed.
 

@@ -22,14 +22,15 @@ from cell.interfaces.perception import SEGMENT_FRAMES
 from learned.holes.crops import hole_crops, squares_m
 from learned.holes.dataset import load_plates
 from learned.parts.dataset import load_scenes
-from sim.data.actions import MOST_OF, Source, holes_of, write_holes, write_segments
+from sim.data.actions import MOST_OF, holes_of, write_holes, write_segments
 from sim.data.folder import DataFolder, DataPiece
-from sim.data.hands import FRAMES, hand_frames, shares_by_height, write_hands
+from sim.data.hands import FRAMES, hand_frames, shares_by_height, visible_shares, write_hands
 from sim.data.objects import write_objects
 from sim.data.plates import write_plates
-from sim.data.recording import Assembly, record
+from sim.data.recording import Assembly, Source, record
 from sim.data.sight import GEOM_POSITIONS
 from sim.data.splits import SPLITS, seeds
+from sim.data.tracks import as_tracked, hands_of
 from sim.data.variety import mixed_clutter, sometimes_steel
 from sim.person import Storage
 
@@ -117,6 +118,27 @@ def test_segments_end_with_their_class_and_have_all_their_frames(tmp_path: Path)
             assert image(tmp_path / "new" / row["hand_crop"]).shape == (side_px, side_px, 3)
         tips_m = [(np.nan, np.nan) if hand is None else hand["fingertips_m"] for hand in row["hands"]]
         assert (last_at_hole(np.array(tips_m), source().holes_m) is None) == (row["hole_crop"] is None)
+
+
+def test_a_tracker_loses_the_hand_and_takes_it_to_be_elsewhere(tmp_path: Path) -> None:
+    write_segments(source(), DataFolder(tmp_path / "new", "test"), gaps=True)
+    for row in rows(tmp_path / "new" / "segments.jsonl"):
+        assert (row["hands"][-1] is None) == (row["hand_crop"] is None)
+    visible = visible_shares(source(), range(len(assembly().moments)))
+    perfect = hands_of(source(), visible)
+    told = [as_tracked(source(), perfect, visible, np.random.default_rng(seed)) for seed in (0, 1, 2, 0)]
+    assert told[3] == told[0] != told[1]
+    seen = np.array([one is not None for one in perfect])
+    lost = np.array([[one is None for one in track] for track in told[:3]])[:, seen].mean()
+    assert 0.005 < lost < 0.2
+    away_m = [
+        np.linalg.norm(np.array(one["fingertips_m"]) - was["fingertips_m"])
+        for track in told[:3]
+        for one, was in zip(track, perfect, strict=True)
+        if one is not None and was is not None
+    ]
+    assert 0.002 < np.mean(np.array(away_m) > 0.05) < 0.2
+    assert np.median(away_m) == 0
 
 
 def test_fingers_open_once_in_each_assembly() -> None:

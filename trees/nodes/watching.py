@@ -86,7 +86,8 @@ class UpdateGraph(CellNode):
             if action.position not in state.placed:
                 self.state.set(state.with_placement(action.part, action.position, _shares(action)))
                 self.services.show(help_request=None)
-                told = {"posterior": dict(action.posterior)} if action.posterior else {}
+                told: dict[str, object] = {"posterior": dict(action.posterior)} if action.posterior else {}
+                told |= {"shown": True} if action.shown else {}  # the hole tells it, too
                 self.services.journal.note("belief", edge=[action.part, action.position], source="action", **told)
             self.feedback_message = f"{action.part} is at {action.position}"
         return Status.SUCCESS

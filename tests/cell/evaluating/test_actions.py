@@ -18,9 +18,10 @@ from cell.evaluating.system import Listener, table_1, with_goals
 from cell.interfaces.errors import InputError
 from cell.interfaces.perception import Action
 from learned.actions.classes import Classes
-from sim.data.actions import Source
 from sim.data.hands import visible_shares
+from sim.data.recording import Source
 from sim.data.recording import record as recorded
+from sim.data.tracks import hands_of
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
 
@@ -38,12 +39,13 @@ def test_a_placement_is_right_in_time_with_part_and_hole_and_once() -> None:
 
 def test_segments_in_the_guard_band_count_apart() -> None:
     tally = Tally(rows=[(0, 0, False), (0, 1, True), (19, 19, False), (18, 19, False)], placed=4, told=3, right=2)
-    tally.latency_s = [0.01, 0.02]
+    tally.latency_s, tally.told_by_hand, tally.right_by_hand = [0.01, 0.02], 2, 1
     found = tally.summary(CLASSES)
     assert found["all_segments"]["share"] == 0.5
     assert found["outside_guard"] == share(2, 3)
     assert found["placements"]["share"] == 0.5
-    assert found["false_per_100"] == 25.0
+    assert found["false_per_100"] == found["false_per_100_by_hand"] == 25.0
+    assert found["placements_by_hand"]["share"] == 0.25
     assert found["confusions"] == {"screw > transit": 1}
     assert tally.reports(CLASSES) == [(("o1", "p1"), ("o1", "p1"))]
 
@@ -57,6 +59,14 @@ def test_an_observer_keeps_each_told_placement_once() -> None:
         made = record(number)
         listener.tick(replace(made, observation=replace(made.observation, bench=shown)))
     assert [one[1:] for one in listener.told] == [("o1", "p2")]
+    assert listener.by_hand == listener.told
+
+
+def test_a_placement_that_its_hole_told_is_counted_but_not_as_told_by_the_hand() -> None:
+    listener, made = Listener(), record(0)
+    shown = replace(idle_view(frame(0)), action=Action("assembly", 0.9, "o1", "p2", finished=True, shown=True))
+    listener.tick(replace(made, observation=replace(made.observation, bench=shown)))
+    assert (len(listener.told), listener.by_hand) == (1, [])
 
 
 def test_table_1_has_a_row_for_each_number_of_goals() -> None:
@@ -69,7 +79,10 @@ def test_table_1_has_a_row_for_each_number_of_goals() -> None:
         "correct": True,
         "end": "finished",
     }
-    found = table_1([{**row, "goals": 1, "contradictions": 0}, {**row, "goals": 3, "contradictions": 1}])
+    by_hand = {**row, "told_right_by_hand": 4, "goals": 3, "contradictions": 1}
+    found = table_1([{**row, "goals": 1, "contradictions": 0}, by_hand])
+    assert found["3"]["AD_by_hand"] == share(4, 6)
+    assert "AD_by_hand" not in found["1"]  # rows from before it was counted
     assert list(found) == ["1", "3"]
     assert found["3"]["AD"]["share"] == pytest.approx(0.8333)
     assert list(with_goals(PRODUCT, 2).goals) == ["g0", "g1"]
@@ -141,6 +154,9 @@ def test_a_hand_under_the_arm_is_hidden() -> None:
     shares = visible_shares(source, [45, 216])
     assert shares[0] > 0.9
     assert shares[1] < 0.1
+    hands = hands_of(source)
+    assert hands[45] is not None
+    assert hands[216] is None  # nobody could tell it
 
 
 @pytest.mark.slow

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from cell.configuration import load_configuration, load_product
+from cell.interfaces.perception import HoleView
 from learned.actions.classes import Classes
 from learned.actions.events import EventSettings, Floats, Placement, PlacementEvents, SteadyKind
+from learned.actions.filled import Filled, FilledHoles
 
 PRODUCT = load_product(load_configuration())
 CLASSES = Classes.of(PRODUCT)
@@ -24,10 +26,13 @@ def posterior(**shares: float) -> Floats:
     return found
 
 
-def told(stream: Iterable[tuple[Floats, float]]) -> list[Placement]:
-    """Placements that a stream of posteriors and "opened" gives, a frame each."""
-    events = PlacementEvents(CLASSES, EventSettings())
-    found = [events.update(index * FRAME_S, *frame) for index, frame in enumerate(stream)]
+def told(stream: Iterable[tuple[Floats, float]], filled: Mapping[int, Filled] | None = None) -> list[Placement]:
+    """Placements that a stream of posteriors and "opened" gives, a frame each; holes are filled in some of them."""
+    events, holes = PlacementEvents(CLASSES, EventSettings()), filled or {}
+    found = [
+        events.update(index * FRAME_S, *frame, [holes[index]] if index in holes else [])
+        for index, frame in enumerate(stream)
+    ]
     return [one for one in found if one is not None]
 
 
@@ -82,3 +87,52 @@ def test_a_screw_goes_on_through_doubtful_frames() -> None:
     stream = [posterior(screw=0.9)] * 5 + [posterior(screw=0.3)] + [posterior(screw=0.9)] * 5
     assert {CLASSES.names[kind.update(frame)[0]] for frame in stream} == {"screw"}
     assert CLASSES.names[[kind.update(posterior()) for _ in range(5)][-1][0]] == "transit"
+
+
+def test_a_hole_that_is_newly_filled_tells_a_placement_whose_opening_fingers_nobody_made_out() -> None:
+    stream = AWAY + placing(frames=8, opened=0) + AWAY * 30
+    (found,) = told(stream, {12: Filled(0, 1, 0.98)})
+    assert (found.part, found.position, found.shown) == (0, 1, True)
+    assert found.posterior[0] > 0.98
+    assert told(stream) == []
+
+
+def test_hand_and_hole_tell_a_placement_once() -> None:
+    stream = AWAY + placing() + AWAY * 30
+    for at in (7, 12, 20, 40):
+        assert len(told(stream, {at: Filled(0, 1, 0.98)})) == 1
+    returns = AWAY + placing() + AWAY * 20 + placing(frames=8, opened=0) + AWAY * 10
+    assert len(told(returns, {40: Filled(0, 1, 0.98)})) == 1  # the arm hid the hole until then
+
+
+def test_a_hole_that_the_robot_fills_or_that_shows_another_part_is_no_placement_of_the_person() -> None:
+    assert told(AWAY * 30, {12: Filled(0, 1, 0.98)}) == []
+    stream = AWAY + placing(frames=8, opened=0) + AWAY * 30
+    assert told(stream, {12: Filled(1, 1, 0.98)}) == []
+    assert told(stream, {12: Filled(0, 2, 0.98)}) == []
+    assert told(stream, {38: Filled(0, 1, 0.98)}) == []  # long after the hand was there
+
+
+def test_where_the_movement_leaves_the_part_in_doubt_the_hole_is_waited_for() -> None:
+    stream = AWAY + placing(o1_at_p2=0.5, o2_at_p2=0.42) + AWAY * 30
+    assert told(stream) == []
+    (found,) = told(stream, {16: Filled(0, 1, 0.98)})
+    assert found.part == 0
+    assert found.posterior[0] > 0.9
+
+
+def test_a_hole_is_newly_filled_once_when_new_looks_agree_after_it_was_empty() -> None:
+    def filled(*looks: tuple[str | None, float, float]) -> list[int]:
+        """Numbers of the looks (part, confidence, time) that tell."""
+        holes = FilledHoles(CLASSES, 2, 0.9)
+        views = [{"p2": HoleView(part, confidence, seen_s)} for part, confidence, seen_s in looks]
+        return [number for number, view in enumerate(views) for _ in holes.update(view)]
+
+    empty = (None, 0.99, 0.0)
+    assert filled(empty, ("o1", 0.95, 1.0), ("o1", 0.95, 2.0), ("o1", 0.95, 3.0)) == [2]
+    assert filled(empty, ("o1", 0.95, 1.0), ("o1", 0.95, 1.0), ("o1", 0.95, 2.0)) == [3]  # the second is no new look
+    assert filled(("o1", 0.95, 1.0), ("o1", 0.95, 2.0)) == []  # nobody knows since when
+    assert filled(empty, ("o1", 0.95, 1.0), ("o2", 0.95, 2.0), ("o2", 0.95, 3.0)) == [3]
+    assert filled(empty, ("o1", 0.95, 1.0), ("o1", 0.6, 2.0), ("o1", 0.95, 3.0)) == [3]
+    again = ("o1", 0.95, 1.0), ("o1", 0.95, 2.0), (None, 0.99, 3.0), ("o1", 0.95, 4.0), ("o1", 0.95, 5.0)
+    assert filled(empty, *again) == [2, 5]

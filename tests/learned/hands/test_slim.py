@@ -16,9 +16,8 @@ from cell.interfaces.planning import weights_file
 from cell.settings import WEIGHTS
 from learned.hands.slim import finder_file, slim_tracker
 from learned.onnx_model import OnnxModel
-from sim.data.actions import Source
 from sim.data.hands import hand_frames
-from sim.data.recording import record
+from sim.data.recording import Source, record
 
 FILE = WEIGHTS / weights_file("hands", "slim")
 MOST_BYTES = 5_000_000

@@ -213,7 +213,7 @@ def _lateness(files: Files, devices: Devices, say: Callable[[float, Level, str],
 
 def _tool_on_bench_m(motion: MotionPlanner, seen: Observation) -> tuple[float, float]:
     """Where the tool is above the bench, (x, y)."""
-    x, y, _ = motion.kinematics.forward(np.array(seen.arm.positions_rad)).position_m
+    x, y, _ = motion.kinematics.position_m(np.array(seen.arm.positions_rad)).tolist()
     return x, y
 
 

@@ -65,6 +65,12 @@ class Kinematics:
         """world_from_tool of joint angles (6,)."""
         return Pose.from_matrix(self._flange_matrix(joints_rad)) @ self._flange_from_tool
 
+    def position_m(self, joints_rad: Array) -> Array:
+        """Where the tool is (3,), in a third of the time."""
+        flange = self._flange_matrix(joints_rad)
+        position: Array = flange[:3, 3] + self._flange_from_tool.position_m[2] * flange[:3, 2]
+        return position
+
     def inverse(self, world_from_tool: Pose, near_rad: Array | None = None) -> Array | None:
         """Joint angles (6,) that bring the tool there, elbow up; None where the arm cannot reach.
 

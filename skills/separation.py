@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 import pinocchio
+from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
@@ -58,17 +59,30 @@ class _Stretch:
     """The next stretch of a path as planned: K pieces of MARK_S, L links, 6 joints.
 
     Attributes:
-        rooms_m: (K, L) from the person, the least at both ends of a piece; infinite for a link that is slow there.
-        coming_m_s: (K, L) how fast the person comes nearer to each link that is fast there.
+        places: (K + 1, L, 4, 4) of the links at the ends of the pieces.
         speeds_m_s: (K, L) of the fastest point of each link, in this piece or the one before, as the arm trails.
         joints_rad_s, bends_rad_s2: (K, 6).
     """
 
-    rooms_m: Array
-    coming_m_s: Array
+    places: Array
     speeds_m_s: Array
     joints_rad_s: Array
     bends_rad_s2: Array
+
+
+@dataclass(frozen=True)
+class _Braking:
+    """The arm brakes along a stretch, from each of SHARES shares of speed, in T steps.
+
+    Attributes:
+        times_s: (T,) since the arm began to.
+        pieces: (T, SHARES) of the stretch in which it is.
+        shares: (T, SHARES) of the planned speed that it still has.
+    """
+
+    times_s: Array
+    pieces: NDArray[np.intp]
+    shares: Array
 
 
 class SeparationMonitor:
@@ -83,6 +97,7 @@ class SeparationMonitor:
         self._model, self._data = checker.model, checker.model.createData()
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
         self._person = PersonSpace(bench, settings)
+        self._walled: tuple[HandSample | None, coal.Convex] = None, None
 
     def judge(
         self, joints_rad: Array, hand: HandSample, age_s: float, holding: bool, ahead: Following | None = None
@@ -95,7 +110,9 @@ class SeparationMonitor:
             holding: a part is between the fingers.
             ahead: the trajectory that is followed, and how far along it the arm is; None for a standing arm.
         """
-        return self._judge(joints_rad, self._person.wall(hand), hand.velocity_m_s, age_s, holding, ahead)
+        if self._walled[0] is not hand:  # several ticks ask about the same one
+            self._walled = hand, self._person.wall(hand)
+        return self._judge(joints_rad, self._walled[1], hand.velocity_m_s, age_s, holding, ahead)
 
     def judge_beyond(
         self, joints_rad: Array, edges: Sequence[Edge], age_s: float, holding: bool, ahead: Following | None = None
@@ -128,7 +145,7 @@ class SeparationMonitor:
         coming = self._coming_m_s(velocity_m_s, ways)
         share = 1.0
         if ahead is not None:
-            share = self._share(self._stretch(path_rad, places[1:], person, velocity_m_s, holding), age_s)
+            share = self._share(self._stretch(path_rad, places[1:]), person, velocity_m_s, age_s, holding)
         return Separation(float(rooms_m[link]), share, self.least_m(coming[link], age_s), self.outline.names[link])
 
     def least_m(self, coming_m_s: float, age_s: float) -> float:
@@ -138,61 +155,80 @@ class SeparationMonitor:
         arm_m = slow * (reaction_s + stop_s / 2)
         return float(self.settings.margin_m + coming_m_s * (age_s + reaction_s + stop_s) + arm_m)
 
-    def _stretch(
-        self,
-        joints: Array,
-        places: Array,
-        person: coal.Convex,
-        velocity_m_s: tuple[float, float] | None,
-        holding: bool,
-    ) -> _Stretch:
+    def _stretch(self, joints: Array, places: Array) -> _Stretch:
         steps_m = np.diff(self.outline.corners_m(places), axis=0)
         between = np.linalg.norm(steps_m, axis=3).max(axis=2) / MARK_S
-        speeds_m_s = np.maximum(between[:-1], between[1:])
-        fast = speeds_m_s > self.settings.slow_m_s  # nobody asks for the others
-        asked = np.zeros((MARKS + 1, fast.shape[1]), dtype=bool)
-        asked[:-1] |= fast
-        asked[1:] |= fast
-        rooms_m, ways = self.outline.rooms(places[1:], person, holding, asked)
         return _Stretch(
-            rooms_m=np.minimum(rooms_m[:-1], rooms_m[1:]),
-            coming_m_s=self._coming_m_s(velocity_m_s, ways[:-1]),
-            speeds_m_s=speeds_m_s,
+            places=places[1:],
+            speeds_m_s=np.maximum(between[:-1], between[1:]),
             joints_rad_s=(joints[2:] - joints[:-2]) / (2 * MARK_S),
             bends_rad_s2=(joints[2:] - 2 * joints[1:-1] + joints[:-2]) / MARK_S**2,
         )
 
-    def _share(self, stretch: _Stretch, age_s: float) -> float:
-        """The largest share of speed from which every link is slow before the person could be there.
-
-        All shares are played through at once: the arm goes on during its reaction, then it brakes along its path.
-        """
+    def _share(
+        self,
+        stretch: _Stretch,
+        person: coal.Convex,
+        velocity_m_s: tuple[float, float] | None,
+        age_s: float,
+        holding: bool,
+    ) -> float:
+        """The largest share of speed from which every link is slow before the person could be there."""
         settings = self.settings
         least = settings.slow_m_s / max(float(stretch.speeds_m_s.max()), settings.slow_m_s)
         if least >= 1:
             return 1.0
         shares: Array = np.linspace(least, 1.0, SHARES)
-        fits = np.ones(SHARES, dtype=bool)
-        now, path_s, time_s = shares.copy(), np.zeros(SHARES), 0.0
-        left_m, limits, along = stretch.rooms_m - settings.margin_m, *self._braking(stretch)
-        while (fits & (now > least + TINY)).any():
-            mark = np.minimum((path_s / MARK_S).astype(int), MARKS - 1)
-            met = left_m < reach(age_s + time_s + PLAY_S, stretch.coming_m_s, settings)
-            fast = stretch.speeds_m_s[mark] * now[:, None] > settings.slow_m_s + TINY  # at the least share none is
-            fits &= ~(met[mark] & fast).any(axis=1)
-            if time_s >= settings.reaction_s:
-                can = (limits[mark] + along[mark] * now[:, None] ** 2).min(axis=1)
-                braking = np.maximum(can, LEAST_BRAKING * limits[mark].min(axis=1))
-                now = np.maximum(now - PLAY_S * braking, least)
-            path_s, time_s = path_s + now * PLAY_S, time_s + PLAY_S
-        fits[0] = True
-        refused = np.flatnonzero(~fits)
-        return float(shares[refused[0] - 1]) if len(refused) else 1.0
+        braking = self._braked(stretch, shares)
+        pieces = braking.pieces
+        speeds_m_s = stretch.speeds_m_s[pieces] * braking.shares[..., np.newaxis]
+        fast = speeds_m_s > settings.slow_m_s + TINY  # at the least share none is
+        left_m, coming_m_s = self._rooms(stretch, pieces, fast, person, velocity_m_s, holding)
+        comes_m = reach(age_s + braking.times_s[:, np.newaxis, np.newaxis] + PLAY_S, coming_m_s, settings)
+        met = (left_m - settings.margin_m < comes_m)[np.arange(len(pieces))[:, np.newaxis], pieces]
+        refused = np.flatnonzero((met & fast).any(axis=(0, 2))[1:])
+        return float(shares[refused[0]]) if len(refused) else 1.0
 
-    def _braking(self, stretch: _Stretch) -> tuple[Array, Array]:
-        """How each joint (K, 6) lets the share of speed fall in [1/s], and what its path adds at all of the speed."""
+    def _braked(self, stretch: _Stretch, shares: Array) -> _Braking:
+        """From each share of speed: the arm goes on during its reaction, then it brakes along its path to the least."""
         fastest = np.maximum(np.abs(stretch.joints_rad_s), TINY)
-        return self._acceleration_rad_s2 / fastest, stretch.bends_rad_s2 * np.sign(stretch.joints_rad_s) / fastest
+        limits, along = (
+            self._acceleration_rad_s2 / fastest,
+            stretch.bends_rad_s2 * np.sign(stretch.joints_rad_s) / fastest,
+        )
+        least_braking = LEAST_BRAKING * limits.min(axis=1)
+        now, path_s, time_s, told = shares, np.zeros(SHARES), 0.0, []
+        while (now[1:] > shares[0] + TINY).any():
+            piece = np.minimum((path_s / MARK_S).astype(int), MARKS - 1)
+            told.append((time_s, piece, now))
+            if time_s >= self.settings.reaction_s:
+                square = now * now
+                can = (limits[piece] + along[piece] * square[:, np.newaxis]).min(axis=1)
+                now = np.maximum(now - PLAY_S * np.maximum(can, least_braking[piece]), shares[0])
+            path_s, time_s = path_s + now * PLAY_S, time_s + PLAY_S
+        return _Braking(*(np.array(one) for one in zip(*told, strict=True)))
+
+    def _rooms(
+        self,
+        stretch: _Stretch,
+        pieces: NDArray[np.intp],
+        fast: NDArray[np.bool_],
+        person: coal.Convex,
+        velocity_m_s: tuple[float, float] | None,
+        holding: bool,
+    ) -> tuple[Array, Array]:
+        """(K, L) how far the person is, the least at both ends of a piece, and how fast it comes nearer.
+
+        Only of links that are fast in a piece, for as many pieces as the arm comes to; the others have no meaning.
+        """
+        links, last = fast.shape[2], int(pieces.max()) + 1
+        used = np.zeros((last, links), dtype=bool)
+        used.reshape(-1)[(pieces[..., np.newaxis] * links + np.arange(links))[fast]] = True
+        asked = np.zeros((last + 1, links), dtype=bool)
+        asked[:-1] |= used
+        asked[1:] |= used
+        rooms_m, ways = self.outline.rooms(stretch.places[: last + 1], person, holding, asked)
+        return np.minimum(rooms_m[:-1], rooms_m[1:]), self._coming_m_s(velocity_m_s, ways[:-1])
 
     def out_of_view(self, joints_rad: Array) -> bool:
         """Whether the tool works where the overhead camera would not see a hand beside it."""
@@ -227,8 +263,8 @@ def nearest(found: Sequence[Separation]) -> Separation | None:
     return Separation(worst.distance_m, min(one.share for one in found), worst.least_m, worst.nearest)
 
 
-def reach(time_s: float, speed_m_s: Array, settings: SeparationSettings) -> Array:
-    """How far hands come in this time in [m], from these speeds on, as fast as hands become."""
+def reach(time_s: Array | float, speed_m_s: Array, settings: SeparationSettings) -> Array:
+    """How far hands come in these times in [m], from these speeds on, as fast as hands become."""
     top, haste = settings.hand_speed_m_s, settings.hand_acceleration_m_s2
     start = np.minimum(speed_m_s + settings.speed_error_m_s, top)
     hastens_s = np.minimum(time_s, (top - start) / haste)

@@ -81,7 +81,7 @@ class StopWatch:
         for time_s, positions, speeds in list(samples)[::EVERY]:
             if time_s <= began_s or self._rested:
                 continue
-            self._tool.append(np.array(self.motion.kinematics.forward(positions).position_m))
+            self._tool.append(self.motion.kinematics.position_m(positions))
             if len(self._tool) > 1:
                 self.stop_m += float(np.linalg.norm(self._tool[-1] - self._tool[-2]))
             self.stop_s = float(time_s) - began_s

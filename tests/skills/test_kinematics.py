@@ -70,6 +70,12 @@ def test_tcp_lies_beyond_the_flange(kinematics: Kinematics) -> None:
     np.testing.assert_allclose(tool.position_m, (0.612 + 0.5723, 0.1639 + 0.0922 + 0.156, 0.1273 - 0.1157), atol=2e-4)
 
 
+def test_where_the_tool_is_can_be_asked_alone(kinematics: Kinematics) -> None:
+    rng = np.random.default_rng(4)
+    for joints in rng.uniform(-2, 2, (20, 6)):
+        np.testing.assert_allclose(kinematics.position_m(joints), kinematics.forward(joints).position_m, atol=1e-12)
+
+
 def test_neighbouring_points_have_neighbouring_joints(kinematics: Kinematics) -> None:
     joints = kinematics.inverse(tool_down((0.6, -0.3, 0.3), 1.0))
     assert joints is not None

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from py_trees.common import Status
 
+from cell.interfaces.journal import ListJournal
 from cell.interfaces.perception import Action, HoleView
 from cell.interfaces.planning import AssemblyState
 from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, hand_at, see, services
@@ -52,6 +53,19 @@ def test_only_a_finished_assembly_action_sets_an_edge() -> None:
         node.action.entry.value = SeenAction(action, 0.0)  # type: ignore[union-attr]
         assert node.update() is Status.SUCCESS
         assert dict(node.state.get().placed) == edges
+
+
+def test_the_log_says_that_a_hole_told_the_placement_first() -> None:
+    for action, shown in ((PLACED, None), (replace(PLACED, shown=True), True)):
+        at = services()
+        node = UpdateGraph("update")
+        node.setup(services=at)
+        node.state.entry.value = AssemblyState({})  # type: ignore[union-attr]
+        node.action.entry.value = SeenAction(action, 0.0)  # type: ignore[union-attr]
+        node.update()
+        assert isinstance(at.journal, ListJournal)
+        (noted,) = (fields for topic, fields in at.journal.notes if topic == "belief")
+        assert (noted["source"], noted.get("shown")) == ("action", shown)
 
 
 def test_the_doubt_of_an_action_stays_until_its_hole_shows_the_part() -> None:

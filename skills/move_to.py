@@ -1,20 +1,23 @@
-"""Bring the arm to joints or to a pose of its tool by a free way: MoveTo, MoveToJoints, MoveToPose."""
+"""Bring the arm to joints or to a pose of its tool by a free way: MoveTo, GiveWay, MoveToJoints, MoveToPose."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
+from cell.interfaces.judgement import HAND_TOO_NEAR
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from skills.grip import STROKE_M
 from skills.handling import bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
 from skills.kinematics import within_limits
+from skills.near_hand import way_out
 from skills.phases import Move, Phase, PhasedSkill
-from skills.planner import Load, MotionPlanner
+from skills.planner import Load, MotionPlanner, Plan
 
 NamedPose = Literal["park", "look"]
 
@@ -46,14 +49,17 @@ class FreeMove(PhasedSkill):
         goal = self.goal(observation, load)
         if isinstance(goal, str):
             return f"cannot move to {self._to}: {goal}"
-        return [
-            Move(
-                f"moving to {self._to}",
-                lambda start: planner.free_move(start, goal, load),
-                planner.settings,
-                holding=held,
-            )
-        ]
+        way = partial(self.way, observation, goal, load)
+        return [Move(f"moving to {self._to}", way, planner.settings, holding=held)]
+
+    def way(self, observation: Observation, goal_rad: Array, load: Load, start_rad: Array) -> Plan:
+        """How to get there; where a near hand holds the arm, by a way that leads away from it, if there is one."""
+        planner = self._planner
+        if HAND_TOO_NEAR in observation.held_by:
+            path = way_out(planner, observation, start_rad, goal_rad, load)
+            if not isinstance(path, str):
+                return path
+        return planner.free_move(start_rad, goal_rad, load)
 
     @property
     def done(self) -> str:
@@ -77,6 +83,22 @@ class MoveTo(FreeMove):
     def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
         """The joints of that name."""
         return np.array(self._joints)
+
+
+class GiveWay(MoveTo):
+    """Go to the parking place out of a near hand's way: by a way that leads away from it all along, or not at all."""
+
+    def __init__(self, planner: MotionPlanner, standing: Sequence[PartDetection] = (), held: str | None = None) -> None:
+        super().__init__(planner, "park", standing, held)
+
+    def way(self, observation: Observation, goal_rad: Array, load: Load, start_rad: Array) -> Plan:
+        """The way out."""
+        return way_out(self._planner, observation, start_rad, goal_rad, load)
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return "out of the hand's way"
 
 
 class MoveToJoints(FreeMove):

@@ -64,7 +64,7 @@ class Move:
         return self._running(observation)
 
     def _start(self, observation: Observation, command: Command) -> Progress:
-        if _stopping(observation, command) or held(observation):
+        if _stopping(observation, command) or not observation.new_path:
             return self._running(observation)
         plan = self._plan(np.array(observation.arm.positions_rad))
         if isinstance(plan, str):

@@ -100,9 +100,9 @@ class MotionPlanner:
         if isinstance(up, str) or down is None:
             return f"no free way: {contact}"
         across = joint_move(up.positions_rad[-1], down.positions_rad[-1], self.settings)
-        rest = _joined([across, _reversed(down)])
+        rest = joined([across, _reversed(down)])
         still = self._contact(rest.positions_rad, load)
-        return _joined([up, rest]) if still is None else f"no free way: {still}"
+        return joined([up, rest]) if still is None else f"no free way: {still}"
 
     def rise(self, start_rad: Array, height_m: float, opening_m: float) -> Plan:
         """The tool straight up, which takes it away from all that stands beside or below it."""
@@ -145,7 +145,7 @@ def _reversed(trajectory: JointTrajectory) -> JointTrajectory:
     return JointTrajectory(trajectory.duration_s - trajectory.times_s[::-1], trajectory.positions_rad[::-1])
 
 
-def _joined(legs: Sequence[JointTrajectory]) -> JointTrajectory:
+def joined(legs: Sequence[JointTrajectory]) -> JointTrajectory:
     """One trajectory out of legs that each start where the last one ends."""
     times, positions, offset = [np.zeros(1)], [legs[0].positions_rad[:1]], 0.0
     for leg in legs:

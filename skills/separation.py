@@ -3,13 +3,13 @@
 A hand is known from above only, so it counts as a wall over the bench (`skills.person_space`). A contact at the slow
 speed is admissible. So for each share of speed the arm's braking is played through along its path: every link must be
 slow before a hand that comes at full speed could be there. And a slow arm must stand before the hand that is coming, as
-fast as it is seen to come, arrives. Not safety-rated.
+fast as it is seen to come, arrives; nearer than that it may only leave, slowly (`skills.leaving`). Not safety-rated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import coal
 import numpy as np
@@ -22,6 +22,7 @@ from cell.interfaces.perception import Edge, HandSample
 from cell.interfaces.pose import Array
 from skills.arm_outline import ArmOutline
 from skills.collision import CollisionChecker
+from skills.leaving import Leaving
 from skills.person_space import PersonSpace
 from skills.settings import SeparationSettings, SixFloats
 
@@ -46,12 +47,15 @@ class Separation:
         share: largest share of the planned speed at which the arm is slow before a hand can arrive.
         least_m: distance below which even a slow arm must stand.
         nearest: name of the link that is nearest now.
+        leaving: largest share at which an arm that is too near may go on, as its path leads away; 0 where it does not,
+            or where too little is known; 1 for an arm that is not too near.
     """
 
     distance_m: float
     share: float
     least_m: float
     nearest: str = ""
+    leaving: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,7 @@ class SeparationMonitor:
     ) -> None:
         self.settings = settings
         self.outline = ArmOutline(checker)
+        self._leaving = Leaving(self.outline, settings)
         self._acceleration_rad_s2 = np.array(acceleration_rad_s2)
         self._model, self._data = checker.model, checker.model.createData()
         self._camera, self._camera_from_world = bench.overhead.model, bench.overhead.mount.pose.inverse()
@@ -112,7 +117,16 @@ class SeparationMonitor:
         """
         if self._walled[0] is not hand:  # several ticks ask about the same one
             self._walled = hand, self._person.wall(hand)
-        return self._judge(joints_rad, self._walled[1], hand.velocity_m_s, age_s, holding, ahead)
+        person = self._walled[1]
+        found = self._judge(joints_rad, person, hand.velocity_m_s, age_s, holding, ahead)
+        clear_m = found.least_m + self.settings.hysteresis_m
+        if found.distance_m >= clear_m:
+            return replace(found, leaving=1.0)
+        if ahead is None or hand.velocity_m_s is None:
+            return found
+        if found.distance_m < self._leaving.contact_m(float(np.hypot(*hand.velocity_m_s)), age_s):
+            return found
+        return replace(found, leaving=self._leaving.share(joints_rad, *ahead, person, clear_m, holding=holding))
 
     def judge_beyond(
         self, joints_rad: Array, edges: Sequence[Edge], age_s: float, holding: bool, ahead: Following | None = None
@@ -126,7 +140,7 @@ class SeparationMonitor:
         for edge in edges:
             one = self._judge(joints_rad, self._person.beyond[edge], None, age_s, holding, ahead)
             waits = edge != self._person.edge
-            found.append(one if waits else Separation(one.distance_m, one.share, -np.inf, one.nearest))
+            found.append(one if waits else replace(one, least_m=-np.inf))
         return nearest(found)
 
     def _judge(
@@ -260,7 +274,8 @@ def nearest(found: Sequence[Separation]) -> Separation | None:
     if not found:
         return None
     worst = min(found, key=lambda one: one.distance_m - one.least_m)
-    return Separation(worst.distance_m, min(one.share for one in found), worst.least_m, worst.nearest)
+    share, leaving = min(one.share for one in found), min(one.leaving for one in found)
+    return replace(worst, share=share, leaving=leaving)
 
 
 def reach(time_s: Array | float, speed_m_s: Array, settings: SeparationSettings) -> Array:

@@ -39,6 +39,7 @@ class SeparationSettings(Model):
         hand_speed_m_s, hand_acceleration_m_s2: how fast a hand may become that is slow now, and how soon.
         speed_error_m_s: how far a hand's measured speed may be off.
         slow_m_s: speed of the arm at which a contact is admissible.
+        leaving_m_s: speed at which an arm that is too near may follow a path away from the hand; 0: it stands.
         braking_m_s2: how the arm's fastest point slows down from the slow speed, as measured.
         reaction_s: from an answer of the detectors to the first braking: a tick, the arm's cycle, what joints trail.
         hand_radius_m, hand_height_m: half the width of hand and forearm, and how high over the bench they may be.
@@ -53,6 +54,7 @@ class SeparationSettings(Model):
     hand_acceleration_m_s2: float = Field(default=12.0, gt=0, le=100)
     speed_error_m_s: float = Field(default=0.1, ge=0, le=2)
     slow_m_s: float = Field(default=0.248, gt=0, le=0.5)
+    leaving_m_s: float = Field(default=0.1, ge=0, le=0.25)
     braking_m_s2: float = Field(default=1.6, gt=0, le=20)
     reaction_s: float = Field(default=0.078, ge=0, le=1)
     hand_radius_m: float = Field(default=0.06, gt=0, le=0.3)

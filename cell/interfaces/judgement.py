@@ -63,13 +63,14 @@ SIGNALS: dict[Signal, str] = {
     "camera_moved": "a camera sees holes or tray more than 10 mm off, at the start or once a minute",
     "hand_unknown": "the hand vanished inside the view without leaving by its edge",
     "hand_near": "the hand is nearer than the protective distance at full speed: the share of speed is computed",
-    "hand_too_near": "the hand is nearer than the protective distance at the slow speed",
+    "hand_too_near": "the hand is nearer than the protective distance at the slow speed; the arm may only leave it",
     "blind_area": "no hand is seen, and the tool works where the overhead camera does not look: share is computed",
     "tick_late": "a tick began more than two periods late",
     "tick_very_late": "a tick began more than ten periods late",
     "command_contested": "two nodes commanded the arm or the gripper in one tick",
 }
 assert set(SIGNALS) == set(get_args(Signal))
+HAND_TOO_NEAR: Signal = "hand_too_near"
 
 
 class Action(IntEnum):
@@ -144,11 +145,18 @@ class Judgement:
     Attributes:
         share: of the speed along the path, 0 to 1; 0 holds the arm on its path.
         reasons: (signal, words for an operator) of all that acts, the gravest first.
+        held_by: signals that hold the arm; empty where it is not held, and where the run is stopped.
     """
 
     action: Action = Action.RUN
     share: float = 1.0
     reasons: tuple[tuple[str, str], ...] = ()
+    held_by: tuple[str, ...] = ()
+
+    @property
+    def new_path(self) -> bool:
+        """Whether the arm may be given another path; a held one stands at its beginning."""
+        return self.action < Action.HOLD or self.held_by == (HAND_TOO_NEAR,)
 
     @property
     def words(self) -> str:

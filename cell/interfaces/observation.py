@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.interfaces.judgement import HAND_TOO_NEAR
 from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import BenchView, PartsView
 
@@ -130,6 +131,7 @@ class Observation:
         signals: digital inputs and outputs by name; what nobody knows now is absent.
         operator: what somebody at panel, page or terminal wants.
         share: of the speed that the supervisor allows in this tick; 0 while it holds.
+        held_by: signals for which it holds the arm, if it does.
         work_s: time that skills had to work so far: it stands while the supervisor holds. None in old logs.
     """
 
@@ -146,6 +148,12 @@ class Observation:
     signals: Mapping[str, bool] = field(default_factory=dict)
     share: float = 1.0
     work_s: float | None = None
+    held_by: tuple[str, ...] = ()
+
+    @property
+    def new_path(self) -> bool:
+        """Whether the arm may be given another path; one that is held stands at its beginning."""
+        return self.share > 0 or self.held_by == (HAND_TOO_NEAR,)
 
     @property
     def worked_s(self) -> float:

@@ -50,7 +50,7 @@ class DeviceActor:
         held = judgement.action >= Action.HOLD
         trajectory = gripper = None
         if held:
-            withhold(command)
+            withhold(command, judgement)
         self.pace(judgement.share)
         self._recover(seen, judgement)
         self._command("gripper", lambda: self._fingers.keep(seen, held))
@@ -97,7 +97,12 @@ class DeviceActor:
             return None
 
 
-def withhold(command: Command) -> None:
-    """Take out of a command what would begin to move; nodes see it and begin again."""
-    command.follow, command.gripper, command.activate_gripper = None, None, False
-    command.signals = {}
+def withhold(command: Command, judgement: Judgement) -> None:
+    """Take out of a command what would begin to move; nodes see it and begin again.
+
+    A path may be exchanged where only a near hand holds the arm: it stands at the beginning of the new one, until the
+    supervisor has seen that this one leads away.
+    """
+    command.gripper, command.activate_gripper, command.signals = None, False, {}
+    if not judgement.new_path:
+        command.follow = None

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.judgement import Action, Judgement
+from cell.interfaces.judgement import Judgement
 from cell.interfaces.observation import ArmMode, Observation
-from skills.separation import Separation, SeparationMonitor, nearest
+from skills.near_hand import separation_of
+from skills.separation import Following, Separation, SeparationMonitor
 
 STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
 STALE_GRIPPER_S = 0.1
@@ -34,10 +35,12 @@ class Sign:
     Attributes:
         reason: in words for an operator.
         share: largest share of speed where the fault's action is to slow down.
+        leaving: share of speed at which the arm may go on although the fault's action is to hold; 0 for standing still.
     """
 
     reason: str
     share: float = 1.0
+    leaving: float = 0.0
 
 
 class Memory:
@@ -74,7 +77,7 @@ class Memory:
         """A tick ends with what goes out."""
         if command.stop_arm:
             self.trajectory = None
-        elif command.follow is not None and judgement.action < Action.HOLD:
+        elif command.follow is not None and judgement.new_path:
             self.trajectory = command.follow
 
 
@@ -196,7 +199,7 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
 
     def separation(seen: Observation, memory: Memory) -> Separation | None:
         if known[0][0] != seen.tick:
-            known[0] = (seen.tick, _separation(monitor, seen, memory))
+            known[0] = (seen.tick, separation_of(monitor, seen, _followed(seen, memory)))
         return known[0][1]
 
     def near(seen: Observation, _: Command, memory: Memory) -> Sign | None:
@@ -209,7 +212,10 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
         found = separation(seen, memory)
         slack_m = monitor.settings.hysteresis_m if memory.too_near else 0.0
         memory.too_near = found is not None and found.distance_m < found.least_m + slack_m
-        return Sign("the hand is too near") if memory.too_near else None
+        if found is None or not memory.too_near:
+            return None
+        words = "the hand is too near" + "; the arm moves away from it, slowly" * (found.leaving > 0)
+        return Sign(words, leaving=found.leaving)
 
     def blind(seen: Observation, _: Command, __: Memory) -> Sign | None:
         joints = seen.arm.positions_rad
@@ -222,19 +228,12 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
     return {"hand_near": near, "hand_too_near": too_near, "blind_area": blind}
 
 
-def _separation(monitor: SeparationMonitor, seen: Observation, memory: Memory) -> Separation | None:
-    """From every hand that is seen, or from where the last one went; None where there is none, or joints are wrong."""
-    joints = np.array(seen.arm.positions_rad)
-    if seen.bench is None or joints.shape != (6,) or not np.isfinite(joints).all():
-        return None
+def _followed(seen: Observation, memory: Memory) -> Following | None:
+    """The trajectory that the arm follows, and how far along it is."""
     path_s = seen.arm.path_s
-    follows = seen.arm.moving and memory.trajectory is not None and path_s is not None
-    ahead = (memory.trajectory, path_s) if follows and memory.trajectory is not None and path_s is not None else None
-    age_s, holding = max(0.0, seen.time_s - seen.bench.time_s), seen.gripper.holding
-    hands = [hand for hand in (seen.bench.hand, *seen.bench.other_hands) if hand is not None]
-    if not hands:
-        return monitor.judge_beyond(joints, seen.bench.left_by, age_s, holding, ahead)
-    return nearest([monitor.judge(joints, hand, age_s, holding, ahead) for hand in hands])
+    if memory.trajectory is None or path_s is None or not seen.arm.moving:
+        return None
+    return memory.trajectory, path_s
 
 
 CHECKS: Mapping[str, Check] = {

@@ -208,7 +208,8 @@ class Controller:
         """Observe, and let the supervisor judge; the observation says what it allows."""
         seen, joints = self.observe(), self._reader.samples()
         self._judgement = self._supervisor.judge(seen)
-        self._seen = self._actor.seen(replace(seen, share=self._judgement.share))
+        judgement = self._judgement
+        self._seen = self._actor.seen(replace(seen, share=judgement.share, held_by=judgement.held_by))
         self._announce()
         return self._seen, joints
 

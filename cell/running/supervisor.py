@@ -83,14 +83,14 @@ class Supervisor:
         for fault, _, state in self._rows:
             if state.active_s is None:
                 continue
-            action = Action.STOP if state.expired else fault.does
+            action, allowed = _answer(fault, state)
             found.append((action, fault.signal, state.sign.reason))
-            if action is Action.SLOW:
-                share = min(share, fault.share, state.sign.share)
+            share = min(share, allowed)
         worst = max((action for action, *_ in found), default=Action.RUN)
         found.sort(key=lambda entry: -entry[0])
         reasons = tuple((signal, reason) for _, signal, reason in found)
-        return Judgement(worst, 0.0 if worst >= Action.HOLD else share, reasons)
+        held_by = tuple(signal for action, signal, _ in found if action is worst is Action.HOLD)
+        return Judgement(worst, 0.0 if worst >= Action.HOLD else share, reasons, held_by)
 
 
 def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
@@ -113,6 +113,15 @@ def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -
             state.active_s, state.expired = None, False
     if state.active_s is not None and fault.stop_after_s is not None:
         state.expired |= fault.does > Action.WARN and now_s - state.active_s > fault.stop_after_s
+
+
+def _answer(fault: Fault, state: _State) -> tuple[Action, float]:
+    """What a row does that acts, and the share of speed that it leaves."""
+    if state.expired:
+        return Action.STOP, 0.0
+    if fault.does is Action.HOLD and state.sign.leaving > 0:
+        return Action.SLOW, state.sign.leaving
+    return fault.does, min(fault.share, state.sign.share) if fault.does is Action.SLOW else 1.0
 
 
 def _waits_for_person(fault: Fault, state: _State) -> bool:

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from py_trees.common import Status
 
-from cell.interfaces.skill import Skill, SkillStatus
+from cell.interfaces.skill import Progress, Skill, SkillStatus
 from trees.nodes.services import CellNode
 
 _STATUS = {
@@ -32,6 +32,13 @@ class SkillNode(CellNode):
         self._skill = self.make_skill()
 
     def update(self) -> Status:
+        progress = self.poll()
+        if progress.status is SkillStatus.FAILURE:
+            self.services.failed(progress.reason)
+        return _STATUS[progress.status]
+
+    def poll(self) -> Progress:
+        """Let the skill carry on, and tell what it does."""
         assert self._skill is not None, "initialise comes first"
         progress = self._skill.poll(self.services.observation, self.services.command)
         if progress.reason != self.feedback_message:
@@ -40,9 +47,7 @@ class SkillNode(CellNode):
             self.services.journal.note(
                 "skill", node=type(self).__name__, status=progress.status.value, reason=progress.reason
             )
-        if progress.status is SkillStatus.FAILURE:
-            self.services.failed(progress.reason)
-        return _STATUS[progress.status]
+        return progress
 
     def terminate(self, new_status: Status) -> None:
         if new_status is Status.INVALID and self._skill is not None:

@@ -19,6 +19,7 @@ from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Ob
 from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView, HandSample, PartsView
 from cell.interfaces.yaml_file import load_yaml
+from cell.running.acting import withhold
 from cell.running.checks import CHECKS
 from cell.running.supervisor import Supervisor, make_supervisor
 from tests.integration.cell_rig import motion_planner
@@ -278,3 +279,51 @@ def test_the_guide_shows_the_table_as_it_is() -> None:
     from tests import ROOT
 
     assert fault_table_markdown(TABLE) in (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+
+
+OVER_RAD = (0.131, -1.315, 1.9, -2.155, -1.571, 0.131)  # over the bracket
+BESIDE_M = (0.87, 0.26)  # a hand that rests right beside the tool there
+
+
+def near_hand(tick: int, path_s: float | None = None, **changes: object) -> Observation:
+    """An arm over the bracket, a hand beside it; so far along its path."""
+    hand = replace(hand_at(*BESIDE_M), box_px=(99, 99, 200, 200), height_m=0.15)
+    seen = view(hand=hand, **changes)(sound(tick))
+    return arm(positions_rad=OVER_RAD, moving=path_s is not None, path_s=path_s)(seen)
+
+
+def path_out() -> JointTrajectory:
+    from skills.near_hand import way_out
+    from skills.planner import Load
+
+    planner = motion_planner()
+    park_rad = np.array(planner.bench.arm_park_rad)
+    path = way_out(planner, near_hand(0), np.array(OVER_RAD), park_rad, Load(0.05))
+    assert isinstance(path, JointTrajectory), path
+    return path
+
+
+def test_an_arm_that_a_near_hand_holds_may_only_go_away_and_slowly() -> None:
+    supervisor, path = make_supervisor(TABLE, motion_planner()), path_out()
+    held = supervisor.judge(near_hand(0))
+    assert (held.action, held.held_by, held.new_path) == (Action.HOLD, ("hand_too_near",), True)
+    assert supervisor.judge_command(near_hand(0), Command(follow=path)).action is Action.HOLD
+    leaves = supervisor.judge(near_hand(1, path_s=0.0))
+    assert leaves.action is Action.SLOW
+    assert leaves.reasons[0] == ("hand_too_near", "the hand is too near; the arm moves away from it, slowly")
+    back = JointTrajectory(path.times_s, path.positions_rad[::-1])
+    supervisor.judge_command(near_hand(1, path_s=0.0), Command(follow=back))
+    assert supervisor.judge(near_hand(2, path_s=back.duration_s - 0.3)).action is Action.HOLD
+
+
+@pytest.mark.parametrize("signal", ["hand_unknown", "bench_stale", "camera_unhealthy", "arm_safeguard_stop"])
+def test_whatever_else_holds_the_arm_holds_it_beside_a_near_hand_too(signal: str) -> None:
+    supervisor, path = make_supervisor(TABLE, motion_planner()), path_out()
+    supervisor.judge(near_hand(0))
+    supervisor.judge_command(near_hand(0), Command(follow=path))
+    judgement = supervisor.judge(SPOILS[signal](near_hand(1, path_s=0.0)))
+    assert judgement.share == 0
+    assert not judgement.new_path
+    command = Command(follow=path)
+    withhold(command, judgement)
+    assert command.follow is None

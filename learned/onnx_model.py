@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 import onnxruntime
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from onnx import ModelProto
 
 CARD_KEY = "cell.model_card"
+KEPT = 12  # files that stay open: more than a run needs
 LOAD_ERRORS = (
     ort_errors.Fail,
     ort_errors.InvalidArgument,
@@ -134,11 +136,11 @@ class OnnxModel:
         Raises:
             ModelError: the file is missing, damaged, has no card, or is of another kind.
         """
-        content, session = _opened(path)
-        card = _card(path, session.get_modelmeta().custom_metadata_map)
+        opened = _opened(path)
+        card = opened.card(path)
         if card.kind != kind:
             raise ModelError(f"{path}: holds a {card.kind!r} model, but a {kind!r} model is wanted")
-        return OnnxModel(path, card, session, hashlib.sha256(content).hexdigest())
+        return OnnxModel(path, card, opened.session, opened.sha256)
 
     @staticmethod
     def card_of(path: Path) -> ModelCard:
@@ -147,7 +149,7 @@ class OnnxModel:
         Raises:
             ModelError: the file is missing, damaged, or has no card.
         """
-        return _card(path, _opened(path)[1].get_modelmeta().custom_metadata_map)
+        return _opened(path).card(path)
 
     def require_vocabulary(self, use: str, wanted: tuple[str, ...]) -> None:
         """Check that the file was trained for these words.
@@ -173,19 +175,34 @@ class OnnxModel:
         return dict(zip(self.outputs, values, strict=True))
 
 
-def _opened(path: Path) -> tuple[bytes, onnxruntime.InferenceSession]:
+class _Opened(NamedTuple):
+    """A file as it was when it was opened."""
+
+    session: onnxruntime.InferenceSession
+    sha256: str
+
+    def card(self, path: Path) -> ModelCard:
+        return _card(path, self.session.get_modelmeta().custom_metadata_map)
+
+
+def _opened(path: Path) -> _Opened:
+    """The file's network; opened once, as checks before a run, the run and its log all ask for it."""
     try:
-        content = path.read_bytes()
+        return _opened_once(path.read_bytes())
     except OSError as error:
         raise ModelError(f"{path}: cannot read the weights: {error.strerror}") from error
+    except LOAD_ERRORS as error:
+        raise ModelError(f"{path}: not an ONNX file, or damaged: {str(error).splitlines()[0]}") from error
+
+
+@lru_cache(KEPT)
+def _opened_once(content: bytes) -> _Opened:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    try:
-        return content, onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except LOAD_ERRORS as error:
-        raise ModelError(f"{path}: not an ONNX file, or damaged: {str(error).splitlines()[0]}") from error
+    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    return _Opened(session, hashlib.sha256(content).hexdigest())
 
 
 def _card(path: Path, metadata: Mapping[str, str]) -> ModelCard:

@@ -73,9 +73,8 @@ class ContactMonitor:
 
     def observe(self, time_s: float, /) -> None:
         """Look at the contacts of the last physics step."""
-        geoms = self._data.contact.geom
         touches: list[tuple[int, int, int]] = []
-        if self._human_geoms[geoms].any():
+        if self._data.ncon and self._human_geoms[geoms := self._data.contact.geom].any():
             both = self._codes[geoms[:, 0]] | self._codes[geoms[:, 1]]
             touches = [(int(index), *geoms[index]) for index in np.flatnonzero(both & SKIN)]
             touches += self._through_parts(geoms, both)

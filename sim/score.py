@@ -69,8 +69,8 @@ class Score:
 
     def observe(self, _time_s: float, /) -> None:
         """Note who touches parts that are not seated; brushing a seated one does not count."""
-        pairs = self._world.model.geom_bodyid[self._world.data.contact.geom]
-        if not self._handling[pairs].any():
+        data = self._world.data
+        if not data.ncon or not self._handling[pairs := self._world.model.geom_bodyid[data.contact.geom]].any():
             return
         for mine, other in ((pairs[:, 0], pairs[:, 1]), (pairs[:, 1], pairs[:, 0])):
             self._note("robot", mine[self._movable[mine] & self._robot[other]])

@@ -82,6 +82,7 @@ class World:
         self.arm_qvel = np.array([joint.dofadr[0] for joint in joints])
         self.arm_ctrl = np.array([self.model.actuator(name).id for name in JOINTS])
         self._fingers = [int(self.model.joint(f"finger_{side}").qposadr[0]) for side in ("left", "right")]
+        self._steps_per_sample = physics.steps_per_sample
         self._opening_ctrl = self.model.actuator("opening").id
         self._tool = self.model.body("tool").id
         self.set_arm(bench.arm_park_rad)
@@ -111,7 +112,7 @@ class World:
 
     def step_sample(self) -> None:
         """Advance by one period in which the arm measures its joints once; several make a control period."""
-        mujoco.mj_step(self.model, self.data, self.physics.steps_per_sample)
+        mujoco.mj_step(self.model, self.data, self._steps_per_sample)
 
     def settle(self) -> None:
         """Let parts come to rest while the arm stands: for the time that is set, longer where some still move.

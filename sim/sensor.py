@@ -47,7 +47,8 @@ class Sensor:
         if look.blur_px > 0:
             seen = cv2.GaussianBlur(seen, (0, 0), look.blur_px).astype(np.uint8, copy=False)
         exposed, (brighter, darker) = self._exposed(seen), self._grain(seen)
-        spoiled = cv2.subtract(cv2.add(exposed, brighter), darker).astype(np.uint8, copy=False)
+        spoiled: Image = exposed  # its memory is used again: nobody else has it
+        cv2.subtract(cv2.add(exposed, brighter, dst=spoiled), darker, dst=spoiled)
         if look.jpeg:
             spoiled = _compressed(spoiled, look.jpeg_quality)
         spoiled.setflags(write=False)

@@ -63,6 +63,7 @@ class Studio:
         table = mujoco.mj_name2id(scene.model, mujoco.mjtObj.mjOBJ_GEOM, TABLE)
         self._table = table if table >= 0 else None
         self._half_m = scene.model.geom_size[table]
+        self._past: dict[tuple[int, bytes, bytes], bool] = {}  # of the last camera, where it was
 
     def render(self, camera: str | mujoco.MjvCamera, width_px: int, height_px: int) -> NDArray[np.uint8]:
         """One clean image (height, width, 3), RGB."""
@@ -79,11 +80,18 @@ class Studio:
         if self._table is None or not isinstance(camera, str):
             return True
         number, data = self._scene.model.camera(camera).id, self._scene.data
+        seen = number, data.cam_xpos[number].tobytes(), data.cam_xmat[number].tobytes()
+        if seen not in self._past:
+            self._past = {seen: self._sees_past_table(number, aspect)}
+        return self._past[seen]
+
+    def _sees_past_table(self, number: int, aspect: float) -> bool:
+        data, table = self._scene.data, self._table
         slope = math.tan(math.radians(self._scene.model.cam_fovy[number]) / 2)
         rays = (CORNERS * (aspect * slope, slope, -1.0)) @ data.cam_xmat[number].reshape(3, 3).T
-        top_m = data.geom_xpos[self._table][2] + self._half_m[2]
+        top_m = data.geom_xpos[table][2] + self._half_m[2]
         away = (top_m - data.cam_xpos[number][2]) / rays[:, 2]
-        off_m = data.cam_xpos[number][:2] + away[:, np.newaxis] * rays[:, :2] - data.geom_xpos[self._table][:2]
+        off_m = data.cam_xpos[number][:2] + away[:, np.newaxis] * rays[:, :2] - data.geom_xpos[table][:2]
         return not ((away > 0).all() and (np.abs(off_m) < self._half_m[:2]).all())
 
     def _renderer(self, width_px: int, height_px: int) -> mujoco.Renderer:

@@ -38,12 +38,12 @@ class DetectorChain:
         self._calibration = CalibrationCheck(bench, product)
         self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
         self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
+        self._preparing = [one for one in (tracker, self._health, reader) if isinstance(one, Preparing)]
 
     def prepare(self, image: Image) -> None:
         """Do what follows from an image alone, before it is asked about; answers stay the same."""
-        for one in (self._tracker, self._health, self._reader):
-            if isinstance(one, Preparing):
-                one.prepare(image)
+        for one in self._preparing:
+            one.prepare(image)
 
     def __call__(self, frame: Frame) -> BenchView:
         return self.watch(frame)

@@ -189,13 +189,16 @@ def _draw(
 def _detect(drawn: _Drawn) -> Callable[[tuple[Any, ...]], Any]:
     """The work of the process that detects: builds a detector, or asks one that was built, by its number."""
     detectors: list[Callable[[Frame], object]] = []
+    beginning: list[Callable[[Image], None] | None] = []
     prepared: dict[tuple[str, int], Image] = {}
 
     def build(what: Build[object], arguments: tuple[object, ...]) -> CellError | None:
         try:
-            detectors.append(what(*arguments))
+            made = what(*arguments)
         except CellError as error:  # the user's file is wrong: told as it is
             return error
+        detectors.append(made)
+        beginning.append(made.prepare if isinstance(made, Preparing) else None)
         return None
 
     def answer(detector: int, told: tuple[Any, ...], image: Image | None) -> object:
@@ -211,11 +214,10 @@ def _detect(drawn: _Drawn) -> Callable[[tuple[Any, ...]], Any]:
         return drawn.copy(camera, sequence)
 
     def prepare(detector: int, camera: str, sequence: int) -> None:
-        one = detectors[detector]
-        if isinstance(one, Preparing):
+        if (begin := beginning[detector]) is not None:
             prepared.pop((camera, sequence - SLOTS), None)  # nobody asked
             prepared[camera, sequence] = look(camera, sequence)
-            one.prepare(prepared[camera, sequence])
+            begin(prepared[camera, sequence])
 
     def work(job: tuple[Any, ...]) -> object:
         if job[0] == PREPARE:

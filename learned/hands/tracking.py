@@ -127,6 +127,7 @@ class HandTracks:
         new_confidence: float = NEW_CONFIDENCE,
     ) -> None:
         self._setup, self._reader, self._new_confidence = bench.overhead, reader, new_confidence
+        self._preparing = reader if isinstance(reader, Preparing) else None
         self._palm_length = palm_length or PalmLength(0.0, 1.0)
         self._near_px = NEAR_SHARE * Regions.of(bench.overhead).side_px
         self._tracks: list[_Track] = []
@@ -141,8 +142,8 @@ class HandTracks:
 
     def prepare(self, image: Image) -> None:
         """Let the reader do what follows from the image alone."""
-        if isinstance(self._reader, Preparing):
-            self._reader.prepare(image)
+        if self._preparing is not None:
+            self._preparing.prepare(image)
 
     def track(self, frame: Frame) -> HandSample | None:
         """The hand that works, or None where none is in view.

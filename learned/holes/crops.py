@@ -34,12 +34,19 @@ def hole_crops(
     Args:
         squares: (holes, 4, 3) from `squares_m`.
     """
+    turns = _turns(camera, world_from_camera, squares)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    flat = np.empty((len(turns), CROP_PX, CROP_PX, 3), np.uint8)
+    for crop, turn in zip(flat, turns, strict=True):
+        cv2.warpPerspective(image, turn, (CROP_PX, CROP_PX), crop, flags, cv2.BORDER_REPLICATE)
+    crops: NDArray[np.float32] = flat.transpose(0, 3, 1, 2).astype(np.float32, order="C")
+    crops /= np.float32(255)
+    crops -= np.float32(0.5)
+    return crops
+
+
+def _turns(camera: CameraModel, world_from_camera: Pose, squares: Array) -> list[Array]:
+    """From pixels of each crop to those of the image, (3, 3)."""
     pixels = camera.project(world_from_camera, squares.reshape(-1, 3)).reshape(-1, 4, 2).astype(np.float32)
     own = ((_CORNERS + 1) / 2 * (CROP_PX - 1)).astype(np.float32)
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    crops = np.empty((len(pixels), 3, CROP_PX, CROP_PX), np.float32)
-    for crop, seen in zip(crops, pixels, strict=True):
-        turn = cv2.getPerspectiveTransform(own, seen)
-        flat = cv2.warpPerspective(image, turn, (CROP_PX, CROP_PX), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        crop[:] = flat.transpose(2, 0, 1) / np.float32(255) - np.float32(0.5)
-    return crops
+    return [np.asarray(cv2.getPerspectiveTransform(own, seen), np.float64) for seen in pixels]

@@ -58,6 +58,11 @@ def seen_in_holes(observation: Observation) -> dict[str, str]:
     return {position: hole.part for position, hole in observation.bench.holes.items() if hole.part is not None}
 
 
+def why_not_empty(observation: Observation) -> str | None:
+    """Why nothing can be taken now: fingers that open for it would drop what they hold; None where they are empty."""
+    return "the gripper holds a part already" if observation.gripper.holding else None
+
+
 def joints_of(observation: Observation) -> Array:
     """Joints (6,) as measured."""
     return np.array(observation.arm.positions_rad)

@@ -14,7 +14,15 @@ from cell.interfaces.product import PartType
 from cell.interfaces.resting import SIDES, UPRIGHT, side_up
 from skills.contact import Descend
 from skills.grip import STROKE_M
-from skills.handling import bracket_boxes, carry_over_bracket_m, joints_of, release_phases, seen_in_holes, tray_boxes
+from skills.handling import (
+    bracket_boxes,
+    carry_over_bracket_m,
+    joints_of,
+    release_phases,
+    seen_in_holes,
+    tray_boxes,
+    why_not_empty,
+)
 from skills.lying_grasp import MOST_LEAN_RAD, LyingHold, held_box, laid_out, lying_holds, solid_boxes, turns_left
 from skills.move_aside import free_centres
 from skills.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
@@ -46,6 +54,8 @@ class SetUpright(PhasedSkill):
         kind, reason = planner.product.parts[part.part], f"cannot take {part.part} as it lies: no room for the fingers"
         if part.lies is None:
             return f"cannot take {part.part}: it is not clear how it lies"
+        if (full := why_not_empty(observation)) is not None:
+            return f"cannot take {part.part}: {full}"
         left = turns_left(kind, side_up(part.lies))
         carry_m = carry_over_bracket_m(planner, kind)
         for hold, tool, joints in grasps_of_lying(planner, part, self._others, joints_of(observation)):
@@ -84,6 +94,8 @@ class PickLying(PhasedSkill):
         planner, part = self._planner, self._part
         if part.lies is None:
             return f"cannot take {part.part}: it is not clear how it lies"
+        if (full := why_not_empty(observation)) is not None:
+            return f"cannot take {part.part}: {full}"
         carry_m = carry_over_bracket_m(planner, planner.product.parts[part.part])
         for chosen in grasps_of_lying(planner, part, self._others, joints_of(observation)):
             phases = take_lying(planner, part, self._others, chosen, carry_m)

@@ -12,7 +12,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from skills.handling import choose_grasp, joints_of, put_phases, take_phases, tray_boxes
+from skills.handling import choose_grasp, joints_of, put_phases, take_phases, tray_boxes, why_not_empty
 from skills.phases import Phase, PhasedSkill
 from skills.planner import MotionPlanner
 from skills.settings import MotionSettings
@@ -35,6 +35,8 @@ class MoveAside(PhasedSkill):
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Find a spot, then a grasp."""
+        if (full := why_not_empty(observation)) is not None:
+            return f"cannot take {self._part.part}: {full}"
         planner, part = self._planner, self._part
         kind = planner.product.parts[part.part]
         near = joints_of(observation)

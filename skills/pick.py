@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
-from skills.handling import carry_over_bracket_m, choose_grasp, joints_of, take_phases
+from skills.handling import carry_over_bracket_m, choose_grasp, joints_of, take_phases, why_not_empty
 from skills.phases import Phase, PhasedSkill
 from skills.planner import MotionPlanner
 
@@ -24,6 +24,8 @@ class Pick(PhasedSkill):
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Choose a grasp."""
+        if (full := why_not_empty(observation)) is not None:
+            return f"cannot take {self._part.part}: {full}"
         planner = self._planner
         chosen = choose_grasp(planner, self._part, self._others, joints_of(observation))
         if isinstance(chosen, str):

@@ -226,6 +226,20 @@ def test_move_aside_moves_a_part_and_lets_go(planner: MotionPlanner, product: Pr
     assert not robot.observe().gripper.holding
 
 
+@pytest.mark.parametrize("skill", [Pick, MoveAside])
+def test_fingers_that_hold_a_part_do_not_open_over_the_tray_to_take_another(
+    planner: MotionPlanner, product: Product, robot: IdealRobot, skill: type[Pick] | type[MoveAside]
+) -> None:
+    """As after a part that could not be put aside."""
+    holding(planner, product, robot)
+    before = len(robot.sent)
+    progress = robot.run(skill(planner, seen(product, "o1", 0.5, -0.45), ()))
+    assert progress.status is SkillStatus.FAILURE
+    assert progress.reason == "cannot take o1: the gripper holds a part already"
+    assert not [one for one in robot.sent[before:] if one.gripper is not None or one.follow is not None]
+    assert robot.observe().gripper.holding
+
+
 @pytest.mark.parametrize("name", ["pick", "place", "move aside", "move to"])
 def test_every_skill_can_be_halted_at_any_tick(
     planner: MotionPlanner, product: Product, bench: Bench, name: str

@@ -111,9 +111,8 @@ class PickPart(SkillNode):
 
         services, parts = self.services, self.parts.get()
         part, others = part_and_others(parts, self.index.get())
-        services.held_part, services.tray_parts, self._target = part.part, others, part
-        services.held_lying = False
-        services.tray_seen_s, self._seen_s = None, parts.time_s  # known again once the part is held
+        services.takes(part, others)
+        self._target, self._seen_s = part, parts.time_s  # when the tray was seen is known again once the part is held
         return Pick(services.motion, part, services.standing)
 
     def update(self) -> Status:
@@ -135,9 +134,7 @@ class MoveAside(SkillNode):
         from skills.move_aside import MoveAside as MoveAsideSkill
 
         part, others = part_and_others(self.parts.get(), self.index.get())
-        self.services.held_part, self.services.tray_parts = part.part, others
-        self.services.held_lying = False
-        self.services.tray_seen_s = None
+        self.services.takes(part, others)
         return MoveAsideSkill(self.services.motion, part, self.services.standing)
 
 

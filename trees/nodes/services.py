@@ -112,6 +112,12 @@ class Services:
         """Ask no longer."""
         self.show(questions=tuple(one for one in self.display.questions if one.number != question.number))
 
+    def takes(self, part: PartDetection, others: tuple[PartDetection, ...], *, lying: bool = False) -> None:
+        """Note what the gripper is about to take; while it holds something, it takes nothing."""
+        self.tray_seen_s = None
+        if not self.observation.gripper.holding:
+            self.held_part, self.tray_parts, self.held_lying = part.part, others, lying
+
     def failed(self, reason: str) -> None:
         """Note why a part could not be had; who asks for help tells it."""
         count = self.reasons.pop(reason, 0)

@@ -1,0 +1,57 @@
+"""Getting at a part in clutter: what a failed try leaves in the gripper goes back before the next one begins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from cell.running.node_library import node_registry
+from tests import ROOT
+from tests.trees.nodes.rig import HOLDING, seen_parts, services
+from trees.files.loader import load_tree
+from trees.nodes.moving import MoveAside, PickPart
+from trees.testing import TreeBench
+
+TREE = ROOT / "trees" / "clear_and_grasp.xml"
+FOUND: dict[str, dict[str, Any]] = {
+    "FindPart": {"index": 0},
+    "DecodeSolution": {"blocker": 1},
+    "LookAtTray": {"parts": seen_parts("o3", "o1")},
+}
+
+
+def test_a_part_that_could_not_be_put_aside_is_put_back_before_the_next_look() -> None:
+    """The fingers would open over the tray to take the next one, and drop it."""
+    answers = {"CheckGraspability": "FSS", "MoveAside": "F", "GripperIsEmpty": "SFS", "PickPart": "S"}
+    made = TreeBench(TREE, node_registry(), answers, FOUND)
+    while made.tick(0.1) == "R" and "start PickPart" not in made.events:
+        pass
+    began = [event.split()[1] for event in made.events if event.startswith("start")]
+    after = began[began.index("MoveAside") + 1 :]
+    assert after.index("ReturnToTray") < after.index("MoveTo") < after.index("PickPart")
+
+
+@pytest.mark.parametrize("name", ["ahead", "assemble", "eager", "shift", "shift_ahead"])
+def test_every_tree_gives_way_before_and_after_it_places_a_part(name: str) -> None:
+    tree = load_tree(ROOT / "trees" / f"{name}.xml", node_registry())
+    places = [node for node in tree.nodes if type(node).__name__ == "PlacePart"]
+    assert places
+    for node in places:
+        placing = node.full_path.rsplit("/", 1)[0]
+        siblings = [one for one in tree.nodes if one.full_path.startswith(placing)]
+        ways = [type(one).__name__ for one in siblings if type(one).__name__ in ("GiveWay", "PlacePart", "MoveTo")]
+        assert ways == ["GiveWay", "PlacePart", "GiveWay", "MoveTo"]
+
+
+@pytest.mark.parametrize("kind", [PickPart, MoveAside])
+def test_what_the_gripper_holds_is_not_forgotten_where_another_part_is_to_be_taken(kind: type[Any]) -> None:
+    at = services()
+    at.observation = replace(at.observation, gripper=HOLDING)
+    at.held_part, at.held_lying = "o2", True
+    node = kind("take")
+    node.setup(services=at)
+    node.parts.entry.value, node.index.entry.value = seen_parts("o3", "o1"), 0
+    node.make_skill()
+    assert (at.held_part, at.held_lying) == ("o2", True)

@@ -36,6 +36,9 @@ class SimCamera:
 
     The shutter of frame k of a free-running camera closes at the first control period at or after k / rate, that of a
     triggered one an exposure after the next control period.
+
+    Attributes:
+        watch: told of each exposure that is not lost; nobody by default.
     """
 
     def __init__(
@@ -52,6 +55,7 @@ class SimCamera:
             take: makes frames; may return before the image is ready, return none, and raise DeviceFault.
             delivery: by default every frame comes at once.
         """
+        self.watch: Callable[[Exposure], object] = lambda _: None
         self._name, self._setup = name, setup
         self._world, self._take = world, take
         self._delivery = delivery or Delivery(NOMINAL.camera, 0.0, np.random.default_rng(0))
@@ -93,6 +97,7 @@ class SimCamera:
         dropped, late = rng.random() < look.dropped_share, rng.random() < look.late_share
         if dropped:
             return
+        self.watch(exposure)
         try:
             frame = self._take(exposure)
         except DeviceFault as fault:  # time goes on without the camera; who asks for a frame is told

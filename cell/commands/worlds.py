@@ -43,6 +43,11 @@ GapsOption = Annotated[
 ]
 PhysicsOption = Annotated[bool, typer.Option("--physics", help="Move hand and parts by physics: slower, with slips.")]
 
+BesideRobotOption = Annotated[
+    bool,
+    typer.Option("--beside-robot", help="By physics, and the controller moves the arm beside the person."),
+]
+
 
 class Wanted(NamedTuple):
     """Which data are wanted, and how they are made and told of.
@@ -76,6 +81,7 @@ def actions(
     recordings: RecordingsOption = 10,
     first_seed: FirstSeedOption = 0,
     physics: PhysicsOption = False,
+    beside_robot: BesideRobotOption = False,
     thin: ThinOption = False,
     frames: FramesOption = False,
     gaps: GapsOption = False,
@@ -86,7 +92,7 @@ def actions(
 ) -> None:
     """Segments of 45 frames: the hand's track, a crop of the hand, and what it did."""
     wanted = Wanted("actions", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
-    _from_assemblies(wanted, physics, thin=thin, frames=frames, gaps=gaps)
+    _from_assemblies(wanted, physics, beside_robot, thin=thin, frames=frames, gaps=gaps)
 
 
 def hands(
@@ -96,6 +102,7 @@ def hands(
     recordings: RecordingsOption = 10,
     first_seed: FirstSeedOption = 0,
     physics: PhysicsOption = False,
+    beside_robot: BesideRobotOption = False,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
@@ -103,7 +110,7 @@ def hands(
 ) -> None:
     """Frames of the overhead camera, and where every hand in them is, with what it holds."""
     wanted = Wanted("hands", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
-    _from_assemblies(wanted, physics)
+    _from_assemblies(wanted, physics, beside_robot)
 
 
 def holes(
@@ -113,6 +120,7 @@ def holes(
     recordings: RecordingsOption = 10,
     first_seed: FirstSeedOption = 0,
     physics: PhysicsOption = False,
+    beside_robot: BesideRobotOption = False,
     steel_share: SteelOption = 0.0,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
@@ -121,7 +129,7 @@ def holes(
 ) -> None:
     """Crops of the holes, what is in them, and how much of each is hidden."""
     wanted = Wanted("holes", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
-    _from_assemblies(wanted, physics, steel_share)
+    _from_assemblies(wanted, physics, beside_robot, steel_share)
 
 
 def plates(
@@ -202,6 +210,7 @@ def objects(
 def _from_assemblies(
     wanted: Wanted,
     physics: bool,
+    beside_robot: bool,
     steel_share: float = 0.0,
     thin: bool = False,
     frames: bool = False,
@@ -218,17 +227,23 @@ def _from_assemblies(
     simulation = configuration.devices.simulation
     writers: dict[str, Callable[[Source, DataFolder], None]] = {
         "actions": partial(write_segments, thin=thin, frames=frames, gaps=gaps),
-        "hands": partial(write_hands, every=physics),
+        "hands": partial(write_hands, every=physics or beside_robot),
         "holes": write_holes,
     }
 
     def one(seed: int, folder: DataFolder) -> float:
         kinds = sometimes_steel(product, steel_share, seed)
-        assembly = record(kinds, bench, simulation, seed, physics=physics)
+        if beside_robot:
+            from cell.evaluating.beside_robot import record_beside_robot
+
+            assembly = record_beside_robot(configuration, kinds, seed)
+        else:
+            assembly = record(kinds, bench, simulation, seed, physics=physics)
         writers[wanted.what](Source(assembly, kinds, bench), folder)
         return assembly.moments[-1].time_s
 
     more = " --thin" * thin + " --frames" * frames + " --gaps" * gaps + " --physics" * physics
+    more += " --beside-robot" * beside_robot
     _write(wanted, more + _steel(steel_share), one)
 
 

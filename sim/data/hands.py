@@ -122,7 +122,7 @@ def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFram
     data = mujoco.MjData(assembly.world.model)
     for stretch in stretches:
         moments = [assembly.moments[index] for index in stretch]
-        works = any(arm.moved(assembly.moments[0], moment) for moment in moments)
+        works = assembly.robot_works or any(arm.moved(assembly.moments[0], moment) for moment in moments)
         pose = None if works else arm.draw(moments)
         for index in stretch:
             moment = assembly.moments[index]

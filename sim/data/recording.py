@@ -17,7 +17,8 @@ from cell.interfaces.truth import TruthEvent
 from sim.arm import servo_lag_s
 from sim.camera import Delivery, SimCamera
 from sim.clock import SimClock
-from sim.hand import add_hand
+from sim.diary import ActionEvent
+from sim.hand import Hand, add_hand
 from sim.handing import Giver, parts_in_tray
 from sim.kinematic import LONGEST_S, TAIL_S, KinematicBench
 from sim.labels import Label, guarded, labels
@@ -66,6 +67,7 @@ class Assembly:
         labels: class of each moment; a segment has the class of its last one.
         guarded: (moments,) whether a change of class is so near that nobody could name it.
         held: type of the part in the hand, by moment.
+        robot_works: the controller moved the arm: where the arm is, is as true as where the hand is.
     """
 
     seed: int
@@ -76,6 +78,7 @@ class Assembly:
     labels: tuple[Label, ...]
     guarded: tuple[bool, ...]
     held: tuple[str | None, ...]
+    robot_works: bool = False
 
     def photographer(self, bench: Bench) -> Photographer:
         """Who makes the frames of chosen moments, in their order; close it."""
@@ -110,54 +113,63 @@ def record(product: Product, bench: Bench, settings: SimSettings, seed: int, *, 
     Args:
         physics: with friction, gravity and motion blur, 16 times real time at best; else by rule, much faster.
     """
-    look = settings.look.draw(seed)
-    goal = sorted(product.goals)[int(np.random.default_rng([seed, 1]).integers(len(product.goals)))]
+    look, goal = settings.look.draw(seed), drawn_goal(product, seed)
     if physics:
-        world, moments, worker = _with_physics(product, bench, settings, look, goal, seed)
-        actions, acts = worker.events, worker.acts
-    else:
-        table = KinematicBench(product, bench, settings.person, look)
-        world = table.world
-        film = _Film(world, bench)
-        taken = table.record(goal, seed, bench.overhead.rate_hz, film.expose)
-        actions, acts = list(taken.actions), list(taken.acts)
-        moments = film.moments(list(taken.fingertips_m), list(taken.palm_m))
-    times_s: Array = np.array([moment.time_s for moment in moments])
-    found = labels(actions, acts, times_s)
-    near = tuple(bool(value) for value in guarded(found, times_s))
-    return Assembly(seed, goal, look, world, tuple(moments), tuple(found), near, _held(world, moments, acts))
+        film, worker = _with_physics(product, bench, settings, look, goal, seed)
+        return film.assembly(seed, goal, look, worker.events, worker.acts)
+    table = KinematicBench(product, bench, settings.person, look)
+    film = Film(table.world)
+    taken = table.record(goal, seed, bench.overhead.rate_hz, film.expose)
+    return film.assembly(seed, goal, look, taken.actions, taken.acts)
 
 
-class _Film:
-    """Keeps exposures of a world and where its parts were."""
+def drawn_goal(product: Product, seed: int) -> str:
+    """What the person builds in a recording of this seed."""
+    return sorted(product.goals)[int(np.random.default_rng([seed, 1]).integers(len(product.goals)))]
 
-    def __init__(self, world: World, bench: Bench) -> None:
-        self._world, self._bench = world, bench
+
+class Film:
+    """Keeps exposures of a world with a hand, and where hand and parts were."""
+
+    def __init__(self, world: World) -> None:
+        self._world, self._hand = world, Hand(world.model, world.data)
         self._bodies = [part.body for part in world.bodies]
-        self._parts: list[tuple[Array, Array]] = []
-        self.exposures: list[Exposure] = []
+        self._moments: list[Moment] = []
 
     def expose(self, time_s: float) -> None:
         """Take the world as it is now."""
         pose = self._world.camera_pose(CAMERA)
-        self.keep(Exposure(CAMERA, len(self.exposures), time_s, pose, (visible_poses(self._world.data),)))
+        self.keep(Exposure(CAMERA, len(self._moments), time_s, pose, (visible_poses(self._world.data),)))
 
     def keep(self, exposure: Exposure) -> Frame:
         """Stands in for a photographer: frames are made later, and only those that are wanted."""
-        data = self._world.data
-        self._parts.append((data.xpos[self._bodies].copy(), data.xmat[self._bodies][:, 8].copy()))
-        self.exposures.append(exposure)
+        data, hand = self._world.data, self._hand
+        parts_m, upright = data.xpos[self._bodies].copy(), data.xmat[self._bodies][:, 8].copy()
+        self._moments.append(Moment(exposure, hand.position_m, hand.palm_m, parts_m, upright))
         return Frame(CAMERA, exposure.sequence, exposure.time_s, np.zeros((0, 0, 3), np.uint8), Pose((0, 0, 0)))
 
-    def moments(self, fingertips_m: Sequence[Array], palms_m: Sequence[Array]) -> list[Moment]:
-        """All exposures with what is known of them."""
-        rows = zip(self.exposures, fingertips_m, palms_m, self._parts, strict=True)
-        return [Moment(exposure, tips, palm, *parts) for exposure, tips, palm, parts in rows]
+    def assembly(
+        self,
+        seed: int,
+        goal: str,
+        look: Look,
+        actions: Sequence[ActionEvent],
+        acts: Sequence[TruthEvent],
+        *,
+        robot_works: bool = False,
+    ) -> Assembly:
+        """All exposures with their labels, by what the hand really did."""
+        moments = tuple(self._moments)
+        times_s: Array = np.array([moment.time_s for moment in moments])
+        found = labels(actions, acts, times_s)
+        near = tuple(bool(value) for value in guarded(found, times_s))
+        held = _held(self._world, moments, acts)
+        return Assembly(seed, goal, look, self._world, moments, tuple(found), near, held, robot_works)
 
 
 def _with_physics(
     product: Product, bench: Bench, settings: SimSettings, look: Look, goal: str, seed: int
-) -> tuple[World, list[Moment], Worker]:
+) -> tuple[Film, Worker]:
     """Parts are carried by friction, in the hand and in the gripper of an arm that hands some of them over."""
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)]
     layout = lay_out(product, bench, settings.person.storage, streams[0], handing=True)
@@ -166,21 +178,13 @@ def _with_physics(
     worker = Worker(world, product, bench, settings.person, product.goal_placements(goal), streams[1], streams[0])
     world.settle()
     giver = Giver(world, parts_in_tray(world), worker.has, streams[3])
-    film = _Film(world, bench)
-    tips: list[Array] = []
-    palms: list[Array] = []
-
-    def take(exposure: Exposure) -> Frame:
-        tips.append(worker.hand.position_m)
-        palms.append(worker.hand.palm_m)
-        return film.keep(exposure)
-
-    camera = SimCamera(CAMERA, bench.overhead, world, take, Delivery(look.camera, 0.0, streams[2]))
+    film = Film(world)
+    camera = SimCamera(CAMERA, bench.overhead, world, film.keep, Delivery(look.camera, 0.0, streams[2]))
     clock = SimClock(world, [_Servos(world, giver), worker], [camera])
     while not (worker.done and giver.done) and clock.now_s() < LONGEST_S:
         clock.sleep_until(clock.now_s() + TAIL_S)
     clock.sleep_until(clock.now_s() + TAIL_S)
-    return world, film.moments(tips, palms), worker
+    return film, worker
 
 
 class _Servos:

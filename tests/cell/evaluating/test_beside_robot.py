@@ -1,0 +1,61 @@
+"""Recordings in which the controller works beside the person: both build the bracket, and frames show the arm."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product, simulated
+from cell.evaluating.beside_robot import record_beside_robot
+from sim.data.actions import holes_of, write_segments
+from sim.data.folder import DataFolder
+from sim.data.hands import hand_frames
+from sim.data.recording import Assembly, Source
+from sim.data.sight import GEOM_POSITIONS
+
+CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
+BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
+SEED = 800_321
+
+
+@pytest.fixture(scope="module")
+def assembly() -> Assembly:
+    return record_beside_robot(CONFIGURATION, PRODUCT, SEED)
+
+
+def pads(assembly: Assembly, number: int) -> np.ndarray:
+    """Where the gripper's fingers are at a moment."""
+    geoms = [assembly.world.model.geom(name).id for name in ("pad_left", "pad_right")]
+    return np.array(assembly.moments[number].exposure.moments[-1][GEOM_POSITIONS][geoms])
+
+
+def test_person_and_robot_build_the_bracket_together(assembly: Assembly) -> None:
+    last = assembly.moments[-1]
+    found = holes_of(Source(assembly, PRODUCT, BENCH), last)
+    assert {position: part for position, (part, _) in found.items()} == dict(PRODUCT.goal_placements(assembly.goal))
+    bodies = assembly.world.bodies
+    went_m = np.linalg.norm(last.parts_m - assembly.moments[0].parts_m, axis=1)
+    assert {body.owner for body, way_m in zip(bodies, went_m, strict=True) if way_m > 0.1} == {"person", "robot"}
+    placed = [label for label in assembly.labels if label.kind == "assembly"]
+    assert {label.position for label in placed} < set(PRODUCT.positions)
+
+
+def test_the_arm_is_where_the_controller_moved_it(assembly: Assembly) -> None:
+    moved = [
+        np.abs(pads(assembly, after) - pads(assembly, before)).max() > 1e-3
+        for before, after in pairwise(range(len(assembly.moments)))
+    ]
+    assert 0.2 < np.mean(moved) < 0.95
+    parked = range(5, 6)  # it has not begun to move
+    seen = next(hand_frames(Source(assembly, PRODUCT, BENCH), [parked]))
+    assert np.array_equal(seen.poses[GEOM_POSITIONS], assembly.moments[5].exposure.moments[-1][GEOM_POSITIONS])
+
+
+def test_segments_are_written_as_of_any_recording(assembly: Assembly, tmp_path: Path) -> None:
+    write_segments(Source(assembly, PRODUCT, BENCH), DataFolder(tmp_path / "new", "test"), thin=True)
+    _, *rows = [json.loads(line) for line in (tmp_path / "new" / "segments.jsonl").read_text().splitlines()]
+    assert {row["truth"]["kind"] for row in rows} >= {"assembly", "transit", "idle"}

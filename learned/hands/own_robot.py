@@ -19,7 +19,8 @@ from learned.hands.regions import Image
 
 SURE = 0.99  # a reader that is so sure is believed: true hands have more, the gripper has less
 BEYOND_M = 0.05  # so far beside the robot's outline a point still lies on it: palms are also seen in its shadow
-RING_PX = 12  # the robot is painted in the colour of what is around it
+EDGE_PX, GAP_PX = 3, 10  # so far beside the outline, and so far from both sides of a gap, is the robot, too
+RING_PX = 15  # the robot is painted in the colour of what is around it
 LEAST_DEPTH_M = 0.05  # links nearer to the camera are not drawn
 LEFT_CONFIDENCE = 0.5  # of what is read where the robot is painted over: a hand is left
 
@@ -76,8 +77,8 @@ class OwnRobot:
 
     @cached_property
     def _painted(self) -> Image:
-        """The image without the robot."""
-        covered = cv2.dilate(self._mask, _disc(2)) > 0
+        """The image without the robot, and without what is between two pieces of it, as the holder of its camera."""
+        covered = cv2.morphologyEx(cv2.dilate(self._mask, _disc(EDGE_PX)), cv2.MORPH_CLOSE, _disc(GAP_PX)) > 0
         ring = (cv2.dilate(self._mask, _disc(RING_PX)) > 0) & ~covered
         painted = self._image.copy()
         painted[covered] = np.median(painted[ring], axis=0) if ring.any() else painted.mean(axis=(0, 1))

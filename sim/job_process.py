@@ -9,6 +9,7 @@ import gc
 import itertools
 import multiprocessing
 import os
+import select
 import signal
 import sys
 import threading
@@ -72,6 +73,8 @@ class JobProcess:
         self._fault: DeviceFault | None = None
         self._cores = two_cores()
         self.pipe, theirs = context.Pipe()
+        self._arrivals = select.poll()  # the pipe's own way to ask makes such a one each time
+        self._arrivals.register(self.pipe.fileno(), select.POLLIN)
         ours = [self.pipe, *(one.pipe for one in beside)]
         self._process: BaseProcess = context.Process(
             target=_serve, args=(theirs, ours, self._cores, make, given), name=name, daemon=True
@@ -113,7 +116,7 @@ class JobProcess:
             needs: a process that this one waits for: it has the controller's core meanwhile, and its fault is raised.
         """
         if self._receiver.ident is None:
-            if needs is None or future.done() or self.pipe.poll():
+            if needs is None or future.done() or self._arrivals.poll(0):
                 self._read_until(future, needs)
             else:
                 with lent(needs.process_id, self._cores):
@@ -126,7 +129,7 @@ class JobProcess:
     def _read_until(self, future: Future[Any], needs: JobProcess | None) -> None:
         waited_s = 0.0
         while not future.done():
-            if self.pipe.poll(GLANCE_S):
+            if self._arrivals.poll(1e3 * GLANCE_S):
                 if reason := self._read():
                     self._fail(reason)
                 continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.command import JointTrajectory
@@ -36,6 +37,7 @@ class SimArm:
         self._period_s = world.physics.control_period_s
         self._lag_s = servo_lag_s(world) - trailing_s
         self._keep_alive_s = keep_alive_s
+        self._qpos, self._qvel = _span(world.arm_qpos), _span(world.arm_qvel)
         self._reference = self._positions()[np.newaxis]
         self._progress = 0.0  # in control periods along the reference
         self._rate = self._share = 1.0  # of speed: as it is, and as it was asked for
@@ -50,16 +52,21 @@ class SimArm:
 
     def state(self) -> ArmState:
         """Joints as measured; the mode tells of a protective stop."""
-        velocities = self._world.data.qvel[self._world.arm_qvel]
+        data = self._world.data
         return ArmState(
             self._time_s,
-            tuple(float(value) for value in self._positions()),
-            tuple(float(value) for value in velocities),
+            tuple(data.qpos[self._qpos].tolist()),
+            tuple(data.qvel[self._qvel].tolist()),
             self._moving,
             "normal" if self._fault is None else "protective_stop",
-            self._progress * self._period_s if self._following else None,
+            self.path_s,
             self._fault or "",
         )
+
+    @property
+    def path_s(self) -> float | None:
+        """How far it is along its trajectory; None where it follows none."""
+        return self._progress * self._period_s if self._following else None
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
         """Start now, whatever it is (see skills.checked_arm); raises DeviceFault while a protective stop lasts."""
@@ -86,12 +93,12 @@ class SimArm:
 
     def observe(self, time_s: float, /) -> None:
         """Measure the joints."""
-        data, world, joints = self._world.data, self._world, self._joints
+        data, joints = self._world.data, self._joints
         row = self._samples[self._sampled % KEPT_SAMPLES]
         row[0] = time_s
-        row[1 : 1 + joints] = data.qpos[world.arm_qpos]
-        row[1 + joints : 1 + 2 * joints] = data.qvel[world.arm_qvel]
-        row[1 + 2 * joints :] = data.qfrc_actuator[world.arm_qvel]
+        row[1 : 1 + joints] = data.qpos[self._qpos]
+        row[1 + joints : 1 + 2 * joints] = data.qvel[self._qvel]
+        row[1 + 2 * joints :] = data.qfrc_actuator[self._qvel]
         self._sampled += 1
 
     def samples(self) -> JointSamples:
@@ -157,7 +164,7 @@ class SimArm:
         return self._progress < len(self._reference) - 1
 
     def _positions(self) -> Array:
-        positions: Array = self._world.data.qpos[self._world.arm_qpos].copy()
+        positions: Array = self._world.data.qpos[self._qpos].copy()
         return positions
 
     def _watch_tracking(self) -> None:
@@ -184,3 +191,10 @@ def servo_lag_s(world: World) -> Array:
     stiffness: Array = model.actuator_gainprm[world.arm_ctrl, 0]
     damping: Array = -model.actuator_biasprm[world.arm_ctrl, 2] + model.dof_damping[world.arm_qvel]
     return damping / stiffness
+
+
+def _span(indices: NDArray[np.int64]) -> slice:
+    """Joints follow one another: a slice of the state takes a fifth of the time that a list of indices takes."""
+    first, last = int(indices[0]), int(indices[-1])
+    assert (indices == np.arange(first, last + 1)).all()
+    return slice(first, last + 1)

@@ -94,7 +94,7 @@ class SensedArm:
             self._coming.pop(0)[1]()
         self._period += 1
         self._arm.update(time_s, dt_s)
-        self._paths_s.append(self._arm.state().path_s)
+        self._paths_s.append(self._arm.path_s)
 
     def _send(self, act: Callable[[], object]) -> None:
         if self._latency_periods == 0:

@@ -157,7 +157,12 @@ def _rows(out: Path, config: Path) -> RowFile:
     kept = out / ROWS
     if out.is_dir() and any(out.iterdir()) and not kept.exists():
         raise InputError(f"--out {out}: is not empty, and nothing in it was made by `cell train all`")
-    return RowFile(kept, {"command": "train all", "made_for": fingerprint(config)})
+    try:
+        return RowFile(kept, {"command": "train all", "made_for": fingerprint(config)})
+    except InputError as error:
+        raise InputError(
+            f"--out {out}: was made for another product or bench, or its {ROWS} is damaged; name another folder"
+        ) from error
 
 
 def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str, *, quiet: bool) -> None:

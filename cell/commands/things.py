@@ -37,7 +37,7 @@ LOOK_S, TRAY_S = 1.2, 0.45  # of processor time, to make these
 HOLES_SHARE, PARTS_SHARE = 0.42, 0.4  # of the budget, for the data
 STILL_S, IMAGE_S, THING_S = 0.005, 0.018, 0.0021  # to learn from one once
 LOOKS = {"wide": (0.55, 0), "varied": (0.3, 300_000), "nominal": (0.15, 500_000)}  # share of the data, and first seed
-STEEL_SHARE = 0.25
+STEEL_SHARE, ASTRAY_SHARE = 0.25, 0.4  # of looks; of parts on the plate, far more than are met with
 
 
 class Cameras(StrEnum):
@@ -72,7 +72,8 @@ def train_holes(
     need_torch()
     budget_s, weights = seconds(budget), out or new_weights("holes", "plate", config)
     looks = max(4, int(HOLES_SHARE * budget_s / LOOK_S))
-    folders = data or _made("plates", looks, {"--stills": STILLS, "--person": "varied"}, weights, config)
+    drawn = {"--stills": STILLS, "--person": "varied", "--astray-share": ASTRAY_SHARE}
+    folders = data or _made("plates", looks, drawn, weights, config)
     from learned.holes.dataset import load_plates
     from learned.holes.settings import HoleTraining
     from learned.holes.train import train_holes as train

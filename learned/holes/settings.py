@@ -17,6 +17,8 @@ class HoleTraining(Schedule):
         validation_share: of recordings, kept for the calibration of probabilities.
         most_called_empty: share of filled holes that may be called empty, from which the least probability follows.
         most_misnamed: share of holes that may be said to hold a part that they do not hold.
+        astray_share: of parts that lie, lean or stand beside their hole, as they are met with. There are more of them
+            in training data, and probabilities are chosen as if there were not.
     """
 
     widths: tuple[int, int, int] = (16, 32, 48)
@@ -30,3 +32,4 @@ class HoleTraining(Schedule):
     validation_share: float = Field(default=0.15, gt=0, lt=1)
     most_called_empty: float = Field(default=0.0005, gt=0, le=0.1)
     most_misnamed: float = Field(default=0.004, gt=0, le=0.1)
+    astray_share: float = Field(default=0.15, gt=0, lt=1)

@@ -29,7 +29,7 @@ OUTPUTS = ("kinds", "upright", "covered")
 COVERED, BARE = 0.15, 0.04  # share hidden from which a hole counts as covered, and up to which it does not
 MARGIN_PX = 8  # around what is cut out, for blur
 TEMPERATURES = np.geomspace(0.5, 4.0, 40)
-LEAST_LEGAL, MOST_LEGAL = 0.6, 0.999
+LEAST_LEGAL, MOST_LEGAL = 0.5, 0.999  # below, something else may be likelier
 
 
 def train_holes(
@@ -52,10 +52,11 @@ def train_holes(
     learned, kept = split(plates, settings.validation_share, seed)
     checkpoint = out.with_name(out.name + ".checkpoint")
     network = _trained(learned, bench, product, seed, settings, checkpoint, quiet)
-    logits, truth, bare = _answers(network, kept, bench, product)
+    logits, truth, bare, seated = _answers(network, kept, bench, product)
     temperature = _temperature(logits, truth)
     shares = torch.softmax(logits / temperature, dim=1).numpy()
-    least = least_sure(shares, truth.numpy(), bare.numpy(), settings)
+    weights = as_met_with(truth.numpy(), seated.numpy(), settings.astray_share)
+    least = least_sure(shares, truth.numpy(), bare.numpy(), weights, settings)
     config = settings.model_dump(mode="json") | least | {"temperature": temperature}
     wanted = np.where(shares.argmax(axis=1) == 0, least[LEAST_EMPTY], least[LEAST_FILLED])
     said = (shares.max(axis=1) >= wanted)[bare]
@@ -76,8 +77,21 @@ def train_holes(
     return write_weights(model, out, samples, lambda: scores, any_rows=True)
 
 
+def as_met_with(truth: NDArray[np.int64], seated: NDArray[np.bool_], astray_share: float) -> Array:
+    """Weights (n,) of holes under which as many of the filled ones hold a part that is astray as are met with."""
+    filled = truth > 0
+    own = float(np.mean(~seated[filled])) if filled.any() else 0.0
+    if not 0 < own < 1:
+        return np.ones(len(truth))
+    return np.where(filled, np.where(seated, (1 - astray_share) / (1 - own), astray_share / own), 1.0)
+
+
 def least_sure(
-    shares: NDArray[np.float32], truth: NDArray[np.int64], bare: NDArray[np.bool_], settings: HoleTraining
+    shares: NDArray[np.float32],
+    truth: NDArray[np.int64],
+    bare: NDArray[np.bool_],
+    weights: Array,
+    settings: HoleTraining,
 ) -> dict[str, float]:
     """The least probabilities at which no more holes than allowed are wrongly called empty, or filled with a type.
 
@@ -88,19 +102,21 @@ def least_sure(
         shares: (n, types + 1) probabilities, empty first.
         truth: (n,) right answers.
         bare: (n,) nothing hides them.
+        weights: (n,) how often such holes are met with.
     """
     said, sure = shares.argmax(axis=1), shares.max(axis=1)
     empty, wrong = said == 0, said != truth
+
+    def least(wrongly: NDArray[np.bool_], allowed: float) -> float:
+        order = np.argsort(-sure[wrongly])
+        too_many = np.cumsum(weights[wrongly][order]) > allowed
+        wanted = float(sure[wrongly][order][np.argmax(too_many)]) + 1e-6 if too_many.any() else 0.0
+        return min(max(wanted, LEAST_LEGAL), MOST_LEGAL)
+
     return {
-        LEAST_EMPTY: _least(sure[empty & wrong], settings.most_called_empty, int((truth > 0).sum())),
-        LEAST_FILLED: _least(sure[~empty & wrong & bare], settings.most_misnamed, int(bare.sum())),
+        LEAST_EMPTY: least(empty & wrong, settings.most_called_empty * float(weights[truth > 0].sum())),
+        LEAST_FILLED: least(~empty & wrong & bare, settings.most_misnamed * float(weights[bare].sum())),
     }
-
-
-def _least(wrongly: NDArray[np.float32], most: float, count: int) -> float:
-    allowed, sure = math.floor(most * count), np.sort(wrongly)[::-1]
-    wanted = float(sure[allowed]) + 1e-6 if len(sure) > allowed else 0.0
-    return min(max(wanted, LEAST_LEGAL), MOST_LEGAL)
 
 
 def _trained(
@@ -171,19 +187,20 @@ def _truth(plates: Sequence[Plate], types: tuple[str, ...]) -> tuple[Tensor, Ten
 
 def _answers(
     network: HoleNet, plates: Sequence[Plate], bench: Bench, product: Product
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Logits and truth of the holes that the network does not call covered, and whether nothing hides them."""
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Of the holes that the network does not call covered: logits, truth, nothing hides them, the part is seated."""
     squares, types = squares_m(bench, product), tuple(product.parts)
-    logits, truths, bare = [], [], []
+    logits, truths, bare, seated = [], [], [], []
     with torch.no_grad():
         for plate in plates:
             crops = hole_crops(levelled(plate.image), plate.camera, plate.world_from_camera, squares)
             kinds, _, hidden = network(torch.from_numpy(crops))
             logits.append(kinds[hidden < 0])
-            kinds, _, covered = (values[hidden < 0] for values in _truth([plate], types))
+            kinds, upright, covered = (values[hidden < 0] for values in _truth([plate], types))
             truths.append(kinds)
             bare.append(covered <= BARE)
-    return torch.cat(logits), torch.cat(truths), torch.cat(bare)
+            seated.append(upright > 0.5)
+    return torch.cat(logits), torch.cat(truths), torch.cat(bare), torch.cat(seated)
 
 
 def _temperature(logits: Tensor, truth: Tensor) -> float:

@@ -291,6 +291,15 @@ def test_stills_of_the_plate_tell_what_is_in_the_holes_and_what_hides_them(tmp_p
                 assert middle < np.median(crop)
 
 
+def test_as_many_parts_on_the_plate_are_astray_as_asked_for(tmp_path: Path) -> None:
+    for share in (0.0, 1.0):
+        folder = DataFolder(tmp_path / f"of {share}", "test")
+        write_plates(PRODUCT, BENCH, SIMULATION, 4, folder, 3, lambda *_: None, astray_share=share)
+        holes = [hole for plate in load_plates([tmp_path / f"of {share}"]) for hole in plate.holes if hole.part]
+        assert len(holes) > 5
+        assert {hole.upright for hole in holes} == {share == 0.0}
+
+
 def test_the_same_seed_gives_the_same_files_and_nothing_is_overwritten(tmp_path: Path) -> None:
     for name in ("one", "two"):
         again = record(PRODUCT, BENCH, SIMULATION, SEED)

@@ -44,6 +44,7 @@ class Fit:
         rms_px: root mean square of what the sightings are off after the fit; infinite where nothing was seen.
         edges, holes: points of edges and holes that were seen, over all images.
         images: in how many images the plate was seen.
+        far: from the believed camera, in standard deviations of how cameras hang.
     """
 
     setup: CameraSetup
@@ -51,6 +52,7 @@ class Fit:
     edges: int
     holes: int
     images: int
+    far: float
 
 
 def fit_camera(
@@ -88,14 +90,15 @@ def fit_camera(
     off = [_off_px(camera, shot.world_from_base @ mount, each) for shot, each in seen]
     rms = float(np.sqrt(np.mean(np.concatenate(off) ** 2))) if off else math.inf
     edges, holes = (sum(getattr(each, name) for _, each in seen) for name in ("edges", "holes"))
-    return Fit(found_setup, rms, edges, holes, len(seen))
+    return Fit(found_setup, rms, edges, holes, len(seen), float(np.linalg.norm(values / PRIOR)))
 
 
 def fit_over_empty_plate(shots: Sequence[Shot], setup: CameraSetup, bench: Bench, product: Product) -> Fit:
     """As `fit_camera`, where every hole is empty: then a camera that hangs far off is found, too, by the holes.
 
     One that sees the plate further off than the search reaches takes other lines for the plate's edges, and fits them
-    well. So the search begins at other turns of the camera, too, and the fit that sees most holes counts.
+    well. So the search begins at other turns of the camera, too, and the fit that sees most holes counts. Where one is
+    too dark to be seen, the others are also seen one hole further along: then the fit nearest to the believed camera.
     """
     wanted = len(product.bracket.holes_m) * len(shots)
     best = fit_camera(shots, setup, bench, product)
@@ -104,7 +107,7 @@ def fit_over_empty_plate(shots: Sequence[Shot], setup: CameraSetup, bench: Bench
             break
         start = np.zeros(len(PRIOR))
         start[3:5] = turns
-        best = max(best, fit_camera(shots, setup, bench, product, start), key=lambda fit: (fit.holes, fit.edges))
+        best = max(best, fit_camera(shots, setup, bench, product, start), key=lambda fit: (fit.holes, -fit.far))
     return best
 
 

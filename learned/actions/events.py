@@ -34,6 +34,7 @@ class EventSettings(Model):
         shown_reads, shown_confidence: when a hole that was empty counts as newly filled, see `FilledHoles`.
         shown_evidence: sum over the frames of the probability of an assembly at a hole from which on a newly filled
             hole shows that the assembly is finished.
+        shown_s: for so long a newly filled hole waits for the hand to let go, unless the hand turns to other things.
     """
 
     frames: int = 3
@@ -46,6 +47,7 @@ class EventSettings(Model):
     shown_reads: int = 2
     shown_confidence: float = 0.9
     shown_evidence: float = 0.5
+    shown_s: float = 0.6
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ class PlacementEvents:
         self._evidence = np.zeros(self._shape)
         self._last_s = np.full(self._shape[1], -np.inf)
         self._told = np.zeros(self._shape[1], bool)
+        self._filled: dict[int, tuple[Filled, float]] = {}  # by position, and since when
         self._awaited = np.zeros(self._shape[1], bool)  # told, and not yet shown by its hole
 
     def update(
@@ -94,15 +97,20 @@ class PlacementEvents:
         self._recent.append(at_hole * released)
         finished = np.mean(self._recent, axis=0) * (len(self._recent) / self._settings.frames)
         position = int(np.argmax(np.where(self._told, 0.0, finished)))
-        shown = [one for one in filled if self._shown(one)]
+        for one in filled:
+            self._wait(time_s, one)
         if not self._told[position] and finished[position] >= self._settings.threshold and self._sure(position):
             self._awaited[position] = True
             return self._placement(time_s, position, self._evidence[:, position], shown=False)
-        if not shown:
-            return None
-        position, likely = shown[0].position, np.full(self._shape[0], (1 - shown[0].confidence) / self._shape[0])
-        likely[shown[0].part] = shown[0].confidence
-        return self._placement(time_s, position, self._evidence[:, position] * likely, shown=True)
+        for position, (one, since_s) in list(self._filled.items()):
+            if self._told[position] or not self._agrees(one):
+                del self._filled[position]
+            elif at_hole[position] <= self._settings.begins or time_s - since_s >= self._settings.shown_s:
+                del self._filled[position]
+                likely = np.full(self._shape[0], (1 - one.confidence) / self._shape[0])
+                likely[one.part] = one.confidence
+                return self._placement(time_s, position, self._evidence[:, position] * likely, shown=True)
+        return None
 
     def _sure(self, position: int) -> bool:
         """Whether the hand's movement tells the part; else the hole is waited for."""
@@ -114,17 +122,17 @@ class PlacementEvents:
         share = evidence / max(float(evidence.sum()), 1e-9)
         return Placement(int(share.argmax()), position, time_s, tuple(float(value) for value in share), shown)
 
-    def _shown(self, one: Filled) -> bool:
-        """Whether a newly filled hole shows that an assembly there, of the same part, is finished.
-
-        Where hand and hole disagree about the part, neither tells: the graph waits for what the hole goes on to show.
-        """
+    def _wait(self, time_s: float, one: Filled) -> None:
+        """A hole is newly filled: the hand has a while to tell it first, as fingers may still hold what is there."""
         if self._awaited[one.position]:
             self._awaited[one.position] = False
-            return False
+        elif not self._told[one.position] and self._agrees(one):
+            self._filled[one.position] = one, time_s
+
+    def _agrees(self, one: Filled) -> bool:
+        """Whether the hand, too, seems to have placed this part there; where it does not, neither tells."""
         evidence = self._evidence[:, one.position]
-        enough = float(evidence.sum()) >= self._settings.shown_evidence
-        return enough and not self._told[one.position] and int(evidence.argmax()) == one.part
+        return float(evidence.sum()) >= self._settings.shown_evidence and int(evidence.argmax()) == one.part
 
     def _forget(self, time_s: float, at_hole: Floats) -> None:
         """What was seen at a hole counts no longer once no assembly was seen there for a while."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+import pytest
 
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.perception import HoleView
@@ -91,10 +92,23 @@ def test_a_screw_goes_on_through_doubtful_frames() -> None:
 
 def test_a_hole_that_is_newly_filled_tells_a_placement_whose_opening_fingers_nobody_made_out() -> None:
     stream = AWAY + placing(frames=8, opened=0) + AWAY * 30
+    (found,) = told(stream, {7: Filled(0, 1, 0.98)})
+    assert found.time_s == pytest.approx(9 * FRAME_S)  # the hand turns to other things
     (found,) = told(stream, {12: Filled(0, 1, 0.98)})
+    assert found.time_s == pytest.approx(12 * FRAME_S)
     assert (found.part, found.position, found.shown) == (0, 1, True)
     assert found.posterior[0] > 0.98
     assert told(stream) == []
+
+
+def test_fingers_that_still_hold_what_stands_in_the_hole_have_a_while_to_open() -> None:
+    """Else a part that is only regripped would be told too early, as a placement that was not made."""
+    (found,) = told(AWAY + placing(frames=14) + AWAY * 9, {9: Filled(0, 1, 0.98)})
+    assert not found.shown
+    assert found.time_s >= 15 * FRAME_S
+    (found,) = told(AWAY + placing(frames=30, opened=0), {9: Filled(0, 1, 0.98)})
+    assert found.shown
+    assert found.time_s == pytest.approx(18 * FRAME_S)
 
 
 def test_hand_and_hole_tell_a_placement_once() -> None:

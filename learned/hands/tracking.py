@@ -19,7 +19,7 @@ from learned.hands.own_robot import OwnRobot
 from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Regions
 
-NEW_CONFIDENCE, LEAST_CONFIDENCE = 0.5, 0.3  # of a hand that was not seen before, and of one that was
+NEW_CONFIDENCE, LEAST_CONFIDENCE = 0.5, 0.5  # of a hand that was not seen before, and of one that was
 LOST_S = 0.25  # after which a hand that comes back is a new one
 COMES_BACK_S = 2.0  # for so long it is expected where it was lost, also on the robot
 NEAR_SHARE = 0.45  # of a region's side: a hand is found again within it

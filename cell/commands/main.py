@@ -7,11 +7,13 @@ import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer.models import CommandInfo
 
 from cell.commands.calibrate import calibrate
 from cell.commands.entries import entries_of
@@ -128,7 +130,8 @@ DoctorJsonOption = Annotated[bool, typer.Option("--json", help="One line of JSON
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
     try:
-        status = app(args=arguments, prog_name="cell", standalone_mode=False)
+        words = sys.argv[1:] if arguments is None else arguments
+        status = _with_command(words[:1])(args=arguments, prog_name="cell", standalone_mode=False)
     except (InputError, LogError, ModelError) as error:
         return _complain(str(error), BAD_INPUT)
     except DeviceFault as error:
@@ -142,6 +145,21 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _complain("interrupted", 1)
     return status if isinstance(status, int) else 0
+
+
+def _with_command(names: list[str]) -> typer.Typer:
+    """With the command that is asked for alone, where there is such a one: to prepare all takes a tenth of a start."""
+    asked = [one for one in app.registered_commands if one.callback is not None and _name(one) in names]
+    if not asked:
+        return app
+    alone = copy(app)
+    alone.registered_commands, alone.registered_groups = asked, []
+    return alone
+
+
+def _name(command: CommandInfo) -> str:
+    assert command.callback is not None
+    return command.name or command.callback.__name__.replace("_", "-")
 
 
 def _usage(error: typer.TyperException) -> str:
@@ -231,25 +249,10 @@ def run(
     gc.freeze()  # what was imported stays
     gc.set_threshold(SEARCHES_GARBAGE)
     result = running.run(options, screen)
-    _list_run(Path(str(result.summary["log"])))
     screen.print(table("run", result.rows))
     if as_json:
         print_json(result.summary)
     return result.outcome.exit_status
-
-
-def _list_run(log: Path) -> None:
-    """The run has its row in the table beside its log, where the packages for that are installed."""
-    from importlib.util import find_spec
-
-    if find_spec("pyarrow") is None:
-        return
-    from cell.fleet.index import add_run
-
-    try:
-        add_run(log)
-    except CellError as error:
-        sys.stderr.write(f"cell: no row in the table of runs: {error}\n")
 
 
 @app.command()

@@ -15,23 +15,26 @@ from trees.engine.ports import InputPort
 from trees.nodes.skill_node import SkillNode
 
 PAUSE_S = 0.5  # a hold that ended so long ago is over
+RESTS_M = 0.03  # a palm that moves less rests
 STALE_S = 0.5  # an older view of the bench tells nothing of the hand
 
 
 class GiveWay(SkillNode):
-    """Where a near hand has held the arm for long: go out of its way, slowly, to the parking place, and wait there.
+    """Where a near hand has held the arm, or has rested beside it, for long: go out of its way to the parking place.
 
     Put it before a motion in a ReactiveSequence. It succeeds at once where nobody is in the way, and where no path
     leads away from the hand; while it is at work, the motion is halted, and begins anew when the hand has left.
     """
 
     claims = ("arm",)
-    persistent = ("_since_s", "_held_s")
+    persistent = ("_since_s", "_held_s", "_palm_m")
 
-    after_s = InputPort(float, "how long a near hand may hold the arm before it gives way in [s]", default=8.0)
+    after_s = InputPort(float, "how long arm and hand may wait for each other before it gives way in [s]", default=8.0)
+    near_m = InputPort(float, "how near to the arm a hand that rests must be for that in [m]", default=0.3)
     wait_s = InputPort(float, "how long it waits for the hand to leave at most in [s]", default=15.0)
 
-    _since_s = _held_s = -math.inf  # when the hold began that lasts, and when the arm was held last
+    _since_s = _held_s = -math.inf  # when the wait began that lasts, and when the arm waited last
+    _palm_m: tuple[float, float] = (math.inf, math.inf)  # where the hand has rested since
     _held_rad: Array | None = None  # where the arm stood then; None while it does not give way
     _out_s = math.inf  # since when it is out of the way
 
@@ -46,7 +49,7 @@ class GiveWay(SkillNode):
 
     def update(self) -> Status:
         seen = self.services.observation
-        if self._held_for_long(seen):
+        if self._waited_long(seen):
             self._begin(seen)
         elif self._held_rad is None:
             return Status.SUCCESS
@@ -71,21 +74,36 @@ class GiveWay(SkillNode):
             self._held_rad = np.array(seen.arm.positions_rad)
         self._skill, self._since_s = self.make_skill(), seen.time_s
 
-    def _held_for_long(self, seen: Observation) -> bool:
+    def _waited_long(self, seen: Observation) -> bool:
         now_s = seen.time_s
-        if HAND_TOO_NEAR not in seen.held_by:
+        if not self._waits(seen):
             return False
         if now_s - self._held_s > PAUSE_S:
             self._since_s = now_s
         self._held_s = now_s
         return now_s - self._since_s >= self.after_s.get()
 
-    def _left(self, seen: Observation) -> bool:
-        """Whether the arm could stand again where it was held."""
+    def _waits(self, seen: Observation) -> bool:
+        """Whether a near hand holds the arm, or rests beside an arm that stands."""
+        if HAND_TOO_NEAR in seen.held_by:
+            return True
+        hand = None if seen.bench is None else seen.bench.hand
+        if hand is None or seen.share == 0 or seen.arm.moving or not seen.arm.stands:
+            return False
+        if math.dist(hand.palm_m, self._palm_m) > RESTS_M:
+            self._palm_m, self._held_s = hand.palm_m, -math.inf  # from now on
+            return False
+        return self._room_m(seen, None) < self.near_m.get()
+
+    def _room_m(self, seen: Observation, joints_rad: Array | None) -> float:
+        """From the hands to the arm, as it stands or where it would; infinite where no hand is."""
         from skills.near_hand import separation_of
 
-        monitor = self.services.motion.separation
+        found = separation_of(self.services.motion.separation, seen, None, joints_rad)
+        return math.inf if found is None else found.distance_m
+
+    def _left(self, seen: Observation) -> bool:
+        """Whether no hand is near the place any more where the arm stood."""
         if seen.bench is None or seen.bench.hand_unknown or seen.time_s - seen.bench.time_s > STALE_S:
             return False
-        found = separation_of(monitor, seen, None, self._held_rad)
-        return found is None or found.distance_m > found.least_m + monitor.settings.hysteresis_m
+        return self._room_m(seen, self._held_rad) >= self.near_m.get()

@@ -177,6 +177,28 @@ def test_a_hand_that_is_not_near_is_not_given_way_to(tmp_path: Path) -> None:
     assert world.time_s < 8.0
 
 
+def test_an_arm_that_waits_before_a_resting_hand_gives_way_too(tmp_path: Path) -> None:
+    """Nothing holds it: a condition of the tree lets it wait, and the person waits until it has left."""
+    world = World(waits_until_the_arm_has_left(0.2))
+    wait = '<GiveWay/><WaitForHandClearOfSpot spot="{goal}" distance_m="0.5"/>'
+    assert run(world, wait, tmp_path, 30.0) is Status.SUCCESS
+    assert world.away_m == pytest.approx(0.1, abs=0.005)
+    assert world.time_s > 8.0
+
+
+def test_an_arm_that_waits_before_a_hand_at_work_stays(tmp_path: Path) -> None:
+    rests = resting(0.2)
+
+    def works(world: World) -> HandSample:
+        x, y = rests.palm_m
+        return replace(rests, palm_m=(x, y + 0.05 * float(np.sin(world.time_s))))
+
+    world = World(works)
+    wait = '<GiveWay/><WaitForHandClearOfSpot spot="{goal}" distance_m="0.5"/>'
+    assert run(world, wait, tmp_path, 12.0) is Status.RUNNING
+    assert world.away_m < 0.001
+
+
 def test_a_hand_that_stays_for_ever_keeps_the_arm_away(tmp_path: Path) -> None:
     """It comes again after a while to see, and never nearer than it was."""
     rests = resting(0.045)

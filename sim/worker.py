@@ -6,7 +6,7 @@ the bench as it is; parts are carried by friction alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from cell.interfaces.command import Display
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.product import Product
 from cell.interfaces.truth import TruthEvent
+from sim.bracket_work import BracketWork
 from sim.diary import ActionEvent, Diary
 from sim.errands import Errands, Replies, choice_answer, goal_answer, help_answer, mend_answer, where_answer
 from sim.hand import Hand, hand_rest_m
@@ -32,7 +33,6 @@ AT_REST_M = 0.02
 ASKS_AGAIN_S = 6.0  # how long the person waits for a part that only the robot can bring
 SEEN_S = 6.0  # how long the person waits for the cell to see the empty bracket
 OVER = object()
-PUNCTUATION = str.maketrans(",.;:()", "      ")
 
 
 @dataclass(frozen=True)
@@ -185,8 +185,11 @@ class Worker:
             if self._errands is not None:
                 yield from self._errands.tidy_up()
             yield from self._let_robot_work()
-            yield from self._correct_robot()
-            position = self._next_position()
+            for misplaced in self._job.misplaced():
+                self.done = False
+                yield from self._job.take_away(misplaced)
+            self._answered = self._request
+            position = self._job.next_position(self._request)
             if position is None:
                 yield from self._go_to_rest()
                 self.done = True
@@ -194,7 +197,7 @@ class Worker:
                 yield
                 continue
             self.done = False
-            placed = yield from self._placing.fill(position)
+            placed = yield from self._job.placing.fill(position)
             if placed and self._screwing.wanted():
                 yield from self._screwing.screw(position)
                 yield from self._go_to_rest()
@@ -202,11 +205,11 @@ class Worker:
 
     def _begin(self, wanted: Mapping[str, str]) -> None:
         """From now on, this is to be built."""
-        self._wanted = wanted
-        self._order = positions_in_order(self._person.order, wanted, self._rng, self._chance)
-        self._placing = Placing(
+        order = positions_in_order(self._person.order, wanted, self._rng, self._chance)
+        placing = Placing(
             self._work, self._sight, self._person, wanted, self._chance, self._diary, self._waiting.polite
         )
+        self._job = BracketWork(placing, self._sight, wanted, order, self._go_to_rest)
         self._idle_since_s = self._diary.time_s
 
     @property
@@ -241,12 +244,12 @@ class Worker:
             return
         for question in list(self._replies.noticed(self._diary.time_s)):
             if question.kind == "goal":
-                self._replies.answer(question, goal_answer(question, self._wanted))
+                self._replies.answer(question, goal_answer(question, self._job.wanted))
             elif question.kind == "where":
-                empty = [] if self._can_place(question.part) else list(self._empty())
-                self._replies.answer(question, where_answer(question, self._wanted, empty))
+                empty = [] if self._job.can_place(question.part) else list(self._job.empty())
+                self._replies.answer(question, where_answer(question, self._job.wanted, empty))
             elif question.kind == "help":
-                by_hand = self._can_place(question.part) and happens(self._person.shift.places_asked, self._chance)
+                by_hand = self._job.can_place(question.part) and happens(self._person.shift.places_asked, self._chance)
                 if by_hand:
                     self._request = question.part
                 elif question.part:
@@ -254,52 +257,18 @@ class Worker:
                     yield from self._go_to_rest()
                 self._replies.answer(question, help_answer(by_hand))
             elif question.kind == "mend":
-                mended = yield from self._mend(question.positions)
+                yield from self._let_robot_work()
+                mended = yield from self._job.mend(question.positions)
                 self._replies.answer(question, mend_answer(question, mended))
             elif question.kind == "choice":
-                brought = yield from self._take_brought()
+                brought = yield from self._job.take_brought()
                 self._replies.answer(question, choice_answer(question, brought))
-
-    def _mend(self, positions: Sequence[str]) -> Generator[None, None, bool]:
-        """Take out what is wrong in these holes and set straight what is crooked; returns whether anything was."""
-        yield from self._let_robot_work()
-        wrong = [position for position in positions if not self._placing.right(position)]
-        for position in wrong:
-            yield from self._placing.mend(position)
-        if wrong:
-            yield from self._go_to_rest()
-        return bool(wrong)
-
-    def _correct_robot(self) -> Script:
-        """Take out what the robot placed and what does not belong there, where it is noticed."""
-        for position in self._order:
-            if self._placing.noticed(position):
-                self.done = False
-                yield from self._placing.take_away(position)
-                yield from self._go_to_rest()
-
-    def _take_brought(self) -> Generator[None, None, bool]:
-        """Put what the robot laid before the bracket into its hole; returns whether nothing of it is left there."""
-        lying = {part: seen for part in set(self._wanted.values()) if (seen := self._sight.left(part)) is not None}
-        for position in self._order:
-            if self._placing.left(position) is not None:
-                yield from self._placing.fill(position)
-                yield from self._go_to_rest()
-                lying.pop(self._wanted[position], None)
-        return not lying
-
-    def _empty(self) -> Iterator[str]:
-        """Positions in which nothing stands."""
-        return (name for name in self._order if self._sight.in_hole(name) is None)
-
-    def _can_place(self, part: str) -> bool:
-        return any(self._wanted[name] == part and self._placing.possible(name) for name in self._order)
 
     def _go_on(self) -> Script:
         """Nothing is left to be placed: fill the bins where a part lacks, or change the bracket when it is time."""
         if self._errands is None or self._replies is None or self._around is None:
             return
-        complete = self._placing.complete()
+        complete = self._job.placing.complete()
         if not complete and "bins" in self._errands.due:
             yield from self._errands.fill("bins")
             return
@@ -317,20 +286,10 @@ class Worker:
 
     def _ask_for_part(self) -> Script:
         """A part is missing that only the robot can bring: screw once more, which is how it is asked for one."""
-        placed = [name for name in self._order if self._sight.in_hole(name) is not None]
-        if placed:
+        if placed := self._job.filled():
             yield from self._screwing.screw(placed[int(self._chance.integers(len(placed)))])
             yield from self._go_to_rest()
             yield from self._waiting.begins()
-
-    def _next_position(self) -> str | None:
-        """The next in the person's order that can be filled; one that a help request names comes first."""
-        can_be_filled = [position for position in self._order if self._placing.possible(position)]
-        words = (self._request or "").translate(PUNCTUATION).split()
-        self._answered = self._request
-        asked = [name for name in can_be_filled if name in words or self._wanted[name] in words]
-        handed = [name for name in can_be_filled if self._placing.handed(name)]
-        return next(iter(asked + handed + can_be_filled), None)
 
     def has(self, body: str) -> bool:
         """Whether a part is between the closed fingers."""
@@ -350,7 +309,7 @@ class Worker:
         if self._sight.arm_parked or not self._waiting.polite():
             return
         yield from self._go_to_rest()
-        yield from self._waiting.works(lambda: any(self._placing.handed(name) for name in self._order))
+        yield from self._waiting.works(lambda: self._job.handed())
 
     @property
     def _asked(self) -> bool:

@@ -103,7 +103,7 @@ def test_a_wrong_part_that_is_overlooked_stays_until_somebody_tells() -> None:
     [(position, part)] = shift.placed().items()
     shift.until(lambda: False, 8.0)
     assert shift.placed()[position] == part
-    play(shift, shift.worker._placing.mend(position))
+    play(shift, shift.worker._job.placing.mend(position))
     assert position not in shift.placed()
 
 
@@ -114,7 +114,7 @@ def test_a_part_of_the_robot_is_taken_out_and_put_before_the_bracket() -> None:
     shift.world.place(body, bench().bracket.pose @ Pose((x, y, 0.0)))
     shift.world.settle()
     shift.period()
-    play(shift, shift.worker._placing.take_away("p3"))
+    play(shift, shift.worker._job.placing.take_away("p3"))
     assert "p3" not in shift.placed()
 
 

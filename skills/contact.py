@@ -1,4 +1,4 @@
-"""Feeling: a tool that hangs above where its trajectory has it by now has met something."""
+"""Feeling: a tool that hangs above where its trajectory has it by now has met something (guarded moves)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Progress, SkillStatus
-from skills.phases import Move, failed
+from skills.phases import Move, done, failed
 from skills.planner import Load, MotionPlanner
 
 
@@ -54,3 +54,38 @@ class Descend:
         if progress.status is SkillStatus.RUNNING and meets_something(self._planner, self._move, observation):
             return failed(f"the fingers met something on the way down to {self._name}")
         return progress
+
+
+class SetDown:
+    """A phase: straight down with the held part until it is there, or until it rests on something near there.
+
+    A part that somebody has pulled down or tilted in the fingers meets the ground too early for the tool.
+    """
+
+    def __init__(self, name: str, planner: MotionPlanner, goal: Pose, load: Load, slipped_m: float) -> None:
+        """Args:
+        name: type of the held part.
+        goal: world_from_tool when it is let go.
+        slipped_m: contact this far above the goal may still be the ground; higher up it is something else.
+        """
+        self._name, self._planner, self._goal, self._slipped_m = name, planner, goal, slipped_m
+        self._move = Move(
+            f"lowering {name}",
+            lambda start: planner.straight_move(start, goal, load),
+            planner.settings,
+            holding=name,
+        )
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Lower and feel."""
+        progress = self._move.poll(observation, command)
+        if progress.status is SkillStatus.SUCCESS or not observation.gripper.holding:
+            return progress
+        stuck = progress.status is SkillStatus.FAILURE and self._move.trajectory is not None
+        if not stuck and not meets_something(self._planner, self._move, observation):
+            return progress
+        above_m = tool_height_m(self._planner, observation) - self._goal.position_m[2]
+        if above_m > self._slipped_m:
+            return failed(f"lowering {self._name}: it met something {above_m * 1000:.0f} mm above where it should rest")
+        command.follow, command.stop_arm = None, True
+        return done(f"{self._name} rests {above_m * 1000:.0f} mm higher than expected")

@@ -12,7 +12,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
 from skills.collision import Box, body_box, part_box
-from skills.contact import Descend
+from skills.contact import Descend, SetDown
 from skills.grasp_pose import (
     Grasp,
     fingers_clear,
@@ -25,7 +25,7 @@ from skills.grasp_pose import (
     place_poses,
 )
 from skills.grip import Grip, Hold, hold_of, possible_grips
-from skills.insertion import Insert
+from skills.insertion import RESTS_M, Insert
 from skills.lying_grasp import held_box
 from skills.phases import Activate, FingersRest, Move, Phase, SetGripper
 from skills.planner import Load, MotionPlanner, at_height
@@ -148,6 +148,7 @@ def put_phases(
     carry_m: float,
     *,
     into_hole: bool = False,
+    slipped_m: float = RESTS_M,
 ) -> list[Phase] | str:
     """Phases that put the held part at `target` (its part frame) and end with the empty fingers above it.
 
@@ -155,6 +156,7 @@ def put_phases(
         hold: how the fingers hold it.
         carry_m: height of the body's bottom on the way there.
         into_hole: the peg goes into a hole, and feels for it.
+        slipped_m: how far above `target` the part may meet the ground.
     """
     settings, kind = planner.settings, planner.product.parts[name]
     opening_m = opening_for(kind, hold.grip, settings.finger_clearance_m)
@@ -171,10 +173,17 @@ def put_phases(
     depth_m = kind.peg_length_m + settings.insertion_start_m if into_hole else 0.0
     before = at_height(pose, pose.position_m[2] + depth_m)
     clear_m = _clear_height_m(planner, kind, target)
+    lowered: list[Phase] = [SetDown(name, planner, pose, lowering, slipped_m)]
+    if into_hole:
+        lowered = [
+            Move(
+                f"lowering {name}", lambda start: planner.straight_move(start, before, lowering), settings, holding=name
+            ),
+            Insert(name, planner, pose, depth_m, lowering),
+        ]
     return [
         Move(f"carrying {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
-        Move(f"lowering {name}", lambda start: planner.straight_move(start, before, lowering), settings, holding=name),
-        *([Insert(name, planner, pose, depth_m, lowering)] if into_hole else []),
+        *lowered,
         *release_phases(planner, name, opening_m, clear_m),
     ]
 
@@ -187,6 +196,12 @@ def release_phases(planner: MotionPlanner, name: str, opening_m: float, clear_m:
         SetGripper(f"letting go of {name}", release, settings),
         Move(f"leaving {name}", lambda start: planner.rise(start, clear_m, opening_m), settings),
     ]
+
+
+def slips_m(kind: PartType) -> float:
+    """How much lower a held part can hang than it was taken: pulled down by its height, or tilted."""
+    length_m, _, height_m = kind.size_m
+    return max(height_m, length_m / 2)
 
 
 def carry_over_bracket_m(planner: MotionPlanner, kind: PartType) -> float:

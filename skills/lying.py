@@ -12,7 +12,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
 from cell.interfaces.resting import SIDES, UPRIGHT, side_up
-from skills.contact import Descend
+from skills.contact import Descend, SetDown
 from skills.grip import STROKE_M
 from skills.handling import (
     bracket_boxes,
@@ -20,9 +20,11 @@ from skills.handling import (
     joints_of,
     release_phases,
     seen_in_holes,
+    slips_m,
     tray_boxes,
     why_not_empty,
 )
+from skills.insertion import RESTS_M
 from skills.lying_grasp import MOST_LEAN_RAD, LyingHold, held_box, laid_out, lying_holds, solid_boxes, turns_left
 from skills.move_aside import free_centres
 from skills.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
@@ -178,7 +180,7 @@ def put_lying(
         spot_from_part, room = lies
         for x, y, yaw in free_centres(room, tray.centre_m[:2], HEADINGS, others, tray, planner.settings, each=2):
             spot = Pose.from_yaw((x, y, tray.centre_m[2] + DROP_M), yaw)
-            phases = put_at(planner, name, hold, spot @ spot_from_part, observation, others, near_rad)
+            phases = put_at(planner, name, hold, spot @ spot_from_part, observation, others, near_rad, slips_m(kind))
             if not isinstance(phases, str):
                 return phases
             reason = phases
@@ -221,8 +223,9 @@ def put_at(
     observation: Observation,
     others: Sequence[PartDetection],
     near_rad: Array,
+    slipped_m: float = RESTS_M,
 ) -> list[Phase] | str:
-    """Phases that let the held part go at a pose and end with the empty fingers above it."""
+    """Phases that let the held part go at a pose and end with the empty fingers above it; `slipped_m` as in SetDown."""
     settings, kind = planner.settings, planner.product.parts[name]
     obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, others))
     held, opening_m = (held_box(name, kind, hold),), _opening_m(planner, hold)
@@ -240,7 +243,7 @@ def put_at(
             return f"cannot put {name} there: {way}"
     return [
         Move(f"turning {name}", lambda start: planner.free_move(start, above, carrying), settings, holding=name),
-        Move(f"lowering {name}", lambda start: planner.straight_move(start, tool, lowering), settings, holding=name),
+        SetDown(name, planner, tool, lowering, slipped_m),
         *release_phases(planner, name, opening_m, carry_m),
     ]
 

@@ -12,7 +12,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from skills.handling import choose_grasp, joints_of, put_phases, take_phases, tray_boxes, why_not_empty
+from skills.handling import choose_grasp, joints_of, put_phases, slips_m, take_phases, tray_boxes, why_not_empty
 from skills.phases import Phase, PhasedSkill
 from skills.planner import MotionPlanner
 from skills.settings import MotionSettings
@@ -50,7 +50,9 @@ class MoveAside(PhasedSkill):
         obstacles = tray_boxes(planner, self._others)
         reason = f"no free spot in the tray for {part.part}"
         for target in free_spots(part, kind, self._others, planner.bench.tray, planner.settings):
-            put = put_phases(planner, part.part, chosen[0].hold, target, obstacles, near, carry_m)
+            put = put_phases(
+                planner, part.part, chosen[0].hold, target, obstacles, near, carry_m, slipped_m=slips_m(kind)
+            )
             if not isinstance(put, str):
                 return [*take, *put]
             reason = put

@@ -14,6 +14,7 @@ from skills.handling import (
     present_hold,
     put_phases,
     seen_in_holes,
+    slips_m,
     tray_boxes,
 )
 from skills.lying import put_lying_back
@@ -56,6 +57,7 @@ class PutBack(PhasedSkill):
                 obstacles,
                 joints_of(observation),
                 carry_over_bracket_m(planner, kind),
+                slipped_m=slips_m(kind),
             )
             if not isinstance(phases, str):
                 return phases

@@ -15,9 +15,11 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.interfaces.skill import SkillStatus
+from skills.contact import tool_height_m
 from skills.grasp_pose import hole_pose
 from skills.grip import Grip, Hold
 from skills.handling import present_hold
+from skills.lying_grasp import lying_holds
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
 from skills.phases import PhasedSkill, SetGripper
@@ -308,3 +310,41 @@ def test_fingers_that_do_not_let_go_are_a_failure(planner: MotionPlanner, robot:
     progress = phase.poll(held, Command())
     assert progress.status is SkillStatus.FAILURE
     assert "still hold something" in progress.reason
+
+
+class OverFloor(IdealRobot):
+    """A robot whose tool goes no lower than this, as what it holds rests on something then."""
+
+    def __init__(self, planner: MotionPlanner, joints_rad: tuple[float, ...], part_m: float) -> None:
+        super().__init__(joints_rad, part_m)
+        self._planner, self.floor_m, self.lowest_m = planner, 0.0, 1.0
+
+    def act(self, command: Command) -> None:
+        before = self._joints
+        super().act(command)
+        if tool_height_m(self._planner, self.observe()) < self.floor_m:
+            self._joints = before
+        if self.observe().gripper.holding and command.gripper is None:
+            self.lowest_m = min(self.lowest_m, tool_height_m(self._planner, self.observe()))
+
+
+@pytest.mark.parametrize("lying", [False, True])
+@pytest.mark.parametrize(("lower_m", "lets_go"), [(0.0, True), (0.012, True), (0.09, False)])
+def test_a_part_that_hangs_lower_than_it_was_taken_is_let_go_where_it_rests(
+    planner: MotionPlanner, product: Product, bench: Bench, lying: bool, lower_m: float, lets_go: bool
+) -> None:
+    """A person pulled it down in the fingers. What is met far above the ground is something else: it stays held."""
+    lowest_m = 0.0
+    for met_m in (None, lower_m):
+        robot = OverFloor(planner, bench.arm_look_rad, 0.034)
+        holding(planner, product, robot)
+        planner.lying = lying_holds(product.parts["o2"], "+y", planner.settings)[0] if lying else None
+        before, robot.lowest_m = len(robot.sent), 1.0
+        robot.floor_m = 0.0 if met_m is None else lowest_m + met_m
+        progress = robot.run(PutBack(planner, "o2", ()))
+        lowest_m = robot.lowest_m
+    opened = [command for command in robot.sent[before:] if command.gripper is not None]
+    assert (progress.status is SkillStatus.SUCCESS, len(opened)) == (lets_go, int(lets_go)), progress.reason
+    assert robot.observe().gripper.holding != lets_go
+    assert lets_go or "it met something" in progress.reason
+    assert not lets_go or tool_height_m(planner, robot.observe()) > robot.floor_m + 0.02

@@ -55,3 +55,30 @@ def test_what_the_gripper_holds_is_not_forgotten_where_another_part_is_to_be_tak
     node.parts.entry.value, node.index.entry.value = seen_parts("o3", "o1"), 0
     node.make_skill()
     assert (at.held_part, at.held_lying) == ("o2", True)
+
+
+@pytest.mark.parametrize("tree", ["ahead", "assemble", "eager"])
+@pytest.mark.parametrize(
+    ("first", "then", "asked", "end"),
+    [("FS", "F", 0, "S"), ("F", "S", 1, "S"), ("F", "FS", 2, "S"), ("F", "F", 2, "F")],
+)
+def test_a_person_is_asked_to_take_out_what_cannot_be_put_back(
+    tree: str, first: str, then: str, asked: int, end: str
+) -> None:
+    """As what a person pulled down in the fingers; the run ends well where it goes back after that."""
+    returns = {"EmptyFingers::2/EmptyOrPutBack::5/ReturnToTray::10": first, "ReturnToTray": then}
+    answers = {"GripperIsEmpty": "F", **returns}
+    made = TreeBench(ROOT / "trees" / f"{tree}.xml", node_registry(), answers, main="PutBack")
+    told = ""
+    while told[-1:] not in ("S", "F"):
+        told += made.tick(0.1)
+    assert (made.started("AskForHelp"), told[-1]) == (asked, end)
+
+
+def test_clearing_takes_nothing_more_where_the_fingers_stay_full() -> None:
+    answers = {"GripperIsEmpty": "F", "ReturnToTray": "F"}
+    made = TreeBench(TREE, node_registry(), answers, FOUND, main="ClearAndGrasp", provided={"part": "o3"})
+    told = ""
+    while told[-1:] not in ("S", "F"):
+        told += made.tick(0.1)
+    assert (told[-1], made.started("AskForHelp"), made.started("PickPart")) == ("F", 2, 0)

@@ -65,15 +65,16 @@ class GripperIsEmpty(CellNode):
 
 
 class IdentifyHeldPart(CellNode):
-    """Tell by the distance of the fingers which part is between them, where a run begins with one in the gripper."""
+    """Tell by the distance of the fingers which part is between them, unless this controller took it."""
 
     instant = True
 
     def update(self) -> Status:
         from skills.held_part import held_type
 
-        services = self.services
-        if services.tool_tilt_rad() > DOWN_RAD and not services.held_lying:
+        services, motion = self.services, self.services.motion
+        taken_here = services.held_part is not None and (motion.hold is not None or motion.lying is not None)
+        if not taken_here and services.tool_tilt_rad() > DOWN_RAD:
             self.feedback_message = "the tool leans, so that it is not known how it holds the part"
             services.failed("I do not know how I hold it")
             return Status.FAILURE

@@ -116,7 +116,7 @@ def latency(
 def latencies_ms(
     configuration: Configuration, config: Path, frames: int, trays: int, first_seed: int
 ) -> dict[str, dict[str, float]]:
-    """Median and 95th percentile of each detector's processor time, by detector; "frame" is all that watches."""
+    """Median and 95th percentile of each detector's processor time; "frame" and "tray": all that an image costs."""
     import numpy as np
 
     from cell.commands.frame_sources import open_source
@@ -128,7 +128,7 @@ def latencies_ms(
     source = open_source(f"sim:{first_seed}", "overhead", configuration, product, overhead.mount.pose)
     spent = watching_s(configuration, product, islice(source.frames, frames))
     seeds = range(first_seed, first_seed + trays)
-    spent["parts"] = finding_s(configuration, product, tray_frames(configuration, product, seeds))
+    spent |= finding_s(configuration, product, tray_frames(configuration, product, seeds))
     return {
         name: {f"p{percent}_ms": round(1e3 * float(np.percentile(values, percent)), 2) for percent in (50, 95)}
         for name, values in spent.items()

@@ -88,7 +88,11 @@ def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Cal
 
 def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:
     """What answers wrist frames."""
-    detector: PartDetector = Detectors(bench, product, perception).make("parts")
+    return tray_view(bench, product, Detectors(bench, product, perception).make("parts"))
+
+
+def tray_view(bench: Bench, product: Product, detector: PartDetector) -> Callable[[Frame], PartsView]:
+    """What answers wrist frames with this detector: it also fits how those lie that do not stand."""
     check, lying = TrayCheck(bench), LyingParts(bench, product)
 
     def find(frame: Frame) -> PartsView:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from matplotlib.figure import Figure
 
 COLUMNS, PANEL_INCHES = 4, (2.6, 2.1)
+TITLE_LETTERS = 28  # over a panel
 
 
 def plot_knobs(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
@@ -33,5 +35,5 @@ def plot_knobs(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
         other.tick_params(colors="tab:orange")
     for panel in panels[len(names) :]:
         panel.set_visible(False)
-    figure.suptitle(f"{title}; bars: 95 %", fontsize="large")
+    figure.suptitle(fill(f"{title}; bars: 95 %", TITLE_LETTERS * columns), fontsize="large")
     figure.savefig(path, dpi=110)

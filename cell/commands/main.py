@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import gc
-import json
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from copy import copy
 from enum import StrEnum
 from pathlib import Path
@@ -25,10 +24,11 @@ from cell.commands.log import log_app, report
 from cell.commands.looks import looks
 from cell.commands.models import data_app, eval_app, train_app
 from cell.commands.new import new_app
+from cell.commands.nodes import nodes
 from cell.commands.replay import replay
 from cell.commands.schema import schema
 from cell.commands.see import see
-from cell.commands.show import MONITOR_PORT, NodesOption, PortOption, monitor, show, write
+from cell.commands.show import MONITOR_PORT, NodesOption, PortOption, monitor, show
 from cell.commands.terminal import (
     CONFIGURATION,
     ConfigOption,
@@ -77,6 +77,7 @@ app.add_typer(hands_app, name="hands")
 app.command()(calibrate)
 app.command()(init)
 app.command()(looks)
+app.command()(nodes)
 app.command()(replay)
 app.command()(report)
 app.command()(schema)
@@ -102,14 +103,6 @@ class Pace(StrEnum):
 
     fast = "fast"
     real = "real"
-
-
-class NodeFormat(StrEnum):
-    """How the nodes are listed."""
-
-    text = "text"
-    json = "json"
-    groot = "groot"
 
 
 LookOption = Annotated[
@@ -301,30 +294,6 @@ def _registry(config: Path | None, own_nodes: Iterable[str]) -> Registry:
 
     configuration = load_configuration(config)
     return node_registry(load_product(configuration, config), own_nodes, configuration)
-
-
-@app.command()
-def nodes(
-    style: Annotated[
-        NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
-    ] = NodeFormat.text,
-    groot: Annotated[Path | None, typer.Option(help="Write the palette for Groot2 into this file.")] = None,
-    own_nodes: NodesOption = None,
-) -> None:
-    """List the nodes that tree files may name, with their ports."""
-    from cell.running.node_library import node_registry
-    from trees.views import palette
-
-    registry = node_registry(more=own_nodes or ())
-    if groot is not None:
-        write(groot, palette.groot_model(registry).encode())
-        return
-    writers: Mapping[NodeFormat, Callable[[], str]] = {
-        NodeFormat.text: lambda: palette.palette_text(registry),
-        NodeFormat.json: lambda: json.dumps(palette.palette_list(registry)) + "\n",
-        NodeFormat.groot: lambda: palette.groot_model(registry),
-    }
-    sys.stdout.write(writers[style]())
 
 
 @app.command()

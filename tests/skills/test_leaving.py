@@ -13,7 +13,7 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
 from skills.person_space import PersonSpace
-from skills.planner import Load
+from skills.planner import Load, joined
 from skills.separation import Separation, nearest
 from skills.trajectory import joint_move
 from tests.integration.cell_rig import BENCH, motion_planner
@@ -24,15 +24,6 @@ S = MONITOR.settings
 AGE_S = 0.15
 PARK = np.array(BENCH.arm_park_rad)
 OVER_P2_RAD = np.array([0.131, -1.315, 1.9, -2.155, -1.571, 0.131])  # over the bracket, lowering into the hole p2
-
-
-def joined(*legs: JointTrajectory) -> JointTrajectory:
-    times, positions, gone_s = [np.zeros(1)], [legs[0].positions_rad[:1]], 0.0
-    for leg in legs:
-        times.append(leg.times_s[1:] + gone_s)
-        positions.append(leg.positions_rad[1:])
-        gone_s += leg.duration_s
-    return JointTrajectory(np.concatenate(times), np.concatenate(positions))
 
 
 def line(by_m: float) -> JointTrajectory:
@@ -49,7 +40,7 @@ def to_park(start_rad: Array) -> JointTrajectory:
 
 
 TOWARDS, STRAIGHT_BACK = line(0.06), line(-0.2)
-AWAY = joined(STRAIGHT_BACK, to_park(STRAIGHT_BACK.positions_rad[-1]))
+AWAY = joined([STRAIGHT_BACK, to_park(STRAIGHT_BACK.positions_rad[-1])])
 SWEEPING = to_park(OVER_P2_RAD)  # turned about the arm's base, the tool comes nearer to the person first
 
 
@@ -80,12 +71,12 @@ def test_a_near_hand_lets_the_arm_go_away_and_nowhere_else() -> None:
     assert judged(near, TOWARDS).leaving == 0
     assert judged(near, SWEEPING).leaving == 0
     returns = joint_move(PARK, OVER_P2_RAD, PLANNER.settings)
-    assert judged(near, joined(AWAY, returns)).leaving == 0
+    assert judged(near, joined([AWAY, returns])).leaving == 0
 
 
 def test_a_path_that_leads_away_only_in_the_end_is_refused() -> None:
     """All of the way counts, not where it ends."""
-    assert judged(beside(0.06), joined(TOWARDS, to_park(TOWARDS.positions_rad[-1]))).leaving == 0
+    assert judged(beside(0.06), joined([TOWARDS, to_park(TOWARDS.positions_rad[-1])])).leaving == 0
 
 
 def test_a_path_that_stays_where_it_is_leads_nowhere() -> None:

@@ -40,6 +40,7 @@ DATA_S = 1.5  # processor time of a recording
 DATA_SHARE = 0.6  # of a budget
 PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
 VALIDATION_SEED, VALIDATION_SHARE = 800_000, 0.1
+STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
 
 KindsOption = Annotated[list[str] | None, typer.Option("--kind", help="slim, paper or classical; may be repeated.")]
 
@@ -235,7 +236,8 @@ def _recordings(
         for first in range(0, of_look, PIECE):
             folders.append(weights.with_suffix(".data") / f"{Path(name).stem}{first:06d}")
             number = min(PIECE, of_look - first)
-            options = {"--look": name, "--recordings": number, "--first-seed": first_seed + first, "--config": config}
+            of_look_at = {"--look": name, "--recordings": number, "--first-seed": first_seed + first}
+            options = {**of_look_at, "--steel-share": STEEL_SHARE, "--config": config}
             make_data("actions", folders[-1], options, *flags)
     options = {"--look": look or "varied", "--recordings": kept, "--first-seed": VALIDATION_SEED, "--config": config}
     make_data("actions", validation, options, *flags)

@@ -85,6 +85,7 @@ def actions(
     thin: ThinOption = False,
     frames: FramesOption = False,
     gaps: GapsOption = False,
+    steel_share: SteelOption = 0.0,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
@@ -92,7 +93,7 @@ def actions(
 ) -> None:
     """Segments of 45 frames: the hand's track, a crop of the hand, and what it did."""
     wanted = Wanted("actions", out, look, person, recordings, first_seed, config, as_json, workers, scheduler)
-    _from_assemblies(wanted, physics, beside_robot, thin=thin, frames=frames, gaps=gaps)
+    _from_assemblies(wanted, physics, beside_robot, steel_share, thin=thin, frames=frames, gaps=gaps)
 
 
 def hands(

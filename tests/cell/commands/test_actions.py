@@ -1,0 +1,49 @@
+"""What is made to learn actions from: recordings with painted parts, and some with parts of bare steel."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from cell.commands import actions
+from cell.commands.main import main
+from cell.commands.terminal import CONFIGURATION
+
+
+def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores_have_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: dict[Path, dict[str, Any]] = {}
+    monkeypatch.setattr(actions, "make_data", lambda _, folder, options, *_flags: made.update({folder: options}))
+    folders, validation = actions._recordings(tmp_path / "actions_slim.onnx", None, CONFIGURATION, 1500.0)
+    assert sum(made[folder]["--recordings"] for folder in folders) == 600
+    assert {made[folder]["--steel-share"] for folder in folders} == {actions.STEEL_SHARE}
+    assert 0 < actions.STEEL_SHARE < 1
+    assert "--steel-share" not in made[validation]
+
+
+def test_steel_changes_what_is_seen_and_not_what_is_done(tmp_path: Path) -> None:
+    words = ["data", "actions", "--look", "nominal", "--recordings", "1", "--first-seed", "3", "--thin"]
+    found = {}
+    for share in ("0", "1"):
+        out = tmp_path / share
+        assert main([*words, "--steel-share", share, "--out", str(out)]) == 0
+        header, *rows = (json.loads(line) for line in (out / "segments.jsonl").read_text().splitlines())
+        held = [row["hole_crop"] for row in rows if row["truth"]["kind"] == "assembly" and row["hole_crop"]]
+        found[share] = header["source"], rows, max(_colour(out / name) for name in held)
+    assert found["0"][1] == found["1"][1]
+    assert "--steel-share 1" in found["1"][0]
+    assert "--steel-share" not in found["0"][0]
+    assert found["1"][2] < 0.8 * found["0"][2]
+
+
+def _colour(path: Path) -> float:
+    """How far apart the colour channels of an image are, where most."""
+    image = cv2.imread(str(path))
+    assert image is not None
+    return float(np.quantile(np.ptp(image, axis=2), 0.98))

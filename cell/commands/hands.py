@@ -109,7 +109,10 @@ def evaluate(
     look: Annotated[str, typer.Option(help="What recordings look like: nominal, varied, hard, or a file.")] = "varied",
     first_seed: Annotated[int, typer.Option(min=0, help="Of seeds in a row; tests begin at 900000.")] = 900_000,
     recordings: Annotated[int, typer.Option(min=1, help="How many assemblies.")] = 10,
-    stretches: Annotated[int, typer.Option(min=1, help="Of frames in a row, in each assembly.")] = 4,
+    stretches: Annotated[
+        int | None,
+        typer.Option(min=1, help="Only so many of 24 frames in a row, in each assembly; by default all its frames."),
+    ] = None,
     kinds: Annotated[
         str, typer.Option(help="Which trackers, with commas between: slim, classical, mediapipe.")
     ] = "slim",

@@ -1,4 +1,4 @@
-"""Hand trackers against the simulator's truth: frames in stretches, so that a tracker may follow, over many looks.
+"""Hand trackers against the simulator's truth: whole recordings, as a tracker sees them in a run, over many looks.
 
 Errors are told three times: on the bench as the controller believes the camera to hang, by its calibration or by the
 bench file; by the image alone, as if it hung exactly there (`image`); and along the table alone, as if the hand's
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -19,11 +19,11 @@ import numpy as np
 from cell.configuration import Configuration
 from cell.evaluating.things import Cameras, calibrated_bench, true_calibration
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Frame, HandSample, HandTracker
+from cell.interfaces.perception import HandSample, HandTracker
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.classical.box_model import View
-from sim.data.hands import HandTruth, hand_frames
+from sim.data.hands import HandTruth, every_frame, hand_frames
 from sim.data.recording import Source, record
 from sim.look_range import LookRange
 
@@ -67,7 +67,7 @@ def evaluate_hands(
     trackers: Mapping[str, Callable[[Bench], HandTracker]],
     seeds: Sequence[int],
     *,
-    stretches: int,
+    stretches: int | None = None,
     physics: bool = True,
     only: str = "all",
     cameras: Cameras = "calibrated",
@@ -76,7 +76,7 @@ def evaluate_hands(
 
     Args:
         trackers: makes a new tracker for each recording and its bench, by name; between stretches it sees nothing.
-        stretches: of STRETCH_FRAMES frames, in each recording.
+        stretches: only so many of STRETCH_FRAMES frames, in each recording; None: all its frames.
         only: which persons: a key of ONLY.
         cameras: where the overhead camera is believed to hang: where a calibration in each look finds it, where the
             bench file says, or where it does.
@@ -90,15 +90,14 @@ def evaluate_hands(
         bench = _believed(cameras, configuration, source)
         of_seed = {name: Tally() for name in trackers}
         running = {name: make(bench) for name, make in trackers.items()}
-        for frames in _stretches(source, stretches, seed):
-            for taken, hands in frames:
-                seen_frame = taken.seen_from(bench.overhead.told(taken.world_from_camera))
-                view = View.of(bench.overhead.model, seen_frame)
-                for name, tracker in running.items():
-                    began_s = time.process_time()
-                    sample = tracker.track(seen_frame)
-                    of_seed[name].add("latency_ms", 1e3 * (time.process_time() - began_s))
-                    judge(of_seed[name], view, hands, sample, tracker.others, drawn)
+        for seen in hand_frames(source, _stretches(source, stretches, seed)):
+            seen_frame = seen.frame.seen_from(bench.overhead.told(seen.frame.world_from_camera))
+            view = View.of(bench.overhead.model, seen_frame)
+            for name, tracker in running.items():
+                began_s = time.process_time()
+                sample = tracker.track(seen_frame)
+                of_seed[name].add("latency_ms", 1e3 * (time.process_time() - began_s))
+                judge(of_seed[name], view, seen.hands, sample, tracker.others, drawn)
         for name, tally in of_seed.items():
             tallies[name].append(tally)
     return {name: scores(each) for name, each in tallies.items()}
@@ -184,15 +183,15 @@ def _figure(values: Array, percent: int | None) -> float:
     return float(values.mean() if percent is None else np.percentile(values, percent))
 
 
-def _stretches(source: Source, count: int, seed: int) -> Iterator[Iterator[tuple[Frame, tuple[HandTruth, ...]]]]:
-    """So many stretches of frames, spread over the recording."""
+def _stretches(source: Source, count: int | None, seed: int) -> list[range]:
+    """All frames of a recording, or so many stretches of them, spread over it."""
     moments = len(source.assembly.moments)
+    if count is None:
+        return every_frame(moments)
     rng = np.random.default_rng([seed, 8])
     edges = np.linspace(0, moments - STRETCH_FRAMES, count + 1).astype(int)
     begins = [int(rng.integers(low, max(low + 1, high))) for low, high in pairwise(edges)]
-    whole = hand_frames(source, [range(begin, begin + STRETCH_FRAMES) for begin in begins])
-    for _ in begins:
-        yield ((one.frame, one.hands) for _, one in zip(range(STRETCH_FRAMES), whole, strict=False))
+    return [range(begin, begin + STRETCH_FRAMES) for begin in begins]
 
 
 def _clear(hand: HandTruth, size: Array) -> bool:

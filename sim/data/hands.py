@@ -83,12 +83,17 @@ def write_hands(source: Source, folder: DataFolder, every: bool = False) -> None
     chosen = np.sort(rng.choice(count, min(FRAMES, count), replace=False, p=shares))
     stretches = [range(index, index + 1) for index in chosen]
     if every:
-        stretches = [range(first, min(first + EVERY_STRETCH, count)) for first in range(0, count, EVERY_STRETCH)]
+        stretches = every_frame(count)
     for seen in hand_frames(source, stretches):
         file = folder.image(f"images/{source.name}-{seen.frame.sequence:06d}.jpg", seen.frame.image)
         row = {"file": file, "log": source.name, "frame": seen.frame.sequence, "time_s": round(seen.frame.time_s, 4)}
         told = {"hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px, "shadows_px": seen.shadows_px}
         folder.row("hands", {**row, **told})
+
+
+def every_frame(count: int) -> list[range]:
+    """All frames of a recording in stretches, between which the arm moves."""
+    return [range(first, min(first + EVERY_STRETCH, count)) for first in range(0, count, EVERY_STRETCH)]
 
 
 def visible_shares(source: Source, numbers: Sequence[int]) -> list[float]:

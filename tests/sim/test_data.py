@@ -24,7 +24,7 @@ from learned.holes.dataset import load_plates
 from learned.parts.dataset import load_scenes
 from sim.data.actions import MOST_OF, holes_of, write_holes, write_segments
 from sim.data.folder import DataFolder, DataPiece
-from sim.data.hands import FRAMES, hand_frames, shares_by_height, visible_shares, write_hands
+from sim.data.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
 from sim.data.objects import write_objects
 from sim.data.plates import write_plates
 from sim.data.recording import Assembly, Source, record
@@ -348,3 +348,8 @@ def test_hands_high_over_the_table_are_drawn_more_often_than_they_are_seen() -> 
     shares = shares_by_height(np.array([0.1] * 90 + [0.25] * 10))
     assert shares.sum() == pytest.approx(1.0)
     assert shares[90:].sum() == pytest.approx(0.5 * 0.5 + 0.5 * 0.1)
+
+
+def test_all_frames_are_taken_once_in_their_order() -> None:
+    assert [index for stretch in every_frame(100) for index in stretch] == list(range(100))
+    assert every_frame(0) == []

@@ -38,6 +38,16 @@ RowsOption = Annotated[
     typer.Option("--out", help="File that keeps a line of JSON for each run; what is in it is not run again."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="End standard output with one line of JSON.")]
+BesideOption = Annotated[
+    list[Path] | None,
+    typer.Option("--also", help="Further tree files, or folders with them, whose trees may be named."),
+]
+EntriesOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="NAME=VALUE: an entry of the main tree; or a YAML file with several."),
+]
+
+BAD_INPUT, SAFE_STOP = 2, 3  # exit statuses
 
 
 def console() -> Console:

@@ -12,7 +12,8 @@ from xml.etree import ElementTree
 import cv2
 import pytest
 
-from cell.commands.main import TREE, main
+from cell.commands.main import main
+from cell.commands.run import TREE
 from cell.commands.terminal import CONFIGURATION
 from tests import ROOT
 from tests.processes import finished

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.main import BAD_INPUT, main
+from cell.commands.main import main
+from cell.commands.terminal import BAD_INPUT
 from cell.configuration import DEFAULT_CONFIGURATION
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
 

@@ -1,0 +1,72 @@
+"""`cell check`: everything that is wrong with tree files."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cell.commands.entries import entries_of
+from cell.commands.show import NodesOption
+from cell.commands.terminal import BAD_INPUT, BesideOption, EntriesOption, print_json
+from cell.interfaces.errors import InputError
+
+if TYPE_CHECKING:
+    from cell.interfaces.errors import Problem
+    from trees.files.registry import Registry
+
+
+def check(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files.")],
+    config: Annotated[
+        Path | None, typer.Option(help="Configuration whose part types and positions are the only legal ones.")
+    ] = None,
+    own_nodes: NodesOption = None,
+    beside: BesideOption = None,
+    entries: EntriesOption = None,
+    stubs: Annotated[
+        bool, typer.Option("--stubs", help="Take nodes that are not known here as they are, with any ports.")
+    ] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Warnings and notes are mistakes, too.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
+) -> int:
+    """Say everything that is wrong with tree files."""
+    from trees.files.check import Circumstances, findings
+
+    known = Circumstances(tuple(beside or ()), entries_of(entries), stubs)
+    problems, warnings, notes = findings(files, _registry(config, own_nodes or ()), known)
+    if strict:
+        problems, warnings, notes = [*problems, *warnings, *notes], [], []
+    if as_json:
+        told = {"problems": problems, "warnings": warnings, "notes": notes}
+        shown = {key: [_problem_data(one) for one in told[key]] for key in told if told[key] or key == "problems"}
+        print_json(shown)
+        return BAD_INPUT if problems else 0
+    for level, some in (("warning", warnings), ("note", notes)):
+        sys.stderr.writelines(f"{one.place}: {level}: {one.what}\n" for one in some)
+    if problems:
+        raise InputError(*problems)
+    unchecked = "" if config else "; names of parts, positions, goals and signals are checked with --config"
+    sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: nothing wrong{unchecked}\n")
+    return 0
+
+
+def _registry(config: Path | None, own_nodes: Iterable[str]) -> Registry:
+    """The nodes that there are; with a configuration, ports take only names that it has."""
+    from cell.running.node_library import node_registry
+
+    if config is None:
+        return node_registry(more=own_nodes)
+    from cell.configuration import load_configuration, load_product
+
+    configuration = load_configuration(config)
+    return node_registry(load_product(configuration, config), own_nodes, configuration)
+
+
+def _problem_data(problem: Problem) -> dict[str, object]:
+    place = problem.place
+    where = {"file": str(place.file), "line": place.line, "column": place.column}
+    return {**where, "what": problem.what, "legal": problem.legal}

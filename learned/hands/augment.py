@@ -10,6 +10,7 @@ from torch.nn import functional as F
 MIX_SHARE, BLUR_SHARE, GAMMA_SHARE, COVER_SHARE, DARK_SHARE = 0.6, 0.5, 0.4, 0.3, 0.5
 NEGATIVE_SHARE = 0.15  # of images whose bright and dark are swapped: a dark hand over a bright table
 LARGEST_NOISE = 0.08
+SHADE_SHARE, SHADE_LIGHT, SHADE_SOFT = 0.3, (0.3, 0.9), (0.005, 0.1)  # of images partly in shadow; edge, in widths
 COARSE_SHARE = 0.3  # of images whose noise is as coarse as two pixels: what JPEG leaves of it
 DARKEST = 0.15  # of the light: noise counts more in the dark
 BLURS = 4  # passes of 3 x 3 pixels
@@ -18,7 +19,7 @@ COVER = (0.08, 0.3)  # sides of what covers a piece, as shares of the image's
 
 
 def varied(images: Tensor, rng: np.random.Generator, largest_noise: float = LARGEST_NOISE) -> tuple[Tensor, Tensor]:
-    """Images (n, 3, height, width) of 0 to 1 with other colours, gamma, blur, light, noise and a piece covered.
+    """Images (n, 3, height, width) of 0 to 1 with other colours, gamma, blur, light, shadow, noise and a piece covered.
 
     Returns:
         The images, and how much the channels of each were mixed, (n,), 0 to 1.
@@ -29,6 +30,7 @@ def varied(images: Tensor, rng: np.random.Generator, largest_noise: float = LARG
     images = torch.einsum("nij,njhw->nihw", mixing, images).clamp(0.0, 1.0)
     negative = torch.from_numpy(rng.random(count) < NEGATIVE_SHARE)[:, None, None, None]
     images = torch.where(negative, 1.0 - images, images)
+    _shade(images, rng)
     gamma = np.exp(rng.normal(0.0, GAMMA, count) * (rng.random(count) < GAMMA_SHARE))
     images = images + 1e-4
     curved = torch.from_numpy(gamma != 1.0)
@@ -53,6 +55,19 @@ def _mixing(amount: np.ndarray[tuple[int], np.dtype[np.float64]], rng: np.random
     random = rng.dirichlet((0.6, 0.6, 0.6), (len(amount), 3)) * rng.uniform(0.6, 1.4, (len(amount), 3, 1))
     share = amount[:, np.newaxis, np.newaxis]
     return torch.from_numpy(((1 - share) * np.eye(3) + share * random).astype(np.float32))
+
+
+def _shade(images: Tensor, rng: np.random.Generator) -> None:
+    """Let a shadow with a straight edge fall on some of the images, in place."""
+    rows = np.flatnonzero(rng.random(len(images)) < SHADE_SHARE)
+    height, width = images.shape[2:]
+    line, column = np.mgrid[0:height, 0:width] / width
+    for row in rows:
+        angle, (x, y) = rng.uniform(0, 2 * np.pi), rng.random(2) * (1.0, height / width)
+        beyond = np.cos(angle) * (column - x) + np.sin(angle) * (line - y)
+        share = 1 / (1 + np.exp(-np.clip(beyond / rng.uniform(*SHADE_SOFT), -30, 30)))
+        light = 1 - (1 - rng.uniform(*SHADE_LIGHT)) * share
+        images[row] *= torch.from_numpy(light.astype(np.float32))
 
 
 def _cover(images: Tensor, rng: np.random.Generator) -> None:

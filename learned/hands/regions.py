@@ -6,6 +6,7 @@ surroundings are a coarser square about the same place, which shows the forearm 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,18 +63,25 @@ class Regions:
         """
         scale = self.side_px / REGION_PX
         smooth = cv2.GaussianBlur(image, (0, 0), 0.35 * scale) if scale > 1.5 else image
-        return _warped(smooth, centre_px - scale * (side_px - 1) / 2, scale, side_px)
+        return _warped(smooth, seen_from(centre_px, scale, side_px), side_px)
 
-    def around(self, small: Image, centre_px: Array, shift_px: float | Array = 0.0, scale: float = 1.0) -> Image:
+    def around(
+        self,
+        small: Image,
+        centre_px: Array,
+        shift_px: float | Array = 0.0,
+        scale: float = 1.0,
+        turn_rad: float = 0.0,
+    ) -> Image:
         """The surroundings of a point (column, row), (AROUND_PX, AROUND_PX, 3), of the image as the finder sees it.
 
         Args:
             shift_px: (right, down), of the region in its own pixels.
             scale: by which it is seen larger.
+            turn_rad: by which it is turned about its middle, from right to down.
         """
         middle = self._in_small(centre_px + shift_px * self.side_px / REGION_PX)
-        corner = middle - (AROUND_PX - 1) / 2 / scale
-        return _warped(small, corner, 1 / scale, AROUND_PX)
+        return _warped(small, seen_from(middle, 1 / scale, AROUND_PX, turn_rad), AROUND_PX)
 
     def _in_small(self, point_px: Array) -> Array:
         shares: Array = (point_px + 0.5) / self.size_px
@@ -95,9 +103,28 @@ class Regions:
         return place
 
 
-def _warped(image: Image | NDArray[Any], corner: Array, step_px: float, side_px: int) -> Image:
-    """A square (side, side, 3) of an image, from a corner (column, row) on, in steps of so many pixels."""
-    back = np.array([[step_px, 0.0, corner[0]], [0.0, step_px, corner[1]]])
+def seen_from(middle: Array, step_px: float, side_px: int, turn_rad: float = 0.0) -> Array:
+    """The affine map (2, 3) from pixels of a square to those of the image that it is cut out of.
+
+    Args:
+        middle: (column, row) of the square, in the image.
+        step_px: of the image, for each pixel of the square.
+        side_px: of the square.
+        turn_rad: by which the square shows the image turned, from right to down.
+    """
+    back = step_px * turning(-turn_rad)
+    corner = middle - back @ np.full(2, (side_px - 1) / 2)
+    return np.column_stack([back, corner])
+
+
+def turning(angle_rad: float) -> Array:
+    """The matrix (2, 2) that turns points (column, row) from right to down."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+def _warped(image: Image | NDArray[Any], back: Array, side_px: int) -> Image:
+    """A square (side, side, 3) of an image; grey beyond it."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     cut = cv2.warpAffine(image, back, (side_px, side_px), flags=flags, borderValue=(110, 110, 110))
     return cut.astype(np.uint8, copy=False)

@@ -15,13 +15,15 @@ from torch.nn import functional as F
 
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.errors import ModelError
+from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.fitting import Checkpoint, fit
 from learned.hands.augment import varied
-from learned.hands.dataset import PATCH_PX, HandData, load_hands
+from learned.hands.dataset import EDGE_PX, PATCH_PX, HandData, load_hands
 from learned.hands.networks import FINDER_CELLS, HEAT_PX, Finder, Found, Read, Reader, split_facts
-from learned.hands.regions import REGION_PX, planes
+from learned.hands.regions import REGION_PX, planes, seen_from
 from learned.hands.slim import FINDER_KIND, READER_KIND, finder_file
+from learned.hands.turns import drawn_turns, turned_boxes, turned_images, turned_points
 from learned.onnx_model import ModelCard, OnnxModel
 from learned.torch_model import TorchModel, write_weights
 
@@ -138,13 +140,14 @@ def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:
     torch.manual_seed(training.seed)
     rng = np.random.default_rng([training.seed, 6])
     data, network = training.data, Finder().to(memory_format=torch.channels_last)
-    target, offset, near = finder_targets(data)
 
     def losses(_: int) -> Iterator[Tensor]:
         for rows in _batches(np.arange(len(data.small)), rng):
             flip = rng.random() < 0.5
-            images, _mixed = varied(torch.from_numpy(planes(data.small[rows])), rng, FINDER_NOISE)
-            wanted = [torch.from_numpy(one[rows]) for one in (target, offset, near)]
+            turns = drawn_turns(len(rows), rng)
+            small = planes(turned_images(data.small[rows], turns))
+            images, _mixed = varied(torch.from_numpy(small), rng, FINDER_NOISE)
+            wanted = [torch.from_numpy(one) for one in finder_targets(data, rows, turns)]
             if flip:
                 images, wanted = images.flip(-1), [one.flip(-1) for one in wanted]
                 wanted[1][:, 0] = 1 - wanted[1][:, 0]
@@ -157,25 +160,34 @@ def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:
     return network.to(memory_format=torch.contiguous_format)
 
 
-def finder_targets(data: HandData) -> tuple[NDArray[np.float32], ...]:
-    """By frame and cell: score (n, 1, r, c), offset (n, 2, r, c), and weight (n, 1, r, c), 0 where nobody knows."""
-    rows, columns = FINDER_CELLS
-    score = np.zeros((len(data.small), 1, rows, columns), np.float32)
-    offset = np.full((len(data.small), 2, rows, columns), 0.5, np.float32)
+def finder_targets(data: HandData, rows: NDArray[np.int64], turns: Array) -> tuple[NDArray[np.float32], ...]:
+    """By frame and cell: score (n, 1, r, c), offset (n, 2, r, c), and weight (n, 1, r, c), 0 where nobody knows.
+
+    Args:
+        rows: (n,) frames, in order.
+        turns: (n,) [rad] by which each is turned.
+    """
+    lines, columns = FINDER_CELLS
+    score = np.zeros((len(rows), 1, lines, columns), np.float32)
+    offset = np.full((len(rows), 2, lines, columns), 0.5, np.float32)
     weight = np.ones_like(score)
-    line, column = np.mgrid[0:rows, 0:columns] + 0.5
+    line, column = np.mgrid[0:lines, 0:columns] + 0.5
+    size_px = data.regions.size_px
     for hands, sure in ((data.unsure, False), (data.centres, True)):
-        for frame, x, y in hands:
-            away = (column - x * columns) ** 2 + (line - y * rows) ** 2
-            one = int(frame)
-            if not sure:
+        places = np.searchsorted(rows, hands[:, 0])
+        chosen = np.flatnonzero(np.isin(hands[:, 0], rows))
+        seen = turned_points(hands[chosen, 1:] - 0.5, turns[places[chosen]], size_px) + 0.5
+        inside = (np.minimum(seen, 1 - seen) * size_px).min(axis=1) >= EDGE_PX
+        for one, (x, y), shown in zip(places[chosen], seen, inside, strict=True):
+            away = (column - x * columns) ** 2 + (line - y * lines) ** 2
+            if not (sure and shown):
                 weight[one, 0][away < 4] = 0
                 continue
-            cell = min(rows - 1, int(y * rows)), min(columns - 1, int(x * columns))
+            cell = min(lines - 1, int(y * lines)), min(columns - 1, int(x * columns))
             score[one, 0] = np.maximum(score[one, 0], np.exp(-away / 1.5))
             score[one, 0][cell] = 1.0
             weight[one, 0][away < 4] = 1
-            offset[(one, slice(None), *cell)] = x * columns - cell[1], y * rows - cell[0]
+            offset[(one, slice(None), *cell)] = x * columns - cell[1], y * lines - cell[0]
     return score, offset, weight
 
 
@@ -208,42 +220,49 @@ def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -
 
 
 def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generator) -> dict[str, Tensor]:
-    """Regions that do not quite sit on their hands, of other sizes, half of them mirrored; what is true of them."""
+    """Regions that do not quite sit on their hands, of other sizes, some turned, half mirrored; what is true of them.
+
+    The camera looks straight down: an image turned about its middle is that of a camera turned about its axis.
+    """
     shifts = np.clip(rng.normal(0.0, SHIFT_PX / 2.5, (len(rows), 2)), -SHIFT_PX, SHIFT_PX)
     shifts = (shifts * np.where(data.facts[rows, :1] > 0, 1.0, SHIFT_OF_NONE)).round()
     logs = rng.uniform(-1.0, 1.0, len(rows)) * (rng.random(len(rows)) < SCALED_SHARE) * np.log(LARGEST_SCALE)
     scales = np.exp(logs).astype(np.float32)
-    seen = list(zip(rows, scales, shifts, strict=True))
-    cuts = [_scaled(data.patches[row], scale, shift) for row, scale, shift in seen]
+    turns = drawn_turns(len(rows), rng)
+    seen = list(zip(rows, scales, shifts, turns, strict=True))
+    cuts = [_scaled(data.patches[row], scale, shift, turn) for row, scale, shift, turn in seen]
     around = [
-        data.regions.around(data.small[data.frames[row]], data.centres_px[row], shift, float(scale))
-        for row, scale, shift in seen
+        data.regions.around(data.small[data.frames[row]], data.centres_px[row], shift, float(scale), turn)
+        for row, scale, shift, turn in seen
     ]
-    places = [data.regions.place(data.centres_px[row]) for row in rows]
-    moved = (shifts / REGION_PX).astype(np.float32)
-    points, boxes = (shares - 0.5 for shares in (data.points[rows], data.boxes[rows]))
+    moved = shifts / REGION_PX
+    places = data.regions.place(data.centres_px[rows] + moved * data.regions.side_px)
+    points = data.points[rows] - 0.5 - moved[:, np.newaxis]
+    boxes = turned_boxes(data.boxes[rows] - 0.5 - np.tile(moved, 2), points, turns)
     arrays = {
         "region": planes(np.stack(cuts)),
         "around": planes(np.stack(around)),
-        "points": (points - moved[:, np.newaxis]) * scales[:, np.newaxis, np.newaxis] + 0.5,
-        "box": (boxes - np.tile(moved, 2)) * scales[:, np.newaxis] + 0.5,
+        "points": turned_points(points, turns) * scales[:, np.newaxis, np.newaxis] + 0.5,
+        "box": boxes * scales[:, np.newaxis] + 0.5,
         "facts": data.facts[rows],
         "heights": data.heights_m[rows],
         "angle": data.log_angles[rows] + logs.astype(np.float32),
         "held": data.held[rows],
-        "place": np.array(places, np.float32),
+        "place": turned_points(places, turns, data.regions.size_px),
     }
-    batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(one)) for name, one in arrays.items()}
+    single = {name: one.astype(np.float32) if one.dtype == np.float64 else one for name, one in arrays.items()}
+    batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(one)) for name, one in single.items()}
     batch["around"], _ = varied(batch["around"], rng, FINDER_NOISE)
     batch["region"], mixed = varied(batch["region"], rng)
     batch["paint"] = mixed < MIXED
     return mirrored(batch, torch.from_numpy(rng.random(len(rows)) < 0.5))
 
 
-def _scaled(patch: NDArray[np.uint8], scale: float, shift_px: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """The region about the middle of a patch, shifted (right, down), and seen so much larger."""
-    corner = (PATCH_PX - 1) / 2 + shift_px - (REGION_PX - 1) / 2 / scale
-    back = np.array([[1 / scale, 0.0, corner[0]], [0.0, 1 / scale, corner[1]]])
+def _scaled(
+    patch: NDArray[np.uint8], scale: float, shift_px: NDArray[np.float64], turn_rad: float
+) -> NDArray[np.uint8]:
+    """The region about the middle of a patch, shifted (right, down), seen so much larger, and turned."""
+    back = seen_from((PATCH_PX - 1) / 2 + shift_px, 1 / scale, REGION_PX, turn_rad)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     cut = cv2.warpAffine(patch, back, (REGION_PX, REGION_PX), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return cut.astype(np.uint8, copy=False)

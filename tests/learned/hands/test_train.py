@@ -1,6 +1,7 @@
 """The small tracker learns from a folder of frames, and what it learned can be loaded and asked."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from cell.interfaces.errors import InputError  # noqa: E402
 from learned.hands.augment import varied  # noqa: E402
 from learned.hands.dataset import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
 from learned.hands.networks import HEAT_PX, Reader, soft_argmax  # noqa: E402
-from learned.hands.regions import AROUND_PX, POINTS, Regions, centre_of  # noqa: E402
+from learned.hands.regions import AROUND_PX, CELL_PX, POINTS, Regions, centre_of  # noqa: E402
 from learned.hands.score import score_readings  # noqa: E402
 from learned.hands.slim import SlimReader, finder_file  # noqa: E402
 from learned.hands.train import (  # noqa: E402
@@ -26,6 +27,7 @@ from learned.hands.train import (  # noqa: E402
     reader_loss,
     train_hands,
 )
+from learned.hands.turns import turned_boxes, turned_images  # noqa: E402
 
 pytestmark = pytest.mark.torch
 
@@ -114,7 +116,8 @@ def test_surroundings_show_more_about_the_same_place(data: HandData) -> None:
 
 
 def test_the_finder_is_to_find_each_hand_in_its_cell(data: HandData) -> None:
-    score, offset, weight = finder_targets(data)
+    every = np.arange(len(data.small))
+    score, offset, weight = finder_targets(data, every, np.zeros(len(every)))
     assert (score == 1).sum() == len(data.centres)
     assert weight.min() == 1
     rows, columns = score.shape[2:]
@@ -122,6 +125,44 @@ def test_the_finder_is_to_find_each_hand_in_its_cell(data: HandData) -> None:
         row, column = int(y * rows), int(x * columns)
         assert score[int(frame), 0, row, column] == 1
         assert offset[int(frame), :, row, column] == pytest.approx([x * columns - column, y * rows - row], abs=1e-6)
+
+
+def test_hands_are_where_they_are_seen_in_turned_images(data: HandData) -> None:
+    rows, turns = np.arange(0, 36, 3), np.linspace(-1.5, 1.5, 12)
+    score, offset, weight = finder_targets(data, rows, turns)
+    images = turned_images(data.small[rows], turns)
+    shown = (score == 1).any(axis=(1, 2, 3))
+    assert shown.sum() >= 8  # the others are turned out of the image
+    for image, one, where, known in zip(images[shown], score[shown], offset[shown], weight[shown], strict=True):
+        row, column = np.argwhere(one[0] == 1)[0]
+        x, y = (np.array([column, row]) + where[:, row, column]) * CELL_PX - 0.5
+        bright = image.astype(int).sum(axis=2) > 400
+        assert known[0, row, column] == 1
+        assert np.allclose(np.argwhere(bright).mean(axis=0)[::-1], [x, y], atol=2)
+
+
+def test_regions_turn_with_their_points_and_boxes(data: HandData) -> None:
+    """A bright ellipse with palm and pinch on its long axis: what is told of it lies where it is seen."""
+    hands = np.flatnonzero(data.facts[:, 0] == 1)
+    batch = reader_batch(data, np.repeat(hands, 3), np.random.default_rng(3))
+    angles, there = [], []
+    for points, box in zip(batch["points"].numpy(), batch["box"].numpy(), strict=True):
+        along = points[POINTS.index("wrist")] - points[POINTS.index("pinch")]
+        angles.append(abs(math.degrees(math.atan2(along[0], along[1]))))
+        named = points[~np.isnan(points).any(axis=1)]
+        there.append((named > box[:2] - 0.02).all() and (named < box[2:] + 0.02).all())
+    assert all(there)
+    assert 0.2 < np.mean(np.array(angles) > 5) < 0.6
+    assert 60 < max(angles) < 95
+
+
+@pytest.mark.parametrize("quarters", [-1, 0, 1])
+def test_boxes_of_quarter_turns_are_exact(quarters: int) -> None:
+    points = np.array([[(0.0, 0.1), (-0.1, -0.2), (np.nan, np.nan), (0.05, 0.3)]])
+    box = np.array([[-0.15, -0.3, 0.25, 0.32]])
+    left, top, right, bottom = turned_boxes(box, points, np.array([quarters * math.pi / 2]))[0]
+    wanted = {0: (-0.15, -0.3, 0.25, 0.32), 1: (-0.32, -0.15, 0.3, 0.25), -1: (-0.3, -0.25, 0.32, 0.15)}[quarters]
+    assert (left, top, right, bottom) == pytest.approx(wanted)
 
 
 def test_the_mean_of_a_sharp_heatmap_is_its_place() -> None:

@@ -75,14 +75,12 @@ def train_all(
             raise InputError(f"--only {name}: there is no such one; legal: {', '.join(legal)}")
     steps = _scaled([step for step in every if step.words[0] in (only or legal)], budget)
     say = console().print
-    whole = _words(sum(step.seconds for step in steps))
-    say(f"for {product.name}, into {out}/, about {whole} of one CPU core:", highlight=False)
-    for step in steps:
-        say(f"- {step.command} ({_words(step.seconds)}): {', '.join(step.files)}", highlight=False)
+    kept = _kept(out, config)
+    _say_plan(steps, [step for step in steps if not _made(step, out, kept)], f"{product.name}, into {out}/", jobs)
     if plan:
         return
     need_torch()
-    rows = _rows(out, config)
+    rows = kept or _rows(out, config)
     with ThreadPoolExecutor(jobs) as pool:
         begun = [
             pool.submit(_do, step, out, config, rows, f"{number} of {len(steps)}", quiet=jobs > 1)
@@ -101,7 +99,7 @@ def train_all(
 
 
 def steps_of_shipped() -> Iterator[Step]:
-    """The commands on the cards of all shipped weights, each once."""
+    """The commands on the cards of all shipped weights, each once, the longest first."""
     from cell.commands.budget import seconds
     from cell.settings import WEIGHTS
 
@@ -109,11 +107,13 @@ def steps_of_shipped() -> Iterator[Step]:
     for path in sorted(WEIGHTS.iterdir(), key=lambda path: (len(path.stem), path.name)):
         if path.suffix in (".onnx", ".json"):
             files.setdefault(_command_of(path), []).append(path.name)
+    steps = []
     for command, names in files.items():
         words = shlex.split(command)[2:]
         budget = words[words.index("--budget") + 1] if "--budget" in words else ""
         fixed_s = PAPER_GRASP_S if {"grasp", "paper"} <= set(words) else PLANNER_S
-        yield Step(tuple(words), tuple(names), seconds(budget) if budget else fixed_s)
+        steps.append(Step(tuple(words), tuple(names), seconds(budget) if budget else fixed_s))
+    yield from sorted(steps, key=lambda step: -step.seconds)
 
 
 def _command_of(path: Path) -> str:
@@ -142,14 +142,32 @@ def _scaled(steps: Sequence[Step], budget: str | None) -> list[Step]:
     return scaled
 
 
-def _rows(out: Path, config: Path) -> RowFile:
-    """What was trained into a folder before, for the same product.
+def _say_plan(steps: Sequence[Step], left: Sequence[Step], what: str, jobs: int) -> None:
+    """All trainings, and how long those take that are left."""
+    say = console().print
+    whole, jobs = _words(sum(step.seconds for step in left)), max(jobs, 2)
+    busy_s = [0.0] * jobs
+    for step in left:
+        busy_s[busy_s.index(min(busy_s))] += step.seconds
+    long = f"about {whole} of one CPU core, {_words(max(busy_s))} with --jobs {jobs}" if left else "nothing is left"
+    say(f"for {what}: {long}", highlight=False)
+    for step in steps:
+        length = _words(step.seconds) if step in left else "made before"
+        say(f"- {step.command} ({length}): {', '.join(step.files)}", highlight=False)
+
+
+def _made(step: Step, out: Path, rows: RowFile | None) -> bool:
+    """Whether a training was done before, and its files are still there."""
+    done = rows is not None and any(row.get("command") == step.command for row in rows.rows)
+    return done and all((out / name).exists() for name in step.files)
+
+
+def _kept(out: Path, config: Path) -> RowFile | None:
+    """What was trained into a folder before; None where it is not there, or empty.
 
     Raises:
-        InputError: it holds the shipped weights, or others that this command did not make.
+        InputError: it holds the shipped weights, or others that this command did not make for this product.
     """
-    from cell.commands.made_data import fingerprint
-    from cell.evaluating.row_file import RowFile
     from cell.settings import WEIGHTS
 
     if out.resolve() == WEIGHTS.resolve():
@@ -157,8 +175,20 @@ def _rows(out: Path, config: Path) -> RowFile:
     kept = out / ROWS
     if out.is_dir() and any(out.iterdir()) and not kept.exists():
         raise InputError(f"--out {out}: is not empty, and nothing in it was made by `cell train all`")
+    return _rows(out, config) if kept.exists() else None
+
+
+def _rows(out: Path, config: Path) -> RowFile:
+    """The rows of a folder, one for each training that is done.
+
+    Raises:
+        InputError: they are of another product, or damaged.
+    """
+    from cell.commands.made_data import fingerprint
+    from cell.evaluating.row_file import RowFile
+
     try:
-        return RowFile(kept, {"command": "train all", "made_for": fingerprint(config)})
+        return RowFile(out / ROWS, {"command": "train all", "made_for": fingerprint(config)})
     except InputError as error:
         raise InputError(
             f"--out {out}: was made for another product or bench, or its {ROWS} is damaged; name another folder"
@@ -175,8 +205,7 @@ def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str, *, quiet
         InputError: it failed, or did not write what it should.
     """
     say = console().print
-    before = [row for row in rows.rows if row.get("command") == step.command]
-    if before and all((out / name).exists() for name in step.files):
+    if _made(step, out, rows):
         say(f"{place}: {step.command}: made before", highlight=False)
         return
     say(f"{place}: {step.command}", highlight=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -53,6 +54,29 @@ def test_it_says_what_it_would_do_and_makes_nothing(tmp_path: Path, capsys: pyte
     told = capsys.readouterr().err
     assert "cell train holes --budget" in told
     assert not (tmp_path / "new").exists()
+
+
+def test_the_longest_comes_first_and_two_at_a_time_take_less(capsys: pytest.CaptureFixture[str]) -> None:
+    seconds = [step.seconds for step in steps_of_shipped()]
+    assert seconds == sorted(seconds, reverse=True)
+    assert main(["train", "all", "--plan", "--out", "none/such"]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    whole, two = re.search(r"about (\d+) minutes of one CPU core, (\d+) minutes with --jobs 2", told).groups()  # type: ignore[union-attr]
+    assert float(whole) == pytest.approx(sum(seconds) / 60, abs=1)
+    assert max(seconds[0] / 60, 0.5 * float(whole)) - 1 <= float(two) <= 0.6 * float(whole)
+
+
+@pytest.mark.usefixtures("trained")
+def test_the_plan_tells_what_is_left(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "new"
+    assert main(["train", "all", "--out", str(out), "--only", "holes"]) == 0
+    capsys.readouterr()
+    assert main(["train", "all", "--out", str(out), "--only", "holes", "--only", "semantic", "--plan"]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    assert "(made before): holes_plate.onnx" in told
+    assert "about 3 minutes of one CPU core" in told
+    assert main(["train", "all", "--out", str(out), "--only", "holes", "--plan"]) == 0
+    assert "nothing is left" in capsys.readouterr().err
 
 
 def test_interrupted_it_goes_on_with_the_next_training(tmp_path: Path, trained: list[list[str]]) -> None:
@@ -118,7 +142,9 @@ def test_what_it_did_not_make_is_not_written_over(tmp_path: Path, capsys: pytest
     assert {path.name: path.read_bytes() for path in WEIGHTS.iterdir()} == before
     (tmp_path / "holes_plate.onnx").write_text("mine")
     assert main(["train", "all", "--out", str(tmp_path)]) == 2
-    assert "not empty" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "not empty" in told
+    assert "cell train" not in told.replace("`cell train all`", "")  # no plan that is not carried out
     assert (tmp_path / "holes_plate.onnx").read_text() == "mine"
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cell.configuration import Configuration
+    from cell.interfaces.bench import Bench
+    from cell.interfaces.product import Product
 
 KINDS = ("classical", "learned")
 
@@ -91,6 +93,10 @@ def latency(
     note: Annotated[
         bool, typer.Option("--note", help="Write the 95th percentiles onto the cards of the trained detectors.")
     ] = False,
+    untrained: Annotated[
+        str | None,
+        typer.Option(help="Actions by this kind of network, as in paper, whose weights nobody has trained."),
+    ] = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:
@@ -102,15 +108,21 @@ def latency(
     from cell.evaluating.latency import note_latencies
 
     configuration: Configuration = detected_by(simulated(load_configuration(config), look), perception)
-    found = latencies_ms(configuration, config, frames, trays, first_seed)
+    if untrained is None:
+        found = latencies_ms(configuration, config, frames, trays, first_seed)
+    elif note:
+        raise InputError("--note writes onto the cards of trained detectors; leave --untrained out")
+    else:
+        found = _untrained_ms(untrained, configuration, config, frames, trays, first_seed)
     rows = {name: f"{each['p50_ms']} / {each['p95_ms']} ms" for name, each in found.items()}
-    console().print(table(f"median / 95 %, {configuration.perception.words}, {look}", rows))
+    words = configuration.perception.words + (f", actions {untrained} (weights not trained)" if untrained else "")
+    console().print(table(f"median / 95 %, {words}, {look}", rows))
     if note:
         slow = {name: found[name]["p95_ms"] for name in ("hands", "holes", "actions", "parts")}
         for path in note_latencies(configuration.perception, slow):
             console().print(f"noted in {path}", highlight=False)
     if as_json:
-        print_json({"look": look, "perception": configuration.perception.words, **found})
+        print_json({"look": look, "perception": words, **found})
 
 
 def latencies_ms(
@@ -133,6 +145,41 @@ def latencies_ms(
         name: {f"p{percent}_ms": round(1e3 * float(np.percentile(values, percent)), 2) for percent in (50, 95)}
         for name, values in spent.items()
     }
+
+
+def _untrained_ms(
+    kind: str, configuration: Configuration, config: Path, frames: int, trays: int, first_seed: int
+) -> dict[str, dict[str, float]]:
+    """As `latencies_ms`, with a network of actions that learned nothing: answers are wrong, and take as long."""
+    import tempfile
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+    from pathlib import Path
+
+    from cell.commands.weights import need_torch
+    from cell.configuration import load_product
+    from cell.interfaces.planning import weights_file
+    from cell.running.detectors import TRAINED
+    from cell.settings import DetectorSettings
+
+    if kind not in TRAINED["actions"]:
+        raise InputError(f"--untrained {kind}: there is no such one; legal: {', '.join(TRAINED['actions'])}")
+    need_torch()
+    with tempfile.TemporaryDirectory() as made:
+        file = Path(made) / weights_file("actions", kind)
+        product = load_product(configuration, config)
+        with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch and software OpenGL do not mix
+            pool.submit(_write_untrained, configuration.bench, product, kind, file).result()
+        actions = DetectorSettings(kind=kind, weights=file)
+        perception = configuration.perception.model_copy(update={"actions": actions})
+        timed = configuration.model_copy(update={"perception": perception})
+        return latencies_ms(timed, config, frames, trays, first_seed)
+
+
+def _write_untrained(bench: Bench, product: Product, kind: str, file: Path) -> None:
+    from learned.actions.train import Task, write_untrained
+
+    write_untrained(Task(bench, product), kind, file)
 
 
 def _words(value: object) -> str:

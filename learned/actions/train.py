@@ -14,12 +14,13 @@ from torch import Tensor, nn
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError
+from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.product import Product
 from learned.actions.classes import Classes
 from learned.actions.dataset import Segments, asked
 from learned.actions.evaluate import answers, class_scores, confusion, times_s
 from learned.actions.networks import ActionNet, Lrcn, build
-from learned.actions.segments import TRACK_FEATURES, SegmentReader
+from learned.actions.segments import CROP_PX, TRACK_FEATURES, SegmentReader
 from learned.actions.settings import TRAINABLE, ActionTraining
 from learned.fitting import Checkpoint, fit
 from learned.onnx_model import ModelCard, OnnxModel
@@ -79,22 +80,14 @@ def train_actions(
         checkpoint=out.with_name(out.name + ".training"),
         quiet=quiet,
     )
-    card = ModelCard(
-        kind=f"actions.{kind}",
-        config={"network": kind, "track_features": TRACK_FEATURES, **settings.model_dump(mode="json")},
-        vocabulary={"parts": classes.parts, "positions": classes.positions},
-        data_sha256=learned.sha256,
-        command=command,
-        seed=seed,
-    )
-    model = TorchModel(network, ("logits", "released"), card)
+    model = _model(task, network, kind, settings, learned.sha256, command, seed)
     some = asked(kind, validation, np.arange(min(8, len(validation))), reader)
     samples: list[Inputs] = [{name: values[:2] for name, values in some.items()}, some]
 
     told: dict[str, JsonValue] = {}
 
     def score() -> dict[str, float]:
-        written = OnnxModel.load(out, card.kind)
+        written = OnnxModel.load(out, model.card.kind)
         posterior, _ = answers(written, validation, reader, noise_seed=0)
         told["confusion"] = {
             "classes": list(classes.names),
@@ -103,6 +96,32 @@ def train_actions(
         return class_scores(validation, posterior, classes) | latencies(times_s(written, validation, reader))
 
     return write_weights(model, out, samples, score, any_rows=True, told=told)
+
+
+def write_untrained(task: Task, kind: str, out: Path) -> None:
+    """Weights by chance, from which only the time of an answer can be learned; at the paper's size for `paper`."""
+    torch.manual_seed(0)
+    settings = ActionTraining()
+    network = build(kind, len(task.classes.parts), len(task.classes.positions), settings.share).eval()
+    model = _model(task, network, kind, settings, "", "", 0)
+    track = np.zeros((2, TRACK_FEATURES, SEGMENT_FRAMES), np.float32)
+    crops = np.zeros((2, 2, CROP_PX, CROP_PX, 3), np.uint8)
+    write_weights(model, out, [{"track": track, "crops": crops}], dict, any_rows=True)
+
+
+def _model(
+    task: Task, network: nn.Module, kind: str, settings: ActionTraining, data_sha256: str, command: str, seed: int
+) -> TorchModel:
+    """A network with its card."""
+    card = ModelCard(
+        kind=f"actions.{kind}",
+        config={"network": kind, "track_features": TRACK_FEATURES, **settings.model_dump(mode="json")},
+        vocabulary={"parts": task.classes.parts, "positions": task.classes.positions},
+        data_sha256=data_sha256,
+        command=command,
+        seed=seed,
+    )
+    return TorchModel(network, ("logits", "released"), card)
 
 
 def fit_actions(

@@ -107,3 +107,19 @@ def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(t
     assert len(page(rows).splitlines()) == 2 + len(told)
     again = list(measure_folds(Task(BENCH, PRODUCT), segments, wanted[:1], settings, folds=2))
     assert again[0]["told"] == rows[0]["told"]
+
+
+def test_weights_by_chance_answer_and_paper_has_all_channels_of_vgg16(tmp_path: Path) -> None:
+    from torch import nn
+
+    from learned.actions.detector import load_actions
+    from learned.actions.networks import Vgg16
+    from learned.actions.train import Task, write_untrained
+
+    out = tmp_path / "actions_slim.onnx"
+    write_untrained(Task(BENCH, PRODUCT), "slim", out)
+    detector = load_actions(BENCH, PRODUCT, out)
+    detector.detect(placing(0), {})
+    assert 0.9 < detector.last_posterior.sum() < 1.1
+    weights = [one for layer in Vgg16().layers if isinstance(layer, nn.Conv2d) for one in layer.parameters()]
+    assert sum(one.numel() for one in weights) == 14_714_688

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -11,17 +12,38 @@ from numpy.typing import NDArray
 LEVEL = 90.0  # mean grey level of every image that a network sees
 MOST_GAIN = 6.0
 EXPOSURE_EV = (-2.2, 0.8)
-TINT = 0.35  # largest logarithm of a channel's gain against green
 GAMMA = 0.45  # largest logarithm
 GREY_SHARE, FADED_SHARE, LEAST_COLOUR = 0.1, 0.5, 0.35  # of images: without colour, with less of it; and how much less
 SHADOW_SHARE, SHADOWS, SHADOW_LIGHT = 0.45, 3, (0.3, 0.85)
 SLOPE_SHARE, SLOPE = 0.3, 0.4
-BLUR_SHARE, BLUR_PX = 0.55, (0.3, 1.8)
+BLUR_SHARE, LEAST_BLUR_PX = 0.55, 0.3
 NOISE_SHARE, NOISE_LEVELS = 0.75, (1.0, 14.0)
-JPEG_SHARE, JPEG_QUALITY = 0.3, (20, 90)
+JPEG_QUALITY = 20, 90
 LEVEL_OFF = 0.12  # standard deviation of the logarithm: other things change an image's mean, too
 
 Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """How badly the camera that takes training images again may do so.
+
+    Attributes:
+        warmth: largest logarithm of red's gain, by which blue's is less: lamps are warm or cold.
+        tint: largest logarithm of a channel's gain against green beside that.
+        most_blur_px: standard deviation.
+        jpeg_share: of images that are compressed.
+    """
+
+    warmth: float = 0.0
+    tint: float = 0.35
+    most_blur_px: float = 1.8
+    jpeg_share: float = 0.3
+
+
+ORDINARY = Camera()
+POOR = Camera(warmth=0.6, tint=0.3, most_blur_px=2.4, jpeg_share=0.5)  # and in poor light
+SOFT = replace(POOR, most_blur_px=3.5)  # beyond, the health of frames tells of a lens out of focus
 
 
 def levelled(image: Image) -> Image:
@@ -34,7 +56,7 @@ def mean_level(image: Image) -> float:
     return float(image[::4, ::4].mean())
 
 
-def spoiled(image: Image, rng: np.random.Generator, level: float | None = None) -> Image:
+def spoiled(image: Image, rng: np.random.Generator, level: float | None = None, camera: Camera = ORDINARY) -> Image:
     """A training image in other light, as another camera takes it, levelled.
 
     Light, colours, lens, exposure, noise and compression come in the order in which they do in a camera, and each
@@ -43,19 +65,20 @@ def spoiled(image: Image, rng: np.random.Generator, level: float | None = None) 
     Args:
         image: (height, width, 3) RGB.
         level: mean grey level of the image that this one is cut out of; its own where None.
+        camera: that takes it again.
     """
     seen = image.astype(np.float32)
     _cast_shadows(seen, rng)
     seen = _coloured(seen, rng)
-    gains = np.exp(np.array([rng.uniform(-TINT, TINT), 0.0, rng.uniform(-TINT, TINT)]))
-    seen *= (gains * 2 ** rng.uniform(*EXPOSURE_EV)).astype(np.float32)
+    seen *= (_gains(camera, rng) * 2 ** rng.uniform(*EXPOSURE_EV)).astype(np.float32)
     if rng.random() < BLUR_SHARE:
-        seen = np.asarray(cv2.GaussianBlur(seen, (0, 0), float(rng.uniform(*BLUR_PX))), np.float32)
+        blur_px = float(rng.uniform(LEAST_BLUR_PX, camera.most_blur_px))
+        seen = np.asarray(cv2.GaussianBlur(seen, (0, 0), blur_px), np.float32)
     if rng.random() < NOISE_SHARE:
         seen += rng.standard_normal(seen.shape, np.float32) * np.float32(rng.uniform(*NOISE_LEVELS))
     taken = np.clip(np.rint(seen), 0, 255).astype(np.uint8)
     own = mean_level(taken)
-    if rng.random() < JPEG_SHARE:
+    if rng.random() < camera.jpeg_share:
         taken = _compressed(taken, int(rng.integers(*JPEG_QUALITY)))
     whole = own if level is None else own * level / max(1.0, mean_level(image))
     return _amplified(taken, whole * math.exp(rng.normal(0.0, LEVEL_OFF)))
@@ -64,6 +87,14 @@ def spoiled(image: Image, rng: np.random.Generator, level: float | None = None) 
 def _amplified(image: Image, level: float) -> Image:
     gain = min(MOST_GAIN, LEVEL / max(level, 1.0))
     return cv2.convertScaleAbs(image, alpha=gain).astype(np.uint8, copy=False)
+
+
+def _gains(camera: Camera, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Of the three channels."""
+    warm = rng.uniform(-camera.warmth, camera.warmth)
+    red, blue = rng.uniform(-camera.tint, camera.tint, 2)
+    gains: NDArray[np.float64] = np.exp([red + warm, 0.0, blue - warm])
+    return gains
 
 
 def _coloured(seen: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:

@@ -37,7 +37,8 @@ LOOK_S, TRAY_S = 1.2, 0.45  # of processor time, to make these
 HOLES_SHARE, PARTS_SHARE = 0.42, 0.4  # of the budget, for the data
 STILL_S, IMAGE_S, THING_S = 0.005, 0.018, 0.0021  # to learn from one once
 LOOKS = {"wide": (0.55, 0), "varied": (0.3, 300_000), "nominal": (0.15, 500_000)}  # share of the data, and first seed
-STEEL_SHARE, ASTRAY_SHARE = 0.25, 0.4  # of looks; of parts on the plate, far more than are met with
+STEEL_SHARE = 0.25  # of looks
+ASTRAY_SHARE, LYING_SHARE = 0.4, 0.35  # of parts on the plate and in the tray, far more than are met with
 
 
 class Cameras(StrEnum):
@@ -111,7 +112,8 @@ def train_parts(
         raise InputError(f"--kind {kind}: there is no such one; legal: centre, rcnn")
     budget_s, weights = seconds(budget), out or new_weights("parts", "centre", config)
     trays = max(4, int(PARTS_SHARE * budget_s / TRAY_S))
-    folders = data or _made("objects", trays, {"--views": VIEWS}, weights, config, "--mixed")
+    drawn: dict[str, object] = {"--views": VIEWS, "--lying-share": LYING_SHARE}
+    folders = data or _made("objects", trays, drawn, weights, config, "--mixed")
     from learned.parts.dataset import load_scenes
     from learned.parts.train import train_parts as train
 

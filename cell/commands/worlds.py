@@ -32,6 +32,7 @@ FirstSeedOption = Annotated[
     int, typer.Option(min=0, help="Of seeds in a row: training below 800000, validation below 900000, then tests.")
 ]
 MixedOption = Annotated[bool, typer.Option("--mixed", help="Some parts lie or are stacked, some objects are unknown.")]
+LyingOption = Annotated[float, typer.Option(min=0, max=1, help="With --mixed: share of the parts that lie.")]
 ViewsOption = Annotated[int, typer.Option(min=1, max=50, help="Images of each tray.")]
 SteelOption = Annotated[float, typer.Option(min=0, max=1, help="Share of recordings with parts of bare steel.")]
 ThinOption = Annotated[
@@ -183,6 +184,7 @@ def objects(
     first_seed: FirstSeedOption = 0,
     views: ViewsOption = 1,
     mixed: MixedOption = False,
+    lying_share: LyingOption = 0.2,
     steel_share: SteelOption = 0.0,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
@@ -199,13 +201,14 @@ def objects(
     settings = configuration.devices.simulation
 
     def one(seed: int, folder: DataFolder) -> None:
-        clutter = mixed_clutter(settings.clutter, seed) if mixed else settings.clutter
+        clutter = mixed_clutter(settings.clutter, seed, lying_share) if mixed else settings.clutter
         simulation = settings.model_copy(update={"clutter": clutter})
         kinds = sometimes_steel(product, steel_share, seed)
         write_objects(kinds, configuration.bench, simulation, seed, folder, views)
 
     wanted = Wanted("objects", out, look, None, recordings, first_seed, config, as_json, workers, scheduler)
-    _write(wanted, f" --views {views}{' --mixed' * mixed}{_steel(steel_share)}", one)
+    more = f" --mixed --lying-share {lying_share}" if mixed else ""
+    _write(wanted, f" --views {views}{more}{_steel(steel_share)}", one)
 
 
 def _from_assemblies(

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.exposure import levelled, mean_level, spoiled
+from learned.exposure import SOFT, levelled, mean_level, spoiled
 from learned.fitting import Checkpoint, fit_examples
 from learned.holes.crops import CROP_PX, hole_crops, squares_m
 from learned.holes.dataset import Plate
@@ -27,7 +27,7 @@ from learned.torch_model import TorchModel, write_weights
 
 OUTPUTS = ("kinds", "upright", "covered")
 COVERED, BARE = 0.15, 0.04  # share hidden from which a hole counts as covered, and up to which it does not
-MARGIN_PX = 8  # around what is cut out, for blur
+MARGIN_PX = 12  # around what is cut out, for blur
 TEMPERATURES = np.geomspace(0.5, 4.0, 40)
 LEAST_LEGAL, MOST_LEGAL = 0.5, 0.999  # below, something else may be likelier
 
@@ -173,7 +173,7 @@ def _seen(plate: Plate, squares: Array, settings: HoleTraining, rng: np.random.G
     left, top = np.clip(np.floor(pixels.min(axis=0)).astype(int) - MARGIN_PX, 0, None)
     right, bottom = np.ceil(pixels.max(axis=0)).astype(int) + MARGIN_PX
     image = plate.image.copy()
-    image[top:bottom, left:right] = spoiled(image[top:bottom, left:right], rng, mean_level(plate.image))
+    image[top:bottom, left:right] = spoiled(image[top:bottom, left:right], rng, mean_level(plate.image), SOFT)
     crops = hole_crops(image, plate.camera, believed, squares)
     return np.ascontiguousarray(crops[..., ::-1] if rng.random() < 0.5 else crops, np.float32)
 

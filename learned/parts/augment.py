@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
-from learned.exposure import levelled, spoiled
+from learned.exposure import POOR, levelled, spoiled
 from learned.parts.dataset import UNKNOWN, Label, Scene
 from learned.parts.maps import (
     AXIS,
@@ -61,7 +61,7 @@ def sample(scene: Scene, types: tuple[str, ...], floor_m: float, rng: np.random.
         turn = _random_turn(turn, rng)
     seen = cv2.warpAffine(scene.image, turn, INPUT_PX, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     image = np.asarray(seen, np.uint8)
-    image = levelled(image) if rng is None else spoiled(image, rng)
+    image = levelled(image) if rng is None else spoiled(image, rng, camera=POOR)
     columns, rows = CELLS
     heat = np.zeros((len(types) + 1, rows, columns), np.float32)
     further, weights = np.zeros((2, FURTHER, rows, columns), np.float32)

@@ -17,7 +17,7 @@ from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 
 from cell.interfaces.product import Product
-from learned.exposure import levelled, spoiled
+from learned.exposure import POOR, levelled, spoiled
 from learned.fitting import Checkpoint, fit
 from learned.parts.dataset import UNKNOWN, Scene
 from learned.parts.evaluate import IOU, LEAST_SHOWN, average_precision
@@ -77,7 +77,8 @@ def train_rcnn(
     def losses(_: int) -> Iterator[Tensor]:
         for _ in range(max(1, settings.steps // rounds)):
             chosen = [scenes[int(index)] for index in rng.integers(len(scenes), size=settings.batch)]
-            images = [torch.from_numpy(network_input(spoiled(scene.image, rng))[0] + 0.5) for scene in chosen]
+            seen = [spoiled(scene.image, rng, camera=POOR) for scene in chosen]
+            images = [torch.from_numpy(network_input(image)[0] + 0.5) for image in seen]
             yield sum(network(images, [targets(scene, types) for scene in chosen]).values())
 
     identity = f"{data_hash(scenes)} {settings} {seed}"

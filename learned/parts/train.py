@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from cell.interfaces.product import Product
-from learned.exposure import mean_level, spoiled
+from learned.exposure import POOR, mean_level, spoiled
 from learned.fitting import Checkpoint, fit_examples
 from learned.onnx_model import ModelCard
 from learned.parts.augment import sample
@@ -140,7 +140,7 @@ def pose_sample(
     place = np.array([x + off[0] * cosine - off[1] * sine, y + off[0] * sine + off[1] * cosine, middle_m])
     crop = crop_of(scene.image, scene.camera, scene.world_from_camera, place, turned)
     levels = np.rint((crop[:3].transpose(1, 2, 0) + 0.5) * 255).clip(0, 255).astype(np.uint8)
-    levels = spoiled(levels, rng, mean_level(scene.image))
+    levels = spoiled(levels, rng, mean_level(scene.image), POOR)
     crop[:3] = levels.transpose(2, 0, 1).astype(np.float32) / 255 - 0.5
     wanted = np.array([-off[0] * CENTIMETRE, -off[1] * CENTIMETRE, -off_rad], np.float32)
     return crop, types.index(name) if stands else len(types), wanted

@@ -8,15 +8,17 @@ from cell.interfaces.product import Product
 from sim.settings import ClutterSettings
 
 MOST_FOREIGN = 2
+LYING_SHARE, STACKED_SHARE = 0.2, 0.15  # of the parts in a mixed tray
 STEEL_LEVELS = (0.40, 0.58)  # grey of bare steel, drawn for each type
 TINT = 0.02
 CLUTTER_STREAM, STEEL_STREAM = 6, 7
 
 
-def mixed_clutter(settings: ClutterSettings, seed: int) -> ClutterSettings:
+def mixed_clutter(settings: ClutterSettings, seed: int, lying_share: float = LYING_SHARE) -> ClutterSettings:
     """Trays in which some parts lie, some are on top of others, and up to MOST_FOREIGN objects are of no type."""
     foreign = int(np.random.default_rng([seed, CLUTTER_STREAM]).integers(MOST_FOREIGN + 1))
-    return settings.model_copy(update={"lying_share": 0.2, "stacked_share": 0.15, "foreign_objects": foreign})
+    mixed = {"lying_share": lying_share, "stacked_share": STACKED_SHARE, "foreign_objects": foreign}
+    return settings.model_copy(update=mixed)
 
 
 def sometimes_steel(product: Product, share: float, seed: int) -> Product:

@@ -272,6 +272,13 @@ def test_mixed_trays_have_things_that_lie_and_unknown_ones_where_the_true_camera
             assert bottom < label.box_px[3] + 4
 
 
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_as_many_parts_of_a_mixed_tray_lie_as_is_asked_for(share: float) -> None:
+    clutter = mixed_clutter(SIMULATION.clutter, seed=3, lying_share=share)
+    assert clutter.lying_share == share
+    assert clutter.stacked_share > 0
+
+
 def test_stills_of_the_plate_tell_what_is_in_the_holes_and_what_hides_them(tmp_path: Path) -> None:
     folder = DataFolder(tmp_path / "new", "test")
     write_plates(PRODUCT, BENCH, SIMULATION, 3, folder, 12, lambda *_: np.array(BENCH.arm_look_rad))

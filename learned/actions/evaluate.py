@@ -19,7 +19,7 @@ FIRST_FEATURES = 6  # of cards that do not say how many
 TIMED = 200  # answers whose time is taken
 TIME_AXIS = {"track": 2, "frames": 1}
 # What a tracker adds to segments that are not trained on.
-TRACKER = Variation(shift_px=1.5, gain=0.0, blank=0.0, flat=0.0, retaken=0.0, covered=0.0)
+TRACKER = Variation(worse=0.0, shift_px=1.5, gain=0.0, blank=0.0, flat=0.0, retaken=0.0, covered=0.0)
 Floats = NDArray[np.float64]
 
 

@@ -11,6 +11,7 @@ from learned.actions.segments import CROP_PX, HEIGHT, OPENING, PALM, TIPS, Image
 from learned.exposure import levelled, spoiled
 
 DRIFT_KNOTS = 6  # of what drifts within a segment: it goes straight between them
+WORSE_TIMES = 3.0  # in the look `hard`, a tenth of the segments are 20 mm off or more
 KEPT_PX = 80  # side of what is kept of a window: what networks see, and room to shift it
 
 
@@ -22,6 +23,8 @@ class Variation:
         bias_m, noise_m: standard deviation of the track, of a whole segment and of each frame.
         scale: of the track about the bracket's middle, as of a hand whose height is not known.
         drift_m: of the track, slowly within the segment.
+        worse: share of segments in which both of these are WORSE_TIMES as much, as in poor images, or where the hand's
+            height is read wrongly.
         height_bias_m, height_drift_m, height_noise_m: of the fingertips' height.
         opening_bias_m, opening_drift_m, opening_noise_m: of how far they are apart. No tracker tells it to the
             millimetre by which types of parts differ: what is held is to be seen in the crops.
@@ -38,6 +41,7 @@ class Variation:
     noise_m: float = 0.0025
     scale: float = 0.015
     drift_m: float = 0.004
+    worse: float = 0.2
     height_bias_m: float = 0.028
     height_drift_m: float = 0.018
     height_noise_m: float = 0.008
@@ -56,12 +60,13 @@ class Variation:
 def varied_track(told: Array, reader: SegmentReader, rng: np.random.Generator, variation: Variation) -> Array:
     """As a tracker and a camera that hangs elsewhere could have told it."""
     middle_m = reader.holes_m.mean(axis=0)
-    scale, bias = rng.normal(1.0, variation.scale), rng.normal(0.0, variation.bias_m, 2)
+    times = WORSE_TIMES if rng.random() < variation.worse else 1.0
+    scale, bias = rng.normal(1.0, variation.scale), rng.normal(0.0, variation.bias_m * times, 2)
     each = [variation.noise_m] * 4 + [variation.height_noise_m, variation.opening_noise_m]
     varied = told + rng.normal(0.0, 1.0, told.shape) * each
     for columns in (TIPS, PALM):
         varied[:, columns] = (varied[:, columns] - middle_m) * scale + middle_m + bias
-    slow = np.array([variation.drift_m] * 4 + [variation.height_drift_m, variation.opening_drift_m])
+    slow = np.array([variation.drift_m * times] * 4 + [variation.height_drift_m, variation.opening_drift_m])
     knots = rng.normal(0.0, slow, (DRIFT_KNOTS, len(slow)))
     at = np.linspace(0, DRIFT_KNOTS - 1, len(told))
     varied += np.stack([np.interp(at, np.arange(DRIFT_KNOTS), column) for column in knots.T], axis=1)

@@ -10,6 +10,7 @@ from cell.interfaces.hand_window import hand_window, last_at_hole, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segment
 from cell.interfaces.pose import Array
 from learned.actions.segments import CROP_PX, SegmentReader, middle
+from learned.actions.variation import Variation, varied_track
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
@@ -81,3 +82,16 @@ def test_windows_are_black_beyond_the_image_and_crops_have_one_size() -> None:
     assert not hand_window(image, (-500.0, -500.0), side).any()
     for size in (side, 130, 71):
         assert middle(np.zeros((size, size, 3), np.uint8)).shape == (CROP_PX, CROP_PX, 3)
+
+
+def test_some_tracks_to_learn_from_are_much_worse_than_most() -> None:
+    still = np.column_stack([np.tile(READER.holes_m[2], (45, 2)), np.full(45, 0.05), np.full(45, 0.03)])
+
+    def off_m(worse: float) -> float:
+        rng, variation = np.random.default_rng(0), Variation(worse=worse, lost=0.0)
+        tracks = [varied_track(still, READER, rng, variation)[:, :2] for _ in range(200)]
+        return float(np.median([np.linalg.norm(track.mean(axis=0) - still[0, :2]) for track in tracks]))
+
+    assert off_m(0.0) < 0.01
+    assert off_m(1.0) > 2 * off_m(0.0)
+    assert off_m(0.0) < off_m(Variation().worse) < 0.5 * off_m(1.0)

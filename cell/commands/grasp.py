@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import platform
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from datetime import date
 from enum import StrEnum
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,6 +25,9 @@ from cell.commands.terminal import (
 from cell.commands.weights import need_torch, new_weights, shipped_weights
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
+
+if TYPE_CHECKING:
+    from learned.grasp.crops import TrayCamera
 
 KEPT = Path("data") / "grasp"  # finished cells of experiments, a file for each product
 
@@ -82,13 +85,12 @@ def train(
 ) -> None:
     """Train the planner that judges graspability in clutter; goes on where an interrupted training stopped."""
     need_torch()
-    from cell.commands.tray_camera import tray_camera
     from learned.grasp.dataset import read_scenes
     from learned.grasp.train import train_grasp
 
     product = product_of(config)
     path = out or new_weights("grasp", kind, config)
-    with tray_camera(product, config) if kind == "paper" else nullcontext() as camera:
+    with _camera(product, config) if kind == "paper" else nullcontext() as camera:
         scores = train_grasp(
             product,
             path,
@@ -123,7 +125,6 @@ def evaluate(
         return
     if out is not None:
         raise InputError("--out is for --experiment; scores of one planner go to the terminal, or --json")
-    from cell.commands.tray_camera import tray_camera
     from cell.interfaces.planning import crops_file
     from learned.grasp.crops import load_crops
     from learned.grasp.evaluate import embedded, evaluate_grasp
@@ -134,9 +135,16 @@ def evaluate(
     if kind != "paper":
         report_scores("grasp", evaluate_grasp(planner, product, seed or 0, scenes), as_json)
         return
-    with tray_camera(product, config) as camera:
+    with _camera(product, config) as camera:
         look = partial(embedded, camera=camera, network=load_crops(crops_file(path)))
         report_scores("grasp", evaluate_grasp(planner, product, seed or 0, scenes, look=look), as_json)
+
+
+def _camera(product: Product, config: Path) -> AbstractContextManager[TrayCamera]:
+    from cell.configuration import load_configuration
+    from cell.evaluating.tray_camera import tray_camera
+
+    return tray_camera(product, load_configuration(config).bench)
 
 
 def _experiment(
@@ -147,7 +155,6 @@ def _experiment(
     need_torch(plots=True)
     import torch
 
-    from cell.commands.tray_camera import tray_camera
     from learned.experiments import Store, write_page
     from learned.grasp.experiments.cells import TEST_SEED
     from learned.grasp.experiments.page import HEAD
@@ -161,7 +168,7 @@ def _experiment(
         "machine": f"{platform.machine()}, one thread, Python {platform.python_version()}, torch {torch.__version__}",
     }
     identity = sha256(product.model_dump_json().encode()).hexdigest()[:12]
-    with tray_camera(product, config) as camera:
+    with _camera(product, config) as camera:
         every = tables(camera, test_seed)
         chosen = {name: some for name, some in every.items() if {Experiment.ALL, name} & {*experiments}}
         write_page(HEAD, chosen, product, Store(KEPT / f"experiments_{identity}.jsonl"), out, facts)

@@ -30,13 +30,14 @@ def evaluate_weights(
 ) -> None:
     """Whether trained weights have the figures of others: a verdict for each network, by the figures of its bars.
 
-    Detectors of both folders are scored on the same images. Planners were scored when they were trained, on scenes and
-    orders that are always the same: their model cards are compared.
+    The weights of both folders are scored on the same images, trays and orders, drawn from `--first-seed` on.
     """
     from cell.configuration import load_configuration, load_product, simulated
     from cell.evaluating.row_file import RowFile
     from cell.evaluating.weights import NETWORKS, Sample, compared, score_weights
+    from cell.interfaces.planning import weights_file
     from cell.settings import WEIGHTS
+    from learned.onnx_model import OnnxModel
 
     legal = dict.fromkeys(name for name, _ in NETWORKS)
     for name in only or ():
@@ -54,10 +55,14 @@ def evaluate_weights(
         **sample.told,
         **{name: str(at) for name, at in folders.items()},
     }
+    chosen = [one for one in NETWORKS if one[0] in (only or legal)]
+    for at in folders.values():
+        for network in chosen:
+            OnnxModel.card_of(at / weights_file(*network))  # what is missing is said before anything is scored
     rows = RowFile(out, heading)
     kept: dict[tuple[object, ...], Any] = {_named(row): row["scores"] for row in rows.rows}
     found: dict[str, Comparison] = {}
-    for network in (one for one in NETWORKS if one[0] in (only or legal)):
+    for network in chosen:
         for which, at in folders.items():
             if (*network, which) not in kept:
                 kept[*network, which] = score_weights(sample, at, *network)

@@ -12,13 +12,20 @@ from cell.configuration import Configuration
 from cell.evaluating.actions import evaluate_segments
 from cell.evaluating.hands import evaluate_hands
 from cell.evaluating.things import Cameras, Task, score_holes, score_parts
+from cell.evaluating.tray_camera import tray_camera
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import HandTracker
-from cell.interfaces.planning import weights_file
+from cell.interfaces.planning import crops_file, weights_file
 from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
 from cell.settings import LEARNED_KINDS, DetectorSettings
-from learned.onnx_model import OnnxModel
+from learned.grasp.crops import load_crops
+from learned.grasp.evaluate import embedded, evaluate_scenes
+from learned.grasp.planner import load_grasp_planner
+from learned.grasp.scenes import draw_scenes
+from learned.grasp.settings import SceneSettings
+from learned.semantic.evaluate import evaluate_scenarios
+from learned.semantic.planner import load_semantic_planner
 from sim.data.splits import seeds as seeds_of
 
 NETWORKS = (
@@ -39,8 +46,8 @@ FIGURES: Mapping[str, Mapping[str, str]] = {  # names, and that of how many they
     },
     "hands": {"found": "found_n", "palm_mm_p50": "", "palm_mm_p95": ""},
     "actions": dict.fromkeys(("outside_guard", "all_segments", "assemblies"), "n"),
-    "grasp": dict.fromkeys((*(f"object_accuracy_{count}" for count in (1, 2, 3)), "graspability_accuracy"), "card"),
-    "semantic": dict.fromkeys(("success_all", "success_held_out"), "card"),
+    "grasp": dict.fromkeys((*(f"object_accuracy_{count}" for count in (1, 2, 3)), "graspability_accuracy"), "scenes"),
+    "semantic": dict.fromkeys(("success_all", "success_held_out"), "drawn"),
 }
 NEAR_POINTS = 0.5  # per cent, up to which a share counts as the same
 SAME, CHANCE, APART = "the same within .5 points", "apart by no more than chance", "apart"
@@ -56,6 +63,7 @@ class Sample:
         configuration: with the look and the person.
         recordings: looks of the plate, trays and assemblies.
         stills: of each look of the plate; stretches: of frames of each assembly with a hand.
+        scenes: of parts in a tray, for the planners of grasps.
     """
 
     configuration: Configuration
@@ -65,11 +73,12 @@ class Sample:
     cameras: Cameras = "calibrated"
     stills: int = 10
     stretches: int = 2
+    scenes: int = 2000
 
     @property
     def told(self) -> dict[str, object]:
         """For the heading of a file of rows."""
-        numbers = ("first_seed", "recordings", "cameras", "stills", "stretches")
+        numbers = ("first_seed", "recordings", "cameras", "stills", "stretches", "scenes")
         return {name: getattr(self, name) for name in numbers}
 
 
@@ -130,12 +139,8 @@ def score_weights(sample: Sample, folder: Path, name: str, kind: str) -> dict[st
         ModelError: the weights are missing, damaged, or of another product.
     """
     weights = folder / weights_file(name, kind)
-    scored: Mapping[str, Any] = _SCORED[name](sample, weights) if name in _SCORED else _on_card(weights)
+    scored: Mapping[str, Any] = _SCORED[name](sample, weights, kind)
     return {figure: _figure(scored, figure, count) for figure, count in FIGURES[name].items() if figure in scored}
-
-
-def _on_card(weights: Path) -> dict[str, Any]:
-    return {**OnnxModel.card_of(weights).scores, "card": 0}
 
 
 def _figure(scored: Mapping[str, Any], name: str, count: str) -> Figure:
@@ -145,23 +150,23 @@ def _figure(scored: Mapping[str, Any], name: str, count: str) -> Figure:
     return {"value": float(value)} | ({"n": float(scored[count])} if count else {})
 
 
-def _task(sample: Sample, detector: str, weights: Path) -> tuple[Task, range]:
-    task = Task(sample.configuration, sample.product, LEARNED_KINDS[detector], weights, sample.cameras)
+def _task(sample: Sample, kind: str, weights: Path) -> tuple[Task, range]:
+    task = Task(sample.configuration, sample.product, kind, weights, sample.cameras)
     return task, seeds_of(sample.first_seed, sample.recordings)[1]
 
 
-def _holes(sample: Sample, weights: Path) -> dict[str, float]:
-    task, wanted = _task(sample, "holes", weights)
+def _holes(sample: Sample, weights: Path, kind: str) -> dict[str, float]:
+    task, wanted = _task(sample, kind, weights)
     return score_holes(task, wanted, sample.stills)
 
 
-def _parts(sample: Sample, weights: Path) -> dict[str, float]:
-    task, wanted = _task(sample, "parts", weights)
+def _parts(sample: Sample, weights: Path, kind: str) -> dict[str, float]:
+    task, wanted = _task(sample, kind, weights)
     return score_parts(task, wanted, mixed=True)
 
 
-def _hands(sample: Sample, weights: Path) -> dict[str, Any]:
-    chosen = DetectorSettings(kind=LEARNED_KINDS["hands"], weights=weights)
+def _hands(sample: Sample, weights: Path, kind: str) -> dict[str, Any]:
+    chosen = DetectorSettings(kind=kind, weights=weights)
     perception = sample.configuration.perception.model_copy(update={"hands": chosen})
 
     def make(bench: Bench) -> HandTracker:
@@ -175,9 +180,30 @@ def _hands(sample: Sample, weights: Path) -> dict[str, Any]:
     return found["hands"]
 
 
-def _actions(sample: Sample, weights: Path) -> dict[str, Any]:
+def _actions(sample: Sample, weights: Path, kind: str) -> dict[str, Any]:
     wanted = seeds_of(sample.first_seed, sample.recordings)[1]
-    return evaluate_segments(sample.configuration, sample.product, LEARNED_KINDS["actions"], wanted, weights)
+    return evaluate_segments(sample.configuration, sample.product, kind, wanted, weights)
 
 
-_SCORED = {"holes": _holes, "parts": _parts, "hands": _hands, "actions": _actions}
+def _grasp(sample: Sample, weights: Path, kind: str) -> dict[str, float]:
+    planner = load_grasp_planner(kind, weights, sample.product)
+    scenes = list(draw_scenes(sample.product, sample.first_seed, sample.scenes, "test", SceneSettings()))
+    if kind == "paper":
+        with tray_camera(sample.product, sample.configuration.bench) as camera:
+            scenes = embedded(scenes, camera, load_crops(crops_file(weights)))
+    return {**evaluate_scenes(planner, scenes, sample.first_seed), "scenes": len(scenes)}
+
+
+def _semantic(sample: Sample, weights: Path, kind: str) -> dict[str, float]:
+    planner = load_semantic_planner(kind, weights, sample.product)
+    return {**evaluate_scenarios(planner, sample.product, sample.first_seed), "drawn": 0}  # every state is asked about
+
+
+_SCORED = {
+    "holes": _holes,
+    "parts": _parts,
+    "hands": _hands,
+    "actions": _actions,
+    "grasp": _grasp,
+    "semantic": _semantic,
+}

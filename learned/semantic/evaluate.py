@@ -33,15 +33,33 @@ CALIBRATION_BINS = 10
 def evaluate_semantic(
     planner: SemanticPlanner, product: Product, seed: int, held_out: Scenarios | None = None
 ) -> dict[str, float]:
-    """All scores by name, rates in 0..1.
+    """All scores by name, rates in 0..1: those on scenarios, and those under noise.
+
+    Args:
+        held_out: as for `evaluate_scenarios`.
+    """
+    answers = Answers(planner, Layout.of(product))
+    scores = _on_scenarios(planner, answers, seed, held_out)
+    return scores | under_noise(answers, answers.layout, np.random.default_rng([seed, 1]))
+
+
+def evaluate_scenarios(
+    planner: SemanticPlanner, product: Product, seed: int, held_out: Scenarios | None = None
+) -> dict[str, float]:
+    """Scores on every partial state and on those that training held out, by name, rates in 0..1.
 
     Args:
         held_out: states to score as held out. Without, learned planners are scored on the scenarios that their own
             training held out, and others on those that training with `seed` would hold out; planners that learned
             from a file of demonstrations have no such scenarios.
     """
-    layout = Layout.of(product)
-    answers = Answers(planner, layout)
+    return _on_scenarios(planner, Answers(planner, Layout.of(product)), seed, held_out)
+
+
+def _on_scenarios(
+    planner: SemanticPlanner, answers: Answers, seed: int, held_out: Scenarios | None
+) -> dict[str, float]:
+    layout = answers.layout
     ratio, data_seed, source = _split_of(planner, seed)
     whole = scenarios(layout, data_seed)
     if held_out is None and not source:
@@ -49,13 +67,14 @@ def evaluate_semantic(
     scores = {f"{name}_all": value for name, value in success(answers, layout, whole).items()}
     if held_out is not None:
         scores |= {f"{name}_held_out": value for name, value in success(answers, layout, held_out).items()}
-    return scores | under_noise(answers, layout, np.random.default_rng([seed, 1]))
+    return scores
 
 
 class Answers:
     """A planner's plans, each state asked for once."""
 
     def __init__(self, planner: SemanticPlanner, layout: Layout) -> None:
+        self.layout = layout
         self._ask = cache(lambda row: planner.plan(layout.state(np.array(row))))
 
     def __call__(self, seen: Ints) -> AssemblyPlan:

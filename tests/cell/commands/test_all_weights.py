@@ -14,6 +14,7 @@ from cell.commands import all_weights
 from cell.commands.all_weights import ROWS, steps_of_shipped
 from cell.commands.main import main
 from cell.configuration import load_configuration
+from cell.evaluating import weights
 from cell.interfaces.files import shipped
 from cell.settings import WEIGHTS
 
@@ -158,7 +159,10 @@ def test_a_folder_of_another_product_is_refused(tmp_path: Path, capsys: pytest.C
     assert "was made for another product or bench, or its" in " ".join(capsys.readouterr().err.split())
 
 
-def test_wrong_names_and_folders_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_names_and_folders_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(weights, "_SCORED", {})  # all is told before anything is scored
     for words, told in (
         (["train", "all", "--only", "arms"], "legal: hands"),
         (["train", "all", "--budget", "soon"], "90s, 30m or 2h"),

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
+import onnx
 import pytest
 
 from cell.commands.main import main
 from cell.evaluating import weights
 from cell.evaluating.weights import APART, CHANCE, SAME, Figure, compared
 from cell.settings import WEIGHTS
+from learned.onnx_model import OnnxModel, save_onnx
 
 
 def share(value: float, n: int) -> Mapping[str, Figure]:
@@ -39,13 +43,21 @@ def test_the_worst_figure_decides_and_those_without_a_share_have_none() -> None:
     assert told.rows["mm"] == "3 -> 9"
 
 
-def test_planners_are_compared_by_their_cards(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["eval", "weights", str(WEIGHTS), "--only", "grasp", "--only", "semantic", "--json"]) == 0
+def test_planners_are_scored_on_the_same_trays_and_orders_whatever_their_cards_tell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(WEIGHTS, tmp_path / "again")
+    file = tmp_path / "again" / "grasp_pairwise.onnx"
+    card = OnnxModel.card_of(file)
+    save_onnx(onnx.load(file), file, card.model_copy(update={"scores": dict.fromkeys(card.scores, 0.5)}))
+    monkeypatch.setattr(weights, "Sample", partial(weights.Sample, scenes=20))
+    assert main(["eval", "weights", str(tmp_path / "again"), "--only", "grasp", "--only", "semantic", "--json"]) == 0
     networks = json.loads(capsys.readouterr().out)["networks"]
     assert sorted(networks) == ["grasp pairwise", "grasp paper", "semantic factored", "semantic paper"]
     for figures in networks.values():
-        assert figures
-        assert all(figure["verdict"] == SAME for figure in figures.values())
+        assert len(figures) >= 2
+        assert all(figure["points"] == 0 and figure["verdict"] == SAME for figure in figures.values())
+    assert networks["grasp pairwise"]["object_accuracy_1"]["n"] == 20
 
 
 def test_what_was_measured_is_kept_and_both_folders_are_scored_on_the_same(
@@ -53,11 +65,12 @@ def test_what_was_measured_is_kept_and_both_folders_are_scored_on_the_same(
 ) -> None:
     asked: list[tuple[Path, int]] = []
 
-    def scored(sample: weights.Sample, file: Path) -> dict[str, float]:
+    def scored(sample: weights.Sample, file: Path, _: str) -> dict[str, float]:
         asked.append((file.parent, sample.first_seed))
         return {"right": 0.99 if file.parent == WEIGHTS else 0.9, "holes": 300.0}
 
     monkeypatch.setitem(weights._SCORED, "holes", scored)
+    shutil.copy(WEIGHTS / "holes_plate.onnx", tmp_path)
     words = ["eval", "weights", str(tmp_path), "--only", "holes", "--first-seed", "907000", "--json"]
     assert main([*words, "--out", str(tmp_path / "rows.jsonl")]) == 0
     assert asked == [(WEIGHTS, 907000), (tmp_path, 907000)]

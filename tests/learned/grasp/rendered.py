@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from cell.commands.tray_camera import crops_of_view
 from cell.configuration import load_configuration
+from cell.evaluating.tray_camera import crops_of_view
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from learned.grasp.boxes import boxes_of

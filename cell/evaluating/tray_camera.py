@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -17,12 +16,10 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def tray_camera(product: Product, config: Path) -> Iterator[TrayCamera]:
+def tray_camera(product: Product, bench: Bench) -> Iterator[TrayCamera]:
     """A camera that cuts the images of drawn scenes to crops; it runs in a process of its own."""
-    from cell.configuration import load_configuration
     from sim.data.trays import camera_process
 
-    bench = load_configuration(config).bench
     with camera_process(product, bench, partial(crops_of_view, bench)) as take:
         yield take
 

@@ -14,7 +14,7 @@ from cell.interfaces.product import Product
 from learned.actions.classes import Classes
 from learned.actions.evaluate import Floats, known_features, softmax
 from learned.actions.events import EventSettings, Placement, PlacementEvents, SteadyKind
-from learned.actions.filled import FilledHoles
+from learned.actions.filled import FilledHoles, seen_empty
 from learned.actions.segments import SegmentReader
 from learned.actions.settings import WHOLE_FRAMES
 from learned.onnx_model import OnnxModel
@@ -52,7 +52,8 @@ class TrainedActionDetector:
         now_s = segment.frames[-1].time_s
         posterior, released = self.posterior(segment)
         self.last_posterior, self.last_released = posterior, released
-        if (placed := self._events.update(now_s, posterior, released, self._filled.update(holes))) is not None:
+        filled, empty = self._filled.update(holes), seen_empty(self._classes, holes, now_s)
+        if (placed := self._events.update(now_s, posterior, released, filled, empty)) is not None:
             self._placed.append(placed)
         number, mean = self._kind.update(posterior)
         self._placed = [one for one in self._placed if now_s - one.time_s < self._report_s]

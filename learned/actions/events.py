@@ -1,13 +1,13 @@
 """From posteriors, frame after frame, to placements that are each told once, and to one steady action.
 
 Two witnesses tell a placement: the hand, whose fingers open over a hole, and the hole, which is newly filled where the
-hand placed something. Whichever is the first tells it.
+hand placed something. Whichever is the first tells it; where they contradict each other, neither does.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,13 +28,14 @@ class EventSettings(Model):
         threshold: mean probability of "an assembly at this hole whose fingers have opened" over them.
         begins: probability of an assembly at a hole from which on evidence for its part is collected.
         sure: share of that evidence that one part must have; else the hand alone tells nothing.
-        again_s: a hole that was told is told again only after so long without an assembly at it.
+        again_s: evidence counts until there was no assembly at the hole for so long, and nothing is told there again.
         report_s: how long a finished assembly is told.
         keep: probability below which a screw action that goes on is given up.
-        shown_reads, shown_confidence: when a hole that was empty counts as newly filled, see `FilledHoles`.
+        shown_reads: so many looks in a row show a part in a hole that was empty, before it counts as newly filled.
+        shown_confidence: how sure of the part hole and hand must be together, as if they erred independently.
         shown_evidence: sum over the frames of the probability of an assembly at a hole from which on a newly filled
             hole shows that the assembly is finished.
-        shown_s: for so long a newly filled hole waits for the hand to let go, unless the hand turns to other things.
+        shown_s: after so long a newly filled hole tells it though the hand is still there.
     """
 
     frames: int = 3
@@ -47,7 +48,7 @@ class EventSettings(Model):
     shown_reads: int = 2
     shown_confidence: float = 0.9
     shown_evidence: float = 0.5
-    shown_s: float = 0.6
+    shown_s: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,12 @@ class PlacementEvents:
         self._awaited = np.zeros(self._shape[1], bool)  # told, and not yet shown by its hole
 
     def update(
-        self, time_s: float, posterior: Floats, released: float, filled: Iterable[Filled] = ()
+        self,
+        time_s: float,
+        posterior: Floats,
+        released: float,
+        filled: Iterable[Filled] = (),
+        empty: Collection[int] = (),
     ) -> Placement | None:
         """The placement that this frame finishes.
 
@@ -88,6 +94,7 @@ class PlacementEvents:
             posterior: (classes,).
             released: probability that the fingers have opened, if it is an assembly.
             filled: holes that are newly filled.
+            empty: positions that are in plain view and empty: the hand has placed nothing there.
         """
         pairs = posterior[: self._classes.assemblies].reshape(self._shape)
         at_hole = pairs.sum(axis=0)
@@ -96,17 +103,28 @@ class PlacementEvents:
         self._evidence[:, active] += pairs[:, active]
         self._recent.append(at_hole * released)
         finished = np.mean(self._recent, axis=0) * (len(self._recent) / self._settings.frames)
-        position = int(np.argmax(np.where(self._told, 0.0, finished)))
+        barred = self._told.copy()
+        for bare in empty:
+            barred[bare], self._awaited[bare] = True, False
+            self._filled.pop(bare, None)
+        position = int(np.argmax(np.where(barred, 0.0, finished)))
         for one in filled:
             self._wait(time_s, one)
-        if not self._told[position] and finished[position] >= self._settings.threshold and self._sure(position):
+        if not barred[position] and finished[position] >= self._settings.threshold and self._sure(position):
             self._awaited[position] = True
             return self._placement(time_s, position, self._evidence[:, position], shown=False)
+        return self._shown(time_s, at_hole)
+
+    def _shown(self, time_s: float, at_hole: Floats) -> Placement | None:
+        """The placement that a newly filled hole tells, once the hand that agrees has had its time or turns away."""
         for position, (one, since_s) in list(self._filled.items()):
-            if self._told[position] or not self._agrees(one):
+            agrees, waited_s = self._agrees(one), time_s - since_s
+            leaves = at_hole[position] <= self._settings.begins
+            if self._told[position] or (not agrees and waited_s > self._settings.again_s):
                 del self._filled[position]
-            elif at_hole[position] <= self._settings.begins or time_s - since_s >= self._settings.shown_s:
+            elif agrees and (leaves or waited_s >= self._settings.shown_s):
                 del self._filled[position]
+                self._awaited[position] = one.confidence < self._settings.shown_confidence
                 likely = np.full(self._shape[0], (1 - one.confidence) / self._shape[0])
                 likely[one.part] = one.confidence
                 return self._placement(time_s, position, self._evidence[:, position] * likely, shown=True)
@@ -123,16 +141,23 @@ class PlacementEvents:
         return Placement(int(share.argmax()), position, time_s, tuple(float(value) for value in share), shown)
 
     def _wait(self, time_s: float, one: Filled) -> None:
-        """A hole is newly filled: the hand has a while to tell it first, as fingers may still hold what is there."""
+        """A hole is newly filled: the hand tells it first, as fingers may still hold what is there."""
         if self._awaited[one.position]:
-            self._awaited[one.position] = False
-        elif not self._told[one.position] and self._agrees(one):
-            self._filled[one.position] = one, time_s
+            self._awaited[one.position] = one.confidence < self._settings.shown_confidence
+            return
+        before, since_s = self._filled.get(one.position, (one, time_s))
+        if before.part != one.part:
+            before, since_s = one, time_s
+        self._filled[one.position] = max(before, one, key=lambda look: look.confidence), since_s
 
     def _agrees(self, one: Filled) -> bool:
         """Whether the hand, too, seems to have placed this part there; where it does not, neither tells."""
         evidence = self._evidence[:, one.position]
-        return float(evidence.sum()) >= self._settings.shown_evidence and int(evidence.argmax()) == one.part
+        collected = float(evidence.sum())
+        if collected < self._settings.shown_evidence or int(evidence.argmax()) != one.part:
+            return False
+        doubt = (1 - one.confidence) * (1 - float(evidence.max()) / collected)
+        return doubt <= 1 - self._settings.shown_confidence
 
     def _forget(self, time_s: float, at_hole: Floats) -> None:
         """What was seen at a hole counts no longer once no assembly was seen there for a while."""

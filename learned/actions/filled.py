@@ -1,4 +1,4 @@
-"""Which holes were empty and are now filled: a second witness of a placement, beside what the hand did."""
+"""Which holes are empty, and which were and are now filled: a second witness of a placement, beside the hand."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from cell.interfaces.perception import HoleView
 from learned.actions.classes import Classes
+
+FRESH_S = 0.2  # age of a look that still tells what is in a hole
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,8 @@ class FilledHoles:
     """Watches what the holes show, frame after frame.
 
     Args:
-        reads: a part counts when so many new looks in a row show it,
-        confidence: and the last one is so sure.
+        reads: a part counts when so many new looks in a row show it.
+        confidence: from which on a look settles it.
     """
 
     def __init__(self, classes: Classes, reads: int, confidence: float) -> None:
@@ -38,7 +40,10 @@ class FilledHoles:
         self._shows: dict[str, tuple[str, int]] = {}  # part, and how many looks in a row showed it
 
     def update(self, holes: Mapping[str, HoleView]) -> Iterator[Filled]:
-        """Holes that are newly filled; each once, until it was seen empty again. Old looks count for nothing."""
+        """Holes that are newly filled, at each new look up to the one that settles it, and not before they were empty.
+
+        Old looks count for nothing.
+        """
         for position, view in holes.items():
             if view.seen_s <= self._seen_s.get(position, -1.0):
                 continue
@@ -50,7 +55,15 @@ class FilledHoles:
                 part, looks = self._shows.get(position, (view.part, 0))
                 looks = looks + 1 if part == view.part else 1
                 self._shows[position] = view.part, looks
-                if looks >= self._reads and view.confidence >= self._least:
+                if looks < self._reads:
+                    continue
+                if view.confidence >= self._least:
                     self._empty.discard(position)
-                    numbers = self._classes.parts.index(view.part), self._classes.positions.index(position)
-                    yield Filled(*numbers, view.confidence)
+                numbers = self._classes.parts.index(view.part), self._classes.positions.index(position)
+                yield Filled(*numbers, view.confidence)
+
+
+def seen_empty(classes: Classes, holes: Mapping[str, HoleView], time_s: float) -> frozenset[int]:
+    """Positions, by number, that are in plain view and empty."""
+    shown = {at for at, view in holes.items() if view.part is None and time_s - view.seen_s <= FRESH_S}
+    return frozenset(number for number, position in enumerate(classes.positions) if position in shown)

@@ -60,9 +60,9 @@ def looks(*parts: str | None) -> list[HoleView]:
 
 
 def test_a_hole_that_the_hand_has_filled_finishes_the_action_once_and_says_so() -> None:
-    found = actions(looks(*[None] * 5, *["o1"] * 20))
+    found = actions(looks(*[None] * 5, *["o1"] * 40))
     finished = [number for number, action in enumerate(found) if action.finished]
-    assert finished[0] == 15  # .6 s after the second look: the fingers do not open
+    assert finished[0] == 36  # 2 s after the second look: the fingers do not open
     assert finished == list(range(finished[0], finished[-1] + 1))
     told = found[finished[0]]
     assert (told.part, told.position, told.shown) == ("o1", "p2", True)

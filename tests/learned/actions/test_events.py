@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from cell.configuration import load_configuration, load_product
 from cell.interfaces.perception import HoleView
 from learned.actions.classes import Classes
 from learned.actions.events import EventSettings, Floats, Placement, PlacementEvents, SteadyKind
-from learned.actions.filled import Filled, FilledHoles
+from learned.actions.filled import Filled, FilledHoles, seen_empty
 
 PRODUCT = load_product(load_configuration())
 CLASSES = Classes.of(PRODUCT)
@@ -27,11 +27,19 @@ def posterior(**shares: float) -> Floats:
     return found
 
 
-def told(stream: Iterable[tuple[Floats, float]], filled: Mapping[int, Filled] | None = None) -> list[Placement]:
-    """Placements that a stream of posteriors and "opened" gives, a frame each; holes are filled in some of them."""
-    events, holes = PlacementEvents(CLASSES, EventSettings()), filled or {}
+def told(
+    stream: Iterable[tuple[Floats, float]],
+    filled: Mapping[int, Filled] | None = None,
+    empty: Mapping[int, Collection[int]] | None = None,
+) -> list[Placement]:
+    """Placements that a stream of posteriors and "opened" gives, a frame each; holes are filled in some of them.
+
+    Args:
+        empty: by frame, the positions that are seen to be empty.
+    """
+    events, holes, bare = PlacementEvents(CLASSES, EventSettings()), filled or {}, empty or {}
     found = [
-        events.update(index * FRAME_S, *frame, [holes[index]] if index in holes else [])
+        events.update(index * FRAME_S, *frame, [holes[index]] if index in holes else [], bare.get(index, ()))
         for index, frame in enumerate(stream)
     ]
     return [one for one in found if one is not None]
@@ -103,12 +111,46 @@ def test_a_hole_that_is_newly_filled_tells_a_placement_whose_opening_fingers_nob
 
 def test_fingers_that_still_hold_what_stands_in_the_hole_have_a_while_to_open() -> None:
     """Else a part that is only regripped would be told too early, as a placement that was not made."""
-    (found,) = told(AWAY + placing(frames=14) + AWAY * 9, {9: Filled(0, 1, 0.98)})
-    assert not found.shown
-    assert found.time_s >= 15 * FRAME_S
-    (found,) = told(AWAY + placing(frames=30, opened=0), {9: Filled(0, 1, 0.98)})
+    for held in (14, 30):
+        (found,) = told(AWAY + placing(frames=held) + AWAY * 9, {9: Filled(0, 1, 0.98)})
+        assert not found.shown
+        assert found.time_s >= (held + 1) * FRAME_S
+        (found,) = told(AWAY + placing(frames=held, opened=0) + AWAY, {9: Filled(0, 1, 0.98)})
+        assert found.shown
+        assert found.time_s == pytest.approx((held + 1) * FRAME_S)
+    (found,) = told(AWAY + placing(frames=60, opened=0), {9: Filled(0, 1, 0.98)})
     assert found.shown
-    assert found.time_s == pytest.approx(18 * FRAME_S)
+    assert found.time_s == pytest.approx(39 * FRAME_S)
+
+
+def test_a_part_that_is_carried_over_the_hole_before_the_hand_seems_to_place_it_is_told_when_the_hand_leaves() -> None:
+    stream = AWAY * 10 + placing(frames=20, opened=0) + AWAY * 20
+    (found,) = told(stream, {7: Filled(0, 1, 0.98)})
+    assert found.shown
+    assert found.time_s == pytest.approx(30 * FRAME_S)
+    assert told(stream, {7: Filled(0, 1, 0.98)}, dict.fromkeys(range(30, 51), (1,))) == []  # it was taken on
+
+
+def test_a_doubtful_look_tells_a_placement_where_the_hand_has_no_doubt() -> None:
+    sure, unsure = placing(frames=8, opened=0), placing(frames=8, opened=0, o1_at_p2=0.5, o2_at_p2=0.42)
+    look = {9: Filled(0, 1, 0.7)}
+    (found,) = told(AWAY + sure + AWAY * 30, look)
+    assert (found.part, found.position, found.shown) == (0, 1, True)
+    assert told(AWAY + unsure + AWAY * 30, look) == []
+    assert len(told(AWAY + unsure + AWAY * 30, {9: Filled(0, 1, 0.95)})) == 1
+    surer = look | {11: Filled(0, 1, 0.8), 20: Filled(0, 1, 0.98)}
+    assert len(told(AWAY + sure + AWAY * 30, surer)) == 1  # looks at what was told already tell nothing new
+    returns = AWAY + sure + AWAY * 30 + placing(frames=8, opened=0) + AWAY * 10
+    assert len(told(returns, look | {45: Filled(0, 1, 0.98)})) == 1
+    assert len(told(returns, look | {45: Filled(0, 1, 0.98)}, {30: [1]})) == 2  # taken out, and placed again
+
+
+def test_a_hand_over_a_hole_that_is_seen_to_be_empty_has_placed_nothing_there() -> None:
+    stream = AWAY + placing(opened=8) + AWAY * 20
+    assert told(stream, empty=dict.fromkeys(range(40), (1,))) == []
+    assert len(told(stream, empty=dict.fromkeys(range(40), (0, 2, 3, 4, 5)))) == 1
+    (found,) = told(stream, empty=dict.fromkeys(range(13), (1,)))
+    assert found.time_s == pytest.approx(13 * FRAME_S)
 
 
 def test_hand_and_hole_tell_a_placement_once() -> None:
@@ -135,7 +177,7 @@ def test_where_the_movement_leaves_the_part_in_doubt_the_hole_is_waited_for() ->
     assert found.posterior[0] > 0.9
 
 
-def test_a_hole_is_newly_filled_once_when_new_looks_agree_after_it_was_empty() -> None:
+def test_a_hole_is_newly_filled_when_new_looks_agree_after_it_was_empty_until_a_look_is_sure() -> None:
     def filled(*looks: tuple[str | None, float, float]) -> list[int]:
         """Numbers of the looks (part, confidence, time) that tell."""
         holes = FilledHoles(CLASSES, 2, 0.9)
@@ -147,6 +189,12 @@ def test_a_hole_is_newly_filled_once_when_new_looks_agree_after_it_was_empty() -
     assert filled(empty, ("o1", 0.95, 1.0), ("o1", 0.95, 1.0), ("o1", 0.95, 2.0)) == [3]  # the second is no new look
     assert filled(("o1", 0.95, 1.0), ("o1", 0.95, 2.0)) == []  # nobody knows since when
     assert filled(empty, ("o1", 0.95, 1.0), ("o2", 0.95, 2.0), ("o2", 0.95, 3.0)) == [3]
-    assert filled(empty, ("o1", 0.95, 1.0), ("o1", 0.6, 2.0), ("o1", 0.95, 3.0)) == [3]
+    assert filled(empty, ("o1", 0.95, 1.0), ("o1", 0.6, 2.0), ("o1", 0.95, 3.0), ("o1", 0.95, 4.0)) == [2, 3]
     again = ("o1", 0.95, 1.0), ("o1", 0.95, 2.0), (None, 0.99, 3.0), ("o1", 0.95, 4.0), ("o1", 0.95, 5.0)
     assert filled(empty, *again) == [2, 5]
+
+
+def test_only_new_looks_show_that_a_hole_is_empty() -> None:
+    views = {"p1": HoleView(None, 0.99, 5.0), "p2": HoleView("o1", 0.99, 5.0), "p3": HoleView(None, 0.99, 4.0)}
+    assert seen_empty(CLASSES, views, 5.1) == {0}
+    assert seen_empty(CLASSES, views, 6.0) == set()

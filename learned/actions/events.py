@@ -112,7 +112,7 @@ class PlacementEvents:
             self._wait(time_s, one)
         if not barred[position] and finished[position] >= self._settings.threshold and self._sure(position):
             self._awaited[position] = True
-            return self._placement(time_s, position, self._evidence[:, position], shown=False)
+            return self._placement(time_s, position, shown=False)
         return self._shown(time_s, at_hole)
 
     def _shown(self, time_s: float, at_hole: Floats) -> Placement | None:
@@ -123,21 +123,28 @@ class PlacementEvents:
             if self._told[position] or (not agrees and waited_s > self._settings.again_s):
                 del self._filled[position]
             elif agrees and (leaves or waited_s >= self._settings.shown_s):
-                del self._filled[position]
                 self._awaited[position] = one.confidence < self._settings.shown_confidence
-                likely = np.full(self._shape[0], (1 - one.confidence) / self._shape[0])
-                likely[one.part] = one.confidence
-                return self._placement(time_s, position, self._evidence[:, position] * likely, shown=True)
+                return self._placement(time_s, position, shown=True)
         return None
 
     def _sure(self, position: int) -> bool:
-        """Whether the hand's movement tells the part; else the hole is waited for."""
-        evidence = self._evidence[:, position]
-        return float(evidence.max()) >= self._settings.sure * float(evidence.sum())
+        """Whether the part is told, by the hand's movement and what the hole shows; else the hole is waited for."""
+        return float(self._share(position).max()) >= self._settings.sure
 
-    def _placement(self, time_s: float, position: int, evidence: Floats, *, shown: bool) -> Placement:
+    def _share(self, position: int) -> Floats:
+        """(parts,) which part was placed there: by the hand, and by the hole where it is newly filled."""
+        share: Floats = self._evidence[:, position].copy()
+        if position in self._filled:
+            one, _ = self._filled[position]
+            likely = np.full(len(share), (1 - one.confidence) / len(share))
+            likely[one.part] = one.confidence
+            share *= likely
+        return share / max(float(share.sum()), 1e-9)
+
+    def _placement(self, time_s: float, position: int, *, shown: bool) -> Placement:
+        share = self._share(position)
         self._told[position] = True
-        share = evidence / max(float(evidence.sum()), 1e-9)
+        self._filled.pop(position, None)
         return Placement(int(share.argmax()), position, time_s, tuple(float(value) for value in share), shown)
 
     def _wait(self, time_s: float, one: Filled) -> None:
@@ -152,12 +159,9 @@ class PlacementEvents:
 
     def _agrees(self, one: Filled) -> bool:
         """Whether the hand, too, seems to have placed this part there; where it does not, neither tells."""
-        evidence = self._evidence[:, one.position]
-        collected = float(evidence.sum())
-        if collected < self._settings.shown_evidence or int(evidence.argmax()) != one.part:
-            return False
-        doubt = (1 - one.confidence) * (1 - float(evidence.max()) / collected)
-        return doubt <= 1 - self._settings.shown_confidence
+        collected = float(self._evidence[:, one.position].sum())
+        sure = float(self._share(one.position)[one.part]) >= self._settings.shown_confidence
+        return sure and collected >= self._settings.shown_evidence
 
     def _forget(self, time_s: float, at_hole: Floats) -> None:
         """What was seen at a hole counts no longer once no assembly was seen there for a while."""

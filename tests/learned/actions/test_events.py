@@ -145,6 +145,16 @@ def test_a_doubtful_look_tells_a_placement_where_the_hand_has_no_doubt() -> None
     assert len(told(returns, look | {45: Filled(0, 1, 0.98)}, {30: [1]})) == 2  # taken out, and placed again
 
 
+def test_where_hand_and_hole_name_different_parts_the_surer_one_counts() -> None:
+    """Parts of bare steel look alike in the fingers; in the hole they show better."""
+    doubtful, sure = placing(o1_at_p2=0.6, o2_at_p2=0.35), placing(o1_at_p2=0.97, o2_at_p2=0.01)
+    (found,) = told(AWAY + doubtful + AWAY * 30, {9: Filled(1, 1, 0.95)})
+    assert (found.part, found.shown) == (1, False)
+    assert found.posterior[1] > 0.9
+    (found,) = told(AWAY + sure + AWAY * 30, {9: Filled(1, 1, 0.8)})
+    assert found.part == 0
+
+
 def test_a_hand_over_a_hole_that_is_seen_to_be_empty_has_placed_nothing_there() -> None:
     stream = AWAY + placing(opened=8) + AWAY * 20
     assert told(stream, empty=dict.fromkeys(range(40), (1,))) == []

@@ -89,6 +89,10 @@ def train_all(
         try:
             for one in as_completed(begun):
                 one.result()
+        except KeyboardInterrupt:
+            say = console().print
+            say("interrupted; the same command goes on with what is not made yet", highlight=False)
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
     if all((out / f"{name}_{kind}.onnx").exists() for name, kind in _kinds()):
@@ -219,7 +223,9 @@ def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str, *, quiet
     missing = [name for name in step.files if not (out / name).exists()]
     if missing:
         raise InputError(f"`{step.command}` wrote no {', '.join(missing)}")
-    rows.add({"command": step.command, "wall_s": round(time.monotonic() - began_s, 1)})
+    wall_s = time.monotonic() - began_s
+    rows.add({"command": step.command, "wall_s": round(wall_s, 1)})
+    say(f"{place}: made in {_words(wall_s)}", highlight=False)
 
 
 def _kinds() -> Iterator[tuple[str, str]]:

@@ -30,6 +30,8 @@ from cell.commands.terminal import BAD_INPUT, CONFIGURATION, SAFE_STOP, ConfigOp
 from cell.commands.world import world
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
 
+INTERRUPTED = 130  # what typer makes of Ctrl-C
+
 
 def _tell_version(asked: bool) -> None:
     if asked:
@@ -108,7 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _complain("interrupted", 1)
     except typer.TyperException as error:
         return _complain(error.format_message() + _usage(error), BAD_INPUT)
-    except KeyboardInterrupt:
+    if status == INTERRUPTED:
         return _complain("interrupted", 1)
     return status if isinstance(status, int) else 0
 

@@ -93,6 +93,19 @@ def test_interrupted_it_goes_on_with_the_next_training(tmp_path: Path, trained: 
     assert trained[-1][-1].endswith("holes_plate.onnx")
 
 
+def test_ctrl_c_ends_it_with_a_word_on_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: Any, **__: Any) -> subprocess.CompletedProcess[str]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(subprocess, "run", interrupted)
+    assert main(["train", "all", "--out", str(tmp_path / "new")]) == 1
+    told = capsys.readouterr().err
+    assert "the same command goes on with what is not made yet" in told
+    assert told.rstrip().endswith("cell: interrupted")
+
+
 def test_two_at_a_time_make_the_same_files(tmp_path: Path, trained: list[list[str]]) -> None:
     assert main(["train", "all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 0
     assert len(trained) == len(list(steps_of_shipped()))

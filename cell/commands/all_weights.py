@@ -153,8 +153,9 @@ def _say_plan(steps: Sequence[Step], left: Sequence[Step], what: str, jobs: int)
     busy_s = [0.0] * jobs
     for step in left:
         busy_s[busy_s.index(min(busy_s))] += step.seconds
-    long = f"about {whole} of one CPU core, {_words(max(busy_s))} with --jobs {jobs}" if left else "nothing is left"
-    say(f"for {what}: {long}", highlight=False)
+    long = f"about {whole} of one CPU core" if left else "nothing is left"
+    beside = f", {_words(max(busy_s))} with --jobs {jobs}" if len(left) > 1 else ""
+    say(f"for {what}: {long}{beside}", highlight=False)
     for step in steps:
         length = _words(step.seconds) if step in left else "made before"
         say(f"- {step.command} ({length}): {', '.join(step.files)}", highlight=False)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.core import TyperGroup
 
 from cell.commands.terminal import JsonOption, console, print_json, table
 from cell.interfaces.errors import InputError
@@ -20,13 +21,14 @@ def from_logs(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="New folder for what the logs give.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make training data: from recorded runs (--from LOG --out DIR), or drawn by chance (semantic, grasp)."""
+    """Make training data: from recorded runs (--from LOG --out DIR), or drawn, by the commands below."""
     if context.invoked_subcommand is not None:
         if logs or out:
             raise InputError(f"--from and --out before `{context.invoked_subcommand}` have no meaning; see its --help")
         return
     if not logs or out is None:
-        raise InputError("name logs by --from LOG and a new folder by --out DIR, or a data set: semantic, grasp")
+        sets = ", ".join(context.command.list_commands(context)) if isinstance(context.command, TyperGroup) else ""
+        raise InputError(f"name logs by --from LOG and a new folder by --out DIR, or a data set: {sets}")
     from cell.commands.log_terminal import read
     from cell.log.training.manifest import write_training_data
 

@@ -53,12 +53,15 @@ def train(
     from cell.commands.made_data import make_data
     from cell.commands.weights import need_torch, new_weights
     from cell.configuration import load_configuration, load_product
+    from learned.hands.dataset import rows_of
 
     need_torch()
     budget_s = seconds(budget)
     configuration = load_configuration(config)
     product = load_product(configuration, config)
     weights = out or new_weights("hands", "slim", config)
+    for folder in data or ():
+        rows_of(folder)  # a wrong one is told before minutes go into frames for the scores
     recordings = max(4, int(budget_s / (DATA_S + EPOCH_S * epochs)))
     validation = weights.with_suffix(".validation")
     apart = {"--recordings": max(2, int(VALIDATION_SHARE * recordings)), "--first-seed": FIRST_VALIDATION_SEED}

@@ -26,6 +26,7 @@ LEAST_OVEREXPOSED = 0.14
 DRIFT_RAD = 0.25
 LEAST_REFERENCE = 0.35
 LEAST_DISTANCE = 0.30
+_HELP = "choose a clearer colour, or train detectors that need none: cell train all"
 
 
 class ColourModel:
@@ -95,11 +96,11 @@ def _refuse_alike(names: list[str], references: Array) -> None:
     for i, name in enumerate(names):
         if (saturation := float(np.linalg.norm(references[i]))) < LEAST_REFERENCE:
             what = f"colour of {name} has saturation {saturation:.2f}; classical perception needs {LEAST_REFERENCE}"
-            raise SettingError((_where(name), what))
+            raise SettingError((_where(name), f"{what}; {_HELP}"))
         for j in range(i):
             if (distance := float(np.linalg.norm(references[i] - references[j]))) < LEAST_DISTANCE:
                 what = f"colours of {names[j]} and {name} are {distance:.2f} apart; {LEAST_DISTANCE} or more is needed"
-                raise SettingError((_where(name), what))
+                raise SettingError((_where(name), f"{what}; {_HELP}"))
 
 
 def _where(name: str) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from cell.commands.made_data import make_data
+from cell.commands.main import main
 from cell.interfaces.errors import InputError
 from cell.interfaces.files import shipped
 
@@ -44,3 +45,13 @@ def test_data_of_other_options_or_of_another_product_are_not_taken(tmp_path: Pat
     products.write_text(products.read_text().replace("mass_kg: 0.08", "mass_kg: 0.09"))
     with pytest.raises(InputError, match="product or bench"):
         make_data("actions", folder, options, "--thin")
+
+
+def test_a_folder_without_hands_is_told_before_any_frames_are_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty").mkdir()
+    words = ["train", "hands", "--data", str(tmp_path / "empty"), "--out", str(tmp_path / "hands.onnx")]
+    assert main(words) == 2
+    assert "hands.jsonl: cannot be read" in " ".join(capsys.readouterr().err.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["empty"]

@@ -205,10 +205,15 @@ def test_other_products_and_full_folders_are_refused(tray_log: Log, folder: Path
         write_training_data([tray_log], folder, COMMAND)
 
 
-def test_command_writes_and_asks_for_what_is_missing(tray_log: Log, tmp_path: Path) -> None:
+def test_command_writes_and_asks_for_what_is_missing(
+    tray_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["data", "--from", str(tray_log.path), "--out", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "manifest.json").exists()
+    capsys.readouterr()
     assert main(["data", "--from", str(tray_log.path)]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "or a data set: semantic, grasp, actions, hands, holes, plates, objects" in told
     assert main(["data", "--from", str(tmp_path / "none.mcap"), "--out", str(tmp_path / "other")]) == 2
     assert not (tmp_path / "other").exists()
 

@@ -52,7 +52,8 @@ class JobProcess:
         context: Any,
         name: str,
         make: Callable[..., Work],
-        given: Sequence[object],
+        shared: Sequence[object],
+        given: Sequence[object] = (),
         arrived: Callable[[Any], Any] = lambda result: result,
         beside: Sequence[JobProcess] = (),
     ) -> None:
@@ -61,8 +62,11 @@ class JobProcess:
         Args:
             context: see `process_context`.
             name: for faults.
-            make: called in it with `given`; what it returns works off a job. A CellError that a job comes to as its
-                result is raised where it is waited for.
+            make: called in it with `shared` and `given`; what it returns works off a job. A CellError that a job comes
+                to as its result is raised where it is waited for.
+            shared: memory and locks of all processes, which can only be handed over as the process begins; few bytes.
+            given: of any size, through our own pipe: Python's own way to begin a process waits for ever where it dies
+                before it has read all.
             arrived: called here with each result before it is handed out.
             beside: processes that were started before.
         """
@@ -77,12 +81,13 @@ class JobProcess:
         self._arrivals.register(self.pipe.fileno(), select.POLLIN)
         ours = [self.pipe, *(one.pipe for one in beside)]
         self._process: BaseProcess = context.Process(
-            target=_serve, args=(theirs, ours, self._cores, make, given), name=name, daemon=True
+            target=_serve, args=(theirs, ours, self._cores, make, shared), name=name, daemon=True
         )
         # The other cores have work of their own, and a copy would wait for OpenCV's threads, which it has not got.
         cv2.setNumThreads(1)
         self._process.start()
         theirs.close()
+        self._give(tuple(given))
         self._receiver = threading.Thread(target=self._receive, name=name, daemon=True)
 
     @property
@@ -95,17 +100,24 @@ class JobProcess:
         """Begin to hand out what comes back, in a thread; without it one thread alone may wait for answers."""
         self._receiver.start()
 
+    def check(self) -> None:
+        """Raise DeviceFault where the process is known to have failed."""
+        if self._fault is not None:
+            raise self._fault
+
     def send(self, job: object) -> Future[Any]:
         """Begin a job; raises DeviceFault where the process has failed."""
         future: Future[Any] = Future()
         with self._lock:
-            if self._fault is not None:
-                raise self._fault
+            self.check()
             number = next(self._numbers)
             self._pending[number] = future
-        with suppress(OSError):  # a process that died fails everything that is pending
-            self.pipe.send((number, job))
+        self._give((number, job))
         return future
+
+    def _give(self, something: object) -> None:
+        with suppress(OSError):  # a process that died fails everything that is pending
+            self.pipe.send(something)
 
     def awaited(self, future: Future[Any], needs: JobProcess | None = None) -> Any:
         """What a job came to; waits for it. Raises DeviceFault, and what the job says of the user's files.
@@ -134,8 +146,8 @@ class JobProcess:
                     self._fail(reason)
                 continue
             waited_s += GLANCE_S
-            if needs is not None and needs._fault is not None:
-                raise needs._fault
+            if needs is not None:
+                needs.check()
             if waited_s >= PATIENCE_S:
                 raise self._silent
 
@@ -199,7 +211,7 @@ def _serve(
     theirs: Sequence[Connection],
     cores: tuple[int, int] | None,
     make: Callable[..., Work],
-    given: Sequence[object],
+    shared: Sequence[object],
 ) -> None:
     """The process: works off jobs in their order; one that fails ends it, and the controller is told why."""
     for other in theirs:  # else the controller's death would not end the pipes
@@ -213,7 +225,7 @@ def _serve(
     gc.freeze()  # what came with the copy stays shared
     leave_controllers_core(cores)
     try:
-        work = make(*given)
+        work = make(*shared, *pipe.recv())
         while True:
             number, job = pipe.recv()
             pipe.send((number, work(job)))

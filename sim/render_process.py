@@ -102,9 +102,8 @@ class RenderProcess:
         self._detectors = 0
         self._asked: dict[str, int] = {}  # detector that was asked about a camera's last frame
         self._ahead: list[tuple[str, int]] = []  # frames that nobody has asked about yet
-        given = model, dict(sensors), self._drawn
-        drawn = self._drawn
-        self._drawing = JobProcess(context, NAME, _draw, given, lambda frame: drawn.copy(*frame))
+        drawn, given = self._drawn, (model, dict(sensors))
+        self._drawing = JobProcess(context, NAME, _draw, (drawn,), given, lambda frame: drawn.copy(*frame))
         self._detecting = JobProcess(context, DETECTORS, _detect, (drawn,), beside=(self._drawing,))
         self._drawing.listen()  # several wait for frames; the controller alone waits for answers, and reads them itself
 
@@ -133,8 +132,9 @@ class RenderProcess:
         return PendingFrame(camera, sequence, exposure.time_s, image, exposure.world_from_camera, future.done)
 
     def host(self, build: Build[Answer], *arguments: object) -> Callable[[Frame], Callable[[], Answer]]:
-        """Run a detector there; see `DetectorHost`."""
+        """Run a detector there; see `DetectorHost`. Raises DeviceFault, for the process that draws, too."""
         self._detecting.awaited(self._detecting.send((build, arguments)))
+        self._drawing.check()  # else one that died as it began is only missed when its frames are
         self._detectors += 1
         return partial(self._begin, self._detectors - 1)
 
@@ -173,7 +173,7 @@ class RenderProcess:
 
 
 def _draw(
-    model: mujoco.MjModel, sensors: Mapping[str, SensorSetup], drawn: _Drawn
+    drawn: _Drawn, model: mujoco.MjModel, sensors: Mapping[str, SensorSetup]
 ) -> Callable[[Exposure], tuple[str, int]]:
     """The work of the process that draws: makes the frame of an exposure, and tells which one is drawn."""
     os.nice(LESS_URGENT)

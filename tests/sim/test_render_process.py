@@ -206,6 +206,35 @@ def test_all_that_wait_for_a_process_that_died_are_told(world: World, bench: Ben
         missing(camera).image.sum()
 
 
+DIES_AT_ONCE = """
+import multiprocessing.spawn, threading
+from cell.configuration import load_configuration, load_product
+from cell.interfaces.errors import DeviceFault
+from sim.camera import SimCamera
+from sim.render_process import RenderProcess
+from sim.world import build_world
+from tests.sim.test_render_process import missing, sensors
+configuration = load_configuration()
+world = build_world(load_product(configuration), configuration.bench)
+multiprocessing.spawn.get_command_line = lambda **_: ["python", "-c", "raise SystemExit(1)"]
+threading.Thread(target=threading.Event().wait, daemon=True).start()  # so that no process begins as a copy
+process = RenderProcess(world.model, sensors(configuration.bench))
+camera = SimCamera("overhead", configuration.bench.overhead, world, process.take)
+try:
+    camera.observe(0.0)
+    missing(camera).image.sum()
+except DeviceFault as fault:
+    print(fault)
+process.close()
+"""
+
+
+def test_a_process_that_dies_as_it_begins_is_told_and_waited_for_by_nobody() -> None:
+    command = [sys.executable, "-c", DIES_AT_ONCE]
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=PATIENCE_S)
+    assert ended.stdout == "render process: it died (exit code 1)\n", ended.stderr
+
+
 def test_an_answer_does_not_wait_for_a_frame_that_is_never_drawn(
     world: World, bench: Bench, process: RenderProcess
 ) -> None:
@@ -217,6 +246,16 @@ def test_an_answer_does_not_wait_for_a_frame_that_is_never_drawn(
     os.kill(process.process_ids[0], signal.SIGKILL)
     with pytest.raises(DeviceFault, match="render process: it died"):
         answer()
+
+
+def test_a_run_without_a_process_that_draws_does_not_begin(world: World, bench: Bench, process: RenderProcess) -> None:
+    camera = SimCamera("overhead", bench.overhead, world, process.take)
+    os.kill(process.process_ids[0], signal.SIGKILL)
+    camera.observe(0.0)
+    with pytest.raises(DeviceFault):
+        missing(camera).image.sum()
+    with pytest.raises(DeviceFault, match="render process: it died"):
+        process.host(build_brightness)
 
 
 def test_a_frame_is_read_after_its_place_was_used_again(world: World, bench: Bench, process: RenderProcess) -> None:

@@ -51,7 +51,9 @@ class SimArm:
         self.driven_rad_s: Array = np.zeros(self._joints)
 
     def state(self) -> ArmState:
-        """Joints as measured; the mode tells of a protective stop."""
+        """Joints as measured; the mode tells of a protective stop. Raises DeviceFault where it has none."""
+        if self._world.diverged:
+            raise DeviceFault("simulation", "its physics came to no finite state; this is no fault of the cell")
         data = self._world.data
         return ArmState(
             self._time_s,

@@ -29,6 +29,7 @@ from sim.things import add_things
 # MuJoCo's cameras look along -z with y up; ours along z with y down.
 CAMERA_FROM_MUJOCO = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 LONGEST_FALL_S = 4.0
+DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 REST = np.array([0.002] * 3 + [0.05] * 3)  # m/s and rad/s of a part that does not move
 
 
@@ -59,6 +60,7 @@ class World:
         parts: type of every part by the name of its body, in the order of the scene.
         bodies: the same parts with their places in the state, and objects of no type.
         arm_qpos, arm_qvel, arm_ctrl: indices of the six joints, shoulder_pan to wrist_3.
+        diverged: the physics came to no finite state, and MuJoCo put everything back to the beginning.
     """
 
     def __init__(
@@ -71,6 +73,7 @@ class World:
         look: Look,
     ) -> None:
         self.product, self.bench, self.physics, self.look = product, bench, physics, look
+        self.diverged = False
         self.model: mujoco.MjModel = spec.compile()
         fit_shadows(self.model)
         self.data = mujoco.MjData(self.model)
@@ -108,11 +111,16 @@ class World:
 
     def step_period(self) -> None:
         """Advance by one control period."""
-        mujoco.mj_step(self.model, self.data, self.physics.steps_per_period)
+        self._step(self.physics.steps_per_period)
 
     def step_sample(self) -> None:
         """Advance by one period in which the arm measures its joints once; several make a control period."""
-        mujoco.mj_step(self.model, self.data, self._steps_per_sample)
+        self._step(self._steps_per_sample)
+
+    def _step(self, count: int) -> None:
+        mujoco.mj_step(self.model, self.data, count)
+        warnings = self.data.warning
+        self.diverged = self.diverged or any(warnings[kind].number for kind in DIVERGED)
 
     def settle(self) -> None:
         """Let parts come to rest while the arm stands: for the time that is set, longer where some still move.

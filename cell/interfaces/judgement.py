@@ -71,6 +71,7 @@ SIGNALS: dict[Signal, str] = {
 }
 assert set(SIGNALS) == set(get_args(Signal))
 HAND_TOO_NEAR: Signal = "hand_too_near"
+OFF_PATH: Signal = "arm_off_path"
 
 
 class Action(IntEnum):
@@ -94,6 +95,7 @@ class Fault(Model):
         clear_s: how long it must be gone.
         acknowledged_s: with `clear: person`, how long before it went it may have been acknowledged: fingers that are
             activated anew, or an arm that unlocks its brakes, take their time.
+        person_after_s: what lasts longer than this is cleared as by `clear: person`; None for never.
         stop_after_s: a hold or slow that lasts longer than this becomes a stop; None for never.
         share: largest share of speed of a `slow`; what a check itself finds may be less.
     """
@@ -104,6 +106,7 @@ class Fault(Model):
     delay_s: float = Field(default=0.0, ge=0, le=10, allow_inf_nan=False)
     clear_s: float = Field(default=0.0, ge=0, le=60, allow_inf_nan=False)
     acknowledged_s: float = Field(default=5.0, ge=0, le=60, allow_inf_nan=False)
+    person_after_s: float | None = Field(default=None, gt=0, le=3600, allow_inf_nan=False)
     stop_after_s: float | None = Field(default=None, gt=0, le=3600, allow_inf_nan=False)
     share: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
 
@@ -158,6 +161,10 @@ class Judgement:
         """Whether the arm may be given another path; a held one stands at its beginning."""
         return self.action < Action.HOLD or self.held_by == (HAND_TOO_NEAR,)
 
+    def gives_path_up(self, *, acknowledged: bool) -> bool:
+        """Whether the arm forgets its path and stays where it was pushed, as somebody has seen it there."""
+        return acknowledged and any(signal == OFF_PATH for signal, _ in self.reasons)
+
     @property
     def words(self) -> str:
         """All reasons, for people."""
@@ -167,12 +174,12 @@ class Judgement:
 def fault_table_markdown(table: FaultTable) -> str:
     """The table for docs/safety.md."""
     rows = [
-        "| signal | seen when | action | clears | after s | gone s | stops after s |",
-        "|---|---|---|---|---|---|---|",
+        "| signal | seen when | action | clears | after s | gone s | person after s | stops after s |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for fault in table.faults:
         action = f"{fault.action} to {fault.share:.0%}" if fault.share < 1 else fault.action
-        stops = "" if fault.stop_after_s is None else f"{fault.stop_after_s:g}"
+        asks, stops = ("" if one is None else f"{one:g}" for one in (fault.person_after_s, fault.stop_after_s))
         cells = (fault.signal, SIGNALS[fault.signal], action, fault.clear, f"{fault.delay_s:g}")
-        rows.append(f"| {' | '.join(cells)} | {fault.clear_s:g} | {stops} |")
+        rows.append(f"| {' | '.join(cells)} | {fault.clear_s:g} | {asks} | {stops} |")
     return "\n".join(rows) + "\n"

@@ -15,6 +15,7 @@ class Announcer:
 
     def __init__(self) -> None:
         self._said: tuple[str, ...] = ()
+        self._asked = False
         self._once: set[str] = set()
         self._alarm = ""
 
@@ -34,7 +35,8 @@ class Announcer:
         """
         signals = [signal for signal, _ in judgement.reasons if signal not in USUAL]
         reasons = tuple(signal for signal in signals if signal not in self._once)
-        if reasons == self._said:
+        asks, self._asked = unacknowledged and not self._asked, unacknowledged
+        if reasons == self._said and not asks:
             return None
         self._said = tuple(signal for signal in reasons if signal not in ONCE)
         self._once |= set(reasons) & set(ONCE)

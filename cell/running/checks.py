@@ -73,9 +73,9 @@ class Memory:
         if observation.arm.mode in ("protective_stop", "recovery"):  # it stands where it was stopped, off its path
             self.trajectory = None
 
-    def command(self, command: Command, judgement: Judgement) -> None:
+    def command(self, observation: Observation, command: Command, judgement: Judgement) -> None:
         """A tick ends with what goes out."""
-        if command.stop_arm:
+        if command.stop_arm or judgement.gives_path_up(acknowledged=observation.acknowledged):
             self.trajectory = None
         elif command.follow is not None and judgement.new_path:
             self.trajectory = command.follow

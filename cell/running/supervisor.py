@@ -29,6 +29,7 @@ class _State:
         active_s: since when it acts; None while it does not.
         last_s: when its sign was seen last.
         sign: the newest one.
+        lasted: it acted for so long that a person must see it.
         acknowledged_s: when somebody acknowledged it last.
     """
 
@@ -37,6 +38,7 @@ class _State:
     last_s: float = 0.0
     sign: Sign = NO_SIGN
     expired: bool = False
+    lasted: bool = False
     acknowledged_s: float = -math.inf
 
 
@@ -65,7 +67,7 @@ class Supervisor:
     def judge_command(self, observation: Observation, command: Command) -> Judgement:
         """The same with what the nodes ask for; what must not go out is for the controller to withhold."""
         judgement = self._judge(observation, command, [row for row in self._rows if row[0].signal in OF_COMMANDS])
-        self._memory.command(command, judgement)
+        self._memory.command(observation, command, judgement)
         return judgement
 
     @property
@@ -110,9 +112,11 @@ def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -
     else:
         state.since_s = None
         if state.active_s is not None and _clears(fault, state, seen):
-            state.active_s, state.expired = None, False
-    if state.active_s is not None and fault.stop_after_s is not None:
-        state.expired |= fault.does > Action.WARN and now_s - state.active_s > fault.stop_after_s
+            state.active_s, state.expired, state.lasted = None, False, False
+    if state.active_s is not None:
+        acts_s = now_s - state.active_s
+        state.lasted |= fault.person_after_s is not None and acts_s > fault.person_after_s
+        state.expired |= fault.stop_after_s is not None and fault.does > Action.WARN and acts_s > fault.stop_after_s
 
 
 def _answer(fault: Fault, state: _State) -> tuple[Action, float]:
@@ -126,7 +130,8 @@ def _answer(fault: Fault, state: _State) -> tuple[Action, float]:
 
 def _waits_for_person(fault: Fault, state: _State) -> bool:
     late = state.acknowledged_s < state.last_s - fault.acknowledged_s
-    return state.active_s is not None and not state.expired and fault.clear == "person" and late
+    asks = fault.clear == "person" or state.lasted
+    return state.active_s is not None and not state.expired and asks and late
 
 
 def _clears(fault: Fault, state: _State, seen: Observation) -> bool:

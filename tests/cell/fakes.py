@@ -59,11 +59,12 @@ class FakeArm:
     stop_error: Exception | None = None
     shares: list[float] = field(default_factory=list)
     mode: ArmMode = "normal"
+    positions_rad: tuple[float, ...] = PARKED
 
     def state(self) -> ArmState:
         moving = "stop" in self.calls and self.coast_polls > 0
         self.coast_polls -= moving
-        return ArmState(self.clock.now_s(), PARKED, PARKED, moving, self.mode)
+        return ArmState(self.clock.now_s(), self.positions_rad, PARKED, moving, self.mode)
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
         self.calls.append("follow")

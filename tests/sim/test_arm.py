@@ -43,6 +43,18 @@ def test_the_arm_tracks_and_arrives(make_rig: MakeRig, bench: Bench) -> None:
     np.testing.assert_allclose(rig.cell.arm.state().positions_rad, goal, atol=5e-4)
 
 
+def test_an_arm_in_physics_that_came_to_no_finite_state_tells_no_state_that_others_would_believe(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig()
+    world = rig.cell.world
+    world.data.qvel[world.arm_qvel[0]] = np.nan
+    world.step_period()  # MuJoCo begins anew, and joints seem to be faster than they can be
+    world.step_period()
+    with pytest.raises(DeviceFault, match="simulation: its physics came to no finite state"):
+        rig.cell.arm.state()
+
+
 def test_a_stop_stays_on_the_path_and_within_the_limit(make_rig: MakeRig, bench: Bench) -> None:
     rig = make_rig()
     arm = rig.cell.arm

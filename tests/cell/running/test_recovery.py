@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 from py_trees.common import Status
 
-from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.observation import GripperState, ObjectStatus
 from cell.interfaces.operator import OperatorOrder
-from tests.cell.fakes import FakeGripper, Rig
+from tests.cell.fakes import PARKED, FakeGripper, Rig
 
 OPEN = GripperCommand(0.085, 0.1, 40.0)
 
@@ -104,6 +105,32 @@ def test_a_protective_stop_is_unlocked_by_an_acknowledgement_and_goes_on() -> No
     assert rig.arm.calls.count("acknowledge") == 1
     assert rig.arm.shares[8] == 0.0
     assert rig.arm.shares[40] == 1.0
+
+
+def test_an_arm_that_is_held_off_its_path_is_an_alarm_and_gives_the_path_up_once_that_is_acknowledged() -> None:
+    rig = Rig()
+    calls: list[list[str]] = []
+
+    def act(tick: int) -> Status:
+        if tick == 3:
+            rig.services.command.follow = JointTrajectory(np.array([0.0, 1.0]), np.array([PARKED, (0.1,) * 6]))
+            rig.arm.positions_rad = (0.05,) * 6
+        if tick == 200:
+            assert rig.panel.alarms == []
+        if tick == 300:
+            rig.operator.put(OperatorOrder("acknowledge"))
+        calls.append(list(rig.arm.calls))
+        return Status.SUCCESS if tick == 340 else Status.RUNNING
+
+    outcome, _ = rig.run(act)
+    assert outcome.end == "finished"
+    alarm, gone = rig.panel.alarms
+    assert (alarm, gone) == ("the arm does not follow its trajectory; acknowledge it when it may go on", "")
+    assert sum(text.endswith(alarm) for text in rig.observer.messages) == 1
+    assert "stop" not in calls[300]
+    assert calls[340].count("stop") == 1
+    assert rig.arm.shares[300] == 0.0
+    assert rig.arm.shares[340] == 1.0
 
 
 def test_what_waits_for_a_person_is_an_alarm_on_the_panel_until_somebody_acknowledged_it() -> None:

@@ -205,9 +205,39 @@ def test_an_arm_that_ignores_its_trajectory_is_found() -> None:
     away = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.1] * 6, [0.9] * 6]))
     supervisor.judge(sound(0))
     supervisor.judge_command(sound(0), Command(follow=away))
-    actions = [supervisor.judge(sound(tick)).action for tick in range(1, 300)]
+    limit_s = row("arm_off_path").stop_after_s
+    assert limit_s is not None
+    actions = [supervisor.judge(sound(tick)).action for tick in range(1, 10 + math.ceil(limit_s / TICK_S))]
     assert Action.HOLD in actions[:5]
     assert actions[-1] is Action.STOP, "a hold that does not clear ends the run"
+
+
+def test_an_arm_that_is_soon_back_on_its_path_goes_on_by_itself() -> None:
+    supervisor, off = begun(), SPOILS["arm_off_path"]
+    held = [supervisor.judge(off(sound(tick))) for tick in range(2, 100)]
+    assert held[-1].action is Action.HOLD
+    assert not supervisor.unacknowledged
+    assert [supervisor.judge(sound(tick)).action for tick in range(100, 115)][-1] is Action.RUN
+
+
+@pytest.mark.parametrize("comes_back", [False, True])
+def test_an_arm_that_is_held_off_its_path_waits_for_a_person_and_gives_its_path_up(comes_back: bool) -> None:
+    supervisor, off = begun(), SPOILS["arm_off_path"]
+    lasts_s = row("arm_off_path").person_after_s
+    assert lasts_s is not None
+    ticks = 10 + math.ceil(lasts_s / TICK_S)
+    held = [supervisor.judge(off(sound(tick))) for tick in range(2, ticks)]
+    assert held[-1].action is Action.HOLD
+    assert supervisor.unacknowledged
+    seen = [sound(tick) if comes_back else off(sound(tick)) for tick in range(ticks, ticks + 50)]
+    waits = [supervisor.judge(one) for one in seen]
+    assert {judgement.action for judgement in waits} == {Action.HOLD}, "nothing moves before somebody said so"
+    said = replace(off(sound(ticks + 50)), acknowledged=True)
+    supervisor.judge(said)
+    supervisor.judge_command(said, Command())
+    assert not supervisor.unacknowledged
+    later = [supervisor.judge(off(sound(tick))).action for tick in range(ticks + 51, ticks + 80)]
+    assert later[-1] is Action.RUN, "it stands where it was pushed, and a new path begins there"
 
 
 def test_an_arm_that_ignores_a_short_trajectory_is_found_too() -> None:

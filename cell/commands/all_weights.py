@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 FOLDER, ROWS = Path("trained"), "training.jsonl"
 PAPER_GRASP_S, PLANNER_S = 420.0, 60.0  # of processor time; these commands take no --budget
 PLANNERS = {"semantic": "factored", "grasp": "pairwise"}  # those that a cell uses by default
-DETECTORS = ("hands", "actions", "holes", "parts")
 LATENCY_FRAMES, LATENCY_TRAYS, LATENCY_SEED = 120, 20, 800_000
 
 
@@ -239,13 +238,14 @@ def _note_latencies(configuration: Configuration, config: Path, out: Path) -> No
     """Measure how long answers take, as a run in lock-step wants to know, and write that onto the cards."""
     from cell.commands.system import latencies_ms
     from cell.configuration import simulated
-    from cell.evaluating.latency import note_latencies
+    from cell.evaluating.latency import answers_ms, note_latencies
     from cell.settings import Perception
 
     trained = configuration.model_copy(update={"perception": Perception(kind="learned", folder=out.resolve())})
     found = latencies_ms(simulated(trained, "varied"), config, LATENCY_FRAMES, LATENCY_TRAYS, LATENCY_SEED)
-    note_latencies(trained.perception, {name: found[name]["p95_ms"] for name in DETECTORS})
-    told = ", ".join(f"{name} {found[name]['p95_ms']} ms" for name in DETECTORS)
+    noted = answers_ms(found)
+    note_latencies(trained.perception, noted)
+    told = ", ".join(f"{name} {value} ms" for name, value in noted.items())
     console().print(f"an answer takes (95 %): {told}", highlight=False)
 
 

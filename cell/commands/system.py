@@ -105,7 +105,7 @@ def latency(
     In lock-step simulation answers come as late as the model cards tell (`perception.latency_s`).
     """
     from cell.configuration import detected_by, load_configuration, simulated
-    from cell.evaluating.latency import note_latencies
+    from cell.evaluating.latency import answers_ms, note_latencies
 
     configuration: Configuration = detected_by(simulated(load_configuration(config), look), perception)
     if untrained is None:
@@ -118,8 +118,7 @@ def latency(
     words = configuration.perception.words + (f", actions {untrained} (weights not trained)" if untrained else "")
     console().print(table(f"median / 95 %, {words}, {look}", rows))
     if note:
-        slow = {name: found[name]["p95_ms"] for name in ("hands", "holes", "actions", "parts")}
-        for path in note_latencies(configuration.perception, slow):
+        for path in note_latencies(configuration.perception, answers_ms(found)):
             console().print(f"noted in {path}", highlight=False)
     if as_json:
         print_json({"look": look, "perception": words, **found})

@@ -18,6 +18,7 @@ from learned.classical.lying_fit import LyingFit, LyingFitter
 LEAST_HEIGHT_M, LEAST_SURE = 0.02, 0.3  # of something that lies: its height, and that it is there
 BEYOND_M = 0.003  # its box reaches so far beyond what is seen of it
 SAME_BOX = 0.4  # intersection over union, from which two findings may be one thing
+SAME_LOOK = 0.85  # from which the one is not looked at again where the other did not tell how it lies
 STANDS = 0.8  # of what stands out, from which a silhouette is that of a standing part
 BETTER = 0.1  # by which one that lies must fit better than one that was told to stand
 MOST_HIDDEN = 0.4  # of the box of a part that was told to stand, up to which its silhouette may say otherwise
@@ -39,11 +40,13 @@ class LyingParts:
         fallen = [(one, fit) for one in told if (fit := self._fallen(frame, one, found)) is not None]
         standing = tuple(one for one in told if all(one is not other for other, _ in fallen))
         rest = [one for one in found if one not in told and one.confidence >= LEAST_SURE]
-        exact, rough = [self._exact(one, fit) for one, fit in fallen], []
+        exact = [self._exact(one, fit) for one, fit in fallen]
+        rough: list[PartDetection] = []
         for one in sorted(rest, key=lambda one: -one.confidence):
             if any(covers(part, one) for part in (*standing, *exact)) or _again(one, exact):
                 continue
-            fit = self._lying(frame, one, found)
+            tried = any(overlap(one, other) >= SAME_LOOK for other in rough)
+            fit = None if tried else self._lying(frame, one, found)
             if fit is None:
                 rough.append(one)
             else:
@@ -56,8 +59,9 @@ class LyingParts:
         same = [other for other in found if overlap(one, other) >= SAME_BOX]
         types = tuple(dict.fromkeys(other.part for other in same))
         around = [other for other in found if not inside(other, one)]
-        for others in (found, around):
-            fit = self._fitter.fit(frame, one.box_px, types, self._hidden(frame, one, others))
+        hidden, less = (self._hidden(frame, one, others) for others in (found, around))
+        for mask in (hidden,) if np.array_equal(hidden, less) else (hidden, less):
+            fit = self._fitter.fit(frame, one.box_px, types, mask)
             if fit is not None and fit.agreement >= self._least_agreement(fit.part, same):
                 return fit
         return None

@@ -13,6 +13,7 @@ from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.resting import SIDES, UPRIGHT, rest_on
 from cell.running.detectors import Detectors
+from learned.classical.lying_fit import LyingFitter
 from learned.classical.lying_parts import LyingParts, covers
 from sim.clutter import sample_clutter
 from sim.data.trays import TrayCamera
@@ -129,3 +130,17 @@ def test_what_a_silhouette_of_a_third_of_a_part_says_does_not_count() -> None:
     standing, others = sorted_out(scene)
     assert sorted(one.part for one in standing) == ["o1", "o2", "o3"]
     assert others == ()
+
+
+def test_what_is_doubtful_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thing comes once for each type that it may be of, and nothing else is near it: one look tells as much."""
+    image, pose = camera().take([("o1", lying("o1", "+y", 0.56, -0.38, 0.4))])
+    looks: list[str] = []
+    monkeypatch.setattr(LyingFitter, "fit", lambda *_: looks.append("look"))
+    found = [
+        PartDetection(part, sure, Pose((0.56, -0.38, FLOOR_M)), (0.05, 0.03, 0.02), (200, 150, 240, 190), upright=False)
+        for part, sure in (("unknown", 0.6), ("o1", 0.5), ("o2", 0.4))
+    ]
+    standing, others = LyingParts(BENCH, PRODUCT).sort(Frame("wrist", 0, 0.0, image, pose), found)
+    assert (len(standing), len(others)) == (0, 3)
+    assert looks == ["look"]

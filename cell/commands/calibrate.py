@@ -28,7 +28,7 @@ def calibrate(
 ) -> int:
     """Find out where the cameras hang. The arm moves over the empty bracket: keep away from it."""
     from cell.calibrating import calibrate as calibration_of
-    from cell.commands.weights import folder_for
+    from cell.commands.weights import folder_for, told_in
     from cell.configuration import load_configuration, load_product, simulated
 
     path = out or folder_for(config) / NAME
@@ -56,7 +56,7 @@ def calibrate(
         say("nothing was written")
         return 1
     _write(found, path)
-    say(f"{path}: name it in {config.name}:  calibration: {path.name}", highlight=False)
+    say(f"{path}: to use it, in {config}: calibration: {told_in(config, path)}", highlight=False)
     return 0
 
 

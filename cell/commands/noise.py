@@ -17,7 +17,7 @@ def train(
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """Learn what the action detector takes for what, from actions that the holes confirmed."""
-    from cell.commands.weights import folder_for
+    from cell.commands.weights import folder_for, told_in
     from learned.semantic.confusions import Confusions, confirmed_reports
     from learned.semantic.graph import Layout
 
@@ -31,4 +31,4 @@ def train(
     learned.save(path, layout, len(reports), f"cell train noise {' '.join(f'--data {some}' for some in data)}")
     wrong = sum(true != reported for true, reported in reports)
     console().print(f"{len(reports)} confirmed actions, {wrong} of them detected wrongly; confusions in {path}")
-    console().print(f"to use it, in {config}: planners.semantic.confusions: {path.name}", highlight=False)
+    console().print(f"to use it, in {config}: planners.semantic.confusions: {told_in(config, path)}", highlight=False)

@@ -1,4 +1,4 @@
-"""Crops from a log's camera frames: hands and parts, as PNG files with what the detectors said of them."""
+"""Crops from a log's camera frames as PNG files: hands and parts, and what action detectors see of the hand."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.interfaces.bench import Bench
 from cell.interfaces.errors import LogError
+from cell.interfaces.hand_window import TIPS_HEIGHT_M, hand_window, last_at_hole, window_px
 from cell.interfaces.perception import BenchView, PartsView
+from cell.interfaces.pose import Array
 from cell.log.reading.frames import Frames
 from cell.log.reading.reader import Log
-from cell.log.training.segments import carried_parts
+from cell.log.training.segments import LoggedSegment, carried_parts
 from cell.recording.schemas import plain
 
 HAND_STRIDE_FRAMES = 5  # three crops a second at 15 FPS
-FOLDER = "crops"
+FOLDER, WINDOWS = "crops", "windows"
 
 Image = NDArray[np.uint8]
 
@@ -66,6 +69,27 @@ class Cropper:
                     **plain(part),
                 }
 
+    def windows(self, segment: LoggedSegment, bench: Bench, holes_m: Array) -> dict[str, str | None]:
+        """Squares around the fingertips: of the last frame, and of when they were last at a hole; None where not seen.
+
+        Args:
+            holes_m: (positions, 2) on the bench.
+        """
+        tips = [(np.nan, np.nan) if view.hand is None else view.hand.fingertips_m for view in segment.views]
+        at_hole = last_at_hole(np.array(tips), holes_m)
+        at = {"hand_crop": segment.views[-1], "hole_crop": None if at_hole is None else segment.views[at_hole]}
+        return {name: None if view is None else self._window(view, bench) for name, view in at.items()}
+
+    def _window(self, view: BenchView, bench: Bench) -> str | None:
+        hand, camera = view.hand, bench.overhead
+        image = None if hand is None else self.image("overhead", view.time_s)
+        if hand is None or image is None:
+            return None
+        height_m = TIPS_HEIGHT_M if hand.fingertips_height_m is None else hand.fingertips_height_m
+        tips_px = camera.model.project(camera.mount.pose, np.array([[*hand.fingertips_m, height_m]]))[0]
+        window = hand_window(image, (float(tips_px[0]), float(tips_px[1])), window_px(camera))
+        return self._write(f"{WINDOWS}/{self._name}-{view.sequence:06d}.png", window)
+
     def image(self, camera: str, time_s: float) -> Image | None:
         """The frame that was taken at this very time; None where the log has none."""
         frame = self._frames.at(camera, time_s)
@@ -87,7 +111,9 @@ class Cropper:
         crop = image[top:bottom, left:right]
         if not crop.size:
             return None
-        file = f"{FOLDER}/{self._name}-{camera}{sequence:06d}-{what}.png"
-        (self._folder / FOLDER).mkdir(parents=True, exist_ok=True)
-        (self._folder / file).write_bytes(cv2.imencode(".png", crop)[1].tobytes())
+        return self._write(f"{FOLDER}/{self._name}-{camera}{sequence:06d}-{what}.png", crop)
+
+    def _write(self, file: str, image: Image) -> str:
+        (self._folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (self._folder / file).write_bytes(cv2.imencode(".png", image)[1].tobytes())
         return file

@@ -3,7 +3,8 @@
 DIR/demonstrations.jsonl  ordered placements with their goal        cell train semantic --data
 DIR/scenes.jsonl          parts in the tray, look by look           cell train grasp --data
 DIR/grasps.jsonl          grasps that were tried in these scenes, and whether they came off
-DIR/segments.jsonl        45 frames of hand track with the action
+DIR/segments.jsonl        45 frames of hand track with the action  cell train actions --data
+DIR/windows/              what these look at around the fingertips, as PNG files
 DIR/crops.jsonl, crops/   hands and parts as PNG files
 DIR/scenes/000001.png     the image of each scene, by its number
 DIR/manifest.json         counts, hashes of the logs, origin of every label, what was left out and why
@@ -24,12 +25,13 @@ import cv2
 from cell.interfaces.errors import InputError, LogError
 from cell.interfaces.product import Product
 from cell.log.reading.reader import Log
-from cell.log.replaying.logged_tree import logged_product
+from cell.log.replaying.logged_tree import logged_bench, logged_product
 from cell.log.training.crops import Cropper
 from cell.log.training.demonstrations import SURE, demonstration_of, finished_bracket
 from cell.log.training.segments import STRIDE_FRAMES, bench_views, segments
 from cell.log.training.tray_scenes import attempts, looks, scene_records
 from cell.recording.parts import whole_path
+from learned.actions.segments import holes_on_bench
 from learned.grasp.dataset import SceneRecord, write_records
 from learned.semantic.dataset import Demonstration, save_demonstrations
 from learned.semantic.goals import OpenGoals
@@ -123,8 +125,9 @@ def _collect(log: Log, product: Product, folder: Path, collected: Collected) -> 
     found = list(segments(views))
     cropper = Cropper(log, folder, name)
     crops = list(cropper.hands(views, {segment.views[-1].sequence for segment in found}))
-    by_frame = {crop["frame"]: crop["file"] for crop in crops}
-    rows = [segment.row(name, by_frame.get(segment.views[-1].sequence)) for segment in found]
+    bench = logged_bench(log)
+    holes_m = holes_on_bench(bench, product)
+    rows = [segment.row(name, cropper.windows(segment, bench, holes_m)) for segment in found]
     crops += _scenes(log, name, folder, cropper, collected)
     collected.segments += rows
     collected.crops += crops

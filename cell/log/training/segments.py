@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +27,8 @@ class LoggedSegment:
     views: tuple[BenchView, ...]
     confirmed: dict[str, Any] | None
 
-    def row(self, log: str, crop: str | None) -> dict[str, Any]:
-        """As a line of segments.jsonl."""
+    def row(self, log: str, windows: Mapping[str, str | None]) -> dict[str, Any]:
+        """As a line of segments.jsonl; `windows` are the files of `hand_crop` and `hole_crop`."""
         last = self.views[-1]
         return {
             "log": log,
@@ -37,7 +37,7 @@ class LoggedSegment:
             "end_s": last.time_s,
             "detected": plain(last.action),
             "confirmed": self.confirmed,
-            "hand_crop": crop,
+            **windows,
             "holes": {position: hole.part for position, hole in last.holes.items()},
             "hands": [_hand(view) for view in self.views],
         }

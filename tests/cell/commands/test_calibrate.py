@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
+from cell.commands.terminal import CONFIGURATION
+from cell.commands.weights import told_in
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
 from cell.interfaces.errors import InputError
 
@@ -22,7 +24,9 @@ def test_the_file_is_taken_over_by_the_configuration_that_names_it(
     out = tmp_path / "calibration.yaml"
     command = ["calibrate", "--overhead-only", "--look", str(look), "--out", str(out), "--json"]
     assert main(command) == 0
-    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    said = capsys.readouterr()
+    assert "".join(said.err.split()).endswith(f"calibration:{told_in(CONFIGURATION, out)}")
+    told = json.loads(said.out.splitlines()[-1])
     assert told["good"]
     assert 8 < told["overhead"]["off_mm"] < 12
     assert main(command) == 2

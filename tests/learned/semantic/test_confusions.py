@@ -14,6 +14,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.interfaces.errors import InputError
+from cell.interfaces.files import shipped
 from cell.interfaces.planning import AssemblyState
 from learned.semantic.bayes import BayesPosterior, UniformLikelihood
 from learned.semantic.confusions import PATTERNS, ConfusionLikelihood, Confusions, confirmed_reports
@@ -166,7 +167,9 @@ def segment(part: str, hole: str, found: str | None, holes: dict[str, str | None
     return {"log": log, "detected": detected, "confirmed": confirmed, "holes": holes}
 
 
-def test_confirmed_actions_are_read_from_segments_and_train_the_noise(tmp_path: Path) -> None:
+def test_confirmed_actions_are_read_from_segments_and_train_the_noise(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rows = [
         {"format": "cell.segments", "version": 1, "source": "a test"},
         segment("o1", "p1", "o1", {"p1": None}),
@@ -185,7 +188,13 @@ def test_confirmed_actions_are_read_from_segments_and_train_the_noise(tmp_path: 
         (("o3", "p6"), ("o3", "p6")),
     ]
     out = tmp_path / "confusions.json"
-    assert main(["train", "noise", "--data", str(path), "--out", str(out)]) == 0
+    config = tmp_path / "config" / "cell.yaml"
+    config.parent.mkdir()
+    for name in ("cell.yaml", "products.yaml"):
+        (config.parent / name).write_text(shipped("config", name).read_text())
+    assert main(["train", "noise", "--data", str(path), "--out", str(out), "--config", str(config)]) == 0
+    told = "".join(capsys.readouterr().err.split())
+    assert told.endswith("planners.semantic.confusions:../confusions.json")  # as a path in that file
     assert json.loads(out.read_text())["reports_n"] == 4
     path.write_text('{"format": "cell.crops"}\n')
     with pytest.raises(InputError, match=r"segments\.jsonl:1: no file of segments"):

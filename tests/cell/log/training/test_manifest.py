@@ -15,14 +15,17 @@ import pytest
 
 from cell.commands.main import main
 from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.hand_window import window_px
 from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
 from cell.interfaces.pose import Pose
 from cell.log.reading.reader import Log
-from cell.log.replaying.logged_tree import logged_product
+from cell.log.replaying.logged_tree import logged_bench, logged_product
 from cell.log.training.demonstrations import demonstration_of
 from cell.log.training.manifest import write_training_data
 from cell.log.training.segments import bench_views, carried_parts, segments
 from cell.log.training.tray_scenes import attempts, scene_records
+from learned.actions.classes import Classes
+from learned.actions.dataset import load_segments
 from learned.grasp.dataset import read_scenes
 from learned.semantic.dataset import load_demonstrations
 from tests import ROOT
@@ -53,6 +56,19 @@ def test_segments_hold_the_track_and_the_label_of_the_log(tray_log: Log, folder:
             assert (hand is None) == (seen is None)
             if seen is not None:
                 assert tuple(hand["fingertips_m"]) == seen.fingertips_m
+
+
+def test_detectors_of_actions_learn_from_segments_of_a_log(tray_log: Log, folder: Path) -> None:
+    product, bench = logged_product(tray_log), logged_bench(tray_log)
+    learned = load_segments([folder], Classes.of(product))
+    assert len(learned) >= 3
+    shown = [row for row in rows(folder / "segments.jsonl") if row["hand_crop"]]
+    assert shown
+    assert any(row["hole_crop"] for row in shown)
+    for row in shown:
+        window = cv2.imread(str(folder / row["hand_crop"]))
+        assert window is not None
+        assert window.shape == (window_px(bench.overhead), window_px(bench.overhead), 3)
 
 
 def test_a_confirmed_placement_is_told(folder: Path) -> None:

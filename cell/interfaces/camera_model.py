@@ -84,8 +84,12 @@ class CameraModel:
         stretch: Array = 1 + self.distortion_k1 * square + self.distortion_k2 * square**2
         return stretch
 
-    def onto_plane(self, world_from_camera: Pose, pixels: Array, height_m: float) -> Array:
-        """Pixels (n, 2) as (column, row) to the world points (n, 3) where their rays meet z = height_m."""
+    def onto_plane(self, world_from_camera: Pose, pixels: Array, height_m: float | Array) -> Array:
+        """Pixels (n, 2) as (column, row) to the world points (n, 3) where their rays meet z = height_m.
+
+        Args:
+            height_m: of all of them, or (n, 1).
+        """
         in_camera = np.ones((len(pixels), 3))
         in_camera[:, :2] = (self.straightened(pixels) - self.middle_px) / self.focal_px
         rays = in_camera @ world_from_camera.rotation.T

@@ -14,7 +14,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.errors import DeviceFault
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Array, Pose
-from cell.interfaces.product import Product
+from cell.interfaces.product import PartType, Product
 from learned.exposure import levelled
 from learned.onnx_model import Network, OnnxModel
 from learned.parts.crops import crop_of
@@ -45,6 +45,20 @@ class _Standing:
     place_m: Array
     yaw_rad: float
     standing: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Where a peak would be in the cell.
+
+    Attributes:
+        standing: if it stood; both ways round where its ends differ; nothing for an unknown thing.
+        lying_m: (3,) if it lay as high as the centre net says.
+    """
+
+    peak: Peak
+    standing: tuple[_Standing, ...]
+    lying_m: Array
 
 
 class CentrePartDetector:
@@ -88,13 +102,14 @@ class CentrePartDetector:
         frame = replace(frame, image=levelled(frame.image))
         maps = self._centre.run({"image": network_input(frame.image)})
         features = maps["features"][0]
-        found = [self._scaled(peak) for peak in peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE)]
-        known = [peak for peak in found if peak.kind < len(self._types) and peak.score > LEAST_GRASPED]
-        standing = self._refined(frame, [one for peak in known for one in self._supposed(frame, peak)])
+        peaked = [self._scaled(peak) for peak in peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE)]
+        found = self._placed(frame, peaked)
+        sure = [seen for seen in found if seen.peak.score > LEAST_GRASPED]
+        standing = self._refined(frame, [one for seen in sure for one in seen.standing])
         answers = [self._standing(frame, one, features) for one in standing]
         boxes = [np.array(one.box_px, float) for one in answers] + [one.peak.box_px for one in standing]
-        others = [peak for peak in found if all(overlap(peak.box_px, box) < SAME_BOX for box in boxes)]
-        answers += [self._other(frame, peak, features) for peak in others]
+        others = [seen for seen in found if all(overlap(seen.peak.box_px, box) < SAME_BOX for box in boxes)]
+        answers += [self._other(frame, seen, features) for seen in others]
         return tuple(one for one in answers if self._near_tray(one))
 
     def _looks_down(self, world_from_camera: Pose) -> bool:
@@ -111,16 +126,29 @@ class CentrePartDetector:
         centre = (peak.centre_px + 0.5) * scale - 0.5
         return replace(peak, centre_px=centre, box_px=peak.box_px * np.tile(scale, 2))
 
-    def _supposed(self, frame: Frame, peak: Peak) -> list[_Standing]:
-        """Where a part would be if it stood; both ways round where its ends differ."""
-        kind = self._product.parts[self._types[peak.kind]]
-        middle_m = self._bench.tray.centre_m[2] + kind.peg_length_m + kind.size_m[2] / 2
-        way = AXIS_PX * np.array([math.cos(peak.axis_rad), math.sin(peak.axis_rad)])
-        pixels = np.stack([peak.centre_px, peak.centre_px + way, peak.centre_px - way])
-        place, ahead, behind = self._bench.wrist.model.onto_plane(frame.world_from_camera, pixels, middle_m)
-        yaw = math.atan2(ahead[1] - behind[1], ahead[0] - behind[0])
+    def _placed(self, frame: Frame, found: Sequence[Peak]) -> list[_Seen]:
+        """Where each peak would be; all rays at once, as bent lenses cost as much for one as for many."""
+        floor_m = self._bench.tray.centre_m[2]
+        pixels, heights_m = np.empty((len(found), 4, 2)), np.empty((len(found), 4, 1))
+        for index, peak in enumerate(found):
+            way = AXIS_PX * np.array([math.cos(peak.axis_rad), math.sin(peak.axis_rad)])
+            pixels[index] = peak.centre_px + np.stack([np.zeros(2), way, -way, np.zeros(2)])
+            kind = self._kind_of(peak)
+            heights_m[index, :3] = floor_m + (kind.peg_length_m + kind.size_m[2] / 2 if kind else 0.0)
+            heights_m[index, 3] = floor_m + (max(peak.height_m, 0.0) if kind else 0.0)
+        model = self._bench.wrist.model
+        places = model.onto_plane(frame.world_from_camera, pixels.reshape(-1, 2), heights_m.reshape(-1, 1))
+        return [self._seen(peak, *four) for peak, four in zip(found, places.reshape(-1, 4, 3), strict=True)]
+
+    def _seen(self, peak: Peak, place_m: Array, ahead_m: Array, behind_m: Array, lying_m: Array) -> _Seen:
+        if (kind := self._kind_of(peak)) is None:
+            return _Seen(peak, (), lying_m)
+        yaw = math.atan2(ahead_m[1] - behind_m[1], ahead_m[0] - behind_m[0])
         turns = (0.0,) if kind.alike_after_half_turn else (0.0, math.pi)
-        return [_Standing(peak, place, yaw + turn) for turn in turns]
+        return _Seen(peak, tuple(_Standing(peak, place_m, yaw + turn) for turn in turns), lying_m)
+
+    def _kind_of(self, peak: Peak) -> PartType | None:
+        return self._product.parts[self._types[peak.kind]] if peak.kind < len(self._types) else None
 
     def _refined(self, frame: Frame, supposed: Sequence[_Standing]) -> list[_Standing]:
         """Those that stand, where the pose net sees them; of one thing the surest answer, none inside others."""
@@ -164,17 +192,13 @@ class CentrePartDetector:
         box = _box(np.concatenate([seen.min(axis=0), seen.max(axis=0)]))
         return PartDetection(name, one.peak.score, pose, kind.size_m, box, _embedding(one.peak, features))
 
-    def _other(self, frame: Frame, peak: Peak, features: NDArray[np.float32]) -> PartDetection:
+    def _other(self, frame: Frame, seen: _Seen, features: NDArray[np.float32]) -> PartDetection:
         """A part that does not stand, or something unknown: where it lies, as well as the centre net knows."""
-        model, floor_m = self._bench.wrist.model, self._bench.tray.centre_m[2]
-        known = peak.kind < len(self._types)
-        height_m = peak.height_m if known else 0.0
-        pixels = peak.centre_px[np.newaxis]
-        place = model.onto_plane(frame.world_from_camera, pixels, floor_m + max(height_m, 0.0))[0]
-        x, y, z = (float(value) for value in place)
-        yaw = self._supposed(frame, peak)[0].yaw_rad if known else 0.0
-        name = self._types[peak.kind] if known else UNKNOWN
-        size = self._product.parts[name].size_m if known else self._extent(frame, peak)
+        peak, kind = seen.peak, self._kind_of(seen.peak)
+        x, y, z = (float(value) for value in seen.lying_m)
+        yaw = seen.standing[0].yaw_rad if kind else 0.0
+        name = self._types[peak.kind] if kind else UNKNOWN
+        size = kind.size_m if kind else self._extent(frame, peak)
         pose = Pose.from_yaw((x, y, z), yaw)
         return PartDetection(name, peak.score, pose, size, _box(peak.box_px), _embedding(peak, features), upright=False)
 

@@ -93,6 +93,7 @@ def _apart(found: Sequence[Peak], most: float = 0.5) -> list[Peak]:
 
 def overlap(first: Array, second: Array) -> float:
     """Intersection over union of two boxes (left, top, right, bottom)."""
-    low, high = np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])
-    both = float(np.prod(np.clip(high - low, 0, None)))
-    return both / max(float(np.prod(first[2:] - first[:2]) + np.prod(second[2:] - second[:2])) - both, 1e-9)
+    left, top, right, bottom = first.tolist()
+    a, b, c, d = second.tolist()
+    both = max(min(right, c) - max(left, a), 0.0) * max(min(bottom, d) - max(top, b), 0.0)
+    return float(both / max((right - left) * (bottom - top) + (c - a) * (d - b) - both, 1e-9))

@@ -27,6 +27,7 @@ LEAST_STANDING = 0.5  # probability, by both networks, that a part stands and is
 MARGIN_M = 0.06  # things this far outside the tray still count
 NEAREST_M = 0.05  # from the camera to the tray
 AXIS_PX = 8.0
+RAYS = 7  # of a peak: its middle and two points of its axis, its middle if it lies, three corners of its box
 FAR_M, FAR_RAD = 0.002, 0.04  # what the pose net moves by more than this, it sees again where it put it
 SAME_M = 0.012  # two standing parts cannot be nearer
 SAME_BOX = 0.5  # intersection over union, from which something else is the same thing as one that stands
@@ -54,11 +55,13 @@ class _Seen:
     Attributes:
         standing: if it stood; both ways round where its ends differ; nothing for an unknown thing.
         lying_m: (3,) if it lay as high as the centre net says.
+        size_m: of its type; of an unknown thing what it may cover of the floor, from its box, and as high as wide.
     """
 
     peak: Peak
     standing: tuple[_Standing, ...]
     lying_m: Array
+    size_m: tuple[float, float, float]
 
 
 class CentrePartDetector:
@@ -109,7 +112,7 @@ class CentrePartDetector:
         answers = [self._standing(frame, one, features) for one in standing]
         boxes = [np.array(one.box_px, float) for one in answers] + [one.peak.box_px for one in standing]
         others = [seen for seen in found if all(overlap(seen.peak.box_px, box) < SAME_BOX for box in boxes)]
-        answers += [self._other(frame, seen, features) for seen in others]
+        answers += [self._other(seen, features) for seen in others]
         return tuple(one for one in answers if self._near_tray(one))
 
     def _looks_down(self, world_from_camera: Pose) -> bool:
@@ -127,25 +130,28 @@ class CentrePartDetector:
         return replace(peak, centre_px=centre, box_px=peak.box_px * np.tile(scale, 2))
 
     def _placed(self, frame: Frame, found: Sequence[Peak]) -> list[_Seen]:
-        """Where each peak would be; all rays at once, as bent lenses cost as much for one as for many."""
+        """Where each peak would be; all rays at once, as a bent lens costs as much for one as for many."""
         floor_m = self._bench.tray.centre_m[2]
-        pixels, heights_m = np.empty((len(found), 4, 2)), np.empty((len(found), 4, 1))
+        pixels, heights_m = np.empty((len(found), RAYS, 2)), np.full((len(found), RAYS, 1), floor_m)
         for index, peak in enumerate(found):
             way = AXIS_PX * np.array([math.cos(peak.axis_rad), math.sin(peak.axis_rad)])
-            pixels[index] = peak.centre_px + np.stack([np.zeros(2), way, -way, np.zeros(2)])
-            kind = self._kind_of(peak)
-            heights_m[index, :3] = floor_m + (kind.peg_length_m + kind.size_m[2] / 2 if kind else 0.0)
-            heights_m[index, 3] = floor_m + (max(peak.height_m, 0.0) if kind else 0.0)
+            pixels[index, :4] = peak.centre_px + np.stack([np.zeros(2), way, -way, np.zeros(2)])
+            pixels[index, 4:] = peak.box_px[[[0, 1], [2, 1], [0, 3]]]
+            if kind := self._kind_of(peak):
+                heights_m[index, :3] += kind.peg_length_m + kind.size_m[2] / 2
+                heights_m[index, 3] += max(peak.height_m, 0.0)
         model = self._bench.wrist.model
         places = model.onto_plane(frame.world_from_camera, pixels.reshape(-1, 2), heights_m.reshape(-1, 1))
-        return [self._seen(peak, *four) for peak, four in zip(found, places.reshape(-1, 4, 3), strict=True)]
+        return [self._seen(peak, rays) for peak, rays in zip(found, places.reshape(-1, RAYS, 3), strict=True)]
 
-    def _seen(self, peak: Peak, place_m: Array, ahead_m: Array, behind_m: Array, lying_m: Array) -> _Seen:
+    def _seen(self, peak: Peak, places_m: Array) -> _Seen:
+        place, ahead, behind, lying, corner, across, down = places_m
         if (kind := self._kind_of(peak)) is None:
-            return _Seen(peak, (), lying_m)
-        yaw = math.atan2(ahead_m[1] - behind_m[1], ahead_m[0] - behind_m[0])
+            length, width = float(np.linalg.norm(across - corner)), float(np.linalg.norm(down - corner))
+            return _Seen(peak, (), lying, (length, width, min(length, width)))
+        yaw = math.atan2(ahead[1] - behind[1], ahead[0] - behind[0])
         turns = (0.0,) if kind.alike_after_half_turn else (0.0, math.pi)
-        return _Seen(peak, tuple(_Standing(peak, place_m, yaw + turn) for turn in turns), lying_m)
+        return _Seen(peak, tuple(_Standing(peak, place, yaw + turn) for turn in turns), lying, kind.size_m)
 
     def _kind_of(self, peak: Peak) -> PartType | None:
         return self._product.parts[self._types[peak.kind]] if peak.kind < len(self._types) else None
@@ -192,24 +198,13 @@ class CentrePartDetector:
         box = _box(np.concatenate([seen.min(axis=0), seen.max(axis=0)]))
         return PartDetection(name, one.peak.score, pose, kind.size_m, box, _embedding(one.peak, features))
 
-    def _other(self, frame: Frame, seen: _Seen, features: NDArray[np.float32]) -> PartDetection:
+    def _other(self, seen: _Seen, features: NDArray[np.float32]) -> PartDetection:
         """A part that does not stand, or something unknown: where it lies, as well as the centre net knows."""
-        peak, kind = seen.peak, self._kind_of(seen.peak)
-        x, y, z = (float(value) for value in seen.lying_m)
-        yaw = seen.standing[0].yaw_rad if kind else 0.0
-        name = self._types[peak.kind] if kind else UNKNOWN
-        size = kind.size_m if kind else self._extent(frame, peak)
-        pose = Pose.from_yaw((x, y, z), yaw)
-        return PartDetection(name, peak.score, pose, size, _box(peak.box_px), _embedding(peak, features), upright=False)
-
-    def _extent(self, frame: Frame, peak: Peak) -> tuple[float, float, float]:
-        """What an unknown thing may cover of the floor, from its box; as high as it is wide."""
-        left, top, right, bottom = peak.box_px
-        model, floor_m = self._bench.wrist.model, self._bench.tray.centre_m[2]
-        pixels = np.array([[left, top], [right, top], [left, bottom]])
-        corner, across, down = model.onto_plane(frame.world_from_camera, pixels, floor_m)
-        length, width = float(np.linalg.norm(across - corner)), float(np.linalg.norm(down - corner))
-        return length, width, min(length, width)
+        peak, known = seen.peak, bool(seen.standing)
+        x, y, z = seen.lying_m.tolist()
+        pose = Pose.from_yaw((x, y, z), seen.standing[0].yaw_rad if known else 0.0)
+        name, box = self._types[peak.kind] if known else UNKNOWN, _box(peak.box_px)
+        return PartDetection(name, peak.score, pose, seen.size_m, box, _embedding(peak, features), upright=False)
 
     def _near_tray(self, one: PartDetection) -> bool:
         tray = self._bench.tray
@@ -230,4 +225,4 @@ def _box(sides: Array) -> tuple[int, int, int, int]:
 
 def _embedding(peak: Peak, features: NDArray[np.float32]) -> tuple[float, ...]:
     column, row = peak.cell
-    return tuple(float(value) for value in features[:, row, column])
+    return tuple(features[:, row, column].tolist())

@@ -21,6 +21,7 @@ CELLS = (INPUT_PX[0] // STRIDE, INPUT_PX[1] // STRIDE)
 OFFSET, BOX, AXIS, HEIGHT, UPRIGHT = slice(0, 2), slice(2, 6), slice(6, 8), 8, 9  # after the heat maps
 FURTHER = 10
 BOX_UNIT_PX, HEIGHT_UNIT_M = 32.0, 0.05
+LEVELS = np.arange(256, dtype=np.float32) / np.float32(255) - np.float32(0.5)  # of a byte, for networks
 PEAK = np.ones((3, 3), np.uint8)
 
 Maps = NDArray[np.float32]
@@ -53,7 +54,9 @@ class Peak:
 def network_input(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     """An image (height, width, 3) as the centre net takes it, (1, 3, 240, 320)."""
     small = cv2.resize(image, INPUT_PX, interpolation=cv2.INTER_AREA)
-    planes: NDArray[np.float32] = small.transpose(2, 0, 1)[np.newaxis] / np.float32(255) - np.float32(0.5)
+    planes = np.empty((1, 3, *reversed(INPUT_PX)), np.float32)
+    for plane, channel in zip(planes[0], cv2.split(small), strict=True):
+        cv2.LUT(channel, LEVELS, plane)
     return planes
 
 

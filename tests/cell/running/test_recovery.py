@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 from py_trees.common import Status
 
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
@@ -56,6 +57,42 @@ def test_an_empty_gripper_that_restarted_is_activated_once_somebody_acknowledged
     assert outcome.end == "finished"
     assert calls[10] == ["command"], "nothing moves before somebody said so"
     assert calls[40] == ["command", "activate", "command"]
+
+
+@dataclass
+class GrippingGripper(FakeGripper):
+    """Holds a part of 27 mm; a knock makes the fingers move for a moment."""
+
+    moving: bool = False
+    opening_m: float = 0.027
+
+    def state(self) -> GripperState:
+        status = ObjectStatus.MOVING if self.moving else ObjectStatus.CONTACT_CLOSING
+        return replace(super().state(), object_status=status, opening_m=self.opening_m)
+
+
+@pytest.mark.parametrize(("opening_m", "stopped"), [(0.0275, False), (0.02, True)])
+def test_fingers_that_grip_keep_their_force_while_the_arm_is_held_and_a_hand_knocks_them(
+    opening_m: float, stopped: bool
+) -> None:
+    rig = Rig(gripper=GrippingGripper)
+    gripper = rig.gripper
+    assert isinstance(gripper, GrippingGripper)
+    calls: list[str] = []
+
+    def act(tick: int) -> Status:
+        if tick == 0:
+            rig.services.command.gripper = GripperCommand(0.0, 0.1, 40.0)
+        if tick == 5:
+            rig.arm.mode = "safeguard_stop"
+        gripper.moving = tick == 8  # without its force the part would fall out
+        gripper.opening_m = opening_m if tick >= 8 else 0.027
+        calls.extend(gripper.calls if tick == 20 else ())
+        return Status.SUCCESS if tick == 20 else Status.RUNNING
+
+    rig.run(act)
+    assert "command" in calls
+    assert ("hold" in calls) == stopped
 
 
 def test_a_gripper_that_restarted_is_left_alone_as_long_as_nobody_acknowledges() -> None:
@@ -110,13 +147,13 @@ def test_a_protective_stop_is_unlocked_by_an_acknowledgement_and_goes_on() -> No
 def test_an_arm_that_is_held_off_its_path_is_an_alarm_and_gives_the_path_up_once_that_is_acknowledged() -> None:
     rig = Rig()
     calls: list[list[str]] = []
+    early: list[str] = []
 
     def act(tick: int) -> Status:
         if tick == 3:
             rig.services.command.follow = JointTrajectory(np.array([0.0, 1.0]), np.array([PARKED, (0.1,) * 6]))
             rig.arm.positions_rad = (0.05,) * 6
-        if tick == 200:
-            assert rig.panel.alarms == []
+        early.extend(rig.panel.alarms if tick == 200 else ())
         if tick == 300:
             rig.operator.put(OperatorOrder("acknowledge"))
         calls.append(list(rig.arm.calls))
@@ -124,6 +161,7 @@ def test_an_arm_that_is_held_off_its_path_is_an_alarm_and_gives_the_path_up_once
 
     outcome, _ = rig.run(act)
     assert outcome.end == "finished"
+    assert early == []
     alarm, gone = rig.panel.alarms
     assert (alarm, gone) == ("the arm does not follow its trajectory; acknowledge it when it may go on", "")
     assert sum(text.endswith(alarm) for text in rig.observer.messages) == 1

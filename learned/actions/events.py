@@ -47,7 +47,7 @@ class EventSettings(Model):
     keep: float = 0.3
     shown_reads: int = 2
     shown_confidence: float = 0.9
-    shown_evidence: float = 0.5
+    shown_evidence: float = 1.2
     shown_s: float = 2.0
 
 

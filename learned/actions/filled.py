@@ -36,8 +36,8 @@ class FilledHoles:
     def __init__(self, classes: Classes, reads: int, confidence: float) -> None:
         self._classes, self._reads, self._least = classes, reads, confidence
         self._seen_s: dict[str, float] = {}
-        self._empty: set[str] = set()
-        self._shows: dict[str, tuple[str, int]] = {}  # part, and how many looks in a row showed it
+        self._watched: set[str] = set()  # they were empty once
+        self._shows: dict[str, tuple[str, int, bool]] = {}  # part, looks in a row that show it, whether it is settled
 
     def update(self, holes: Mapping[str, HoleView]) -> Iterator[Filled]:
         """Holes that are newly filled, at each new look up to the one that settles it, and not before they were empty.
@@ -49,18 +49,16 @@ class FilledHoles:
                 continue
             self._seen_s[position] = view.seen_s
             if view.part is None:
-                self._empty.add(position)
+                self._watched.add(position)
                 self._shows.pop(position, None)
-            elif position in self._empty:
-                part, looks = self._shows.get(position, (view.part, 0))
-                looks = looks + 1 if part == view.part else 1
-                self._shows[position] = view.part, looks
-                if looks < self._reads:
-                    continue
-                if view.confidence >= self._least:
-                    self._empty.discard(position)
-                numbers = self._classes.parts.index(view.part), self._classes.positions.index(position)
-                yield Filled(*numbers, view.confidence)
+            elif position in self._watched:
+                part, looks, settled = self._shows.get(position, (view.part, 0, False))
+                looks, settled = (looks + 1, settled) if part == view.part else (1, False)
+                sure = looks >= self._reads and view.confidence >= self._least
+                self._shows[position] = view.part, looks, settled or sure
+                if looks >= self._reads and not settled:
+                    numbers = self._classes.parts.index(view.part), self._classes.positions.index(position)
+                    yield Filled(*numbers, view.confidence)
 
 
 def seen_empty(classes: Classes, holes: Mapping[str, HoleView], time_s: float) -> frozenset[int]:

@@ -200,6 +200,8 @@ def test_a_hole_is_newly_filled_when_new_looks_agree_after_it_was_empty_until_a_
     assert filled(("o1", 0.95, 1.0), ("o1", 0.95, 2.0)) == []  # nobody knows since when
     assert filled(empty, ("o1", 0.95, 1.0), ("o2", 0.95, 2.0), ("o2", 0.95, 3.0)) == [3]
     assert filled(empty, ("o1", 0.95, 1.0), ("o1", 0.6, 2.0), ("o1", 0.95, 3.0), ("o1", 0.95, 4.0)) == [2, 3]
+    corrected = ("o2", 0.95, 1.0), ("o2", 0.95, 2.0), ("o1", 0.7, 3.0), ("o1", 0.7, 4.0)
+    assert filled(empty, *corrected) == [2, 4]
     again = ("o1", 0.95, 1.0), ("o1", 0.95, 2.0), (None, 0.99, 3.0), ("o1", 0.95, 4.0), ("o1", 0.95, 5.0)
     assert filled(empty, *again) == [2, 5]
 

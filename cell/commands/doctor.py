@@ -17,8 +17,9 @@ import can
 
 from cell.commands.weights import need_torch
 from cell.configuration import Configuration, load_configuration, load_product
-from cell.interfaces.errors import CellError
+from cell.interfaces.errors import CellError, Problem
 from cell.interfaces.product import Product
+from cell.interfaces.yaml_file import place_of
 from cell.running.rendering import chosen_backend, renders
 
 GL_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0 libosmesa6"
@@ -59,7 +60,17 @@ def examine(path: Path) -> list[Finding]:
     machine = [rendering, _disk(logs), _writable(logs), _can(configuration)]
     devices = _devices(configuration, product) if all(finding.ok for finding in (rendering, machine[-1])) else ()
     planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
-    return [*machine, *devices, Finding(f"configuration {path}", True), *planners, *rest]
+    own = [Finding(f"configuration {path}", True), _bench(configuration, product, path)]
+    return [*machine, *devices, *own, *planners, *rest]
+
+
+def _bench(configuration: Configuration, product: Product, path: Path) -> Finding:
+    """Whether everything that stands on the simulated bench has a place of its own; a run would begin all the same."""
+    from sim.overlapping import overlapping
+
+    found = overlapping(product, configuration.bench)
+    wrong = [str(Problem(place_of(path, where), what)) for where, what in found]
+    return Finding("bins, tray and bracket beside each other", not wrong, "; ".join(wrong), False)
 
 
 def _python() -> Finding:

@@ -78,6 +78,29 @@ def test_a_full_disk_and_a_missing_package_are_told(monkeypatch: pytest.MonkeyPa
     assert (packages.ok, packages.needed) == (False, True)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("o2: [1.02, 0.14,", "o2: [1.02, 0.20,", "the bin of o2 and the bin of o1 overlap"),
+        ("o3: [1.02, -0.08,", "o3: [0.80, -0.08,", "the bin of o3 and the bracket overlap"),
+        ("o3: [1.02, -0.08,", "o3: [0.70, -0.38,", "the bin of o3 and the tray overlap"),
+    ],
+)
+def test_bins_that_stand_in_each_others_place_are_told_with_their_line(
+    old: str, new: str, words: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(doctor, "_devices", lambda *_: ())
+    what = "bins, tray and bracket beside each other"
+    (sound,) = [finding for finding in examine(configuration(tmp_path / "sound")) if finding.what == what]
+    assert (sound.ok, sound.remedy) == (True, "")
+    path = configuration(tmp_path / "wrong", old, new)
+    (finding,) = [finding for finding in examine(path) if finding.what == what]
+    assert (finding.ok, finding.needed) == (False, False)
+    line = next(number for number, text in enumerate(path.read_text().splitlines(), 1) if new in text)
+    assert f"{path}:{line}:" in finding.remedy
+    assert words in finding.remedy
+
+
 def test_without_rendering_no_device_is_opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(doctor, "renders", lambda _: False)
     first, *others = examine(configuration(tmp_path))

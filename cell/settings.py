@@ -79,6 +79,12 @@ class Perception(Model):
         own: DetectorSettings | None = getattr(self, detector)
         return own or DetectorSettings(kind=LEARNED_KINDS[detector] if self.kind == "learned" else "classical")
 
+    def with_detector(self, detector: str, kind: str, weights: Path | None = None) -> Perception:
+        """The same with another detector; without weights, those that are configured for this kind."""
+        own = self.chosen(detector)
+        file = weights or (own.weights if own.kind == kind else None)
+        return self.model_copy(update={detector: DetectorSettings(kind=kind, weights=file)})
+
     def weights(self, detector: str) -> Path:
         """The file of weights of a detector that is not classical."""
         settings = self.chosen(detector)

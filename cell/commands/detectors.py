@@ -34,7 +34,7 @@ HungOption = Annotated[
         "--cameras", help="calibrated, as by `cell calibrate` in each look, or believed, as the bench file says."
     ),
 ]
-WeightsOption = Annotated[Path | None, typer.Option(help="Weights; the shipped ones by default.")]
+WeightsOption = Annotated[Path | None, typer.Option(help="Weights; the configured ones by default.")]
 
 
 def how_to_use(detector: str, kind: str, weights: Path, config: Path) -> None:

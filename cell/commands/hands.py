@@ -127,7 +127,7 @@ def evaluate(
         bool, typer.Option(help="Move hand and parts by physics, or, eight times as fast, by rule.")
     ] = True,
     cameras: CamerasOption = Cameras.calibrated,
-    weights: Annotated[Path | None, typer.Option(help="Weights of `slim`; the shipped ones by default.")] = None,
+    weights: Annotated[Path | None, typer.Option(help="Weights of `slim`; the configured ones by default.")] = None,
     photos: Annotated[
         Path | None, typer.Option(help="Folder of photographs: score MediaPipe's networks on them.")
     ] = None,
@@ -173,10 +173,8 @@ def _maker(
         SettingError: there is no such kind, or its weights cannot be used.
     """
     from cell.running.detectors import Detectors
-    from cell.settings import DetectorSettings
 
-    chosen = DetectorSettings(kind=kind, weights=weights if kind == "slim" else None)
-    perception = configuration.perception.model_copy(update={"hands": chosen})
+    perception = configuration.perception.with_detector("hands", kind, weights if kind == "slim" else None)
     Detectors(configuration.bench, product, perception).make("hands")  # before minutes go into recordings
 
     def make(bench: Bench) -> HandTracker:

@@ -13,6 +13,9 @@ from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
     from cell.evaluating.weights import Comparison
+    from cell.interfaces.product import Product
+
+SIZES_ALONE = "pairwise"  # knows no part by its name
 
 
 def evaluate_weights(
@@ -37,7 +40,6 @@ def evaluate_weights(
     from cell.evaluating.weights import NETWORKS, Sample, compared, score_weights
     from cell.interfaces.planning import weights_file
     from cell.settings import WEIGHTS
-    from learned.onnx_model import OnnxModel
 
     legal = dict.fromkeys(name for name, _ in NETWORKS)
     for name in only or ():
@@ -56,9 +58,9 @@ def evaluate_weights(
         **{name: str(at) for name, at in folders.items()},
     }
     chosen = [one for one in NETWORKS if one[0] in (only or legal)]
-    for at in folders.values():
+    for at in folders.values():  # what is missing, or of another product, is said before anything is scored
         for network in chosen:
-            OnnxModel.card_of(at / weights_file(*network))  # what is missing is said before anything is scored
+            _require(at / weights_file(*network), network[1], sample.product)
     rows = RowFile(out, heading)
     kept: dict[tuple[object, ...], Any] = {_named(row): row["scores"] for row in rows.rows}
     found: dict[str, Comparison] = {}
@@ -74,6 +76,18 @@ def evaluate_weights(
     console().print(table(f"again? detectors in the look {look}, {recordings} recordings from {first_seed}", shown))
     if as_json:
         print_json({**heading, "networks": {title: one.told for title, one in found.items()}})
+
+
+def _require(path: Path, kind: str, product: Product) -> None:
+    from learned.onnx_model import OnnxModel
+
+    known = OnnxModel.card_of(path).vocabulary.get("parts", ())
+    if kind != SIZES_ALONE and known != tuple(product.parts):
+        has = ", ".join(product.parts)
+        raise InputError(
+            f"{path}: knows the parts {', '.join(known)}, and this product has {has}; compare two folders that know it "
+            "(--against FOLDER)"
+        )
 
 
 def _named(row: dict[str, object]) -> tuple[object, ...]:

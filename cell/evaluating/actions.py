@@ -17,10 +17,9 @@ from cell.evaluating.placements import Told, delays, matched, releases
 from cell.evaluating.row_file import Row
 from cell.evaluating.things import calibrated_bench
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
-from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
-from cell.settings import WEIGHTS, DetectorSettings, Perception
+from cell.settings import Perception
 from learned.actions.classes import Classes
 from learned.actions.dataset import load_segments
 from learned.actions.detector import TrainedActionDetector
@@ -182,7 +181,7 @@ def evaluate_segments(
     Beside them the controls: black crops, and tracks whose frames are in another order.
     """
     classes, reader = Classes.of(product), SegmentReader(configuration.bench, product)
-    file = weights or WEIGHTS / weights_file("actions", kind)
+    file = configuration.perception.with_detector("actions", kind, weights).weights("actions")
     network = OnnxModel.load(file, f"actions.{kind}")
     network.require_vocabulary("parts", classes.parts)
     with tempfile.TemporaryDirectory() as made:
@@ -207,7 +206,7 @@ class _Watcher:
 
     def __init__(self, configuration: Configuration, source: Source, kind: str, true_track: bool, weights: Any) -> None:
         configured = configuration.perception
-        perception = configured.model_copy(update={"actions": DetectorSettings(kind=kind, weights=weights)})
+        perception = configured.with_detector("actions", kind, weights)
         if kind == "classical":
             perception = Perception(classical=configured.classical)
         made = Detectors(configuration.bench, source.product, perception)

@@ -18,7 +18,6 @@ from cell.interfaces.perception import Frame, HoleReader, PartDetector
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
-from cell.settings import DetectorSettings
 from learned.calibration.check import WORLD
 from learned.calibration.solve import Shot, fit_camera, fit_over_empty_plate, holes_off_m
 from learned.holes.dataset import Plate, load_plates
@@ -47,7 +46,7 @@ class Task:
 
     Attributes:
         kind: of detector, as in the configuration.
-        weights: of it; the shipped ones where None.
+        weights: of it; the configured ones where None.
         cameras: which mounts and lenses the detector believes in: those that a calibration finds in each look, those
             of the bench file, or the true ones.
         steel_share: of recordings whose parts are of bare steel.
@@ -62,8 +61,7 @@ class Task:
 
     def detectors(self, bench: Bench, what: str) -> Detectors:
         """Makes the chosen detector for a bench."""
-        chosen = DetectorSettings(kind=self.kind, weights=self.weights)
-        perception = self.configuration.perception.model_copy(update={what: chosen})
+        perception = self.configuration.perception.with_detector(what, self.kind, self.weights)
         return Detectors(bench, self.product, perception)
 
 

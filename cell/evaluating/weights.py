@@ -18,7 +18,7 @@ from cell.interfaces.perception import HandTracker
 from cell.interfaces.planning import crops_file, weights_file
 from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
-from cell.settings import LEARNED_KINDS, DetectorSettings
+from cell.settings import LEARNED_KINDS
 from learned.grasp.crops import load_crops
 from learned.grasp.evaluate import embedded, evaluate_scenes
 from learned.grasp.planner import load_grasp_planner
@@ -166,8 +166,7 @@ def _parts(sample: Sample, weights: Path, kind: str) -> dict[str, float]:
 
 
 def _hands(sample: Sample, weights: Path, kind: str) -> dict[str, Any]:
-    chosen = DetectorSettings(kind=kind, weights=weights)
-    perception = sample.configuration.perception.model_copy(update={"hands": chosen})
+    perception = sample.configuration.perception.with_detector("hands", kind, weights)
 
     def make(bench: Bench) -> HandTracker:
         tracker: HandTracker = Detectors(bench, sample.product, perception).make("hands")

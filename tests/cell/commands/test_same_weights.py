@@ -14,6 +14,7 @@ import pytest
 from cell.commands.main import main
 from cell.evaluating import weights
 from cell.evaluating.weights import APART, CHANCE, SAME, Figure, compared
+from cell.interfaces.files import shipped
 from cell.settings import WEIGHTS
 from learned.onnx_model import OnnxModel, save_onnx
 
@@ -78,3 +79,16 @@ def test_what_was_measured_is_kept_and_both_folders_are_scored_on_the_same(
     assert told == {"before": 0.99, "now": 0.9, "points": -9.0, "n": 300, "chance_points": 3.65, "verdict": APART}
     assert main([*words, "--out", str(tmp_path / "rows.jsonl")]) == 0
     assert len(asked) == 2
+
+
+def test_weights_of_another_product_are_told_before_anything_is_scored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(weights, "_SCORED", {})
+    for name in ("cell.yaml", "products.yaml"):
+        (tmp_path / name).write_text(shipped("config", name).read_text().replace("o3", "relief"))
+    config = tmp_path / "cell.yaml"
+    assert main(["eval", "weights", str(WEIGHTS), "--only", "holes", "--config", str(config)]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "knows the parts o1, o2, o3, and this product has o1, o2, relief" in told
+    assert "--against FOLDER" in told

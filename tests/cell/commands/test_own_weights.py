@@ -1,0 +1,41 @@
+"""Scores are those of the weights that the configuration names, whether one by one or as a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cell.commands.main import main
+from cell.interfaces.files import shipped
+
+COMMANDS = {
+    "actions": (["actions", "--quick"], "slim"),
+    "hands": (["hands"], "slim"),
+    "holes": (["holes"], "plate"),
+    "parts": (["parts"], "centre"),
+}
+
+
+def configured(folder: Path, perception: str) -> Path:
+    (folder / "products.yaml").write_text(shipped("config", "products.yaml").read_text())
+    text = shipped("config", "cell.yaml").read_text()
+    begin, end = text.index("\nperception:"), text.index("\nplanners:")
+    path = folder / "cell.yaml"
+    path.write_text(f"{text[:begin]}\nperception: {perception}\n{text[end:]}")
+    return path
+
+
+@pytest.mark.parametrize("detector", COMMANDS)
+@pytest.mark.parametrize("whole", [True, False])
+def test_configured_weights_are_scored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], detector: str, whole: bool
+) -> None:
+    """Weights that are not there: those of the configuration are asked for, before anything is rendered."""
+    words, kind = COMMANDS[detector]
+    own = f"{{kind: learned, {detector}: {{kind: {kind}, weights: mine.onnx}}}}"
+    config = configured(tmp_path, "{kind: learned, folder: mine}" if whole else own)
+    assert main(["eval", *words, "--recordings", "1", "--first-seed", "900000", "--config", str(config)]) == 2
+    told = "".join(capsys.readouterr().err.split())
+    assert f"{tmp_path}/mine" in told
+    assert "cannotreadtheweights" in told

@@ -24,6 +24,7 @@ KIND = "holes.plate"
 VOTES = 3  # frames in a row whose mean answer a hole's view follows
 # Keys of the model card: probabilities below which emptiness, and a type, are not said.
 LEAST_EMPTY, LEAST_FILLED = "least_empty", "least_filled"
+LEAST_UPRIGHT = "least_upright"  # of the model card: probability above which a part stands straight
 
 KEYS = {True: LEAST_EMPTY, False: LEAST_FILLED}
 SURELY_EMPTY = 0.9  # emptiness is never said below, however few recordings a validation had
@@ -54,6 +55,7 @@ class HoleNetwork:
         network.card.require_vocabulary(network.path, {"parts": self._types})
         self._least = {empty: float(str(network.card.config.get(key, 0.9))) for empty, key in KEYS.items()}
         self._least[True] = max(self._least[True], SURELY_EMPTY)
+        self._least_upright = float(str(network.card.config.get(LEAST_UPRIGHT, 0.5)))
 
     def answer(self, image: Image, camera: Pose) -> Answer:
         """Probabilities of one frame."""
@@ -72,7 +74,7 @@ class HoleNetwork:
             return None
         if best == 0:
             return Reading(None, True, sure)
-        return Reading(self._types[best - 1], upright > 0.5, sure)
+        return Reading(self._types[best - 1], upright > self._least_upright, sure)
 
 
 class PlateHoleReader:

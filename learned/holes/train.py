@@ -19,7 +19,7 @@ from learned.fitting import Checkpoint, fit_examples
 from learned.holes.crops import CROP_PX, hole_crops, squares_m
 from learned.holes.dataset import Plate
 from learned.holes.network import HoleAnswer, HoleNet
-from learned.holes.reader import KIND, LEAST_EMPTY, LEAST_FILLED
+from learned.holes.reader import KIND, LEAST_EMPTY, LEAST_FILLED, LEAST_UPRIGHT
 from learned.holes.settings import HoleTraining
 from learned.onnx_model import ModelCard
 from learned.stills import data_hash, split
@@ -57,7 +57,8 @@ def train_holes(
     shares = torch.softmax(logits / temperature, dim=1).numpy()
     weights = as_met_with(truth.numpy(), seated.numpy(), settings.astray_share)
     least = least_sure(shares, truth.numpy(), bare.numpy(), weights, settings)
-    config = settings.model_dump(mode="json") | least | {"temperature": temperature}
+    straight = least_upright(plates, settings.astray_share)
+    config = settings.model_dump(mode="json") | least | {LEAST_UPRIGHT: straight, "temperature": temperature}
     wanted = np.where(shares.argmax(axis=1) == 0, least[LEAST_EMPTY], least[LEAST_FILLED])
     said = (shares.max(axis=1) >= wanted)[bare]
     right = (shares.argmax(axis=1) == truth.numpy())[bare]
@@ -84,6 +85,15 @@ def as_met_with(truth: NDArray[np.int64], seated: NDArray[np.bool_], astray_shar
     if not 0 < own < 1:
         return np.ones(len(truth))
     return np.where(filled, np.where(seated, (1 - astray_share) / (1 - own), astray_share / own), 1.0)
+
+
+def least_upright(plates: Sequence[Plate], astray_share: float) -> float:
+    """The probability that is a half where as few parts are astray as are met with; training shows more of them."""
+    own = float(np.mean([not hole.upright for plate in plates for hole in plate.holes if hole.part] or [0.0]))
+    if not 0 < own < 1:
+        return 0.5
+    met, shown = astray_share / (1 - astray_share), own / (1 - own)
+    return met / (met + shown)
 
 
 def least_sure(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,3 +94,15 @@ def test_probabilities_are_chosen_for_as_many_astray_parts_as_are_met_with() -> 
     assert met < plain  # they are rarer than in the data: more may be said
     wrongly = misnamed & (sure >= met)
     assert weights[wrongly].sum() <= settings.most_misnamed * weights.sum()
+
+
+def test_a_part_is_told_to_be_astray_as_seldom_as_parts_are() -> None:
+    from learned.holes.train import least_upright
+
+    def plates(astray: int) -> list[Any]:
+        return [SimpleNamespace(holes=[SimpleNamespace(part="o1", upright=index >= astray) for index in range(100)])]
+
+    assert least_upright(plates(15), 0.15) == pytest.approx(0.5)
+    told = least_upright(plates(40), 0.15)
+    assert told / (1 - told) == pytest.approx((0.15 / 0.85) / (0.4 / 0.6))  # odds of what is astray, by Bayes' rule
+    assert least_upright(plates(0), 0.15) == 0.5

@@ -89,7 +89,7 @@ def as_met_with(truth: NDArray[np.int64], seated: NDArray[np.bool_], astray_shar
 
 def least_upright(plates: Sequence[Plate], astray_share: float) -> float:
     """The probability that is a half where as few parts are astray as are met with; training shows more of them."""
-    own = float(np.mean([not hole.upright for plate in plates for hole in plate.holes if hole.part] or [0.0]))
+    own = float(np.mean([not hole.upright for plate in plates for hole in plate.holes if hole.part] or [False]))
     if not 0 < own < 1:
         return 0.5
     met, shown = astray_share / (1 - astray_share), own / (1 - own)

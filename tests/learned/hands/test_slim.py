@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from cell.evaluating.hands import FOUND_M, ONLY, evaluate_hands
 from cell.interfaces.errors import ModelError
 from cell.interfaces.planning import weights_file
 from cell.settings import WEIGHTS
-from learned.hands.slim import finder_file, slim_tracker
+from learned.hands.slim import SlimReader, finder_file, slim_tracker
 from learned.onnx_model import OnnxModel
 from sim.data.hands import hand_frames
 from sim.data.recording import Source, record
@@ -57,6 +58,38 @@ def test_the_other_hand_is_not_the_one_that_works() -> None:
     scores = evaluate_hands(configuration, product, trackers, [SEED], stretches=2, physics=False, only="second")["slim"]
     assert scores["found"] > 0.95
     assert scores["second_found"] > 0.9
+
+
+@pytest.mark.parametrize("look", ["nominal", "varied"])
+def test_hands_that_point_to_any_side_are_found_and_read(look: str) -> None:
+    """True frames, turned about the hand: by itself it points at most 55 degrees to the side."""
+    configuration = simulated(load_configuration(), look, "varied")
+    product, bench = load_product(configuration), configuration.bench
+    source = Source(record(product, bench, configuration.devices.simulation, SEED, physics=False), product, bench)
+    moments = len(source.assembly.moments)
+    seen = hand_frames(source, [range(start, start + 2) for start in range(moments // 4, moments - 2, moments // 8)])
+    reader = SlimReader(bench.overhead, tuple(product.parts), FILE)
+    away_px = []
+    for one in seen:
+        hand = next((hand for hand in one.hands if hand.acting and hand.visible > 0.9), None)
+        if hand is None:
+            continue
+        palm, tips = (np.array(hand.points_px[name]) for name in ("palm", "pinch"))
+        middle = (np.array(one.frame.image.shape[1::-1]) - 1) / 2
+        for degrees in (-90, -60, 60, 90):
+            there = cv2.getRotationMatrix2D(palm.tolist(), degrees, 1.0)
+            there[:, 2] += middle - palm
+            image = cv2.warpAffine(
+                one.frame.image, there, one.frame.image.shape[1::-1], borderMode=cv2.BORDER_REPLICATE
+            )
+            turned = there @ np.append(tips, 1.0)
+            errors = [
+                np.linalg.norm([found.points_px["palm"] - middle, found.points_px["pinch"] - turned], axis=1).max()
+                for found in reader.read(image.astype(np.uint8))
+            ]
+            away_px.append(min(errors, default=math.inf))
+    assert len(away_px) >= 20
+    assert np.mean(np.array(away_px) < 8) > 0.9
 
 
 @pytest.mark.parametrize(("look", "share"), [("nominal", 1.0), ("varied", 0.8)])

@@ -18,7 +18,9 @@ GAMMA = 0.35  # standard deviation of its logarithm
 COVER = (0.08, 0.3)  # sides of what covers a piece, as shares of the image's
 
 
-def varied(images: Tensor, rng: np.random.Generator, largest_noise: float = LARGEST_NOISE) -> tuple[Tensor, Tensor]:
+def varied(
+    images: Tensor, rng: np.random.Generator, largest_noise: float = LARGEST_NOISE, *, shades: bool = True
+) -> tuple[Tensor, Tensor]:
     """Images (n, 3, height, width) of 0 to 1 with other colours, gamma, blur, light, shadow, noise and a piece covered.
 
     Returns:
@@ -30,7 +32,8 @@ def varied(images: Tensor, rng: np.random.Generator, largest_noise: float = LARG
     images = torch.einsum("nij,njhw->nihw", mixing, images).clamp(0.0, 1.0)
     negative = torch.from_numpy(rng.random(count) < NEGATIVE_SHARE)[:, None, None, None]
     images = torch.where(negative, 1.0 - images, images)
-    _shade(images, rng)
+    if shades:
+        _shade(images, rng)
     gamma = np.exp(rng.normal(0.0, GAMMA, count) * (rng.random(count) < GAMMA_SHARE))
     images = images + 1e-4
     curved = torch.from_numpy(gamma != 1.0)

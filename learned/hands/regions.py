@@ -55,15 +55,16 @@ class Regions:
         """The whole image as the finder sees it, (120, 160, 3)."""
         return cv2.resize(image, FINDER_PX, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
-    def cut(self, image: Image, centre_px: Array, side_px: int = REGION_PX) -> Image:
+    def cut(self, image: Image, centre_px: Array, side_px: int = REGION_PX, turn_rad: float = 0.0) -> Image:
         """The region around a point (column, row), (side, side, 3); grey beyond the image.
 
         Args:
             side_px: of the answer; more than REGION_PX takes a larger region at the same scale.
+            turn_rad: by which it is turned about its middle, from right to down.
         """
         scale = self.side_px / REGION_PX
         smooth = cv2.GaussianBlur(image, (0, 0), 0.35 * scale) if scale > 1.5 else image
-        return _warped(smooth, seen_from(centre_px, scale, side_px), side_px)
+        return _warped(smooth, seen_from(centre_px, scale, side_px, turn_rad), side_px)
 
     def around(
         self,

@@ -21,9 +21,9 @@ from learned.fitting import Checkpoint, fit
 from learned.hands.augment import varied
 from learned.hands.dataset import EDGE_PX, PATCH_PX, HandData, load_hands
 from learned.hands.networks import FINDER_CELLS, HEAT_PX, Finder, Found, Read, Reader, split_facts
-from learned.hands.regions import REGION_PX, planes, seen_from
+from learned.hands.regions import REGION_PX, planes
 from learned.hands.slim import FINDER_KIND, READER_KIND, finder_file
-from learned.hands.turns import drawn_turns, turned_boxes, turned_images, turned_points
+from learned.hands.turns import drawn_turns, turned_images, turned_points
 from learned.onnx_model import ModelCard, OnnxModel
 from learned.torch_model import TorchModel, write_weights
 
@@ -220,49 +220,42 @@ def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -
 
 
 def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generator) -> dict[str, Tensor]:
-    """Regions that do not quite sit on their hands, of other sizes, some turned, half mirrored; what is true of them.
-
-    The camera looks straight down: an image turned about its middle is that of a camera turned about its axis.
-    """
+    """Regions that do not quite sit on their hands, of other sizes, half of them mirrored; what is true of them."""
     shifts = np.clip(rng.normal(0.0, SHIFT_PX / 2.5, (len(rows), 2)), -SHIFT_PX, SHIFT_PX)
     shifts = (shifts * np.where(data.facts[rows, :1] > 0, 1.0, SHIFT_OF_NONE)).round()
     logs = rng.uniform(-1.0, 1.0, len(rows)) * (rng.random(len(rows)) < SCALED_SHARE) * np.log(LARGEST_SCALE)
     scales = np.exp(logs).astype(np.float32)
-    turns = drawn_turns(len(rows), rng)
-    seen = list(zip(rows, scales, shifts, turns, strict=True))
-    cuts = [_scaled(data.patches[row], scale, shift, turn) for row, scale, shift, turn in seen]
+    seen = list(zip(rows, scales, shifts, strict=True))
+    cuts = [_scaled(data.patches[row], scale, shift) for row, scale, shift in seen]
     around = [
-        data.regions.around(data.small[data.frames[row]], data.centres_px[row], shift, float(scale), turn)
-        for row, scale, shift, turn in seen
+        data.regions.around(data.small[data.frames[row]], data.centres_px[row], shift, float(scale))
+        for row, scale, shift in seen
     ]
-    moved = shifts / REGION_PX
-    places = data.regions.place(data.centres_px[rows] + moved * data.regions.side_px)
-    points = data.points[rows] - 0.5 - moved[:, np.newaxis]
-    boxes = turned_boxes(data.boxes[rows] - 0.5 - np.tile(moved, 2), points, turns)
+    places = [data.regions.place(data.centres_px[row]) for row in rows]
+    moved = (shifts / REGION_PX).astype(np.float32)
+    points, boxes = (shares - 0.5 for shares in (data.points[rows], data.boxes[rows]))
     arrays = {
         "region": planes(np.stack(cuts)),
         "around": planes(np.stack(around)),
-        "points": turned_points(points, turns) * scales[:, np.newaxis, np.newaxis] + 0.5,
-        "box": boxes * scales[:, np.newaxis] + 0.5,
+        "points": (points - moved[:, np.newaxis]) * scales[:, np.newaxis, np.newaxis] + 0.5,
+        "box": (boxes - np.tile(moved, 2)) * scales[:, np.newaxis] + 0.5,
         "facts": data.facts[rows],
         "heights": data.heights_m[rows],
         "angle": data.log_angles[rows] + logs.astype(np.float32),
         "held": data.held[rows],
-        "place": turned_points(places, turns, data.regions.size_px),
+        "place": np.array(places, np.float32),
     }
-    single = {name: one.astype(np.float32) if one.dtype == np.float64 else one for name, one in arrays.items()}
-    batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(one)) for name, one in single.items()}
-    batch["around"], _ = varied(batch["around"], rng, FINDER_NOISE)
-    batch["region"], mixed = varied(batch["region"], rng)
+    batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(one)) for name, one in arrays.items()}
+    batch["around"], _ = varied(batch["around"], rng, FINDER_NOISE, shades=False)
+    batch["region"], mixed = varied(batch["region"], rng, shades=False)
     batch["paint"] = mixed < MIXED
     return mirrored(batch, torch.from_numpy(rng.random(len(rows)) < 0.5))
 
 
-def _scaled(
-    patch: NDArray[np.uint8], scale: float, shift_px: NDArray[np.float64], turn_rad: float
-) -> NDArray[np.uint8]:
-    """The region about the middle of a patch, shifted (right, down), seen so much larger, and turned."""
-    back = seen_from((PATCH_PX - 1) / 2 + shift_px, 1 / scale, REGION_PX, turn_rad)
+def _scaled(patch: NDArray[np.uint8], scale: float, shift_px: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """The region about the middle of a patch, shifted (right, down), and seen so much larger."""
+    corner = (PATCH_PX - 1) / 2 + shift_px - (REGION_PX - 1) / 2 / scale
+    back = np.array([[1 / scale, 0.0, corner[0]], [0.0, 1 / scale, corner[1]]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     cut = cv2.warpAffine(patch, back, (REGION_PX, REGION_PX), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return cut.astype(np.uint8, copy=False)

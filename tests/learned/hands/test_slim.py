@@ -60,8 +60,10 @@ def test_the_other_hand_is_not_the_one_that_works() -> None:
     assert scores["second_found"] > 0.9
 
 
-@pytest.mark.parametrize("look", ["nominal", "varied"])
-def test_hands_that_point_to_any_side_are_found_and_read(look: str) -> None:
+@pytest.mark.parametrize(
+    ("look", "to_the_side", "share"), [("nominal", 60, 0.85), ("varied", 60, 0.85), ("varied", 85, 0.5)]
+)
+def test_hands_that_point_to_any_side_are_found_and_read(look: str, to_the_side: int, share: float) -> None:
     """True frames, turned about the hand: by itself it points at most 55 degrees to the side."""
     configuration = simulated(load_configuration(), look, "varied")
     product, bench = load_product(configuration), configuration.bench
@@ -74,10 +76,11 @@ def test_hands_that_point_to_any_side_are_found_and_read(look: str) -> None:
         hand = next((hand for hand in one.hands if hand.acting and hand.visible > 0.9), None)
         if hand is None:
             continue
-        palm, tips = (np.array(hand.points_px[name]) for name in ("palm", "pinch"))
+        palm, tips, wrist = (np.array(hand.points_px[name]) for name in ("palm", "pinch", "wrist"))
+        by_itself = math.degrees(math.atan2(palm[0] - wrist[0], wrist[1] - palm[1]))  # to the right of upwards
         middle = (np.array(one.frame.image.shape[1::-1]) - 1) / 2
-        for degrees in (-90, -60, 60, 90):
-            there = cv2.getRotationMatrix2D(palm.tolist(), degrees, 1.0)
+        for wanted in (-to_the_side, to_the_side):
+            there = cv2.getRotationMatrix2D(palm.tolist(), by_itself - wanted, 1.0)
             there[:, 2] += middle - palm
             image = cv2.warpAffine(
                 one.frame.image, there, one.frame.image.shape[1::-1], borderMode=cv2.BORDER_REPLICATE
@@ -88,8 +91,8 @@ def test_hands_that_point_to_any_side_are_found_and_read(look: str) -> None:
                 for found in reader.read(image.astype(np.uint8))
             ]
             away_px.append(min(errors, default=math.inf))
-    assert len(away_px) >= 20
-    assert np.mean(np.array(away_px) < 8) > 0.9
+    assert len(away_px) >= 16
+    assert np.mean(np.array(away_px) < 12) >= share
 
 
 @pytest.mark.parametrize(("look", "share"), [("nominal", 1.0), ("varied", 0.8)])

@@ -80,7 +80,7 @@ def test_hands_that_point_to_any_side_are_found_and_read(look: str, to_the_side:
         by_itself = math.degrees(math.atan2(palm[0] - wrist[0], wrist[1] - palm[1]))  # to the right of upwards
         middle = (np.array(one.frame.image.shape[1::-1]) - 1) / 2
         for wanted in (-to_the_side, to_the_side):
-            there = cv2.getRotationMatrix2D(palm.tolist(), by_itself - wanted, 1.0)
+            there = np.asarray(cv2.getRotationMatrix2D(palm.tolist(), by_itself - wanted, 1.0), np.float64)
             there[:, 2] += middle - palm
             image = cv2.warpAffine(
                 one.frame.image, there, one.frame.image.shape[1::-1], borderMode=cv2.BORDER_REPLICATE

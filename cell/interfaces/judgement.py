@@ -162,8 +162,8 @@ class Judgement:
         return self.action < Action.HOLD or self.held_by == (HAND_TOO_NEAR,)
 
     def gives_path_up(self, *, acknowledged: bool) -> bool:
-        """Whether the arm forgets its path and stays where it was pushed, as somebody has seen it there."""
-        return acknowledged and any(signal == OFF_PATH for signal, _ in self.reasons)
+        """Whether an arm that is held off its path forgets it and stays where somebody saw it."""
+        return acknowledged and OFF_PATH in self.held_by
 
     @property
     def words(self) -> str:

@@ -240,6 +240,17 @@ def test_an_arm_that_is_held_off_its_path_waits_for_a_person_and_gives_its_path_
     assert later[-1] is Action.RUN, "it stands where it was pushed, and a new path begins there"
 
 
+def test_where_the_table_only_warns_of_an_arm_off_its_path_an_acknowledgement_leaves_it_its_path() -> None:
+    warns = Fault(signal="arm_off_path", action="warn", clear="itself")
+    supervisor, off = Supervisor([warns], CHECKS), SPOILS["arm_off_path"]
+    supervisor.judge(sound(0))
+    supervisor.judge_command(sound(0), Command(follow=STAY))
+    said = replace(off(sound(1)), acknowledged=True)
+    assert supervisor.judge(said).action is Action.WARN
+    assert not supervisor.judge_command(said, Command(follow=STAY)).gives_path_up(acknowledged=True)
+    assert supervisor.judge(off(sound(2))).action is Action.WARN
+
+
 def test_an_arm_that_ignores_a_short_trajectory_is_found_too() -> None:
     supervisor = make_supervisor(TABLE, motion_planner())
     near = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.1] * 6, [0.116] * 6]))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from cell.configuration import load_configuration, load_faults, load_product, simulated
 from cell.evaluating.bare_host import without_pixels
+from cell.interfaces.errors import DeviceFault
 from cell.interfaces.files import shipped
 from cell.interfaces.judgement import FaultTable
 from cell.interfaces.operator import OperatorOrder
@@ -46,8 +47,12 @@ class Attendant:
 
     def pressed(self) -> Sequence[OperatorOrder]:
         """What was pressed since the last call."""
-        state, now_s = self._cell.arm.state(), self._cell.devices.clock.now_s()
-        if state.mode != "protective_stop":
+        now_s = self._cell.devices.clock.now_s()
+        try:
+            mode = self._cell.arm.state().mode
+        except DeviceFault:  # the supervisor is told of it, too
+            return ()
+        if mode != "protective_stop":
             self._stopped_s = None
             return ()
         self._stopped_s = now_s if self._stopped_s is None else self._stopped_s

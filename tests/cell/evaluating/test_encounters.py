@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from rich.console import Console
 
 from cell.commands.encounters import _tell_assembly
 from cell.configuration import DEFAULT_CONFIGURATION
-from cell.evaluating.assembly import ALGORITHM_1
+from cell.evaluating.assembly import ALGORITHM_1, NOTICES_S, Attendant
 from cell.evaluating.encounters import encounter, summary
 from cell.evaluating.row_file import Row
 from cell.evaluating.throughput import throughput_ratio
 from cell.evaluating.troubled import counted, troubled_assembly
+from cell.interfaces.errors import DeviceFault
 
 
 @pytest.mark.slow
@@ -22,6 +26,21 @@ def test_a_careless_person_is_met_in_many_phases_and_no_contact_is_fast_or_avoid
     assert len(found["phases"]) >= 3  # type: ignore[arg-type]  # a dictionary
     assert (found["contacts_fast"], found["contacts_avoidable"], found["moved_while_unknown"]) == (0, 0, 0)
     assert np.isfinite(float(str(found["fastest_m_s"])))
+
+
+def test_somebody_acknowledges_a_protective_stop_and_leaves_an_arm_that_tells_nothing_to_the_supervisor() -> None:
+    told: list[Any] = [SimpleNamespace(mode="protective_stop"), SimpleNamespace(mode="protective_stop"), None]
+    times_s = iter((1.0, 1.0 + NOTICES_S, 2.0 + NOTICES_S))
+
+    def state() -> Any:
+        if (found := told.pop(0)) is None:
+            raise DeviceFault("simulation", "its physics came to no finite state")
+        return found
+
+    clock = SimpleNamespace(now_s=lambda: next(times_s))
+    cell: Any = SimpleNamespace(arm=SimpleNamespace(state=state), devices=SimpleNamespace(clock=clock))
+    attendant = Attendant(cell)
+    assert [[order.kind for order in attendant.pressed()] for _ in range(3)] == [[], ["acknowledge"], []]
 
 
 def test_an_assembly_that_did_not_finish_is_told_with_its_reason(capsys: pytest.CaptureFixture[str]) -> None:

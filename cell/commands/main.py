@@ -106,7 +106,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _complain(str(error), SAFE_STOP)
     except CellError as error:
         return _complain(str(error), 1)
-    except typer.Abort:
+    except (typer.Abort, KeyboardInterrupt):  # the latter while typer gets ready
         return _complain("interrupted", 1)
     except typer.TyperException as error:
         return _complain(error.format_message() + _usage(error), BAD_INPUT)

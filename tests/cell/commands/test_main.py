@@ -195,6 +195,17 @@ def test_a_run_never_imports_torch() -> None:
     assert (result.returncode, result.stderr) == (0, "")
 
 
+def test_ctrl_c_before_a_command_has_begun_is_told_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(_: list[str]) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cell.commands.main._with_command", interrupted)
+    assert main(["nodes"]) == 1
+    assert capsys.readouterr().err == "cell: interrupted\n"
+
+
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
     assert re.fullmatch(r"cell \d+\.\d+\.\d+\n", capsys.readouterr().out)

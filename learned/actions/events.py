@@ -1,7 +1,8 @@
 """From posteriors, frame after frame, to placements that are each told once, and to one steady action.
 
 Two witnesses tell a placement: the hand, whose fingers open over a hole, and the hole, which is newly filled where the
-hand placed something. Whichever is the first tells it; where they contradict each other, neither does.
+hand placed something. Whichever is the first tells it. Where they name different parts, the surer one counts; where
+that is in doubt, neither tells it. A hole that is seen to be empty was not filled, whatever the hand did.
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ class PlacementEvents:
         self._filled[one.position] = max(before, one, key=lambda look: look.confidence), since_s
 
     def _agrees(self, one: Filled) -> bool:
-        """Whether the hand, too, seems to have placed this part there; where it does not, neither tells."""
+        """Whether hand and hole together are sure that this part was placed there; else the hole does not tell it."""
         collected = float(self._evidence[:, one.position].sum())
         sure = float(self._share(one.position)[one.part]) >= self._settings.shown_confidence
         return sure and collected >= self._settings.shown_evidence

@@ -23,8 +23,8 @@ class Variation:
         bias_m, noise_m: standard deviation of the track, of a whole segment and of each frame.
         scale: of the track about the bracket's middle, as of a hand whose height is not known.
         drift_m: of the track, slowly within the segment.
-        worse: share of segments in which both of these are WORSE_TIMES as much, as in poor images, or where the hand's
-            height is read wrongly.
+        worse: share of segments in which bias_m and drift_m are WORSE_TIMES as much, as in poor images, or where the
+            hand's height is read wrongly.
         height_bias_m, height_drift_m, height_noise_m: of the fingertips' height.
         opening_bias_m, opening_drift_m, opening_noise_m: of how far they are apart. No tracker tells it to the
             millimetre by which types of parts differ: what is held is to be seen in the crops.

@@ -23,6 +23,9 @@ def varied(
 ) -> tuple[Tensor, Tensor]:
     """Images (n, 3, height, width) of 0 to 1 with other colours, gamma, blur, light, shadow, noise and a piece covered.
 
+    Args:
+        shades: some are partly in shadow.
+
     Returns:
         The images, and how much the channels of each were mixed, (n,), 0 to 1.
     """

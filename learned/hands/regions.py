@@ -64,7 +64,7 @@ class Regions:
         """
         scale = self.side_px / REGION_PX
         smooth = cv2.GaussianBlur(image, (0, 0), 0.35 * scale) if scale > 1.5 else image
-        return _warped(smooth, seen_from(centre_px, scale, side_px, turn_rad), side_px)
+        return _warped(smooth, _seen_from(centre_px, scale, side_px, turn_rad), side_px)
 
     def around(
         self,
@@ -82,7 +82,7 @@ class Regions:
             turn_rad: by which it is turned about its middle, from right to down.
         """
         middle = self._in_small(centre_px + shift_px * self.side_px / REGION_PX)
-        return _warped(small, seen_from(middle, 1 / scale, AROUND_PX, turn_rad), AROUND_PX)
+        return _warped(small, _seen_from(middle, 1 / scale, AROUND_PX, turn_rad), AROUND_PX)
 
     def _in_small(self, point_px: Array) -> Array:
         shares: Array = (point_px + 0.5) / self.size_px
@@ -104,7 +104,7 @@ class Regions:
         return place
 
 
-def seen_from(middle: Array, step_px: float, side_px: int, turn_rad: float = 0.0) -> Array:
+def _seen_from(middle: Array, step_px: float, side_px: int, turn_rad: float = 0.0) -> Array:
     """The affine map (2, 3) from pixels of a square to those of the image that it is cut out of.
 
     Args:

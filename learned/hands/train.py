@@ -172,11 +172,11 @@ def finder_targets(data: HandData, rows: NDArray[np.int64], turns: Array) -> tup
     offset = np.full((len(rows), 2, lines, columns), 0.5, np.float32)
     weight = np.ones_like(score)
     line, column = np.mgrid[0:lines, 0:columns] + 0.5
-    size_px = data.regions.size_px
+    size_px, small_px = data.regions.size_px, np.array(data.small.shape[2:0:-1], np.float64)
     for hands, sure in ((data.unsure, False), (data.centres, True)):
         places = np.searchsorted(rows, hands[:, 0])
         chosen = np.flatnonzero(np.isin(hands[:, 0], rows))
-        seen = turned_points(hands[chosen, 1:] - 0.5, turns[places[chosen]], size_px) + 0.5
+        seen = turned_points(hands[chosen, 1:] - 0.5, turns[places[chosen]], small_px) + 0.5
         inside = (np.minimum(seen, 1 - seen) * size_px).min(axis=1) >= EDGE_PX
         for one, (x, y), shown in zip(places[chosen], seen, inside, strict=True):
             away = (column - x * columns) ** 2 + (line - y * lines) ** 2

@@ -1,4 +1,4 @@
-"""Training images that are turned, and what is true of them: people's hands seldom point to the side by themselves."""
+"""Images that are turned, and what is true of them: people's hands seldom point to the side by themselves."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from cell.interfaces.pose import Array
 from learned.hands.regions import turning
 
-TURNED_SHARE = 0.4  # of images
+TURNED_SHARE = 0.4  # of training images
 LARGEST_TURN_RAD = math.pi / 2
 SIDES = np.array([(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)])  # directions of left, top, right and bottom
 OUTWARDS = SIDES.sum(axis=1)
 
 
 def drawn_turns(count: int, rng: np.random.Generator) -> Array:
-    """(count,) Angles [rad] from right to down; some images stay as they are."""
+    """(count,) Angles [rad] from right to down of training images; some stay as they are."""
     chosen = rng.random(count) < TURNED_SHARE
     angles: Array = rng.uniform(-LARGEST_TURN_RAD, LARGEST_TURN_RAD, count) * chosen
     return angles
@@ -55,17 +55,15 @@ def turned_boxes(boxes: Array, points: Array, turns: Array) -> Array:
     How far a box reaches beyond the hand's outermost points goes over from side to side. So quarter turns are exact.
 
     Args:
-        points: (n, k, 2) of the hand before it is turned; not a number where unknown.
+        points: (n, k, 2) of the hand before it is turned.
     """
-    none = np.asarray(np.isnan(points).all(axis=(1, 2)))
-    known = np.where(none[:, np.newaxis, np.newaxis], 0.0, points)
-    beyond = (boxes - _around(known)) * OUTWARDS
+    beyond = (boxes - _around(points)) * OUTWARDS
     came_from = turned_points(np.tile(SIDES, (len(turns), 1, 1)), -turns)  # (n, 4, 2)
     shares = np.maximum(came_from @ SIDES.T, 0.0) ** 2
-    answer: Array = _around(turned_points(known, turns)) + np.einsum("nij,nj->ni", shares, beyond) * OUTWARDS
+    answer: Array = _around(turned_points(points, turns)) + np.einsum("nij,nj->ni", shares, beyond) * OUTWARDS
     return answer
 
 
 def _around(points: Array) -> Array:
     """The boxes (n, 4) of points (n, k, 2)."""
-    return np.concatenate([np.nanmin(points, axis=1), np.nanmax(points, axis=1)], axis=1)
+    return np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1)

@@ -94,14 +94,12 @@ def _chosen(configuration: Configuration, hands: str | None, kind: str | None) -
     Raises:
         InputError: there are no such detectors.
     """
-    from cell.settings import DetectorSettings
-
     if kind not in (None, "learned", "classical"):
         raise InputError(f"--perception {kind}: there is no such kind; legal: learned, classical")
-    changes: dict[str, object] = {} if kind is None else {"kind": kind}
+    perception = configuration.perception.model_copy(update={} if kind is None else {"kind": kind})
     if hands is not None:
-        changes["hands"] = DetectorSettings(kind=hands)
-    return configuration.model_copy(update={"perception": configuration.perception.model_copy(update=changes)})
+        perception = perception.with_detector("hands", hands)
+    return configuration.model_copy(update={"perception": perception})
 
 
 def _pose(bench: Bench, camera: str) -> Pose:

@@ -159,7 +159,6 @@ def _untrained_ms(
     from cell.configuration import load_product
     from cell.interfaces.planning import weights_file
     from cell.running.detectors import TRAINED
-    from cell.settings import DetectorSettings
 
     if kind not in TRAINED["actions"]:
         raise InputError(f"--untrained {kind}: there is no such one; legal: {', '.join(TRAINED['actions'])}")
@@ -169,8 +168,7 @@ def _untrained_ms(
         product = load_product(configuration, config)
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch and software OpenGL do not mix
             pool.submit(_write_untrained, configuration.bench, product, kind, file).result()
-        actions = DetectorSettings(kind=kind, weights=file)
-        perception = configuration.perception.model_copy(update={"actions": actions})
+        perception = configuration.perception.with_detector("actions", kind, file)
         timed = configuration.model_copy(update={"perception": perception})
         return latencies_ms(timed, config, frames, trays, first_seed)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from cell.commands.main import main
@@ -39,3 +41,12 @@ def test_configured_weights_are_scored(
     told = "".join(capsys.readouterr().err.split())
     assert f"{tmp_path}/mine" in told
     assert "cannotreadtheweights" in told
+
+
+def test_a_tracker_that_is_chosen_by_name_has_the_configured_weights(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, image = configured(tmp_path, "{kind: learned, hands: {kind: slim, weights: mine.onnx}}"), tmp_path / "a.png"
+    cv2.imwrite(str(image), np.zeros((360, 480, 3), np.uint8))
+    assert main(["see", str(image), "--hands", "slim", "--config", str(config), "--out", str(tmp_path / "b.png")]) == 2
+    assert f"{tmp_path}/mine_finder.onnx" in "".join(capsys.readouterr().err.split())

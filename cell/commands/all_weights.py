@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-import subprocess
+import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cell.commands.children import Children
 from cell.commands.terminal import CONFIGURATION, ConfigOption, console
 from cell.interfaces.errors import InputError
 
@@ -79,18 +80,20 @@ def train_all(
     if plan:
         return
     need_torch()
-    rows = kept or _rows(out, config)
+    rows, trainings = kept or _rows(out, config), Children()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: no training goes on alone
     with ThreadPoolExecutor(jobs) as pool:
         begun = [
-            pool.submit(_do, step, out, config, rows, f"{number} of {len(steps)}", quiet=jobs > 1)
+            pool.submit(_do, step, out, config, rows, f"{number} of {len(steps)}", trainings, quiet=jobs > 1)
             for number, step in enumerate(steps, 1)
         ]
         try:
             for one in as_completed(begun):
                 one.result()
         except KeyboardInterrupt:
-            say = console().print
             say("interrupted; the same command goes on with what is not made yet", highlight=False)
+            pool.shutdown(wait=False, cancel_futures=True)
+            trainings.interrupt()
             raise
         finally:
             pool.shutdown(cancel_futures=True)
@@ -199,7 +202,7 @@ def _rows(out: Path, config: Path) -> RowFile:
         ) from error
 
 
-def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str, *, quiet: bool) -> None:
+def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str, trainings: Children, *, quiet: bool) -> None:
     """Train, unless that was done.
 
     Args:
@@ -216,10 +219,10 @@ def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str, *, quiet
     words = [*step.words, "--config", str(config), "--out", str(out / step.files[0])]
     began_s, said = time.monotonic(), (out / step.files[0]).with_suffix(".txt")
     with said.open("w") if quiet else nullcontext() as told:
-        done = subprocess.run([sys.executable, "-m", "cell", "train", *words], check=False, stdout=told, stderr=told)
-    if done.returncode:
+        status = trainings.run([sys.executable, "-m", "cell", "train", *words], told)
+    if status:
         why = f" (see {said})" if quiet else ""
-        raise InputError(f"`{step.command}` ended with status {done.returncode}{why}; the same command goes on there")
+        raise InputError(f"`{step.command}` ended with status {status}{why}; the same command goes on there")
     missing = [name for name in step.files if not (out / name).exists()]
     if missing:
         raise InputError(f"`{step.command}` wrote no {', '.join(missing)}")

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from cell.commands import all_weights
 from cell.commands.all_weights import ROWS, steps_of_shipped
+from cell.commands.children import Children
 from cell.commands.main import main
 from cell.configuration import load_configuration
 from cell.evaluating import weights
@@ -26,16 +25,16 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """Trainings that copy the shipped files; what they were called with."""
     calls: list[list[str]] = []
 
-    def copy(words: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+    def copy(_: Children, words: list[str], __: object) -> int:
         calls.append(words)
         out = Path(words[words.index("--out") + 1])
         out.parent.mkdir(parents=True, exist_ok=True)
         step = next(step for step in steps_of_shipped() if step.files[0] == out.name)
         for name in step.files:
             shutil.copy(WEIGHTS / name, out.parent / name)
-        return subprocess.CompletedProcess(words, 0)
+        return 0
 
-    monkeypatch.setattr(subprocess, "run", copy)
+    monkeypatch.setattr(Children, "run", copy)
     monkeypatch.setattr(all_weights, "_note_latencies", lambda *_: None)
     return calls
 
@@ -96,10 +95,10 @@ def test_interrupted_it_goes_on_with_the_next_training(tmp_path: Path, trained: 
 def test_ctrl_c_ends_it_with_a_word_on_how_to_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*_: Any, **__: Any) -> subprocess.CompletedProcess[str]:
+    def interrupted(*_: object) -> int:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(subprocess, "run", interrupted)
+    monkeypatch.setattr(Children, "run", interrupted)
     assert main(["train", "all", "--out", str(tmp_path / "new")]) == 1
     told = capsys.readouterr().err
     assert "the same command goes on with what is not made yet" in told
@@ -118,11 +117,11 @@ def test_when_one_of_two_fails_no_other_begins(
 ) -> None:
     begun: list[list[str]] = []
 
-    def failing(words: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+    def failing(_: Children, words: list[str], __: object) -> int:
         begun.append(words)
-        return subprocess.CompletedProcess(words, 3)
+        return 3
 
-    monkeypatch.setattr(subprocess, "run", failing)
+    monkeypatch.setattr(Children, "run", failing)
     assert main(["train", "all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 2
     told = " ".join(capsys.readouterr().err.split())
     assert "ended with status 3 (see" in told

@@ -73,7 +73,7 @@ def evaluate_weights(
         found[title] = compared(kept[*network, "before"], kept[*network, "now"])
         console().print(table(f"{title}: {folders['before']} -> {folder}", found[title].rows))
     shown = {title: one.verdict for title, one in found.items()}
-    console().print(table(f"again? detectors in the look {look}, {recordings} recordings from {first_seed}", shown))
+    console().print(table(f"again? look {look}, {recordings} recordings from {first_seed}", shown))
     if as_json:
         print_json({**heading, "networks": {title: one.told for title, one in found.items()}})
 

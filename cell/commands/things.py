@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -84,7 +86,7 @@ def train_holes(
     settings = HoleTraining(epochs=epochs or min(30, max(2, by_budget)))
     configuration = load_configuration(config)
     product = load_product(configuration, config)
-    command = f"cell train holes --budget {budget} --epochs {settings.epochs} --seed {seed}"
+    command = _command("holes", budget, settings.epochs, seed, data or ())
     scores = train(plates, configuration.bench, product, weights, seed, settings, command=command, quiet=False)
     report_scores(f"hole reader in {weights}", scores, as_json)
     how_to_use("holes", "plate", weights, config)
@@ -126,7 +128,7 @@ def train_parts(
     things = sum(len(scene.labels) for scene in scenes)
     an_epoch_s = IMAGE_S * len(scenes) + THING_S * things
     times = epochs or min(20, max(1, int((1 - PARTS_SHARE) * budget_s / an_epoch_s)))
-    command = f"cell train parts --budget {budget} --epochs {times} --seed {seed}"
+    command = _command("parts", budget, times, seed, data or ())
     floor_m = configuration.bench.tray.centre_m[2]
     scores = train(scenes, product, floor_m, weights, seed, epochs=times, command=command, quiet=False)
     report_scores(f"part detector in {weights}", scores, as_json)
@@ -217,6 +219,12 @@ def _task(
     configuration = simulated(load_configuration(config), look, person)
     product = load_product(configuration, config)
     return Task(configuration, product, kind, weights, cameras.value, float(steel))
+
+
+def _command(what: str, budget: str, epochs: int, seed: int, data: Sequence[Path]) -> str:
+    """What makes the same weights again."""
+    given = [word for folder in data for word in ("--data", str(folder))]
+    return shlex.join(["cell", "train", what, "--budget", budget, "--epochs", str(epochs), "--seed", str(seed), *given])
 
 
 def _made(what: str, count: int, options: dict[str, object], weights: Path, config: Path, *flags: str) -> list[Path]:

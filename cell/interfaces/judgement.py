@@ -72,6 +72,8 @@ SIGNALS: dict[Signal, str] = {
 assert set(SIGNALS) == set(get_args(Signal))
 HAND_TOO_NEAR: Signal = "hand_too_near"
 OFF_PATH: Signal = "arm_off_path"
+USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, nobody is told
+ACKNOWLEDGE = "acknowledge it when it may go on"  # how words end that wait for a person
 
 
 class Action(IntEnum):

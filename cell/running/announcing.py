@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from cell.interfaces.judgement import Judgement
+from cell.interfaces.judgement import ACKNOWLEDGE, USUAL, Judgement
 from cell.observer import Level
 
-USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, nobody is told
-ACKNOWLEDGE = "acknowledge it when it may go on"
 ONCE = ("tick_late",)  # a machine that is too slow is so again and again
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import Display
+from cell.interfaces.judgement import ACKNOWLEDGE, USUAL
 from cell.interfaces.perception import BenchView
 from cell.interfaces.product import Product
 from cell.observer import Level, Outcome, TickRecord
@@ -19,7 +20,6 @@ from trees.engine.tree import Tree
 HISTORY_N = 400  # changes of the belief that a newcomer sees
 LINES_N = 60
 TRACK_N = 45  # places of the hand
-USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works
 
 
 class PageState:
@@ -43,7 +43,7 @@ class PageState:
         self._sequence = -1
         self._brackets: list[dict[str, object]] = []
         self._statuses: dict[int, tuple[str, str]] = {}
-        self._ended = ""
+        self._ended, self._asks = "", False
         self.watch(tree)
 
     def watch(self, tree: Tree) -> None:
@@ -77,6 +77,8 @@ class PageState:
     def take(self, record: TickRecord) -> None:
         """One more tick."""
         seen, now_s = record.observation, record.observation.time_s
+        if seen.acknowledged or record.judgement is None or not record.judgement.reasons:
+            self._asks = False
         for change in record.changes:
             self._statuses[change.uid] = (change.new.name, change.feedback)
         for topic, fields in record.notes:
@@ -97,7 +99,8 @@ class PageState:
             self._next.pop("robot", None)
 
     def say(self, time_s: float, level: Level, text: str) -> None:
-        """The controller says something."""
+        """The controller says something; it may wait for somebody to acknowledge that."""
+        self._asks |= text.endswith(ACKNOWLEDGE)
         self._lines.append((round(time_s, 2), level, text.splitlines()[-1]))
 
     def end(self, outcome: Outcome) -> None:
@@ -108,6 +111,8 @@ class PageState:
         """Everything that changes, as it is after this tick."""
         seen, judged = record.observation, record.judgement
         reasons = [] if judged is None else [list(reason) for reason in judged.reasons if reason[0] not in USUAL]
+        if self._asks:
+            reasons.append(["acknowledge", ACKNOWLEDGE])
         moving = seen.arm.moving or not seen.arm.stands
         return {
             "time_s": round(seen.time_s, 2),

@@ -1,0 +1,43 @@
+"""What the operator's page shows, without a server."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cell.interfaces.command import Command
+from cell.interfaces.judgement import ACKNOWLEDGE, Action, Judgement
+from cell.interfaces.observation import Observation
+from cell.observer import SentCommand, TickRecord
+from cell.running.announcing import Announcer
+from cell.running.node_library import node_registry
+from cell.viewing.page.state import PageState
+from tests import ROOT
+from tests.trees.nodes.rig import BENCH, EMPTY_GRIPPER, PRODUCT, STANDING
+from trees.files.loader import load_tree
+
+HELD = Judgement(Action.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off its path"),), ("arm_off_path",))
+
+
+def test_an_alarm_says_when_it_waits_for_somebody_to_acknowledge_it_and_until_then() -> None:
+    tree = load_tree(ROOT / "trees" / "shift.xml", node_registry(PRODUCT))
+    state, announcer = PageState(PRODUCT, BENCH, {}, tree), Announcer()
+    asks = ["acknowledge", ACKNOWLEDGE]
+    shown = []
+    for number, (judgement, unacknowledged, acknowledged) in enumerate(
+        (
+            (HELD, False, False),
+            (HELD, True, False),
+            (HELD, True, False),
+            (HELD, False, True),
+            (HELD, True, False),  # it was off its path again for long
+            (Judgement(), False, False),
+            (HELD, False, False),
+        )
+    ):
+        if (news := announcer.news(judgement, unacknowledged)) is not None:
+            state.say(0.0, *news)
+        seen = replace(Observation(number, 0.04 * number, STANDING, EMPTY_GRIPPER), acknowledged=acknowledged)
+        record = TickRecord(seen, "RUNNING", (), (), Command(), SentCommand(), 0.001, False, None, judgement)
+        state.take(record)
+        shown.append(asks in state.now(record)["alarms"])
+    assert shown == [False, True, True, False, True, False, False]

@@ -20,6 +20,7 @@ from cell.commands.terminal import (
     print_json,
     table,
 )
+from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
     from sim.data.folder import DataFolder, DataPiece
@@ -32,7 +33,9 @@ FirstSeedOption = Annotated[
     int, typer.Option(min=0, help="Of seeds in a row: training below 800000, validation below 900000, then tests.")
 ]
 MixedOption = Annotated[bool, typer.Option("--mixed", help="Some parts lie or are stacked, some objects are unknown.")]
-LyingOption = Annotated[float, typer.Option(min=0, max=1, help="With --mixed: share of the parts that lie.")]
+LyingOption = Annotated[
+    float | None, typer.Option(min=0, max=1, help="With --mixed: share of the parts that lie; 0.2 by default.")
+]
 ViewsOption = Annotated[int, typer.Option(min=1, max=50, help="Images of each tray.")]
 SteelOption = Annotated[float, typer.Option(min=0, max=1, help="Share of recordings with parts of bare steel.")]
 ThinOption = Annotated[
@@ -184,7 +187,7 @@ def objects(
     first_seed: FirstSeedOption = 0,
     views: ViewsOption = 1,
     mixed: MixedOption = False,
-    lying_share: LyingOption = 0.2,
+    lying_share: LyingOption = None,
     steel_share: SteelOption = 0.0,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
@@ -194,20 +197,23 @@ def objects(
     """Images of trays from the wrist camera, with type, pose and box of each part."""
     from cell.configuration import load_configuration, load_product, simulated
     from sim.data.objects import write_objects
-    from sim.data.variety import mixed_clutter, sometimes_steel
+    from sim.data.variety import LYING_SHARE, mixed_clutter, sometimes_steel
 
+    if lying_share is not None and not mixed:
+        raise InputError("--lying-share is for trays of --mixed; in others every part stands as the configuration says")
+    lying = LYING_SHARE if lying_share is None else lying_share
     configuration = simulated(load_configuration(config), look)
     product = load_product(configuration, config)
     settings = configuration.devices.simulation
 
     def one(seed: int, folder: DataFolder) -> None:
-        clutter = mixed_clutter(settings.clutter, seed, lying_share) if mixed else settings.clutter
+        clutter = mixed_clutter(settings.clutter, seed, lying) if mixed else settings.clutter
         simulation = settings.model_copy(update={"clutter": clutter})
         kinds = sometimes_steel(product, steel_share, seed)
         write_objects(kinds, configuration.bench, simulation, seed, folder, views)
 
     wanted = Wanted("objects", out, look, None, recordings, first_seed, config, as_json, workers, scheduler)
-    more = f" --mixed --lying-share {lying_share}" if mixed else ""
+    more = f" --mixed --lying-share {lying}" if mixed else ""
     _write(wanted, f" --views {views}{more}{_steel(steel_share)}", one)
 
 

@@ -55,3 +55,11 @@ def test_a_folder_without_hands_is_told_before_any_frames_are_made(
     assert main(words) == 2
     assert "hands.jsonl: cannot be read" in " ".join(capsys.readouterr().err.split())
     assert [path.name for path in tmp_path.iterdir()] == ["empty"]
+
+
+def test_a_share_of_lying_parts_without_mixed_trays_is_refused_instead_of_passed_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["data", "objects", "--lying-share", "0.5", "--recordings", "1", "--out", str(tmp_path / "new")]) == 2
+    assert "--lying-share is for trays of --mixed" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()

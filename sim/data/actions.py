@@ -156,14 +156,18 @@ def holes_of(source: Source, moment: Moment) -> dict[str, tuple[str | None, bool
     return found
 
 
-def segment_ends(assembly: Assembly) -> Iterator[int]:
-    """Last moments of segments; none across frames that were lost."""
+def segment_ends(assembly: Assembly, lost: bool = False) -> Iterator[int]:
+    """Last moments of segments.
+
+    Args:
+        lost: also where frames in between were lost, as a detector sees segments in a run.
+    """
     for end in range(SEGMENT_FRAMES - 1, len(assembly.moments)):
         placing = assembly.labels[end].kind == "assembly"
         if end % (ASSEMBLY_STRIDE_FRAMES if placing else STRIDE_FRAMES):
             continue
         first, last = assembly.moments[end - SEGMENT_FRAMES + 1].exposure, assembly.moments[end].exposure
-        if last.sequence - first.sequence == SEGMENT_FRAMES - 1:
+        if lost or last.sequence - first.sequence == SEGMENT_FRAMES - 1:
             yield end
 
 

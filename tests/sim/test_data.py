@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +22,7 @@ from cell.interfaces.perception import SEGMENT_FRAMES
 from learned.holes.crops import hole_crops, squares_m
 from learned.holes.dataset import load_plates
 from learned.parts.dataset import load_scenes
-from sim.data.actions import MOST_OF, holes_of, write_holes, write_segments
+from sim.data.actions import MOST_OF, holes_of, segment_ends, write_holes, write_segments
 from sim.data.folder import DataFolder, DataPiece
 from sim.data.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
 from sim.data.objects import write_objects
@@ -360,3 +360,12 @@ def test_hands_high_over_the_table_are_drawn_more_often_than_they_are_seen() -> 
 def test_all_frames_are_taken_once_in_their_order() -> None:
     assert [index for stretch in every_frame(100) for index in stretch] == list(range(100))
     assert every_frame(0) == []
+
+
+def test_segments_across_lost_frames_are_no_training_data_but_are_scored() -> None:
+    whole = source().assembly
+    some_lost = replace(whole, moments=whole.moments[:100] + whole.moments[101:])
+    across = {end for end in segment_ends(some_lost, lost=True) if 100 <= end < 100 + SEGMENT_FRAMES - 1}
+    assert across
+    assert not across & set(segment_ends(some_lost))
+    assert list(segment_ends(whole)) == list(segment_ends(whole, lost=True))

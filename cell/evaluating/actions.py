@@ -13,7 +13,7 @@ import numpy as np
 
 from cell.configuration import Configuration
 from cell.evaluating.hands import LEAST_VISIBLE
-from cell.evaluating.placements import Told, delays, matched, releases
+from cell.evaluating.placements import Told, delays, matched, releases, slipped
 from cell.evaluating.row_file import Row
 from cell.evaluating.things import calibrated_bench
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
@@ -288,7 +288,7 @@ def _count(tally: Tally, source: Source, watcher: _Watcher, classes: Classes) ->
         number = classes.number(label.kind, label.part, label.position)
         tally.rows.append((number, watcher.listener.named[end], assembly.guarded[end]))
     tally.hidden += [share < LEAST_VISIBLE for share in visible_shares(source, ends)]
-    released = releases(assembly)
+    released = sorted([*releases(assembly), *([] if assembly.robot_works else slipped(source))])
     placed = [(assembly.moments[number].time_s, part, position) for number, part, position in released]
     hidden = [_hidden(source, number) for number, _, _ in released]
     delays_s = delays(placed, watcher.told)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from sim.data.recording import Assembly
+from sim.data.actions import holes_of
+from sim.data.recording import Assembly, Source
 
 IN_TIME_S = (-0.3, 1.0)  # a placement may be told so long after the fingers opened
+STAYS_S = 1.0  # what came to stand in a hole was placed there if it still stands after so long
 Told = tuple[float, str, str]  # (time, part, position)
 
 
@@ -32,6 +34,25 @@ def releases(assembly: Assembly) -> list[tuple[int, str, str]]:
         if label.released and not opened and label.part and label.position:
             found.append((number, label.part, label.position))
         opened = label.released
+    return found
+
+
+def slipped(source: Source) -> list[tuple[int, str, str]]:
+    """Parts that came to stand in a hole although nobody opened the fingers for it: moment, part and position.
+
+    By physics a part may slip out of the fingers into the hole that it was meant for.
+    """
+    assembly = source.assembly
+    stays = round(STAYS_S * source.bench.overhead.rate_hz)
+    let_go, found = releases(assembly), list[tuple[int, str, str]]()
+    stands = [holes_of(source, moment) for moment in assembly.moments]
+    for number in range(1, len(stands) - stays):
+        for position, now in stands[number].items():
+            part, upright = now
+            came = upright and part is not None and stands[number - 1][position] != now
+            if came and part is not None and stands[number + stays][position] == now:
+                told = any(one[1:] == (part, position) and abs(one[0] - number) <= stays for one in let_go)
+                found += [] if told else [(number, part, position)]
     return found
 
 

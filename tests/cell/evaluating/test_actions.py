@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from cell.commands.models import eval_app
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.evaluating.actions import Tally, evaluate_actions, share
-from cell.evaluating.placements import matched
+from cell.evaluating.placements import matched, releases, slipped
 from cell.evaluating.system import Listener, table_1, with_goals
 from cell.interfaces.errors import InputError
 from cell.interfaces.perception import Action
@@ -35,6 +35,19 @@ def test_a_placement_is_right_in_time_with_part_and_hole_and_once() -> None:
     assert matched(placed, [(1.4, "o1", "p1"), (1.8, "o1", "p1")]) == pytest.approx([0.4])
     assert matched(placed, [(6.2, "o2", "p2"), (9.2, "o1", "p4"), (9.2, "o2", "p3")]) == []
     assert matched(placed, []) == []
+
+
+def test_a_part_that_slipped_into_its_hole_was_placed() -> None:
+    assembly = recorded(PRODUCT, CONFIGURATION.bench, CONFIGURATION.devices.simulation, 820400)
+    number, part, position = releases(assembly)[1]
+    assert slipped(Source(assembly, PRODUCT, CONFIGURATION.bench)) == []
+    forgotten = tuple(
+        replace(label, released=False) if (label.part, label.position) == (part, position) else label
+        for label in assembly.labels
+    )
+    found = slipped(Source(replace(assembly, labels=forgotten), PRODUCT, CONFIGURATION.bench))
+    assert [one[1:] for one in found] == [(part, position)]
+    assert abs(found[0][0] - number) <= CONFIGURATION.bench.overhead.rate_hz
 
 
 def test_segments_in_the_guard_band_count_apart() -> None:

@@ -8,7 +8,7 @@ from sim.data.actions import holes_of
 from sim.data.recording import Assembly, Source
 
 IN_TIME_S = (-0.3, 1.0)  # a placement may be told so long after the fingers opened
-STAYS_S = 1.0  # what came to stand in a hole was placed there if it still stands after so long
+STAYS_S = 1.0  # what came to stand in a hole was placed there if it was empty for so long, and then is not
 Told = tuple[float, str, str]  # (time, part, position)
 
 
@@ -46,13 +46,12 @@ def slipped(source: Source) -> list[tuple[int, str, str]]:
     stays = round(STAYS_S * source.bench.overhead.rate_hz)
     let_go, found = releases(assembly), list[tuple[int, str, str]]()
     stands = [holes_of(source, moment) for moment in assembly.moments]
-    for number in range(1, len(stands) - stays):
+    for number in range(stays, len(stands) - stays):
         for position, now in stands[number].items():
-            part, upright = now
-            came = upright and part is not None and stands[number - 1][position] != now
-            if came and part is not None and stands[number + stays][position] == now:
-                told = any(one[1:] == (part, position) and abs(one[0] - number) <= stays for one in let_go)
-                found += [] if told else [(number, part, position)]
+            empty = all(before[position][0] is None for before in stands[number - stays : number])
+            if empty and now[0] is not None and stands[number + stays][position] == now == (now[0], True):
+                told = any(one[1:] == (now[0], position) and abs(one[0] - number) <= stays for one in let_go)
+                found += [] if told else [(number, now[0], position)]
     return found
 
 

@@ -48,6 +48,9 @@ def test_a_part_that_slipped_into_its_hole_was_placed() -> None:
     found = slipped(Source(replace(assembly, labels=forgotten), PRODUCT, CONFIGURATION.bench))
     assert [one[1:] for one in found] == [(part, position)]
     assert abs(found[0][0] - number) <= CONFIGURATION.bench.overhead.rate_hz
+    tipped = replace(assembly.moments[number + 40], upright=-np.ones_like(assembly.moments[number + 40].upright))
+    moments = (*assembly.moments[: number + 40], tipped, *assembly.moments[number + 41 :])
+    assert slipped(Source(replace(assembly, moments=moments), PRODUCT, CONFIGURATION.bench)) == []
 
 
 def test_segments_in_the_guard_band_count_apart() -> None:

@@ -16,18 +16,13 @@ from cell.configuration import load_configuration, load_product  # noqa: E402
 from cell.interfaces.errors import InputError  # noqa: E402
 from learned.hands.augment import varied  # noqa: E402
 from learned.hands.dataset import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
+from learned.hands.examples import finder_targets, mirrored, reader_batch  # noqa: E402
+from learned.hands.losses import heat_target, reader_loss  # noqa: E402
 from learned.hands.networks import HEAT_PX, Reader, soft_argmax  # noqa: E402
 from learned.hands.regions import AROUND_PX, CELL_PX, POINTS, Regions, centre_of  # noqa: E402
 from learned.hands.score import score_readings  # noqa: E402
 from learned.hands.slim import SlimReader, finder_file  # noqa: E402
-from learned.hands.train import (  # noqa: E402
-    finder_targets,
-    heat_target,
-    mirrored,
-    reader_batch,
-    reader_loss,
-    train_hands,
-)
+from learned.hands.train import train_hands  # noqa: E402
 from learned.hands.turns import turned_boxes, turned_images  # noqa: E402
 
 pytestmark = pytest.mark.torch

@@ -1,0 +1,111 @@
+"""What the tracker's two networks are shown in training, and what is true of it. Imports torch."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from cell.interfaces.pose import Array
+from learned.hands.augment import varied
+from learned.hands.dataset import EDGE_PX, PATCH_PX, HandData
+from learned.hands.networks import FINDER_CELLS
+from learned.hands.regions import REGION_PX, planes
+from learned.hands.turns import turned_points
+
+SHIFT_PX = (PATCH_PX - REGION_PX) // 2  # of a region about its hand, in training
+SHIFT_OF_NONE = 0.3  # of that, about what is no hand: else it might show one in its middle
+FINDER_NOISE = 0.03  # its images are made small, which averages noise
+SCALED_SHARE, LARGEST_SCALE = 0.5, 1.2  # of hands that are made larger or smaller, and by how much
+MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
+
+
+def finder_targets(data: HandData, rows: NDArray[np.int64], turns: Array) -> tuple[NDArray[np.float32], ...]:
+    """By frame and cell: score (n, 1, r, c), offset (n, 2, r, c), and weight (n, 1, r, c), 0 where nobody knows.
+
+    Args:
+        rows: (n,) frames, in order.
+        turns: (n,) [rad] by which each is turned.
+    """
+    lines, columns = FINDER_CELLS
+    score = np.zeros((len(rows), 1, lines, columns), np.float32)
+    offset = np.full((len(rows), 2, lines, columns), 0.5, np.float32)
+    weight = np.ones_like(score)
+    line, column = np.mgrid[0:lines, 0:columns] + 0.5
+    size_px, small_px = data.regions.size_px, np.array(data.small.shape[2:0:-1], np.float64)
+    for hands, sure in ((data.unsure, False), (data.centres, True)):
+        places = np.searchsorted(rows, hands[:, 0])
+        chosen = np.flatnonzero(np.isin(hands[:, 0], rows))
+        seen = turned_points(hands[chosen, 1:] - 0.5, turns[places[chosen]], small_px) + 0.5
+        inside = (np.minimum(seen, 1 - seen) * size_px).min(axis=1) >= EDGE_PX
+        for one, (x, y), shown in zip(places[chosen], seen, inside, strict=True):
+            away = (column - x * columns) ** 2 + (line - y * lines) ** 2
+            if not (sure and shown):
+                weight[one, 0][away < 4] = 0
+                continue
+            cell = min(lines - 1, int(y * lines)), min(columns - 1, int(x * columns))
+            score[one, 0] = np.maximum(score[one, 0], np.exp(-away / 1.5))
+            score[one, 0][cell] = 1.0
+            weight[one, 0][away < 4] = 1
+            offset[(one, slice(None), *cell)] = x * columns - cell[1], y * lines - cell[0]
+    return score, offset, weight
+
+
+def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generator) -> dict[str, Tensor]:
+    """Regions that do not quite sit on their hands, of other sizes, half of them mirrored; what is true of them."""
+    shifts = np.clip(rng.normal(0.0, SHIFT_PX / 2.5, (len(rows), 2)), -SHIFT_PX, SHIFT_PX)
+    shifts = (shifts * np.where(data.facts[rows, :1] > 0, 1.0, SHIFT_OF_NONE)).round()
+    logs = rng.uniform(-1.0, 1.0, len(rows)) * (rng.random(len(rows)) < SCALED_SHARE) * np.log(LARGEST_SCALE)
+    scales = np.exp(logs).astype(np.float32)
+    seen = list(zip(rows, scales, shifts, strict=True))
+    cuts = [_scaled(data.patches[row], scale, shift) for row, scale, shift in seen]
+    around = [
+        data.regions.around(data.small[data.frames[row]], data.centres_px[row], shift, float(scale))
+        for row, scale, shift in seen
+    ]
+    places = [data.regions.place(data.centres_px[row]) for row in rows]
+    moved = (shifts / REGION_PX).astype(np.float32)
+    points, boxes = (shares - 0.5 for shares in (data.points[rows], data.boxes[rows]))
+    arrays = {
+        "region": planes(np.stack(cuts)),
+        "around": planes(np.stack(around)),
+        "points": (points - moved[:, np.newaxis]) * scales[:, np.newaxis, np.newaxis] + 0.5,
+        "box": (boxes - np.tile(moved, 2)) * scales[:, np.newaxis] + 0.5,
+        "facts": data.facts[rows],
+        "heights": data.heights_m[rows],
+        "angle": data.log_angles[rows] + logs.astype(np.float32),
+        "held": data.held[rows],
+        "place": np.array(places, np.float32),
+    }
+    batch: dict[str, Tensor] = {name: torch.from_numpy(np.ascontiguousarray(one)) for name, one in arrays.items()}
+    batch["around"], _ = varied(batch["around"], rng, FINDER_NOISE, shades=False)
+    batch["region"], mixed = varied(batch["region"], rng, shades=False)
+    batch["paint"] = mixed < MIXED
+    return mirrored(batch, torch.from_numpy(rng.random(len(rows)) < 0.5))
+
+
+def _scaled(patch: NDArray[np.uint8], scale: float, shift_px: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """The region about the middle of a patch, shifted (right, down), and seen so much larger."""
+    corner = (PATCH_PX - 1) / 2 + shift_px - (REGION_PX - 1) / 2 / scale
+    back = np.array([[1 / scale, 0.0, corner[0]], [0.0, 1 / scale, corner[1]]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    cut = cv2.warpAffine(patch, back, (REGION_PX, REGION_PX), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return cut.astype(np.uint8, copy=False)
+
+
+def mirrored(batch: dict[str, Tensor], chosen: Tensor) -> dict[str, Tensor]:
+    """The chosen rows seen in a mirror: a left hand becomes a right one."""
+    hand = chosen & (batch["facts"][:, 0] > 0)
+    for name in ("region", "around"):
+        batch[name] = torch.where(chosen[:, None, None, None], batch[name].flip(-1), batch[name])
+    side = torch.tensor([1.0, 0.0])
+    batch["points"] = torch.where(
+        chosen[:, None, None], side - batch["points"] * torch.tensor([1.0, -1.0]), batch["points"]
+    )
+    left, top, right, bottom = batch["box"].unbind(dim=1)
+    batch["box"] = torch.where(chosen[:, None], torch.stack([1 - right, top, 1 - left, bottom], dim=1), batch["box"])
+    batch["place"] = torch.where(chosen[:, None], batch["place"] * torch.tensor([-1.0, 1.0]), batch["place"])
+    batch["facts"][:, 1] = torch.where(hand, 1 - batch["facts"][:, 1], batch["facts"][:, 1])
+    return batch

@@ -56,11 +56,20 @@ class DetectorChain:
         unknown = self._track.unknown(frame.time_s, hand.palm_m if hand else None, hand.box_px if hand else NOWHERE)
         hand = hand and replace(hand, velocity_m_s=self._track.velocity_m_s)
         holes = self._reader.read(frame, hand)
-        self._frames.append(frame)
-        self._hands.append(hand)
+        self._keep(frame, hand)
         action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands)), holes)
         others, left_by = self._tracker.others, self._track.left_by
         calibration = self._calibration.judge(frame, hand)
         return BenchView(
             frame.sequence, frame.time_s, hand, holes, action, health, unknown, others, left_by, calibration
         )
+
+    def _keep(self, frame: Frame, hand: HandSample | None) -> None:
+        """One frame more; no hand was seen in those that were lost before it, so that a segment spans its time."""
+        if self._frames:
+            before = self._frames[-1]
+            lost = min(frame.sequence - before.sequence - 1, SEGMENT_FRAMES)
+            self._frames.extend([before] * lost)
+            self._hands.extend([None] * lost)
+        self._frames.append(frame)
+        self._hands.append(hand)

@@ -20,7 +20,7 @@ from cell.commands.terminal import (
     table,
 )
 from cell.commands.things import Cameras, CamerasOption
-from cell.interfaces.errors import InputError
+from cell.interfaces.errors import InputError, ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -132,7 +132,7 @@ def evaluate(
         Path | None, typer.Option(help="Folder of photographs: score MediaPipe's networks on them.")
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option(help="JSON for --photos: file in the folder -> hands, each 21 x [x_px, y_px].")
+        Path | None, typer.Option(help=r"JSON for --photos: file in the folder -> hands, each 21 x \[x_px, y_px].")
     ] = None,
     size: Annotated[str, typer.Option(help="Of --photos, which of MediaPipe's networks: full or lite.")] = "full",
     config: ConfigOption = CONFIGURATION,
@@ -197,14 +197,19 @@ def _rows(scores: dict[str, object]) -> dict[str, object]:
 def _photographs(photos: Path | None, truth: Path | None, size: str, as_json: bool) -> None:
     if photos is None or truth is None:
         raise InputError("--photos DIR and --truth FILE belong together")
-    from learned.hands.mediapipe.files import SIZES, model_folder
+    from learned.hands.mediapipe.files import FETCH, SIZES, model_folder
     from learned.hands.mediapipe.hands import MediaPipeHands
-    from learned.hands.mediapipe.photographs import compare_photographs, load_truth
+    from learned.hands.mediapipe.photographs import compare_photographs
+    from learned.hands.mediapipe.truth import load_truth
 
     if size not in SIZES:
         raise InputError(f"--size {size}: there is no such size; legal: {', '.join(SIZES)}")
     given = load_truth(truth, photos)
-    scores = compare_photographs(MediaPipeHands(model_folder(), "full" if size == "full" else "lite"), photos, given)
+    try:
+        networks = MediaPipeHands(model_folder(), "full" if size == "full" else "lite")
+    except ModelError as error:
+        raise ModelError(f"MediaPipe's networks are not shipped; fetch them once with: {FETCH} ({error})") from None
+    scores = compare_photographs(networks, photos, given)
     console().print(table(f"MediaPipe's networks, {size}, on {photos}", scores))
     if as_json:
         print_json(scores)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from learned.fitting import short_numbers
 from learned.hands.networks import HEAT_PX, Reader, split_facts
 
 HEAT_SPREAD = 1.0  # cells, of the target of a heatmap
@@ -39,7 +40,7 @@ def finder_loss(logits: Tensor, score: Tensor, offset: Tensor, weight: Tensor) -
 
 def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
     """The weighted sum of all losses; only presence where there is no hand."""
-    with torch.autocast("cpu", torch.bfloat16):  # points and sizes need more digits than what is seen
+    with short_numbers():  # points and sizes need more digits than what is seen
         seen = network.maps(batch["region"], batch["around"])
     deep, fine, heat, around = (one.float() for one in seen)
     points, facts = network.tell(deep, fine, heat, around, batch["place"])
@@ -53,8 +54,8 @@ def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
         "points": _mean((points - wanted).abs().sum(dim=2), known),
         "heat": _mean(-(heat_target(wanted) * F.log_softmax(heat.flatten(2), dim=2)).sum(dim=2), known),
         "box": _mean((told.box - batch["box"].clamp(-0.2, 1.2)).abs().mean(dim=1), hand),
-        "heights": _mean(_unlikely(told.heights_m - batch["heights"], told.height_errors_m).mean(dim=1), hand),
-        "angle": _mean(_unlikely(told.log_angle - batch["angle"], told.angle_error), hand),
+        "heights": _mean(unlikely(told.heights_m - batch["heights"], told.height_errors_m).mean(dim=1), hand),
+        "angle": _mean(unlikely(told.log_angle - batch["angle"], told.angle_error), hand),
         "present": likely[:, 0].mean(),
         "side": _mean(likely[:, 1], hand),
         "acting": _mean(likely[:, 2], hand),
@@ -71,7 +72,7 @@ def heat_target(points: Tensor) -> Tensor:
     return torch.softmax(logits.flatten(2), dim=2)
 
 
-def _unlikely(wrong: Tensor, error: Tensor) -> Tensor:
+def unlikely(wrong: Tensor, error: Tensor) -> Tensor:
     """Minus the logarithm of the probability of being so wrong (Laplace), where the mean error is told."""
     return wrong.abs() / error + error.log()
 

@@ -15,6 +15,7 @@ from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.ahead import Ahead
 from learned.hands.height import PalmLength
+from learned.hands.light import levelled
 from learned.hands.reading import ApparentSize, Reading
 from learned.hands.regions import POINTS, Image, Regions, planes
 from learned.hands.tracking import LEAST_CONFIDENCE, HandTracks
@@ -112,7 +113,7 @@ class SlimReader:
 
     def _find(self, small: Image) -> list[Array]:
         """Centres (column, row) of what may be hands, likeliest first."""
-        answer = self._finder.run({"image": planes(small[np.newaxis])})
+        answer = self._finder.run({"image": planes(levelled(small)[np.newaxis])})
         score, offset = answer["score"][0, 0], answer["offset"][0]
         peaks = (score >= cv2.dilate(score, np.ones((3, 3), np.uint8))) & (score > LEAST_SCORE)
         cells = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda cell: -float(score[cell]))

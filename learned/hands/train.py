@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.errors import ModelError
 from cell.interfaces.product import Product
-from learned.fitting import Checkpoint, fit
+from learned.fitting import Checkpoint, fit, short_numbers
 from learned.hands.augment import varied
 from learned.hands.dataset import HandData, load_hands
 from learned.hands.examples import FINDER_NOISE, finder_targets, reader_batch
@@ -131,7 +131,7 @@ def fit_finder(training: Training, checkpoint: Path | None = None) -> Finder:
             if flip:
                 images, wanted = images.flip(-1), [one.flip(-1) for one in wanted]
                 wanted[1][:, 0] = 1 - wanted[1][:, 0]
-            with torch.autocast("cpu", torch.bfloat16):
+            with short_numbers():
                 logits = network.logits(images)
             yield finder_loss(logits.float(), *wanted)
 

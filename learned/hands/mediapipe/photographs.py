@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Array
 from learned.hands.dataset import read_image
 from learned.hands.mediapipe.hands import MediaPipeHands
 from learned.hands.mediapipe.landmarks import MIDDLE_BASE, WRIST
-
-Truth = dict[str, list[Array]]
+from learned.hands.mediapipe.truth import Truth
 
 
 def compare_photographs(hands: MediaPipeHands, folder: Path, truth: Truth) -> dict[str, Any]:
@@ -51,42 +48,3 @@ def pair_errors(found: Sequence[Array], given: Sequence[Array]) -> list[float]:
             used_found.add(f)
             used_given.add(g)
     return errors
-
-
-def load_truth(path: Path, folder: Path) -> Truth:
-    """Read a file of landmarks: path of the photograph in the folder -> hands, each 21 x [x_px, y_px].
-
-    Raises:
-        InputError: with every problem of the file.
-    """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: is no folder of photographs")
-    try:
-        read = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: is not JSON: {error}") from None
-    if not isinstance(read, dict) or not read:
-        raise InputError(f"{path}: must be an object: path of a photograph -> list of hands")
-    problems = [what for name, hands in read.items() if (what := _problem(folder, name, hands))]
-    if problems:
-        raise InputError(*(f"{path}: {what}" for what in problems))
-    return {name: [np.array(hand, dtype=np.float64) for hand in hands] for name, hands in read.items()}
-
-
-def _problem(folder: Path, name: str, hands: Any) -> str:
-    if not (folder / name).is_file():
-        return f"{name}: there is no such file in {folder}"
-    number: Callable[[Any], bool] = lambda value: isinstance(value, int | float) and not isinstance(value, bool)  # noqa: E731
-    fits = isinstance(hands, list) and all(
-        isinstance(hand, list)
-        and len(hand) == 21
-        and all(isinstance(point, list) and len(point) == 2 and all(map(number, point)) for point in hand)
-        for hand in hands
-    )
-    return (
-        ""
-        if fits and np.isfinite([p for hand in hands for p in hand]).all()
-        else f"{name}: must be hands of 21 x [x_px, y_px]"
-    )

@@ -17,8 +17,9 @@ from learned.hands.mediapipe.files import model_folder, network_file
 from learned.hands.mediapipe.hands import MediaPipeHands, apart
 from learned.hands.mediapipe.landmarks import Landmarks
 from learned.hands.mediapipe.palms import ANCHORS, Palm, Roi, averaged, overlaps, wrapped
-from learned.hands.mediapipe.photographs import compare_photographs, load_truth, pair_errors
+from learned.hands.mediapipe.photographs import compare_photographs, pair_errors
 from learned.hands.mediapipe.tracker import mediapipe_tracker
+from learned.hands.mediapipe.truth import load_truth
 from learned.hands.mediapipe.warp import square
 from learned.hands.regions import Image
 
@@ -122,13 +123,35 @@ def test_photographs_are_compared_with_what_is_given(tmp_path: Path) -> None:
         ('{"a.png": "x"}', "21 x"),
         (json.dumps({"a.png": [[[1, True]] * 21]}), "21 x"),
         (json.dumps({"a.png": [[[1, float("nan")]] * 21]}), "21 x"),
+        (json.dumps({"a.png": [[[1, 2]] * 21, [[1, float("inf")]] * 21]}), r"'a\.png': hand 2 .* landmark 1 .* 21 x"),
+        (f'{{"a.png": [[{", ".join(["[1, " + "9" * 400 + "]"] * 21)}]]}}', r"'a\.png': hand 1 .* within .* pixels"),
+        (f'{{"a.png": [[{", ".join(["[1, " + "9" * 5000 + "]"] * 21)}]]}}', r"'a\.png': hand 1 .* within .* pixels"),
+        ('{"a.png": {}}', r"'a\.png': must be a list"),
+        ('{"a.png": [], "a.png": []}', r"truth\.json: 'a\.png': the photograph stands 2 times"),
+        ('{"./a.png": [], "a.png": []}', r"'\./a\.png' and 'a\.png': the photograph stands 2 times; legal is once"),
+        ('{"../b.png": []}', r"'\.\./b\.png': names no photograph in .*; legal is"),
+        ('{"/etc/hostname": []}', "'/etc/hostname': names no photograph"),
+        ('{"a\\u0000.png": [], "a\\ud800.png": []}', r"'a\\x00.png': there is no such file(.|\n)*a\\ud800.png': there"),
+        (json.dumps({"x" * 5000: []}), "no such file"),
+        ('{"a.png": ' + "[" * 200_000, "nested too deep"),
     ],
 )
 def test_a_wrong_file_of_landmarks_is_refused(tmp_path: Path, content: str, said: str) -> None:
-    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((9, 9, 3), np.uint8))
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    for file in (photos / "a.png", tmp_path / "b.png"):
+        cv2.imwrite(str(file), np.zeros((9, 9, 3), np.uint8))
     (tmp_path / "truth.json").write_text(content)
     with pytest.raises(InputError, match=said):
-        load_truth(tmp_path / "truth.json", tmp_path)
+        load_truth(tmp_path / "truth.json", photos)
+
+
+def test_landmarks_may_lie_outside_their_photograph(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    cv2.imwrite(str(tmp_path / "sub" / "a.png"), np.zeros((9, 9, 3), np.uint8))
+    hands = [[[-20, 9.5], *[[30, -1.5e1]] * 20], (HAND - 500).tolist()]
+    (tmp_path / "truth.json").write_text(json.dumps({"sub/a.png": hands}))
+    assert np.allclose(load_truth(tmp_path / "truth.json", tmp_path)["sub/a.png"], hands)
 
 
 def test_missing_networks_are_said_with_what_fetches_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,90 @@
+"""A file of landmarks that somebody else gives for photographs: `{"a.png": [[[x_px, y_px], ... 21], ...]}`."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cell.interfaces.errors import InputError
+from cell.interfaces.pose import Array
+
+Truth = dict[str, list[Array]]
+
+LANDMARKS = 21
+FAR_PX = 1e6  # landmarks may lie outside their photograph, as a hand goes on beyond its edge, but not this far
+
+
+class _Pairs(list[tuple[str, Any]]):
+    """What a JSON object holds, as it stands: a name that stands twice is there twice."""
+
+
+def load_truth(path: Path, folder: Path) -> Truth:
+    """Read a file of landmarks: path of the photograph in the folder -> hands, each 21 x [x_px, y_px].
+
+    Raises:
+        InputError: with every problem of the file.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is no folder of photographs")
+    try:
+        read = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_Pairs, parse_int=_whole)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: its lists are nested too deep") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON: {error}") from None
+    if not isinstance(read, _Pairs) or not read:
+        raise InputError(f"{path}: must be an object: path of a photograph -> list of hands")
+    problems = [*_twice(read), *(what for name, hands in read if (what := _problem(folder, name, hands)))]
+    if problems:
+        raise InputError(*(f"{path}: {what}" for what in problems))
+    return {name: [np.array(hand, dtype=np.float64) for hand in hands] for name, hands in read}
+
+
+def _whole(digits: str) -> int | float:
+    """Numbers of any length are numbers; what no float holds is infinite, and Python reads no more than 4300 digits."""
+    return float(digits) if len(digits) > 15 else int(digits)
+
+
+def _twice(read: _Pairs) -> list[str]:
+    """Photographs that are named several times, by one name or by several."""
+    names: dict[Path, list[str]] = {}  # `./a.png` is `a.png`
+    for name, _ in read:
+        names.setdefault(Path(name), []).append(name)
+    often = ((" and ".join(map(repr, dict.fromkeys(same))), len(same)) for same in names.values() if len(same) > 1)
+    return [
+        f"{named}: the photograph stands {times} times; legal is once, with all its hands" for named, times in often
+    ]
+
+
+def _problem(folder: Path, name: str, hands: Any) -> str:
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        return f"{name!r}: names no photograph in {folder}; legal is a path from there, like sub/a.png"
+    try:
+        there = (folder / name).is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        there = False
+    if not there:
+        return f"{name!r}: there is no such file in {folder}"
+    if not isinstance(hands, list) or isinstance(hands, _Pairs):
+        return f"{name!r}: must be a list of hands, each {LANDMARKS} x [x_px, y_px]"
+    wrong = ((number, what) for number, hand in enumerate(hands, 1) if (what := _mistake(hand)))
+    return next((f"{name!r}: hand {number} {what}; must be {LANDMARKS} x [x_px, y_px]" for number, what in wrong), "")
+
+
+def _mistake(hand: Any) -> str:
+    if not isinstance(hand, list) or isinstance(hand, _Pairs):
+        return "is no list"
+    if len(hand) != LANDMARKS:
+        return f"has {len(hand)} landmarks"
+    for number, point in enumerate(hand, 1):
+        if not isinstance(point, list) or len(point) != 2 or not all(type(one) in (int, float) for one in point):
+            return f"has a landmark {number} that is not two numbers"
+        if not all(math.isfinite(one) and abs(one) <= FAR_PX for one in point):
+            return f"has a landmark {number} that is not within {FAR_PX:.0f} pixels"
+    return ""

@@ -87,6 +87,15 @@ def fit(
     network.eval()
 
 
+def short_numbers() -> torch.autocast:
+    """Inside, convolutions take 16-bit numbers (bfloat16), where the processor has instructions for them.
+
+    One that has none computes with them nine times as long as with 32-bit ones.
+    """
+    has_them = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
+    return torch.autocast("cpu", torch.bfloat16, enabled=has_them)
+
+
 def fit_examples(
     network: nn.Module,
     examples: Sequence[Example],

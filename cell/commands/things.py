@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cell.commands import rcnn
 from cell.commands.detectors import (
     BudgetOption,
     DataOption,
@@ -31,8 +32,6 @@ from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
     from cell.evaluating.things import Task
-    from cell.interfaces.product import Product
-    from learned.parts.dataset import Scene
 
 STILLS, VIEWS = 14, 3  # images of a look of the plate, and of a tray
 LOOK_S, TRAY_S = 1.2, 0.45  # of processor time, to make these
@@ -112,19 +111,22 @@ def train_parts(
     need_torch()
     if kind not in ("centre", "rcnn"):
         raise InputError(f"--kind {kind}: there is no such one; legal: centre, rcnn")
-    budget_s, weights = seconds(budget), out or new_weights("parts", "centre", config)
+    own = new_weights("parts", "centre", config) if kind == "centre" else rcnn.file_of(backbone, config)
+    budget_s, weights = seconds(budget), out or own
     trays = max(4, int(PARTS_SHARE * budget_s / TRAY_S))
     drawn: dict[str, object] = {"--views": VIEWS, "--lying-share": LYING_SHARE}
     folders = data or _made("objects", trays, drawn, weights, config, "--mixed")
+    if kind == "rcnn":
+        more = ["--kind", kind, "--backbone", backbone, "--steps", str(steps)]
+        command = _command("parts", budget, None, seed, data or (), *more)
+        rcnn.train(folders, config, weights, backbone, steps, seed, command, as_json)
+        return
     from learned.parts.dataset import load_scenes
     from learned.parts.train import train_parts as train
 
     configuration = load_configuration(config)
     product = load_product(configuration, config)
     scenes = load_scenes(folders, product)
-    if kind == "rcnn":
-        report_scores(f"Faster R-CNN, {backbone}", _rcnn(scenes, product, backbone, steps, weights, seed), as_json)
-        return
     things = sum(len(scene.labels) for scene in scenes)
     an_epoch_s = IMAGE_S * len(scenes) + THING_S * things
     times = epochs or min(20, max(1, int((1 - PARTS_SHARE) * budget_s / an_epoch_s)))
@@ -133,23 +135,6 @@ def train_parts(
     scores = train(scenes, product, floor_m, weights, seed, epochs=times, command=command, quiet=False)
     report_scores(f"part detector in {weights}", scores, as_json)
     how_to_use("parts", "centre", weights, config)
-
-
-def _rcnn(
-    scenes: list[Scene], product: Product, backbone: str, steps: int, weights: Path, seed: int
-) -> dict[str, float]:
-    """Train on most trays, score on every tenth."""
-    from learned.parts.rcnn import BACKBONES, RcnnTraining, score_rcnn, train_rcnn
-
-    if backbone not in BACKBONES:
-        raise InputError(f"--backbone {backbone}: there is no such one; legal: {', '.join(BACKBONES)}")
-    logs = sorted({scene.log for scene in scenes})
-    apart = set(logs[::10]) if len(logs) > 1 else set()
-    learned = [scene for scene in scenes if scene.log not in apart]
-    kept = [scene for scene in scenes if scene.log in apart] or scenes
-    checkpoint = weights.with_name(f"parts_rcnn_{backbone}.checkpoint")
-    network = train_rcnn(learned, product, seed, RcnnTraining(backbone, steps), checkpoint=checkpoint, quiet=False)
-    return score_rcnn(network, kept, product)
 
 
 def evaluate_holes(
@@ -177,7 +162,7 @@ def evaluate_parts(
     look: LookOption = "varied",
     first_seed: TestSeedOption = 900_000,
     recordings: Annotated[int, typer.Option(min=1, help="How many trays.")] = 50,
-    kind: Annotated[str, typer.Option(help="centre or classical.")] = "centre",
+    kind: Annotated[str, typer.Option(help="centre, classical, or rcnn (boxes alone, --weights needed).")] = "centre",
     mixed: Annotated[bool, typer.Option(help="Some parts lie or are stacked, some objects are unknown.")] = True,
     weights: WeightsOption = None,
     cameras: CamerasOption = Cameras.calibrated,
@@ -186,10 +171,15 @@ def evaluate_parts(
     as_json: JsonOption = False,
 ) -> None:
     """Score a part detector on images of trays."""
-    from cell.evaluating.things import score_parts
     from sim.data.splits import seeds
 
     _, wanted = seeds(first_seed, recordings)
+    if kind == "rcnn":
+        scores = rcnn.evaluate(look, first_seed, recordings, weights, mixed, steel, config)
+        report_scores(f"parts, {kind}, {look}", scores, as_json)
+        return
+    from cell.evaluating.things import score_parts
+
     scores = score_parts(_task(look, kind, weights, cameras, steel, config), wanted, mixed)
     report_scores(f"parts, {kind}, {look}, cameras {cameras.value}", scores, as_json)
 
@@ -221,10 +211,11 @@ def _task(
     return Task(configuration, product, kind, weights, cameras.value, float(steel))
 
 
-def _command(what: str, budget: str, epochs: int, seed: int, data: Sequence[Path]) -> str:
+def _command(what: str, budget: str, epochs: int | None, seed: int, data: Sequence[Path], *more: str) -> str:
     """What makes the same weights again."""
     given = [word for folder in data for word in ("--data", str(folder))]
-    return shlex.join(["cell", "train", what, "--budget", budget, "--epochs", str(epochs), "--seed", str(seed), *given])
+    times = [] if epochs is None else ["--epochs", str(epochs)]
+    return shlex.join(["cell", "train", what, "--budget", budget, *times, "--seed", str(seed), *given, *more])
 
 
 def _made(what: str, count: int, options: dict[str, object], weights: Path, config: Path, *flags: str) -> list[Path]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +15,7 @@ from cell.interfaces.observation import Image
 from cell.interfaces.perception import BenchView, Frame, HandSample, PartDetection, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
+from cell.recording.video import Video
 
 Colour = tuple[int, int, int]
 WORKS, RESTS, WHITE, GREY, RED = (255, 220, 0), (255, 140, 0), (255, 255, 255), (190, 190, 190), (255, 60, 60)
@@ -143,9 +143,9 @@ class PictureWriter:
     """
 
     def __init__(self, path: Path, rate_hz: float, *, overwrite: bool = False) -> None:
-        self.path, self._rate_hz = path, rate_hz
+        self.path = path
         self.written: list[Path] = []
-        self._video: Any = None
+        self._video = Video(self._partial(), rate_hz, name=path)
         if path.is_dir() and any(path.iterdir()) and not overwrite:
             raise InputError(f"{path}: is not an empty folder; choose another by --out, or say --overwrite")
         if path.is_file() and not overwrite:
@@ -162,7 +162,7 @@ class PictureWriter:
         bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
         try:
             if self.path.suffix.lower() == VIDEO_SUFFIX:
-                self._add(bgr)
+                self._video.add(bgr)
                 return
             file = self.path if self.path.suffix else self.path / f"{name}.png"
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -172,22 +172,15 @@ class PictureWriter:
         if file not in self.written:
             self.written.append(file)
 
-    def _add(self, bgr: Any) -> None:
-        if self._video is None:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            size = (bgr.shape[1], bgr.shape[0])
-            self._video = cv2.VideoWriter(str(self._partial()), cv2.VideoWriter.fourcc(*"mp4v"), self._rate_hz, size)
-            if not self._video.isOpened():
-                raise InputError(f"{self.path}: the video cannot be written")
-        self._video.write(bgr)
-
     def _partial(self) -> Path:
-        return self.path.with_name(f"{self.path.stem}.partial{self.path.suffix}")
+        return self.path.parent / f"{self.path.stem}.partial{self.path.suffix}"
+
+    def discard(self) -> None:
+        """Leave no piece of a video."""
+        self._video.discard()
 
     def close(self) -> None:
         """The video is whole from now on."""
-        if self._video is not None:
-            self._video.release()
+        if self._video.close():
             self._partial().replace(self.path)
-            self._video = None
             self.written.append(self.path)

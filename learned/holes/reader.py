@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from cell.interfaces.bench import Bench
@@ -14,6 +15,7 @@ from cell.interfaces.perception import Frame, HandSample, HoleView
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.ahead import Ahead
+from learned.classical.box_model import View, outline
 from learned.exposure import Image, levelled
 from learned.holes.crops import hole_crops, squares_m
 from learned.onnx_model import Network, OnnxModel
@@ -29,6 +31,9 @@ LEAST_UPRIGHT = "least_upright"  # of the model card: probability above which a 
 KEYS = {True: LEAST_EMPTY, False: LEAST_FILLED}
 SURELY_EMPTY = 0.9  # emptiness is never said below, however few recordings a validation had
 COVERED = {True: 0.5, False: 0.6}  # probability from which a hole that looks empty, or filled, counts as covered
+SURELY_FILLED = 0.95  # less is not believed of a hole that the robot is over: what it holds looks as if it were there
+LEAST_DEPTH_M = 0.05  # links nearer to the camera hide no single hole
+BESIDE_M = 0.03  # so far beside the robot's outline it is over a hole, too: about as far as a part reaches
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,9 @@ class PlateHoleReader:
         self._network = HoleNetwork(bench, product, network)
         self._answer = Ahead(lambda image: self._network.answer(image, self._camera))
         self._answers: deque[Answer] = deque(maxlen=VOTES)
+        self._robots: deque[Array | None] = deque(maxlen=VOTES)
+        self._holes_m = dict(zip(product.positions, squares_m(bench, product).mean(axis=1), strict=True))
+        self._model = bench.overhead.model
         self._views: dict[str, HoleView] = {}
 
     @staticmethod
@@ -104,12 +112,28 @@ class PlateHoleReader:
         """Holes by position name, as far as ever seen; what covers a hole is seen in the image, whatever `hand` is.
 
         A view follows the mean of the last frames: what noise alone makes doubtful in one is said, and a single wrong
-        one changes nothing.
+        one changes nothing. A hole that the robot is over keeps its view unless it is surely filled.
         """
         del hand
         self._answers.append(self._answer(frame.image))
+        self._robots.append(frame.robot_m)
         if len(self._answers) == VOTES:
             for position, reading in self._network.read(*self._answers).items():
-                if reading is not None:
+                if reading is not None and not self._may_be_robot(position, reading):
                     self._views[position] = HoleView(reading.part, reading.confidence, frame.time_s, reading.upright)
         return dict(sorted(self._views.items()))
+
+    def _may_be_robot(self, position: str, reading: Reading) -> bool:
+        """Whether what seems to be in a hole may be the robot over it, or the part that it holds."""
+        if reading.part is None or reading.confidence >= SURELY_FILLED:
+            return False
+        return any(robot_m is not None and self._over(position, robot_m) for robot_m in self._robots)
+
+    def _over(self, position: str, robot_m: Array) -> bool:
+        """Whether the robot (links, n, 3) is between the camera and a hole, or right beside that."""
+        view, hole_m = View(self._model, self._camera), self._holes_m[position]
+        (hole,) = view.pixels(hole_m[np.newaxis]).tolist()
+        beside_px = BESIDE_M * view.pixels_per_m(hole_m.tolist())
+        seen = [points for points in robot_m if float(view.depths(points).min()) > LEAST_DEPTH_M]
+        outlines = (outline(view.pixels(points)).astype(np.float32) for points in seen)
+        return any(cv2.pointPolygonTest(one, hole, measureDist=True) > -beside_px for one in outlines)

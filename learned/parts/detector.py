@@ -17,18 +17,20 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
 from learned.exposure import levelled
 from learned.onnx_model import Network, OnnxModel
-from learned.parts.crops import crop_of
+from learned.parts.crops import crops_of, half_turned
 from learned.parts.dataset import UNKNOWN, surface_of
 from learned.parts.maps import INPUT_PX, Peak, network_input, overlap, peaks
 
 CENTRE_KIND, POSE_KIND = "parts.centre", "parts.pose"
 LEAST_SCORE, LEAST_GRASPED = 0.1, 0.3  # of the centre net: for an answer at all, and for one with an exact pose
 LEAST_STANDING = 0.5  # probability, by both networks, that a part stands and is of its type
+LEAST_LIKELY = 0.05  # the same at first sight; what is likelier is looked at once more, from both sides
+BIAS, BY_CENTRE, BY_POSE, SUREST = -1.25, 0.3, 1.0, 6.0  # of log odds that it stands, by each network up to a limit
 MARGIN_M = 0.06  # things this far outside the tray still count
 NEAREST_M = 0.05  # from the camera to the tray
 AXIS_PX = 8.0
 RAYS = 7  # of a peak: its middle and two points of its axis, its middle if it lies, three corners of its box
-FAR_M, FAR_RAD = 0.002, 0.04  # what the pose net moves by more than this, it sees again where it put it
+HALF_TURN = np.array([-1.0, -1.0, 1.0], np.float32)  # of what is along, across and the heading, seen the other way
 SAME_M = 0.012  # two standing parts cannot be nearer
 SAME_BOX = 0.5  # intersection over union, from which something else is the same thing as one that stands
 
@@ -71,6 +73,7 @@ class CentrePartDetector:
         self._bench, self._product = bench, product
         self._types = tuple(product.parts)
         self._centre, self._pose = centre, pose
+        self._alike = [kind.alike_after_half_turn for kind in product.parts.values()]
         self._surfaces = {name: surface_of(kind) for name, kind in product.parts.items()}
         for network in (centre, pose):
             network.card.require_vocabulary(network.path, {"parts": self._types})
@@ -158,10 +161,8 @@ class CentrePartDetector:
 
     def _refined(self, frame: Frame, supposed: Sequence[_Standing]) -> list[_Standing]:
         """Those that stand, where the pose net sees them; of one thing the surest answer, none inside others."""
-        seen = self._corrected(frame, supposed)
-        far = [_is_far(one, before) for one, before in zip(seen, supposed, strict=True)]
-        again = iter(self._corrected(frame, [one for one, is_far in zip(seen, far, strict=True) if is_far]))
-        seen = [next(again) if is_far else one for one, is_far in zip(seen, far, strict=True)]
+        likely = [one for one in self._corrected(frame, supposed) if one.standing > LEAST_LIKELY]
+        seen = self._corrected(frame, likely, both_ways=True)
         kept: list[_Standing] = []
         for one in sorted(seen, key=lambda one: -one.standing):
             apart = all(float(np.hypot(*(one.place_m - other.place_m)[:2])) > SAME_M for other in kept)
@@ -169,22 +170,25 @@ class CentrePartDetector:
                 kept.append(one)
         return kept
 
-    def _corrected(self, frame: Frame, supposed: Sequence[_Standing]) -> list[_Standing]:
+    def _corrected(self, frame: Frame, supposed: Sequence[_Standing], *, both_ways: bool = False) -> list[_Standing]:
+        """As the pose net sees them.
+
+        Args:
+            both_ways: the mean of what it says of a crop and of the same turned round, where a part's ends are alike.
+        """
         if not supposed:
             return []
-        model = self._bench.wrist.model
-        crops = [crop_of(frame.image, model, frame.world_from_camera, one.place_m, one.yaw_rad) for one in supposed]
-        answer = self._pose.run({"crops": np.stack(crops)})
+        places, yaws = [one.place_m for one in supposed], [one.yaw_rad for one in supposed]
+        crops = crops_of(frame.image, self._bench.wrist.model, frame.world_from_camera, places, yaws)
+        twice = [index for index, one in enumerate(supposed) if both_ways and self._alike[one.peak.kind]]
+        answer = self._pose.run({"crops": np.concatenate([crops, half_turned(crops[twice])])})
         shares = np.exp(answer["kinds"] - answer["kinds"].max(axis=1, keepdims=True))
         shares /= shares.sum(axis=1, keepdims=True)
-        moved = []
-        for one, off, share in zip(supposed, answer["corrections"], shares, strict=True):
-            along, across, turn = (float(value) for value in off[one.peak.kind])
-            cosine, sine = math.cos(one.yaw_rad), math.sin(one.yaw_rad)
-            way = np.array([along * cosine - across * sine, along * sine + across * cosine, 0.0]) / 100
-            kind = float(share[one.peak.kind]) * one.peak.upright
-            moved.append(_Standing(one.peak, one.place_m + way, one.yaw_rad + turn, kind))
-        return moved
+        offs = answer["corrections"]
+        offs[len(crops) :] *= HALF_TURN
+        for values in (shares, offs):
+            values[twice] = (values[twice] + values[len(crops) :]) / 2
+        return [_moved(*one) for one in zip(supposed, offs, shares, strict=False)]
 
     def _standing(self, frame: Frame, one: _Standing, features: NDArray[np.float32]) -> PartDetection:
         """A part that stands; its box is around what its exact pose lets the camera see of it."""
@@ -213,9 +217,19 @@ class CentrePartDetector:
         return bool((off < reach).all())
 
 
-def _is_far(one: _Standing, before: _Standing) -> bool:
-    turned = abs(one.yaw_rad - before.yaw_rad)
-    return turned > FAR_RAD or float(np.linalg.norm(one.place_m - before.place_m)) > FAR_M
+def _moved(one: _Standing, offs: NDArray[np.float32], shares: NDArray[np.float32]) -> _Standing:
+    """By the pose net's answer about it: (types, 3) along, across in centimetres and heading; (types + 1) shares."""
+    along, across, turn = (float(value) for value in offs[one.peak.kind])
+    cosine, sine = math.cos(one.yaw_rad), math.sin(one.yaw_rad)
+    way = np.array([along * cosine - across * sine, along * sine + across * cosine, 0.0]) / 100
+    odds = BIAS + BY_CENTRE * _log_odds(one.peak.upright) + BY_POSE * _log_odds(float(shares[one.peak.kind]))
+    return _Standing(one.peak, one.place_m + way, one.yaw_rad + turn, 1.0 / (1.0 + math.exp(-odds)))
+
+
+def _log_odds(share: float) -> float:
+    least = 1.0 / (1.0 + math.exp(SUREST))
+    inside = min(max(share, least), 1.0 - least)
+    return math.log(inside / (1.0 - inside))
 
 
 def _box(sides: Array) -> tuple[int, int, int, int]:

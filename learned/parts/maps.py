@@ -52,8 +52,8 @@ class Peak:
 
 
 def network_input(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """An image (height, width, 3) as the centre net takes it, (1, 3, 240, 320)."""
-    small = cv2.resize(image, INPUT_PX, interpolation=cv2.INTER_AREA)
+    """An image (height, width, 3) as the centre net takes it, (1, 3, 240, 320); sampled as images of its training."""
+    small = cv2.resize(image, INPUT_PX, interpolation=cv2.INTER_LINEAR)
     planes = np.empty((1, 3, *reversed(INPUT_PX)), np.float32)
     for plane, channel in zip(planes[0], cv2.split(small), strict=True):
         cv2.LUT(channel, LEVELS, plane)

@@ -5,8 +5,10 @@ It answers boxes and types, not poses: it is a baseline of detection, trained fr
 
 from __future__ import annotations
 
+import pickle
+import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +18,23 @@ from torchvision.models.detection import FasterRCNN, fasterrcnn_mobilenet_v3_lar
 from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 
+from cell.interfaces.errors import ModelError
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.exposure import POOR, levelled, spoiled
 from learned.fitting import Checkpoint, fit
+from learned.onnx_model import ModelCard
 from learned.parts.dataset import UNKNOWN, Scene
-from learned.parts.evaluate import IOU, LEAST_SHOWN, average_precision
-from learned.parts.maps import INPUT_PX, network_input, overlap
+from learned.parts.evaluate import LEAST_SHOWN, Findings, judge
+from learned.parts.maps import INPUT_PX, network_input
 from learned.stills import data_hash
 
-BACKBONES = ("resnet101", "resnet50", "resnet18", "mobilenet")
 ANCHORS_PX, RATIOS = ((32,), (64,), (128,), (256,), (512,)), (0.5, 1.0, 2.0)  # as the paper and torchvision
 LEAST_SCORE = 0.05
+SMALL_REGIONS = 64  # of an image, that the small one learns from in a step; as in Fast R-CNN: trays hold ten things
+KIND = "parts.rcnn"
+SCORES = "things", "map_50", "map_50_95", "ap_50_unknown", "processor_ms_p50", "processor_ms_p95"  # boxes have no more
 
 
 @dataclass(frozen=True)
@@ -46,7 +54,12 @@ def rcnn(backbone: str, types: int) -> nn.Module:
     width, height = INPUT_PX
     if backbone == "mobilenet":
         small: nn.Module = fasterrcnn_mobilenet_v3_large_320_fpn(
-            weights=None, weights_backbone=None, num_classes=classes, min_size=height, max_size=width
+            weights=None,
+            weights_backbone=None,
+            num_classes=classes,
+            min_size=height,
+            max_size=width,
+            box_batch_size_per_image=SMALL_REGIONS,
         )
         return small
     body = resnet_fpn_backbone(backbone_name=backbone, weights=None, norm_layer=nn.BatchNorm2d, trainable_layers=5)
@@ -98,44 +111,79 @@ def targets(scene: Scene, types: tuple[str, ...]) -> dict[str, Tensor]:
     return {"boxes": torch.from_numpy(boxes), "labels": torch.tensor(kinds, dtype=torch.int64)}
 
 
+def write_rcnn(
+    network: nn.Module,
+    out: Path,
+    product: Product,
+    scenes: Sequence[Scene],
+    settings: RcnnTraining,
+    seed: int,
+    command: str,
+) -> dict[str, float]:
+    """Weights and card in a file of torch, as no cell runs it.
+
+    Returns:
+        What was learned from.
+    """
+    facts = {"images": float(len(scenes)), "things": float(sum(len(scene.labels) for scene in scenes))}
+    card = ModelCard(
+        kind=KIND,
+        config=asdict(settings),
+        vocabulary={"parts": tuple(product.parts)},
+        data_sha256=data_hash(scenes),
+        scores=facts,
+        command=command,
+        seed=seed,
+    )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    partial = out.with_name(out.name + ".partial")
+    torch.save({"card": card.model_dump_json(), "network": network.state_dict()}, partial)
+    partial.replace(out)
+    return facts
+
+
+def load_rcnn(path: Path, product: Product) -> nn.Module:
+    """A network that `write_rcnn` wrote, ready to answer.
+
+    Raises:
+        ModelError: the file is missing, is none of these, or was trained for other parts.
+    """
+    try:
+        kept = torch.load(path, weights_only=True)
+        card = ModelCard.model_validate_json(kept["card"])
+        network = rcnn(str(card.config["backbone"]), len(card.vocabulary["parts"]))
+        network.load_state_dict(kept["network"])
+    except OSError as error:
+        raise ModelError(f"{path}: cannot read the weights: {error.strerror}") from error
+    except (KeyError, TypeError, ValueError, RuntimeError, pickle.UnpicklingError) as error:
+        raise ModelError(f"{path}: not weights of `cell train parts --kind rcnn`, or damaged") from error
+    card.require_vocabulary(path, {"parts": tuple(product.parts)})
+    return network.eval()
+
+
 def score_rcnn(network: nn.Module, scenes: Sequence[Scene], product: Product) -> dict[str, float]:
-    """Mean average precision over the product's types, at IoU .5 and averaged over .5 to .95."""
-    types = tuple(product.parts)
-    found: dict[tuple[int, int], list[tuple[float, bool]]] = {}
-    counts = dict.fromkeys(range(1, len(types) + 1), 0)
+    """Scores of boxes, as those of part detectors are."""
+    findings = Findings()
     network.eval()
+    torch.set_num_threads(1)
     for scene in scenes:
-        with torch.no_grad():
-            answer = network([torch.from_numpy(network_input(levelled(scene.image))[0] + 0.5)])[0]
-        truth = targets(scene, types)
-        for kind in counts:
-            true = truth["boxes"][truth["labels"] == kind].numpy().astype(float)
-            own = answer["labels"] == kind
-            boxes, scores = answer["boxes"][own].numpy().astype(float), answer["scores"][own].tolist()
-            counts[kind] += len(true)
-            for level, least in enumerate(IOU):
-                found.setdefault((kind, level), []).extend(_matched(boxes, scores, true, least))
-    precisions = [
-        [average_precision(found[kind, level], count) for level in range(len(IOU))]
-        for kind, count in counts.items()
-        if count
-    ]
-    return {"map_50": float(np.mean([each[0] for each in precisions])), "map_50_95": float(np.mean(precisions))}
+        began_s = time.process_time()
+        answers = _answers(network, scene, tuple(product.parts))
+        findings.seconds.append(time.process_time() - began_s)
+        judge(scene, answers, product, findings)
+    return {name: value for name, value in findings.scores(product).items() if name in SCORES}
 
 
-def _matched(
-    boxes: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-    scores: Sequence[float],
-    true: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-    least: float,
-) -> list[tuple[float, bool]]:
-    """The surest answer takes the best box first."""
-    free, told = list(range(len(true))), []
-    for index in np.argsort(scores)[::-1]:
-        best = max(free, key=lambda one: overlap(boxes[index], true[one]), default=None)
-        right = False
-        if best is not None and overlap(boxes[index], true[best]) >= least:
-            free.remove(best)
-            right = True
-        told.append((scores[int(index)], right))
-    return told
+def _answers(network: nn.Module, scene: Scene, types: tuple[str, ...]) -> list[PartDetection]:
+    """Boxes in pixels of the camera; where things are is not told."""
+    height, width = scene.image.shape[:2]
+    scale = np.tile([width / INPUT_PX[0], height / INPUT_PX[1]], 2)
+    with torch.no_grad():
+        answer = network([torch.from_numpy(network_input(levelled(scene.image))[0] + 0.5)])[0]
+    names, nowhere = (*types, UNKNOWN), Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    found = []
+    for box, label, score in zip(answer["boxes"].numpy(), answer["labels"], answer["scores"], strict=True):
+        left, top, right, bottom = (round(float(side)) for side in box * scale)
+        sides = (left, top, right, bottom)
+        found.append(PartDetection(names[int(label) - 1], float(score), nowhere, (0.0, 0.0, 0.0), sides, upright=False))
+    return found

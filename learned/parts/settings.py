@@ -6,6 +6,8 @@ from pydantic import Field
 
 from learned.schedule import Schedule
 
+BACKBONES = ("resnet101", "resnet50", "resnet18", "mobilenet")  # of Faster R-CNN, the paper's first
+
 
 class CentreTraining(Schedule):
     """Training of the centre net.

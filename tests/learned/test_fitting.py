@@ -76,3 +76,18 @@ def test_a_fit_whose_checkpoint_stays_is_not_done_again(tmp_path: Path) -> None:
     assert not seen
     assert torch.equal(whole.weight, again.weight)  # type: ignore[arg-type]
     assert not again.training
+
+
+@pytest.mark.parametrize("has_them", [True, False])
+def test_numbers_are_short_only_where_the_processor_computes_with_them(
+    has_them: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import torch
+
+    from learned.fitting import short_numbers
+
+    monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: has_them)
+    monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: False)
+    with short_numbers():
+        product = torch.rand(2, 3) @ torch.rand(3, 2)
+    assert product.dtype == (torch.bfloat16 if has_them else torch.float32)

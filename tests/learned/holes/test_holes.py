@@ -107,3 +107,28 @@ def test_emptiness_is_said_only_where_less_is_thought_to_hide_it() -> None:
     assert watch(PlateHoleReader(BENCH, PRODUCT, said), range(5)) == {}
     said.kind = 1
     assert watch(PlateHoleReader(BENCH, PRODUCT, said), range(5)) == dict.fromkeys(PRODUCT.positions, TYPES[0])
+
+
+def test_what_seems_to_be_in_a_hole_that_the_robot_is_over_must_be_surely_there() -> None:
+    """A part in the gripper above its hole was told as placed, at .62, and that cancelled its placement."""
+    said = Said()
+    said.card = CARD.model_copy(update={"config": {"least_empty": 0.9, "least_filled": 0.6}})
+    reader = PlateHoleReader(BENCH, PRODUCT, said)
+    assert watch(reader, range(VOTES)) == dict.fromkeys(PRODUCT.positions)
+    over = squares_m(BENCH, PRODUCT)[0].mean(axis=0) + np.array([0.0, 0.0, 0.1])
+    robot_m = (over + np.array([[x, y, z] for x in (-0.01, 0.01) for y in (-0.01, 0.01) for z in (0.0, 0.3)]))[None]
+    said.kind, said.sure = 1, 0.7
+    for number in range(10, 16):
+        views = reader.read(frame(number).beside(robot_m), None)
+    hidden, *others = PRODUCT.positions
+    assert {position: view.part for position, view in views.items()} == {hidden: None} | dict.fromkeys(others, TYPES[0])
+    said.sure = 0.97
+    for number in range(20, 20 + VOTES):
+        views = reader.read(frame(number).beside(robot_m), None)
+    assert views[hidden].part == TYPES[0]
+    said.kind = 0
+    for number in range(30, 30 + VOTES):
+        views = reader.read(frame(number).beside(robot_m), None)
+    assert views[hidden].part is None
+    said.kind, said.sure = 1, 0.7
+    assert watch(reader, range(40, 40 + VOTES))[hidden] == TYPES[0]

@@ -9,15 +9,18 @@ import numpy as np
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.pose import Pose
+from learned.exposure import levelled
 from learned.parts.augment import sample
 from learned.parts.dataset import Label, Scene
 from learned.parts.evaluate import Findings, average_precision, judge
-from learned.parts.maps import HEIGHT_UNIT_M, UPRIGHT, overlap, peaks
+from learned.parts.maps import HEIGHT_UNIT_M, UPRIGHT, network_input, overlap, peaks
 
 CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)
 TYPES = tuple(PRODUCT.parts)
 FLOOR_M = 0.004
+CAMERA = CameraModel(480, 360, 420.0)
+ABOVE = Pose((0.5, -0.4, 0.5), (0.0, 1.0, 0.0, 0.0))
 SCALE = 1.5  # of the camera's image against the network's
 
 
@@ -29,8 +32,7 @@ def label(part: str, x: float, y: float, angle: float, upright: bool) -> Label:
 
 def scene(*labels: Label) -> Scene:
     image = np.full((360, 480, 3), 90, np.uint8)
-    pose = Pose((0.5, -0.4, 0.5), (0.0, 1.0, 0.0, 0.0))
-    return Scene("one", image, CameraModel(480, 360, 420.0), pose, pose, labels)
+    return Scene("one", image, CAMERA, ABOVE, ABOVE, labels)
 
 
 def test_labels_are_read_back_as_they_were() -> None:
@@ -47,6 +49,14 @@ def test_labels_are_read_back_as_they_were() -> None:
         assert math.cos(2 * (peak.axis_rad - angle)) > 0.9999
         assert abs(peak.height_m - 0.012) < 1e-6 * HEIGHT_UNIT_M + 1e-6
         assert (peak.upright > 0.5) == true.upright
+
+
+def test_an_image_is_sampled_as_in_training() -> None:
+    plain = scene()
+    image = np.random.default_rng(0).integers(60, 120, plain.image.shape, np.uint8)  # sharp edges everywhere
+    told = sample(Scene(plain.log, image, plain.camera, ABOVE, ABOVE, ()), TYPES, FLOOR_M, None)
+    asked = network_input(levelled(image))[0]
+    assert np.abs(asked - told.image).max() < 3 / 255
 
 
 def test_a_turned_image_moves_its_labels_along() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product
+from cell.interfaces.errors import ModelError
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from learned.parts.dataset import AXIS_M, Label, Scene, surface_of
@@ -111,11 +112,44 @@ def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
     assert losses[1] < losses[0]
 
 
-def test_faster_rcnn_takes_a_step_and_is_scored(tmp_path: Path) -> None:
-    from learned.parts.rcnn import RcnnTraining, score_rcnn, train_rcnn
+def test_faster_rcnn_takes_a_step_is_written_and_scored(tmp_path: Path) -> None:
+    from learned.parts.rcnn import RcnnTraining, load_rcnn, score_rcnn, train_rcnn, write_rcnn
 
-    checkpoint = tmp_path / "rcnn.checkpoint"
-    network = train_rcnn(SCENES, PRODUCT, 0, RcnnTraining("mobilenet", steps=2, batch=2), checkpoint=checkpoint)
+    checkpoint, out = tmp_path / "rcnn.checkpoint", tmp_path / "rcnn.pt"
+    settings = RcnnTraining("mobilenet", steps=2, batch=2)
+    network = train_rcnn(SCENES, PRODUCT, 0, settings, checkpoint=checkpoint)
     assert not checkpoint.exists()  # it is for what was interrupted
-    scores = score_rcnn(network, SCENES[:2], PRODUCT)
+    write_rcnn(network, out, PRODUCT, SCENES, settings, 0, "a test")
+    scores, again = (score_rcnn(one, SCENES[:2], PRODUCT) for one in (network, load_rcnn(out, PRODUCT)))
     assert 0 <= scores["map_50_95"] <= scores["map_50"] <= 1
+    assert "posture" not in scores
+    assert scores["map_50"] == again["map_50"]
+    out.write_bytes(b"no weights")
+    with pytest.raises(ModelError, match="damaged"):
+        load_rcnn(out, PRODUCT)
+
+
+def test_boxes_of_faster_rcnn_are_judged_as_those_of_other_detectors() -> None:
+    import torch
+
+    from learned.parts.dataset import UNKNOWN
+    from learned.parts.rcnn import score_rcnn, targets
+
+    types = tuple(PRODUCT.parts)
+
+    class Perfect(torch.nn.Module):
+        def forward(self, _: object) -> list[dict[str, torch.Tensor]]:
+            truth = targets(SCENES[0], types)
+            return [{**truth, "scores": torch.ones(len(truth["labels"]))}]
+
+    scores = score_rcnn(Perfect(), SCENES[:1], PRODUCT)
+    assert UNKNOWN not in PRODUCT.parts
+    assert scores["map_50"] == 1
+    assert scores["map_50_95"] > 0.9  # whole pixels
+
+
+def test_a_backbone_that_there_is_not_is_told_before_data_are_made(capsys: pytest.CaptureFixture[str]) -> None:
+    from cell.commands.main import main
+
+    assert main(["train", "parts", "--kind", "rcnn", "--backbone", "vgg"]) == 2
+    assert "legal: resnet101" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import Progress, SkillStatus
-from skills.phases import Move, done, failed
+from skills.phases import Move, done, failed, held
 from skills.planner import Load, MotionPlanner
 
 
@@ -20,9 +20,18 @@ def tool_height_m(planner: MotionPlanner, observation: Observation) -> float:
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
+def can_feel(move: Move, observation: Observation) -> bool:
+    """Whether a tool that hangs back has met something.
+
+    One that is held may have been pushed off its path, and one that has lost its path hangs back from nothing.
+    """
+    follows = observation.arm.path_s is not None or observation.arm.moving
+    return move.trajectory is not None and follows and not held(observation)
+
+
 def meets_something(planner: MotionPlanner, move: Move, observation: Observation, along: Array = DOWN) -> bool:
     """Whether something holds the tool back on a straight way in the direction `along` (3,)."""
-    if move.trajectory is None:
+    if move.trajectory is None or not can_feel(move, observation):
         return False
     settings = planner.settings
     followed_s = move.followed_s(observation) - settings.servo_lag_s
@@ -81,7 +90,7 @@ class SetDown:
         progress = self._move.poll(observation, command)
         if progress.status is SkillStatus.SUCCESS or not observation.gripper.holding:
             return progress
-        stuck = progress.status is SkillStatus.FAILURE and self._move.trajectory is not None
+        stuck = progress.status is SkillStatus.FAILURE and can_feel(self._move, observation)
         if not stuck and not meets_something(self._planner, self._move, observation):
             return progress
         above_m = tool_height_m(self._planner, observation) - self._goal.position_m[2]

@@ -91,10 +91,14 @@ class _Feel:
     def __init__(self, planner: MotionPlanner, by_m: Array, speed_m_s: float) -> None:
         self._planner, self._along = planner, by_m / np.linalg.norm(by_m)
 
+        self._goal: Pose | None = None
+
         def plan(start_rad: Array) -> Plan:
-            pose = planner.kinematics.forward(start_rad)
-            x, y, z = (float(value) for value in np.array(pose.position_m) + by_m)
-            return planner.blind_move(start_rad, Pose((x, y, z), pose.quaternion_wxyz), speed_m_s)
+            if self._goal is None:  # a way that begins again ends where the first one would have ended
+                pose = planner.kinematics.forward(start_rad)
+                x, y, z = (float(value) for value in np.array(pose.position_m) + by_m)
+                self._goal = Pose((x, y, z), pose.quaternion_wxyz)
+            return planner.blind_move(start_rad, self._goal, speed_m_s)
 
         self._move = Move("feeling the way", plan, planner.settings)
 

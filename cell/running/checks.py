@@ -23,6 +23,7 @@ POSITION_LIMIT_RAD = 2 * math.pi + 0.01
 SPEED_LIMITS_RAD_S = np.array([2.1, 2.1, 3.15, 3.15, 3.15, 3.15]) * 1.3  # datasheet, and what a measurement adds
 OFF_PATH_RAD = 0.025
 ARRIVED_RAD = 0.006  # a standing arm is at its goal so nearly
+VAIN_TIMES = 3  # acknowledgements in a row that no trajectory came to its end after
 SERVO_LAGS_S = (0.0, 0.008, 0.016)  # an arm trails its trajectory by at most the last
 HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
 REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
@@ -36,11 +37,13 @@ class Sign:
         reason: in words for an operator.
         share: largest share of speed where the fault's action is to slow down.
         leaving: share of speed at which the arm may go on although the fault's action is to hold; 0 for standing still.
+        vain: it was acknowledged too often already: where it would wait for a person again, the run stops.
     """
 
     reason: str
     share: float = 1.0
     leaving: float = 0.0
+    vain: bool = False
 
 
 class Memory:
@@ -51,12 +54,14 @@ class Memory:
         too_near: the hand was too near in the tick before.
         ever_active: the gripper was active at some time of the run.
         trajectory: what the arm was last sent and was not told to give up.
+        given_up: trajectories that were given up by an acknowledgement since one came to its end.
     """
 
     def __init__(self) -> None:
         self.ever_active = self.too_near = False
         self.restarted = ""
         self.trajectory: JointTrajectory | None = None
+        self.given_up = 0
         self._active, self._held_s = False, -math.inf
 
     def see(self, observation: Observation) -> None:
@@ -72,10 +77,14 @@ class Memory:
         self.ever_active |= gripper.activated
         if observation.arm.mode in ("protective_stop", "recovery"):  # it stands where it was stopped, off its path
             self.trajectory = None
+        elif self.trajectory is not None and _far_rad(self.trajectory) > OFF_PATH_RAD:
+            self.given_up = 0 if _arrived(observation, self.trajectory) else self.given_up
 
     def command(self, observation: Observation, command: Command, judgement: Judgement) -> None:
         """A tick ends with what goes out."""
-        if command.stop_arm or judgement.gives_path_up(acknowledged=observation.acknowledged):
+        given_up = judgement.gives_path_up(acknowledged=observation.acknowledged)
+        self.given_up += given_up and self.trajectory is not None
+        if command.stop_arm or given_up:
             self.trajectory = None
         elif command.follow is not None and judgement.new_path:
             self.trajectory = command.follow
@@ -120,18 +129,35 @@ def _stale_arm(seen: Observation, _: Command, __: Memory) -> Sign | None:
 
 def _off_path(seen: Observation, _: Command, memory: Memory) -> Sign | None:
     """The arm is elsewhere than its trajectory has it, or does not follow it at all."""
-    sent, path_s = memory.trajectory, seen.arm.path_s
+    words = _why_off_path(seen, memory.trajectory)
+    if words and memory.given_up >= VAIN_TIMES:
+        return Sign(f"{words}, although it was acknowledged {memory.given_up} times in a row", vain=True)
+    return Sign(words) if words else None
+
+
+def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
+    path_s = seen.arm.path_s
     if sent is None or len(seen.arm.positions_rad) != 6:
-        return None
-    measured = np.array(seen.arm.positions_rad)
+        return ""
     if seen.arm.moving and path_s is not None:
+        measured = np.array(seen.arm.positions_rad)
         off = min(float(np.abs(measured - sent.at(path_s - lag_s)).max()) for lag_s in SERVO_LAGS_S)
-        return Sign(f"a joint is {off:.3f} rad off its path") if off > OFF_PATH_RAD else None
-    far = float(np.abs(sent.positions_rad[-1] - sent.positions_rad[0]).max())  # a short way is missed by less
-    missed = float(np.abs(measured - sent.positions_rad[-1]).max()) > max(ARRIVED_RAD, min(OFF_PATH_RAD, far / 2))
-    if missed and not seen.arm.moving and seen.arm.stands:
-        return Sign("the arm does not follow its trajectory")
-    return None
+        return f"a joint is {off:.3f} rad off its path" if off > OFF_PATH_RAD else ""
+    stays = not seen.arm.moving and seen.arm.stands and not _arrived(seen, sent)
+    return "the arm does not follow its trajectory" if stays else ""
+
+
+def _far_rad(sent: JointTrajectory) -> float:
+    """How far the joint goes that goes farthest."""
+    return float(np.abs(sent.positions_rad[-1] - sent.positions_rad[0]).max())
+
+
+def _arrived(seen: Observation, sent: JointTrajectory) -> bool:
+    """Whether the arm stands at the end of a trajectory; a short way is missed by less."""
+    if seen.arm.moving or not seen.arm.stands or len(seen.arm.positions_rad) != 6:
+        return False
+    missed = float(np.abs(np.array(seen.arm.positions_rad) - sent.positions_rad[-1]).max())
+    return missed <= max(ARRIVED_RAD, min(OFF_PATH_RAD, _far_rad(sent) / 2))
 
 
 def _stale_gripper(seen: Observation, _: Command, __: Memory) -> Sign | None:

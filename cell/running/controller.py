@@ -210,6 +210,8 @@ class Controller:
         self._judgement = self._supervisor.judge(seen)
         judgement = self._judgement
         self._seen = self._actor.seen(replace(seen, share=judgement.share, held_by=judgement.held_by))
+        if seen.acknowledged:
+            self._audience.say("info", "acknowledged by the operator")
         self._announce()
         return self._seen, joints
 

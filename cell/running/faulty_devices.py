@@ -62,6 +62,8 @@ class FaultyArm:
             return state
         fault = self._injection.fault
         self._injection.shown |= fault not in UNSEEN
+        if fault == "arm_protective_stop" and state.path_s is not None:
+            self._arm.stop()  # which forgets its path
         if fault in ("arm_lost", "arm_deaf"):
             raise DeviceFault("arm", "connection lost")
         if fault == "arm_frozen":

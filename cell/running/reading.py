@@ -168,7 +168,7 @@ class HeldFingers:
                 self._withheld = True
         elif not held and (self._withheld or self._forgotten) and self._goal is not None:
             self._gripper.command(self._goal)
-            self._withheld = self._forgotten = False
+            self.sent(self._goal)
 
     def _knocked(self, opening_m: float) -> bool:
         """Whether the fingers are still about where they gripped a part."""

@@ -116,6 +116,7 @@ def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -
     if state.active_s is not None:
         acts_s = now_s - state.active_s
         state.lasted |= fault.person_after_s is not None and acts_s > fault.person_after_s
+        state.expired |= state.lasted and state.sign.vain
         state.expired |= fault.stop_after_s is not None and fault.does > Action.WARN and acts_s > fault.stop_after_s
 
 

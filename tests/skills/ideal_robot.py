@@ -20,11 +20,13 @@ class IdealRobot:
     Attributes:
         part_m: width of what stands between the fingers when they close; None for nothing.
         blocked: the arm does not move although it was told to.
+        held_until_s: the supervisor lets nothing begin before.
         sent: all commands, in order.
     """
 
     def __init__(self, joints_rad: tuple[float, ...], part_m: float | None = None) -> None:
         self.part_m, self.blocked = part_m, False
+        self.held_until_s = self._work_s = 0.0
         self.sent: list[Command] = []
         self.holes: dict[str, str] = {}
         self.tick = 0
@@ -41,9 +43,11 @@ class IdealRobot:
     def observe(self) -> Observation:
         """The state after the last command."""
         speed = 0.5 if self._moving else 0.0
-        arm = ArmState(self.time_s, self._joints, (speed,) * 6, self._moving)
+        arm = ArmState(self.time_s, self._joints, (speed,) * 6, self._moving, path_s=self._path_s)
         gripper = GripperState(self.time_s, True, self._status, self._opening_m, 0.1, 0)
-        return Observation(self.tick, self.time_s, arm, gripper, self._bench(self.holes))
+        share = 1.0 if self.held_until_s <= self.time_s else 0.0
+        bench = self._bench(self.holes)
+        return Observation(self.tick, self.time_s, arm, gripper, bench, share=share, work_s=self._work_s)
 
     def act(self, command: Command) -> None:
         """Carry a command out and go on by one tick."""
@@ -54,9 +58,14 @@ class IdealRobot:
             self._trajectory, self._started_s = command.follow, self.time_s
         if command.gripper is not None:
             self._close(command.gripper.opening_m)
+        self._work_s += TICK_S if self.held_until_s <= self.time_s else 0.0
         self.tick += 1
         if self._trajectory is not None:
             self._joints = tuple(self._trajectory.at(self.time_s - self._started_s))
+
+    def lose_path(self, held_s: float) -> None:
+        """A protective stop: the arm stands, has forgotten its trajectory, and is held for a while."""
+        self._trajectory, self.held_until_s = None, self.time_s + held_s
 
     def drop(self) -> None:
         """Lose the part."""
@@ -80,6 +89,12 @@ class IdealRobot:
     @property
     def _moving(self) -> bool:
         return self._trajectory is not None and self.time_s < self._started_s + self._trajectory.duration_s
+
+    @property
+    def _path_s(self) -> float | None:
+        if self._trajectory is None:
+            return None
+        return min(self.time_s - self._started_s, self._trajectory.duration_s)
 
     def _close(self, goal_m: float) -> None:
         if self.part_m is not None and goal_m < self.part_m:

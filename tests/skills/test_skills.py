@@ -27,6 +27,7 @@ from skills.pick import Pick
 from skills.place import Place
 from skills.planner import MotionPlanner
 from skills.put_back import PutBack
+from skills.straight import MoveUntilContact
 from tests.skills.ideal_robot import IdealRobot
 
 DATASHEET_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
@@ -310,6 +311,77 @@ def test_fingers_that_do_not_let_go_are_a_failure(planner: MotionPlanner, robot:
     progress = phase.poll(held, Command())
     assert progress.status is SkillStatus.FAILURE
     assert "still hold something" in progress.reason
+
+
+def lost_on_the_way(robot: IdealRobot, skill: PhasedSkill, doing: str, after_ticks: int) -> list[Command]:
+    """What is sent while the arm is held that lost its path in the middle of a motion; the skill is over afterwards."""
+    before, lost_at = 0, None
+    for _ in range(1500):
+        command = Command()
+        progress = skill.poll(robot.observe(), command)
+        if progress.status is not SkillStatus.RUNNING:
+            assert progress.status is SkillStatus.SUCCESS, progress.reason
+            break
+        robot.act(command)
+        before = before + 1 if progress.reason.startswith(doing) else 0
+        if before == after_ticks and lost_at is None:
+            robot.lose_path(held_s=2.0)
+            lost_at = len(robot.sent)
+    assert lost_at is not None
+    return robot.sent[lost_at : lost_at + 50]
+
+
+@pytest.mark.parametrize(
+    ("name", "doing", "after_ticks"),
+    [
+        ("pick", "going down to o2", 4),
+        ("place", "lowering o2", 4),
+        ("place", "lowering o2", 16),  # by feel
+        ("put back", "lowering o2", 4),
+    ],
+)
+def test_an_arm_that_lost_its_path_while_it_was_held_has_met_nothing(
+    planner: MotionPlanner, product: Product, robot: IdealRobot, name: str, doing: str, after_ticks: int
+) -> None:
+    """Its clock goes on without it: it hangs far above where its trajectory would have it by now."""
+    if name == "pick":
+        skill: PhasedSkill = Pick(planner, seen(product, "o2", 0.55, -0.4))
+    else:
+        holding(planner, product, robot)
+        skill = Place(planner, "p2", "o2") if name == "place" else PutBack(planner, "o2", ())
+    while_held = lost_on_the_way(robot, skill, doing, after_ticks)
+    assert not any(command.gripper or command.follow or command.stop_arm for command in while_held)
+
+
+def test_an_arm_that_is_pushed_while_it_is_held_has_met_nothing(
+    planner: MotionPlanner, product: Product, robot: IdealRobot
+) -> None:
+    """It hangs above its path, which it still has: only while it follows that freely, something below may be why."""
+    skill = Pick(planner, seen(product, "o2", 0.55, -0.4))
+    going_down = 0
+    while going_down < 8:
+        command = Command()
+        going_down += skill.poll(robot.observe(), command).reason.startswith("going down")
+        robot.act(command)
+        if going_down == 1:
+            above = robot.observe().arm.positions_rad
+    seen_now = robot.observe()
+    pushed = replace(seen_now, arm=replace(seen_now.arm, positions_rad=above))
+    assert skill.poll(replace(pushed, share=0.0), Command()).status is SkillStatus.RUNNING
+    assert skill.poll(pushed, Command()).reason == "the fingers met something on the way down to o2"
+
+
+def test_a_way_until_contact_that_was_lost_ends_no_farther_for_it(planner: MotionPlanner, robot: IdealRobot) -> None:
+    start_m = tool_height_m(planner, robot.observe())
+    skill = MoveUntilContact(planner, np.array([0.0, 0.0, -0.05]), 0.02)
+    for tick in range(200):
+        command = Command()
+        progress = skill.poll(robot.observe(), command)
+        robot.act(command)
+        if tick == 30:
+            robot.lose_path(held_s=1.0)
+    assert progress.reason == "nothing was met on the whole way"
+    assert tool_height_m(planner, robot.observe()) == pytest.approx(start_m - 0.05, abs=1e-3)
 
 
 class OverFloor(IdealRobot):

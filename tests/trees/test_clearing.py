@@ -22,6 +22,14 @@ FOUND: dict[str, dict[str, Any]] = {
 }
 
 
+def ticked_to_its_end(tree: TreeBench) -> str:
+    """A letter for each tick, ten a second; the last is S for success or F for failure."""
+    told = ""
+    while told[-1:] not in ("S", "F"):
+        told += tree.tick(0.1)
+    return told
+
+
 def test_a_part_that_could_not_be_put_aside_is_put_back_before_the_next_look() -> None:
     """The fingers would open over the tray to take the next one, and drop it."""
     answers = {"CheckGraspability": "FSS", "MoveAside": "F", "GripperIsEmpty": "SFS", "PickPart": "S"}
@@ -69,16 +77,30 @@ def test_a_person_is_asked_to_take_out_what_cannot_be_put_back(
     returns = {"EmptyFingers::2/EmptyOrPutBack::5/ReturnToTray::10": first, "ReturnToTray": then}
     answers = {"GripperIsEmpty": "F", **returns}
     made = TreeBench(ROOT / "trees" / f"{tree}.xml", node_registry(), answers, main="PutBack")
-    told = ""
-    while told[-1:] not in ("S", "F"):
-        told += made.tick(0.1)
+    told = ticked_to_its_end(made)
     assert (made.started("AskForHelp"), told[-1]) == (asked, end)
 
 
 def test_clearing_takes_nothing_more_where_the_fingers_stay_full() -> None:
     answers = {"GripperIsEmpty": "F", "ReturnToTray": "F"}
     made = TreeBench(TREE, node_registry(), answers, FOUND, main="ClearAndGrasp", provided={"part": "o3"})
-    told = ""
-    while told[-1:] not in ("S", "F"):
-        told += made.tick(0.1)
+    told = ticked_to_its_end(made)
     assert (told[-1], made.started("AskForHelp"), made.started("PickPart")) == ("F", 2, 0)
+
+
+def test_a_part_that_is_not_seen_is_looked_for_a_second_apart_and_soon_asked_for() -> None:
+    answers = {"FindPart": "F", "FindLying": "F"}
+    made = TreeBench(TREE, node_registry(), answers, FOUND, main="ClearAndGrasp", provided={"part": "o3"})
+    told = ticked_to_its_end(made)
+    assert (told[-1], made.started("LookAtTray")) == ("F", 3)
+    assert len(told) >= 20
+
+
+@pytest.mark.parametrize(("lies", "looks"), [("S", 6), ("SSF", 5)])
+def test_a_part_that_could_not_be_set_upright_does_not_count_as_one_that_is_not_seen(lies: str, looks: int) -> None:
+    """Several may lie there, each to be tried twice; where all were, nothing is left to be seen."""
+    answers = {"FindPart": "F", "FindLying": lies, "SetUpright": "F"}
+    found = {**FOUND, "FindLying": {"index": 0}}
+    made = TreeBench(TREE, node_registry(), answers, found, main="ClearAndGrasp", provided={"part": "o3"})
+    told = ticked_to_its_end(made)
+    assert (told[-1], made.started("LookAtTray")) == ("F", looks)

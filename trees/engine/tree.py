@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +33,7 @@ class Tree:
         origins: what each node was made of, by uid - 1.
         texts: text of every file that the tree was loaded from, for the log.
         scopes: the main tree's blackboard and those of all SubTrees, outer ones first.
+        unused: entries that were set from outside, and that nothing in the tree names.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class Tree:
         runtime: Runtime,
         origins: Sequence[Origin] = (),
         scopes: Sequence[Scope] = (),
+        unused: Iterable[str] = (),
     ) -> None:
         self.name = name
         self.root = root
@@ -53,6 +55,7 @@ class Tree:
         self.texts = texts
         self.origins = tuple(origins)
         self.scopes = tuple(scopes) or (blackboard,)
+        self.unused = frozenset(unused)
         self._runtime = runtime
         self._change_cache: dict[tuple[int, str, str, str], StatusChange] = {}
 

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cell.interfaces.errors import Problem
+from trees.engine.tree import Tree
 from trees.files.library import read_library
-from trees.files.loader import build, find_doubts, find_mistakes, in_order
+from trees.files.loader import build, find_doubts, find_mistakes, in_order, unused_entries
 from trees.files.registry import Registry
 from trees.files.stubs import with_stubs
 
@@ -54,13 +55,16 @@ def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | N
     problems: list[Problem] = []
     warnings: list[Problem] = []
     notes: list[Problem] = []
+    built: dict[Path, Tree] = {}
     for path in paths:
         library = read_library(path, known.beside)
         nodes = with_stubs(library, registry) if known.stubs else registry
         mistakes, doubts = find_mistakes(library, nodes), find_doubts(library, nodes)
         if library.main in library.trees and not library.incomplete:
-            doubts = doubts + build(library, nodes, library.main, known.provided)[1]
+            built[path], between = build(library, nodes, library.main, known.provided)
+            doubts = doubts + between
         problems += in_order(mistakes if known.stubs else mistakes + doubts)
         warnings += in_order(doubts if known.stubs else [])
         notes += in_order(library.notes)
+    problems += unused_entries(built)
     return Findings(*(list(dict.fromkeys(told)) for told in (problems, warnings, notes)))

@@ -86,16 +86,25 @@ def build(library: Library, registry: Registry, main: str, provided: Mapping[str
         sys.setrecursionlimit(frames)
     runtime = Runtime(enums=registry.enums)
     scope = Scope()
-    for key, value in provided.items():
-        scope.entry(key).value = value
     builder = Builder(library, registry, runtime)
     root = builder.tree(main, scope)
+    unused = set(provided) - {*scope, *library.models.get(main, {})}
+    for key, value in provided.items():
+        scope.entry(key).value = value
     given = {id(scope.entry(key)) for key, port in library.models.get(main, {}).items() if port.direction != "output"}
     given |= builder.mentioned
     problems = check_dataflow(builder, given, registry.words) + check_order(builder.uses, builder.nodes, given)
     scopes = (scope, *builder.scopes)
-    tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes)
+    tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes, unused)
     return tree, problems
+
+
+def unused_entries(trees: Mapping[Path, Tree]) -> list[Problem]:
+    """Entries that were set from outside, and that the main tree of none of these files has."""
+    unused = frozenset.intersection(*(tree.unused for tree in trees.values())) if trees else frozenset()
+    legal = {name for tree in trees.values() for name in tree.blackboard} - unused
+    what = "is given, and the main tree has no such entry"
+    return [Problem(Place(next(iter(trees))), f"{name!r} {what}", hint(name, legal)) for name in sorted(unused)]
 
 
 def in_order(problems: list[Problem]) -> list[Problem]:

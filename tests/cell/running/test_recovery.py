@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
+from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
-from cell.interfaces.observation import GripperState, ObjectStatus
+from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.operator import OperatorOrder
+from cell.running.reading import HeldFingers
 from tests.cell.fakes import PARKED, FakeGripper, Rig
 
 OPEN = GripperCommand(0.085, 0.1, 40.0)
@@ -95,6 +97,25 @@ def test_fingers_that_grip_keep_their_force_while_the_arm_is_held_and_a_hand_kno
     assert ("hold" in calls) == stopped
 
 
+def test_fingers_that_were_sent_off_again_after_a_hold_grip_nothing_so_far() -> None:
+    """They lost their part, and were stopped; where they once gripped it says nothing about the way they go on."""
+    gripper = GrippingGripper(ManualClock())
+    fingers = HeldFingers(gripper)
+    fingers.sent(GripperCommand(0.0, 0.1, 40.0))
+
+    def tick(opening_m: float, *, moving: bool, held: bool) -> None:
+        gripper.moving, gripper.opening_m = moving, opening_m
+        arm = ArmState(0.0, PARKED, (0.0,) * 6, moving=False)
+        fingers.keep(Observation(0, 0.0, arm, gripper.state()), held)
+
+    tick(0.027, moving=False, held=False)
+    tick(0.020, moving=True, held=True)
+    tick(0.020, moving=True, held=False)
+    assert gripper.calls == ["hold", "command"]
+    tick(0.025, moving=True, held=True)
+    assert gripper.calls == ["hold", "command", "hold"]
+
+
 def test_a_gripper_that_restarted_is_left_alone_as_long_as_nobody_acknowledges() -> None:
     rig, gripper = restarting()
 
@@ -165,6 +186,7 @@ def test_an_arm_that_is_held_off_its_path_is_an_alarm_and_gives_the_path_up_once
     alarm, gone = rig.panel.alarms
     assert (alarm, gone) == ("the arm does not follow its trajectory; acknowledge it when it may go on", "")
     assert sum(text.endswith(alarm) for text in rig.observer.messages) == 1
+    assert sum(text.endswith("acknowledged by the operator") for text in rig.observer.messages) == 1
     assert "stop" not in calls[300]
     assert calls[340].count("stop") == 1
     assert rig.arm.shares[300] == 0.0

@@ -251,6 +251,64 @@ def test_where_the_table_only_warns_of_an_arm_off_its_path_an_acknowledgement_le
     assert supervisor.judge(off(sound(2))).action is Action.WARN
 
 
+AWAY = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.1] * 6, [0.9] * 6]))
+
+
+def acknowledged_off_path(supervisor: Supervisor, tick: int) -> tuple[int, Judgement]:
+    """The arm is told to go away and stays; somebody acknowledges it as soon as that is asked for.
+
+    Returns:
+        the tick after it has cleared, or after the run was stopped, and the last judgement.
+    """
+    supervisor.judge(sound(tick))
+    judgement = supervisor.judge_command(sound(tick), Command(follow=AWAY))
+    for now in range(tick + 1, tick + 400):
+        seen = replace(sound(now), acknowledged=supervisor.unacknowledged)
+        supervisor.judge(seen)
+        judgement = supervisor.judge_command(seen, Command())
+        if judgement.action is Action.STOP or (judgement.action is Action.RUN and now > tick + 5):
+            return now + 1, judgement
+    return tick + 400, judgement
+
+
+def test_an_arm_that_ignores_its_trajectories_whatever_is_acknowledged_ends_the_run() -> None:
+    supervisor, tick = make_supervisor(TABLE, motion_planner()), 0
+    actions, judgement = [], Judgement()
+    for _ in range(4):
+        tick, judgement = acknowledged_off_path(supervisor, tick)
+        actions.append(judgement.action)
+    assert actions == [Action.RUN] * 3 + [Action.STOP]
+    assert judgement.words == "the arm does not follow its trajectory, although it was acknowledged 3 times in a row"
+    assert not supervisor.unacknowledged, "nobody is asked any more"
+
+
+@pytest.mark.parametrize(("goal_rad", "helps"), [(0.2, True), (0.103, False)])
+def test_a_trajectory_that_came_to_its_end_forgets_what_was_acknowledged_before(goal_rad: float, helps: bool) -> None:
+    supervisor, tick = make_supervisor(TABLE, motion_planner()), 0
+    for _ in range(3):
+        tick, _ = acknowledged_off_path(supervisor, tick)
+    supervisor.judge(sound(tick))
+    there = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.1] * 6, [goal_rad] * 6]))
+    supervisor.judge_command(sound(tick), Command(follow=there))
+    arrived = arm(positions_rad=(goal_rad,) * 6)(sound(tick + 1))
+    supervisor.judge(arrived)
+    supervisor.judge_command(arrived, Command())
+    _, judgement = acknowledged_off_path(supervisor, tick + 2)
+    assert judgement.action is (Action.RUN if helps else Action.STOP), "who stays where it was has gone nowhere"
+
+
+def test_who_acknowledges_twice_has_helped_once() -> None:
+    supervisor = make_supervisor(TABLE, motion_planner())
+    supervisor.judge(sound(0))
+    supervisor.judge_command(sound(0), Command(follow=AWAY))
+    for tick in range(1, 10):
+        seen = replace(sound(tick), acknowledged=tick > 5)
+        supervisor.judge(seen)
+        supervisor.judge_command(seen, Command())
+    _, judgement = acknowledged_off_path(supervisor, 30)
+    assert judgement.action is Action.RUN
+
+
 def test_an_arm_that_ignores_a_short_trajectory_is_found_too() -> None:
     supervisor = make_supervisor(TABLE, motion_planner())
     near = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.1] * 6, [0.116] * 6]))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from cell.commands.main import main
 from cell.running.node_library import node_registry
 from trees.files.check import Circumstances, findings
@@ -97,8 +99,29 @@ def test_entries_come_from_the_command_line(tmp_path: Path) -> None:
     (file,) = files(tmp_path, main='<BehaviorTree ID="Main"><ShowMessage text="{t}"/></BehaviorTree>')
     assert main(["check", str(file)]) == 2
     assert main(["check", str(file), "--set", "t=hello"]) == 0
-    for wrong in ("1x=3", "no_such.yaml", "=3"):
+    for wrong in ("1x=3", "no_such.yaml", "=3", "u=3"):
         assert main(["check", str(file), "--set", wrong]) == 2
+
+
+def test_an_entry_that_the_tree_does_not_have_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A misspelt name was taken without a word, and the tree ran without it."""
+    models = '<TreeNodesModel><SubTree ID="Main"><input_port name="declared"/></SubTree></TreeNodesModel>'
+    (file,) = files(
+        tmp_path,
+        main=f'<BehaviorTree ID="Main"><Script code="told:=text; @far:=1"/></BehaviorTree>{models}',
+    )
+    (other,) = files(tmp_path, other='<BehaviorTree ID="Main"><ShowMessage text="{other}"/></BehaviorTree>')
+    legal = [f"{name}=1" for name in ("text", "told", "far", "declared")]
+    log = tmp_path / "log.mcap"
+    assert main(["check", str(file), *(word for one in legal for word in ("--set", one))]) == 0
+    capsys.readouterr()
+    for command in (["run", "--tree", str(file), "--log", str(log)], ["check", str(file)]):
+        assert main([*command, "--set", "text=1", "--set", "tex=2"]) == 2
+        said = capsys.readouterr().err
+        assert "'tex' is given, and the main tree has no such entry" in said
+        assert "did you mean 'text'?" in said
+    assert not log.exists()
+    assert main(["check", str(file), str(other), "--set", "text=1", "--set", "other=2"]) == 0
 
 
 def test_a_subtree_without_nodes_is_told_and_no_more(tmp_path: Path) -> None:

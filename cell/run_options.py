@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration
+from cell.interfaces.errors import InputError
 from cell.interfaces.judgement import FaultTable
 from cell.interfaces.left_off import LeftOff
 from cell.interfaces.product import Product
 from cell.running.node_library import node_registry
 from cell.running.services import Planners
 from trees.engine.tree import Tree
-from trees.files.loader import load_tree
+from trees.files.loader import load_tree, unused_entries
 
 Pace = Literal["fast", "real"]
 WITHOUT_PIXELS = "cell.evaluating.bare_host:open_bare_cell"
@@ -95,8 +96,16 @@ class RunOptions:
         return self.brackets is not None or self.page_port is not None or self.orders is not None
 
     def load(self, product: Product, configuration: Configuration) -> Tree:
-        """The tree as it stands in its files now."""
-        return load_tree(self.tree, node_registry(product, self.nodes, configuration), None, self.entries, self.beside)
+        """The tree as it stands in its files now.
+
+        Raises:
+            InputError: everything that is wrong with it, or with the entries that it is given.
+        """
+        registry = node_registry(product, self.nodes, configuration)
+        tree = load_tree(self.tree, registry, None, self.entries, self.beside)
+        if tree.unused:
+            raise InputError(*unused_entries({self.tree: tree}))
+        return tree
 
 
 @dataclass(frozen=True)

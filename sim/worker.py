@@ -123,7 +123,7 @@ class Worker:
         return self._replies.pressed() if self._replies is not None else []
 
     def alarm(self, text: str) -> None:
-        """A trouble that waits for somebody: in a shift the person acknowledges it after a while, else nobody does."""
+        """A trouble that waits for somebody: the person acknowledges it after a while."""
         if self._replies is not None:
             self._replies.alarm(text, self._diary.time_s)
 

@@ -20,16 +20,17 @@ class Children:
         self._running: list[subprocess.Popen[bytes]] = []
         self._ended = False
 
-    def run(self, words: Sequence[str], told: IO[str] | None) -> int:
+    def run(self, words: Sequence[str], told: IO[str] | None, complaints: IO[str] | None = None) -> int:
         """Run one to its end; returns its status. Once they were interrupted, nothing begins any more.
 
         Args:
             told: file for what it says; the terminal by default.
+            complaints: file for what it says on standard error; by default the same.
         """
         with self._lock:
             if self._ended:
                 return -signal.SIGINT
-            process = subprocess.Popen(words, stdout=told, stderr=told)
+            process = subprocess.Popen(words, stdout=told, stderr=complaints or told)
             self._running.append(process)
         status = process.wait()
         with self._lock:

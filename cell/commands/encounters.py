@@ -115,6 +115,8 @@ def _met(rows: Sequence[Row]) -> int:
 def _tell_assembly(screen: Console, row: Row) -> None:
     contacts: Sequence[Row] = row["contacts"]  # type: ignore[assignment]
     words = f"{row['encounters']} encounters, {len(contacts)} contacts"
+    if row.get("acknowledged"):
+        words += f", acknowledged {row['acknowledged']} times"
     why = "" if row["end"] == "finished" else f" ({row['reason']})"
     screen.print(f"seed {row['seed']}: {row['end']} after {row['sim_time_s']} s{why}, {words}", highlight=False)
     for one in contacts:

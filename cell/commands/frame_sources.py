@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,7 @@ class Source:
         single: it is one picture.
         follows: frames follow each other in time.
         rate_hz: of frames in a video of it.
+        files: of a folder of images, by the frame's number.
     """
 
     name: str
@@ -40,6 +42,15 @@ class Source:
     follows: bool
     rate_hz: float
     frames: Iterator[Frame]
+    files: tuple[str, ...] = ()
+
+    def title(self, number: int) -> str:
+        """What the picture of a frame is called: as the image is, where no other one is called so."""
+        if not self.files:
+            return f"{number:06d}"
+        stem = Path(self.files[number]).stem
+        alone = sum(Path(file).stem == stem for file in self.files) == 1
+        return stem if alone else self.files[number]
 
 
 def open_source(
@@ -66,7 +77,9 @@ def open_source(
         files = sorted(file for file in path.iterdir() if file.suffix.lower() in PICTURES)
         if not files:
             raise InputError(f"{path}: holds no images ({', '.join(PICTURES)})")
-        return Source(path.resolve().name, False, False, 2.0, _pictures(files, camera, world_from_camera))
+        name = path.resolve().name.replace(".", "-")  # what follows a dot would say which kind of file is written
+        frames = _pictures(files, camera, world_from_camera)
+        return Source(name, False, False, 2.0, frames, tuple(file.name for file in files))
     if not path.is_file():
         raise InputError(f"{text}: there is no such source; legal: {LEGAL}")
     suffix = path.suffix.lower()
@@ -80,11 +93,17 @@ def open_source(
 
 
 def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
+    """What can be read; the rest is said on standard error, or, where nothing can be read, refused."""
+    unread = []
     for number, file in enumerate(files):
         image = cv2.imread(str(file))
-        if image is None:
-            raise InputError(f"{file}: cannot be read as an image")
-        yield _frame(camera, number, APART_S * number, image, pose)
+        if image is not None:
+            yield _frame(camera, number, APART_S * number, image, pose)
+            continue
+        unread.append(f"{file}: cannot be read as an image")
+        if len(unread) == len(files):
+            raise InputError(unread[-1])
+        sys.stderr.write(f"cell: left out: {unread[-1]}\n")
 
 
 def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:

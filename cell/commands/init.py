@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
@@ -27,7 +28,7 @@ def init(folder: Annotated[Path, typer.Argument(help="Folder to make; files that
     say = console()
     for name in files:
         say.print(f"{folder / name}", highlight=False)
-    say.print(f"next: cd {folder} && cell run", highlight=False)
+    say.print(f"next: cd {shlex.quote(str(folder))} && cell run", highlight=False)
 
 
 def new_cell() -> dict[str, bytes]:
@@ -45,7 +46,7 @@ def write_new(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write files into a folder where none of them is.
 
     Raises:
-        InputError: one of them is there already, and nothing was written; or the folder cannot be written to.
+        InputError: one of them is there already, or the folder cannot be written to; nothing new is left there.
     """
     paths = [folder / name for name in files]
     taken = [path for path in paths if path.exists() or path.is_symlink()]
@@ -54,11 +55,23 @@ def write_new(folder: Path, files: Mapping[str, bytes]) -> None:
     ]
     if taken:
         raise InputError(*(Problem(Place(path), "is there already", "choose another name") for path in taken))
-    for name, content in files.items():
-        path = folder / name
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+    begun: list[Path] = []  # folders and files that were not there
+    path = folder
+    try:
+        for name, content in files.items():
+            path = folder / name
+            _make_folder(path.parent, begun)
             with path.open("xb") as file:
+                begun.append(path)
                 file.write(content)
-        except OSError as error:
-            raise InputError(Problem(Place(path), f"cannot be written: {error.strerror or error}")) from None
+    except OSError as error:
+        for one in reversed(begun):
+            one.rmdir() if one.is_dir() else one.unlink()
+        raise InputError(Problem(Place(path), f"cannot be written: {error.strerror or error}")) from None
+
+
+def _make_folder(folder: Path, begun: list[Path]) -> None:
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    for one in reversed(missing):
+        one.mkdir()
+        begun.append(one)

@@ -189,7 +189,8 @@ def recover(
     if as_json:
         tell_json({"recovered": str(target), "lossy": loss.lossy, **vars(loss)})
     else:
-        say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}", *(f"  {line}" for line in loss.lines()))
+        kind = f"; this is {loss.foreign}" if loss.foreign else ""
+        say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}{kind}", *(f"  {line}" for line in loss.lines()))
     return LOSSY if loss.lossy else 0
 
 
@@ -243,22 +244,25 @@ def list_runs(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the runs of a folder, search them by SQL, or count why they failed; needs cell[fleet]."""
+    r"""List the runs of a folder, search them by SQL, or count why they failed; needs cell\[fleet]."""
     import sys
 
     from cell.fleet import index
-    from cell.fleet.summary import summary_lines
+    from cell.fleet.summary import summaries, summary_lines
 
     if not folder.is_dir():
         raise InputError(f"{folder}: is no folder")
+    if sum((sql is not None, failures, statistics is not None)) > 1:
+        raise InputError("--sql, --failures and --statistics are different questions; ask one of them")
+    if where is not None and (sql is not None or failures):
+        raise InputError("--where goes with the list of runs and with --statistics")
     for problem in index.refresh(folder):
         sys.stderr.write(f"cell: left out: {problem}\n")
-    asked = sql or (index.FAILURES if failures else index.listing(where))
+    columns = index.LISTED if statistics is None else "*"
+    names, rows = index.ask(folder, sql or (index.FAILURES if failures else index.listing(where, columns)))
     if statistics is not None:
-        asked = f"select * from runs {f'where {where}' if where else ''}"
-    names, rows = index.ask(folder, asked)
-    if statistics is not None:
-        say(*summary_lines([dict(zip(names, row, strict=True)) for row in rows], statistics))
+        for one in summaries([dict(zip(names, row, strict=True)) for row in rows], statistics):
+            tell_json(one) if as_json else say(*summary_lines(one, statistics))
     elif as_json:
         for row in rows:
             tell_json({name: _plain(value) for name, value in zip(names, row, strict=True)})
@@ -271,14 +275,19 @@ def _plain(value: object) -> object:
 
 
 def _tell_table(names: list[str], rows: list[tuple[object, ...]]) -> None:
+    """Drawn on a terminal; elsewhere a line a row, with tabs between."""
     from rich.console import Console
     from rich.table import Table
 
+    texts = [["" if value is None else str(value) for value in row] for row in rows]
+    screen = Console(markup=False)
+    if not screen.is_terminal:
+        say(*("\t".join(" ".join(text.split()) for text in row) for row in [names, *texts]))
+        return
     table = Table(*names)
-    for row in rows:
-        table.add_row(*("" if value is None else str(value) for value in row))
-    screen = Console()
-    screen.print(table if screen.is_terminal else "\n".join("\t".join(map(str, row)) for row in [names, *rows]))
+    for row in texts:
+        table.add_row(*row)
+    screen.print(table)
 
 
 @log_app.command()

@@ -28,18 +28,24 @@ OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace the 
 JsonOption = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]
 
 
-def _span(context: typer.Context, value: float) -> float:
-    """A time of --from or --until; whichever comes second is compared with the first."""
+def a_time(value: float) -> float:
+    """A time in a log: any number but nan."""
     if math.isnan(value):
         raise typer.BadParameter("nan is no time")
+    return value
+
+
+def _span(context: typer.Context, value: float) -> float:
+    """A time of --from or --until; whichever comes second is compared with the first."""
+    value = a_time(value)
     from_s, until_s = context.params.get("from_s"), context.params.get("until_s")
     if value < (value if from_s is None else from_s) or value > (value if until_s is None else until_s):
         raise typer.BadParameter("--from is later than --until")
     return value
 
 
-FromOption = Annotated[float, typer.Option("--from", help="From this time on [s].", callback=_span)]
-UntilOption = Annotated[float, typer.Option("--until", help="Up to this time [s].", callback=_span)]
+FromOption = Annotated[float, typer.Option("--from", help="From this time on, in seconds.", callback=_span)]
+UntilOption = Annotated[float, typer.Option("--until", help="Up to this time, in seconds.", callback=_span)]
 
 
 def read(paths: Sequence[Path]) -> Log:

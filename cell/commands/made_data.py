@@ -6,11 +6,14 @@ import hashlib
 import json
 import shlex
 import shutil
-import subprocess
+import signal
 import sys
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import IO
 
+from cell.commands.children import Children
 from cell.commands.terminal import console
 from cell.interfaces.errors import InputError
 
@@ -40,12 +43,25 @@ def make_data(what: str, folder: Path, options: Mapping[str, object], *flags: st
     unfinished = folder.with_name(f"{folder.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
     command = [sys.executable, "-m", "cell", *words, "--out", str(unfinished)]
-    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
-    if done.returncode:
-        said = (done.stderr.strip() or f"status {done.returncode}").splitlines()[-1]
-        raise InputError(f"training data could not be made: {said}")
+    with tempfile.TemporaryFile("w+") as complaints:
+        if status := _run(command, complaints):
+            complaints.seek(0)
+            said = (complaints.read().strip() or f"status {status}").splitlines()[-1]
+            raise InputError(f"training data could not be made: {said}")
     (unfinished / RECIPE).write_text(json.dumps(recipe, indent=1) + "\n", encoding="utf-8")
     unfinished.rename(folder)
+
+
+def _run(command: Sequence[str], complaints: IO[str]) -> int:
+    """Run a command to its end; SIGINT or SIGTERM to this process alone ends it, too."""
+    children, before = Children(), signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        return children.run(command, None, complaints)
+    except KeyboardInterrupt:
+        children.interrupt()
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def fingerprint(config: Path) -> str:

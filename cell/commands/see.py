@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,12 +16,14 @@ from cell.interfaces.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from cell.commands.frame_sources import Source
     from cell.configuration import Configuration
     from cell.interfaces.bench import Bench
     from cell.interfaces.observation import Image
     from cell.interfaces.perception import Frame
     from cell.interfaces.pose import Pose
     from cell.interfaces.product import Product
+    from cell.viewing.detections import PictureWriter
 
     Look = Callable[[Frame], tuple[object, Image]]
 
@@ -37,7 +40,9 @@ def see(
     hands: Annotated[
         str | None, typer.Option(help="Tracker: slim, classical or mediapipe, else as configured.")
     ] = None,
-    perception: Annotated[str | None, typer.Option(help="All detectors: learned or classical.")] = None,
+    perception: Annotated[
+        str | None, typer.Option(help="All detectors, whatever is configured: learned or classical.")
+    ] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="At most so many frames; all by default.")] = None,
     every: Annotated[int, typer.Option(min=1, help="Draw only every so manieth frame; all are looked at.")] = 1,
     look: Annotated[str | None, typer.Option(help="For sim:SEED: nominal, varied, hard, or a file.")] = None,
@@ -51,7 +56,6 @@ def see(
     """
     from cell.commands.frame_sources import open_source
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.recording.schemas import plain
     from cell.running.detectors import fitted
     from cell.viewing.detections import PICTURE_SUFFIXES, VIDEO_SUFFIX, PictureWriter
 
@@ -63,23 +67,21 @@ def see(
     if said:
         console().print(said, highlight=False)
     opened = open_source(source, camera, configuration, product, _pose(configuration.bench, camera))
+    if look is not None and not source.startswith("sim:"):
+        raise InputError("--look goes with sim:SEED; what is there already looks as it does")
     suffix = ".png" if opened.single else VIDEO_SUFFIX if opened.follows else ""
     target = out or Path(f"{opened.name}-seen{suffix}")
     if target.suffix.lower() in PICTURE_SUFFIXES and not opened.single and frames != 1:
         raise InputError(f"--out {target}: one picture holds one frame; name a folder or .mp4, or add --frames 1")
+    if target.exists() and Path(source).exists() and target.samefile(source):
+        raise InputError(f"{target}: is what is looked at; choose another by --out")
     writer = PictureWriter(target, opened.rate_hz / every, overwrite=overwrite)
     most = frames or (MOST_FROM_CAMERA if source.startswith("camera:") else None)
-    told: list[Any] = []
-    watching: Look | None = None
-    size = (0, 0)
-    for frame in islice(opened.frames, most):
-        if watching is None or frame.image.shape[:2] != size:
-            size = (frame.image.shape[0], frame.image.shape[1])
-            watching = _look(configuration, product, camera, size)
-        view, image = watching(frame)
-        told.append(plain(view))
-        if frame.sequence % every == 0:
-            writer.write(image, f"{frame.sequence:06d}")
+    try:
+        told = _seen(opened, most, every, writer, partial(_look, configuration, product, camera))
+    except BaseException:
+        writer.discard()
+        raise
     writer.close()
     hands_in = sum(bool(one.get("hand")) for one in told)
     rows = {"frames": len(told)} | ({"with a hand that works": hands_in} if camera == "overhead" else {})
@@ -88,17 +90,45 @@ def see(
         print_json({"source": source, "written": [str(file) for file in writer.written], "frames": told})
 
 
+def _seen(
+    opened: Source, most: int | None, every: int, writer: PictureWriter, look: Callable[[tuple[int, int]], Look]
+) -> list[dict[str, Any]]:
+    """What is found in every frame; what is to be drawn is written.
+
+    Args:
+        look: at frames of a height and width [px].
+    """
+    from cell.recording.schemas import plain
+
+    told = []
+    watching: Look | None = None
+    size = (0, 0)
+    for frame in islice(opened.frames, most):
+        if watching is None or frame.image.shape[:2] != size:
+            size = (frame.image.shape[0], frame.image.shape[1])
+            watching = look(size)
+        view, image = watching(frame)
+        file = {"file": opened.files[frame.sequence]} if opened.files else {}
+        told.append(file | plain(view))
+        if frame.sequence % every == 0:
+            writer.write(image, opened.title(frame.sequence))
+    return told
+
+
 def _chosen(configuration: Configuration, hands: str | None, kind: str | None) -> Configuration:
     """The configuration with other detectors.
 
     Raises:
         InputError: there are no such detectors.
     """
+    from cell.configuration import detected_by
+
     if kind not in (None, "learned", "classical"):
         raise InputError(f"--perception {kind}: there is no such kind; legal: learned, classical")
-    perception = configuration.perception.model_copy(update={} if kind is None else {"kind": kind})
-    if hands is not None:
-        perception = perception.with_detector("hands", hands)
+    configuration = detected_by(configuration, kind)
+    if hands is None:
+        return configuration
+    perception = configuration.perception.with_detector("hands", hands)
     return configuration.model_copy(update={"perception": perception})
 
 

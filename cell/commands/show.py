@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cell.commands.log_terminal import OverwriteOption, spared
+from cell.commands.log_terminal import OverwriteOption, a_time, spared
 from cell.commands.terminal import console
 from cell.interfaces.errors import InputError
 
@@ -34,7 +34,8 @@ def show(
         Path | None, typer.Argument(metavar="[FILE]", help="Tree file, or log of a run (MCAP); none with --running.")
     ] = None,
     at_s: Annotated[
-        float, typer.Option("--at", help="Time in a log in [s]; by default the last tick of the tree.")
+        float,
+        typer.Option("--at", help="Time in a log, in seconds; by default the last tick of the tree.", callback=a_time),
     ] = math.inf,
     running: Annotated[bool, typer.Option("--running", help="The tree of a `cell run --monitor` on this machine.")] = (
         False
@@ -50,9 +51,10 @@ def show(
         raise InputError("name a tree file or a log, or say --running")
     for drawing in filter(None, (svg, png)):
         spared(drawing, filter(None, [source]), overwrite)
-    if source is not None and source.suffix not in LOGS:
-        if not math.isinf(at_s):
-            raise InputError("--at goes with a log")
+    of_log = source is not None and source.suffix in LOGS
+    if not of_log and not math.isinf(at_s):
+        raise InputError("--at goes with a log")
+    if source is not None and not of_log:
         _show_file(source, svg, png, own_nodes or ())
         return
     shown = _monitored(port) if source is None else _logged(source, at_s, own_nodes or ())

@@ -28,7 +28,7 @@ PersonOption = Annotated[
     ),
 ]
 WorkersOption = Annotated[
-    int, typer.Option("--workers", min=1, help="Processes on this machine; more than 1 needs cell[fleet].")
+    int, typer.Option("--workers", min=1, help=r"Processes on this machine; more than 1 needs cell\[fleet].")
 ]
 SchedulerOption = Annotated[
     str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, as tcp://host:8786.")
@@ -51,10 +51,10 @@ BAD_INPUT, SAFE_STOP = 2, 3  # exit statuses
 
 
 def console() -> Console:
-    """Standard error: progress and messages; standard output is for what programs read."""
+    """Standard error: progress and messages, shown as they are; standard output is for what programs read."""
     from rich.console import Console
 
-    return Console(stderr=True, soft_wrap=True, emoji=False)
+    return Console(stderr=True, soft_wrap=True, emoji=False, markup=False)
 
 
 def table(title: str, values: Mapping[str, object]) -> Any:

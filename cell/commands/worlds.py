@@ -241,7 +241,7 @@ def _from_assemblies(
         "holes": write_holes,
     }
 
-    def one(seed: int, folder: DataFolder) -> float:
+    def one(seed: int, folder: DataFolder) -> float | None:
         kinds = sometimes_steel(product, steel_share, seed)
         if beside_robot:
             from cell.evaluating.beside_robot import record_beside_robot
@@ -249,6 +249,9 @@ def _from_assemblies(
             assembly = record_beside_robot(configuration, kinds, seed)
         else:
             assembly = record(kinds, bench, simulation, seed, physics=physics)
+        if assembly.world.diverged:
+            folder.left_out.append(seed)
+            return None
         writers[wanted.what](Source(assembly, kinds, bench), folder)
         return assembly.moments[-1].time_s
 
@@ -281,8 +284,12 @@ def _write(wanted: Wanted, more: str, one: Callable[[int, DataFolder], float | N
     facts = {"split": split, "first_seed": wanted.first_seed, "recordings": wanted.recordings}
     manifest = folder.close({**facts, "simulated_s": round(simulated_s, 1)})
     spent = {"processor_s": round(time.process_time() - began_s, 1)}
+    left_out = {"left out: physics diverged": len(folder.left_out)} if folder.left_out else {}
     console().print(
-        table(str(wanted.out), {"split": split, **manifest["counts"], "simulated_s": round(simulated_s, 1), **spent})
+        table(
+            str(wanted.out),
+            {"split": split, **manifest["counts"], **left_out, "simulated_s": round(simulated_s, 1), **spent},
+        )
     )
     if wanted.as_json:
         print_json({**manifest, **spent})

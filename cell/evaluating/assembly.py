@@ -9,7 +9,8 @@ from pathlib import Path
 
 from cell.configuration import load_configuration, load_faults, load_product, simulated
 from cell.evaluating.bare_host import without_pixels
-from cell.interfaces.errors import DeviceFault
+from cell.interfaces.command import Display
+from cell.interfaces.devices import Devices
 from cell.interfaces.files import shipped
 from cell.interfaces.judgement import FaultTable
 from cell.interfaces.operator import OperatorOrder
@@ -39,27 +40,34 @@ class Assembly:
 
 
 class Attendant:
-    """Somebody at the bench who acknowledges a protective stop after a while."""
+    """Somebody at the bench who acknowledges, after a while, what the panel says waits for that; implements `Panel`."""
 
-    def __init__(self, cell: SimCell) -> None:
-        self._cell = cell
-        self._stopped_s: float | None = None
+    def __init__(self, devices: Devices) -> None:
+        self._panel, self._clock, self._others = devices.panel, devices.clock, devices.pressed
+        self._due_s: float | None = None
+
+    def show(self, display: Display) -> None:
+        """For the person who assembles."""
+        self._panel.show(display)
+
+    def alarm(self, text: str) -> None:
+        """A trouble waits from now on, or none."""
+        self._panel.alarm(text)
+        self._due_s = self._clock.now_s() + NOTICES_S if text else None
 
     def pressed(self) -> Sequence[OperatorOrder]:
-        """What was pressed since the last call."""
-        now_s = self._cell.devices.clock.now_s()
-        try:
-            mode = self._cell.arm.state().mode
-        except DeviceFault:  # the supervisor is told of it, too
-            return ()
-        if mode != "protective_stop":
-            self._stopped_s = None
-            return ()
-        self._stopped_s = now_s if self._stopped_s is None else self._stopped_s
-        if now_s - self._stopped_s < NOTICES_S:
-            return ()
-        self._stopped_s = now_s
-        return (OperatorOrder("acknowledge"),)
+        """What was pressed since the last call; once more where the trouble is still there after as long again."""
+        others = self._others()
+        if self._due_s is None or self._clock.now_s() < self._due_s:
+            return others
+        self._due_s = self._clock.now_s() + NOTICES_S
+        return (*others, OperatorOrder("acknowledge"))
+
+
+def attended(devices: Devices) -> Devices:
+    """The same devices with somebody at them who acknowledges troubles."""
+    attendant = Attendant(devices)
+    return replace(devices, panel=attendant, pressed=attendant.pressed)
 
 
 @contextmanager
@@ -94,14 +102,9 @@ def assembly(
         product, configuration.bench, settings, can.interface, can.channel, seed, "random", rendered=rendered
     )
 
-    attendant = Attendant(cell)
-
-    def pressed() -> Sequence[OperatorOrder]:
-        return (*cell.devices.pressed(), *attendant.pressed())
-
     def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
-        devices = cell.devices if rendered else without_pixels(cell)
-        return drive(files, replace(devices, pressed=pressed), motion, observers, injection=injected)
+        devices = attended(cell.devices if rendered else without_pixels(cell))
+        return drive(files, devices, motion, observers, injection=injected)
 
     try:
         yield Assembly(cell, motion, run)

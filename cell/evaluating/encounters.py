@@ -46,11 +46,13 @@ class Encounters:
 
     Attributes:
         moved_while_unknown: ticks in which the arm moved although it was not known where the hand is.
+        acknowledged: how many times somebody acknowledged a trouble.
     """
 
     cell: SimCell
     monitor: SeparationMonitor
     moved_while_unknown: int = 0
+    acknowledged: int = 0
     _ticks: list[_Tick] = field(default_factory=list)
     _hands: deque[tuple[float, HandSample]] = field(default_factory=lambda: deque(maxlen=16))
     _held_s: float = np.inf
@@ -65,6 +67,7 @@ class Encounters:
         self._work.see(record)
         seen, judgement = record.observation, record.judgement
         now_s, bench = seen.time_s, seen.bench
+        self.acknowledged += seen.acknowledged
         held = judgement is not None and judgement.action >= Action.HOLD
         self._held_s = min(self._held_s, now_s) if held else np.inf
         self._should_s = min(self._should_s, now_s) if self._should_hold(record) else np.inf
@@ -184,6 +187,7 @@ def encounter(path: Path, tree: Path, person: str, seed: int, *, provoked: bool,
         "phases": [watch.phase(act.time_s) for act in met],
         "speeds_m_s": [round(float(str(act.fields["speed_m_s"])), 2) for act in met],
         "moved_while_unknown": watch.moved_while_unknown,
+        "acknowledged": watch.acknowledged,
         "contacts": [{"seed": seed, **watch.judge(one)} for one in cell.contacts.all()],
     }
 

@@ -40,7 +40,8 @@ def releases(assembly: Assembly) -> list[tuple[int, str, str]]:
 def slipped(source: Source) -> list[tuple[int, str, str]]:
     """Parts that came to stand in a hole although nobody opened the fingers for it: moment, part and position.
 
-    By physics a part may slip out of the fingers into the hole that it was meant for.
+    By physics a part may slip out of the fingers into the hole that it was meant for, and may lean there until it is
+    pressed home: that is when it was placed.
     """
     assembly = source.assembly
     stays = round(STAYS_S * source.bench.overhead.rate_hz)
@@ -48,10 +49,13 @@ def slipped(source: Source) -> list[tuple[int, str, str]]:
     stands = [holes_of(source, moment) for moment in assembly.moments]
     for number in range(stays, len(stands) - stays):
         for position, now in stands[number].items():
-            empty = all(before[position][0] is None for before in stands[number - stays : number])
-            if empty and now[0] is not None and stands[number + stays][position] == now == (now[0], True):
-                told = any(one[1:] == (now[0], position) and abs(one[0] - number) <= stays for one in let_go)
-                found += [] if told else [(number, now[0], position)]
+            part, came = now[0], number
+            while came > 0 and stands[came - 1][position] == (part, False):
+                came -= 1
+            empty = came >= stays and all(before[position][0] is None for before in stands[came - stays : came])
+            if empty and part is not None and stands[number + stays][position] == now == (part, True):
+                told = any(one[1:] == (part, position) and came - stays <= one[0] <= number + stays for one in let_go)
+                found += [] if told else [(number, part, position)]
     return found
 
 

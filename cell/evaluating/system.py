@@ -15,6 +15,7 @@ from typing import Any
 
 from cell.configuration import Configuration, load_faults, load_product
 from cell.evaluating.actions import share
+from cell.evaluating.assembly import attended
 from cell.evaluating.placements import Told, matched
 from cell.evaluating.things import calibrated_bench
 from cell.interfaces.bench import Bench
@@ -116,7 +117,7 @@ def assemble(configuration: Configuration, product: Product, seed: int) -> dict[
     can, simulation, listener = configuration.gripper_can, configuration.devices.simulation, Listener()
     cell = SimCell(product, configuration.bench.drawn, simulation, can.interface, can.channel, seed, "random")
     try:
-        outcome = drive(files, cell.devices, motion, [listener])
+        outcome = drive(files, attended(cell.devices), motion, [listener])
         end, reason, sim_time_s = outcome.end, outcome.reason, outcome.sim_time_s
     except DeviceFault as error:
         end, reason, sim_time_s = "fault", str(error), 0.0

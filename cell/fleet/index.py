@@ -15,6 +15,8 @@ from cell.recording.parts import part_number, whole_path
 FOLDER = "rows"  # beside the logs
 LISTED = 'started_utc, log, product, goal, seed, "end", correct, sim_time_s, robot_placements, help_requests'
 
+ASKING = frozenset({"SELECT", "MULTI"})  # statements, in DuckDB's words; those that pivot are several
+
 Answer = tuple[list[str], list[tuple[Any, ...]]]
 
 
@@ -43,20 +45,26 @@ def refresh(folder: Path) -> list[str]:
 
 
 def ask(folder: Path, sql: str) -> Answer:
-    """Names of the columns, and rows; the table is `runs`.
+    """Names of the columns, and rows; the table is `runs`. No file but its rows is read, and none is written.
 
     Raises:
-        InputError: DuckDB is not installed, there is no run, or the question is wrong.
+        InputError: DuckDB is not installed, there is no run, the question is wrong, or it is more than a question.
     """
     duckdb = needed("duckdb", "a question about many runs")
-    files = folder / FOLDER / "*.parquet"
-    if not any((folder / FOLDER).glob("*.parquet")):
+    rows = (folder / FOLDER).resolve()
+    if not any(rows.glob("*.parquet")):
         raise InputError(f"{folder}: holds no log")
     try:
         with duckdb.connect() as database:
             database.execute(
-                f"create view runs as select * from read_parquet('{_quoted(files)}', union_by_name = true)"
+                f"create view runs as select * from read_parquet('{_quoted(rows / '*.parquet')}', union_by_name = true)"
             )
+            database.execute(f"set allowed_directories = ['{_quoted(rows)}']")
+            database.execute("set enable_external_access = false; set lock_configuration = true")
+            kinds = {statement.type.name for statement in database.extract_statements(sql)} - ASKING
+            if kinds:
+                what = f"it must only ask, as SELECT, FROM, DESCRIBE or PIVOT do, not {', '.join(sorted(kinds))}"
+                raise InputError(f"the question cannot be answered: {what}")
             found = database.execute(sql)
             if found.description is None:
                 return [], []
@@ -65,9 +73,9 @@ def ask(folder: Path, sql: str) -> Answer:
         raise InputError(f"the question cannot be answered: {str(error).strip()}") from None
 
 
-def listing(where: str | None) -> str:
+def listing(where: str | None, columns: str = LISTED) -> str:
     """SQL of the usual list, newest first."""
-    return f"select {LISTED} from runs {f'where {where}' if where else ''} order by started_utc desc"
+    return f"select {columns} from runs {f'where {where}' if where else ''} order by started_utc desc"
 
 
 FAILURES = (

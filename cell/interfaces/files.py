@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 
@@ -39,3 +41,21 @@ def read_text(path: Path, how_to_make: str = "") -> str:
         raise InputError(Problem(Place(path), f"cannot be read: {error.strerror or error}", how_to_make)) from None
     except UnicodeDecodeError as error:
         raise InputError(Problem(Place(path), f"is not UTF-8 text (byte {error.start})", how_to_make)) from None
+
+
+@contextmanager
+def whole_or_none(path: Path) -> Iterator[Path]:
+    """Where to write a file so that it is there whole or not at all: beside it, and it takes its place at the end.
+
+    What stood there stays until then. A device such as /dev/stdout is written to as it is.
+    """
+    target = path.resolve()
+    if target.exists() and not target.is_file():
+        yield path
+        return
+    partial = target.with_name(f"{target.stem}.partial{target.suffix}")
+    try:
+        yield partial
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)

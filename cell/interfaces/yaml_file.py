@@ -21,6 +21,12 @@ from cell.interfaces.model import Disagreement, Location
 M = TypeVar("M", bound=BaseModel)
 FAST: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast; what it refuses, the other one words
 NOT_YAML = (yaml.YAMLError, ValueError, RecursionError)
+MAPPING, LIST = "keys with values", "a list"
+IN_YAML = {  # what a value should be, by pydantic's names of errors, where its words are Python's
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type", "mapping_type"), MAPPING),
+    **dict.fromkeys(("list_type", "tuple_type", "set_type", "frozen_set_type"), LIST),
+    "path_type": "a path",
+}
 SEXAGESIMAL = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
@@ -161,11 +167,19 @@ def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDeta
         return [Problem(place, f"unknown key {name!r}", _suggest(name, _legal_keys(model, location[:-1])))]
     if details["type"] == "missing":
         return [Problem(_place(path, root, location[:-1]), f"key {str(location[-1])!r} is missing")]
-    what = details["msg"].removeprefix("Value error, ")
-    what = what[:1].lower() + what[1:]
-    got = details["input"]
-    shown = f", not {got!r}" if isinstance(got, str | int | float | bool | None) else ""
-    return [Problem(_place(path, root, location), f"{_dotted(location)}: {what}{shown}")]
+    kind, got = details["type"], details["input"]
+    what = f"input should be {IN_YAML[kind]}" if kind in IN_YAML else details["msg"].removeprefix("Value error, ")
+    what = f"{_dotted(location)}: {what[:1].lower()}{what[1:]}{_not(got, kind)}"
+    legal = _legal_keys(model, location) if IN_YAML.get(kind) == MAPPING else []
+    return [Problem(_place(path, root, location), what, _suggest("", legal))]
+
+
+def _not(got: object, error: str) -> str:
+    """What was given instead; of lists and mappings only that they are, and only where that is the mistake."""
+    if isinstance(got, str | int | float | bool | None):
+        return f", not {got!r}"
+    kind = MAPPING if isinstance(got, dict) else LIST if isinstance(got, list) else ""
+    return f", not {kind}" if kind and error.endswith("_type") else ""
 
 
 def _suggest(name: str, legal: Sequence[str]) -> str:

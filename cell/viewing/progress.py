@@ -19,10 +19,11 @@ from cell.observer import Level, Outcome, TickRecord
 REFRESH_S = 0.1  # of wall time
 LOOK_BACK_TICKS = 50  # the tick rate is a mean over these
 STYLES = {"info": "default", "warning": "yellow", "error": "bold red"}
+URGENT = {"help": "bold yellow", "asks": "bold yellow", "alarm": "bold red"}  # shown only where there is something
 
 
 class LiveProgress:
-    """A observer that shows what the person at the bench and the robot do."""
+    """An observer that shows what the person at the bench and the robot do."""
 
     def __init__(self, console: Console, period_s: float) -> None:
         self._console = console
@@ -72,20 +73,21 @@ class LiveProgress:
         return (len(self._stamps) - 1) / elapsed_s if elapsed_s > 0 else 0.0
 
     def _panel(self, record: TickRecord) -> Panel:
-        table = Table.grid(padding=(0, 2))
         rate_hz = self._tick_rate_hz()
-        table.add_row("time", f"{record.observation.time_s:6.1f} s, {rate_hz:.0f} ticks/s, {self._pace(rate_hz)}")
-        table.add_row("hand", self._hand)
-        table.add_row("goal", belief_text(self._display.goal_belief))
-        for part, positions in self._display.guidance.items():
-            table.add_row(f"guidance {part}", " ".join(positions) or "done")
-        table.add_row("robot", self._display.message)
-        if self._display.help_request:
-            table.add_row("[bold yellow]help", self._display.help_request)
-        for question in self._display.questions:
-            table.add_row("[bold yellow]asks", question_text(question))
-        if self._alarm:
-            table.add_row("[bold red]alarm", Text(self._alarm, style="bold red"))
+        rows = [
+            ("time", f"{record.observation.time_s:6.1f} s, {rate_hz:.0f} ticks/s, {self._pace(rate_hz)}"),
+            ("hand", self._hand),
+            ("goal", belief_text(self._display.goal_belief)),
+            *((f"guidance {part}", " ".join(at) or "done") for part, at in self._display.guidance.items()),
+            ("robot", self._display.message),
+            ("help", self._display.help_request or ""),
+            *(("asks", question_text(question)) for question in self._display.questions),
+            ("alarm", self._alarm),
+        ]
+        table = Table.grid(padding=(0, 2))
+        for name, text in rows:
+            if text or name not in URGENT:  # as Text: "[g0 | g1]" in a str would be taken for a style
+                table.add_row(Text(name, URGENT.get(name, "")), Text(text, URGENT[name] if name == "alarm" else ""))
         return Panel(table, title="cell", title_align="left")
 
     def _pace(self, rate_hz: float) -> str:

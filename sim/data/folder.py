@@ -21,6 +21,10 @@ JPEG_QUALITY = 95  # of whole frames: hardly told from PNG, a fifth of its size
 class DataFolder:
     """Writes rows and images; nothing that exists is overwritten.
 
+    Attributes:
+        counts: rows by file.
+        left_out: seeds of recordings that nobody should learn from.
+
     Args:
         source: what was typed, for the headers.
 
@@ -33,6 +37,7 @@ class DataFolder:
             raise InputError(f"{path}: is not an empty folder; choose a new one by --out")
         self._path, self._source = path, source
         self.counts: Counter[str] = Counter()
+        self.left_out: list[int] = []
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -59,6 +64,7 @@ class DataFolder:
             self._put(name, content)
         for file, row in piece.rows:
             self.row(file, row)
+        self.left_out += piece.left_out
 
     def _put(self, name: str, content: bytes) -> None:
         file = self._path / name
@@ -72,6 +78,7 @@ class DataFolder:
             "version": VERSION,
             "made_by": self._source,
             **facts,
+            **({"left_out_seeds": self.left_out} if self.left_out else {}),
             "counts": dict(sorted(self.counts.items())),
         }
         (self._path / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
@@ -84,6 +91,7 @@ class DataPiece(DataFolder):
     def __init__(self) -> None:
         self.images: list[tuple[str, bytes]] = []
         self.rows: list[tuple[str, Mapping[str, Any]]] = []
+        self.left_out: list[int] = []
 
     def row(self, file: str, row: Mapping[str, Any]) -> None:
         self.rows.append((file, row))

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from cell.interfaces.command import Command, Display
+from cell.interfaces.operator import Answer, Question
 from cell.interfaces.perception import Action
 from cell.log.telling.contact_sheet import (
     CAPTION_PX,
@@ -63,6 +64,17 @@ def test_a_terminal_shows_a_panel() -> None:
     progress.close(OUTCOME)
     for words in ("ticks/s", "g1 0.75", "guidance o1", "waiting", "place o1"):
         assert words in text.getvalue()
+
+
+def test_a_terminal_shows_a_question_with_its_answers() -> None:
+    """In the panel "[g0 | g1]" was taken for a style, and nobody could know what to answer."""
+    question = Question(3, "goal", "I am not sure", todo="say which", answers=(Answer("g0", "g0"), Answer("g1", "g1")))
+    text = io.StringIO()
+    progress = LiveProgress(Console(file=text, width=100, force_terminal=True), 0.04)
+    progress.tick(record(0, Command(display=replace(DISPLAY, questions=(question,), message="at [p1]"))))
+    progress.close(OUTCOME)
+    assert "3: I am not sure; say which [g0 | g1]" in text.getvalue()
+    assert "at [p1]" in text.getvalue()
 
 
 def sheet_of(folder: Path, moments: Moments, *frames_s: float) -> Path | None:

@@ -24,6 +24,7 @@ class Loss:
         unclosed: the end is missing; what came after the last record is unknown.
         unchecked: the file's own checksum tells of a change in a place that no other checksum covers.
         remarks: one line for each damaged place.
+        foreign: what it is, where it is an MCAP file of another program; empty for logs of this one.
     """
 
     bytes_skipped: int
@@ -32,6 +33,7 @@ class Loss:
     unclosed: bool
     unchecked: bool
     remarks: tuple[str, ...]
+    foreign: str = ""
 
     @property
     def lossy(self) -> bool:
@@ -78,6 +80,14 @@ class Salvage:
     attachments: list[Attachment] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
     loss: Loss = field(default_factory=lambda: Loss(0, (), {}, False, False, ()))
+
+
+def foreign(found: Salvage) -> str:
+    """What a file is that this program did not write; empty where it did, also where the head is lost that says so."""
+    topics = {channel.topic for channel in found.channels.values()}
+    if found.profile == PROFILE or "/tick" in topics or any(one.name == "run" for one in found.metadata):
+        return ""
+    return f"an MCAP file with profile {found.profile!r}, and no log of this program"
 
 
 def missing_ticks(found: Salvage) -> Iterator[int]:

@@ -11,7 +11,7 @@ from mcap.opcode import Opcode
 
 from cell.interfaces.errors import LogError
 from cell.log.reading.records import CHECKSUM_BYTES, HEAD, MAGIC, MESSAGE, Damage, parse, unpacked
-from cell.log.reading.recovered import Loss, RecoveredMessage, Salvage, missing_messages, missing_ticks
+from cell.log.reading.recovered import Loss, RecoveredMessage, Salvage, foreign, missing_messages, missing_ticks
 
 # An opcode and a length below 4 GiB: what the beginning of a record looks like.
 RECORD_BEGIN = re.compile(rb"[\x01-\x0f][\s\S]{4}\x00\x00\x00\x00")
@@ -197,6 +197,7 @@ class _Salvager:
             unclosed=not self._closed or not self._data.endswith(MAGIC),
             unchecked=self._unchecked,
             remarks=tuple(remarks),
+            foreign=foreign(found),
         )
 
 

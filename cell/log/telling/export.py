@@ -16,11 +16,13 @@ import numpy as np
 
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.files import whole_or_none
 from cell.log.reading.frames import Frames
 from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.logged_tree import logged_tree
 from cell.log.telling.for_rerun import write_for_rerun
 from cell.log.telling.tables import notes, transitions
+from cell.recording.video import Video
 from cell.running.node_library import node_registry
 from trees.views.groot2 import StatusBoard, tree_xml
 
@@ -46,11 +48,13 @@ def export(log: Log, style: str, path: Path) -> int:
         "transitions": lambda log, path: _parquet(list(transitions(log)), path),
         "notes": lambda log, path: _parquet(list(notes(log)), path),
         "btlog": _btlog,
-        "video": _video,
         "rerun": write_for_rerun,
     }
     try:
-        return writers[style](log, path)
+        if style == "video":  # tells by itself what it lacks
+            return _video(log, path)
+        with whole_or_none(path) as partial:
+            return writers[style](log, partial)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
@@ -134,7 +138,7 @@ def _video(log: Log, path: Path) -> int:
     frames, rate_hz = Frames(log), 1e9 * (len(times_ns) - 1) / max(1, times_ns[-1] - times_ns[0])
     starts = [tick.time_s for tick in log.ticks]
     rows = list(table(log))
-    writer: cv2.VideoWriter | None = None
+    video = Video(path, rate_hz)
     for time_ns in times_ns:
         time_s = time_ns / 1e9
         [stored] = [frame for frame in frames.newest(time_s) if frame.camera == "overhead"]
@@ -142,16 +146,8 @@ def _video(log: Log, path: Path) -> int:
         if image is None:
             raise LogError(log.path, f"the overhead image at {time_s:.3f} s cannot be decoded")
         now = max(0, bisect_right(starts, time_s) - 1)
-        canvas = _overlaid(image, log.ticks[now], rows[now])
-        if writer is None:
-            size = (canvas.shape[1], canvas.shape[0])
-            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate_hz, size)
-            if not writer.isOpened():
-                raise InputError(f"{path}: the video cannot be written; its name must end in .mp4")
-        writer.write(canvas)
-    assert writer is not None
-    writer.release()
-    return len(times_ns)
+        video.add(_overlaid(image, log.ticks[now], rows[now]))
+    return video.close()
 
 
 def _overlaid(image: Any, tick: LoggedTick, row: Mapping[str, Any]) -> Any:

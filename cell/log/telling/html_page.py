@@ -7,6 +7,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from cell.interfaces.errors import InputError
+from cell.interfaces.files import whole_or_none
 
 
 def rendered(template: Path, **values: object) -> str:
@@ -29,7 +30,8 @@ def write_page(page: str, path: Path) -> int:
     """
     content = page.encode()
     try:
-        path.write_bytes(content)
+        with whole_or_none(path) as partial:
+            partial.write_bytes(content)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}; choose another file") from None
     return len(content)

@@ -43,7 +43,7 @@ def tree_at(log: Log | LogStream, at_s: float = math.inf, more: Iterable[str] = 
     ticks = (tick for piece in log for tick in piece.ticks)
     now = next(ticks, None)
     if now is None or now.time_s > at_s:
-        raise LogError(log.path, f"holds no tick up to {at_s:g} s")
+        raise LogError(log.path, "holds no tick" + ("" if math.isinf(at_s) and at_s > 0 else f" up to {at_s:g} s"))
     tree = logged_tree(log, more)
     board, said = StatusBoard(len(tree.nodes)), dict[int, str]()
     _take(now, board, said)

@@ -23,6 +23,7 @@ from cell.interfaces.errors import InputError, LogError
 from cell.interfaces.pose import Array
 from cell.log.reading.frames import CAMERA, Frames
 from cell.log.reading.reader import Log
+from cell.recording.video import Video
 
 VERSION, CHUNK = "v3.0", 1000
 VIDEO = "observation.images.overhead"
@@ -124,23 +125,17 @@ def _asked(log: Log, measured: Array) -> Array:
 
 def _write_video(log: Log, episode: Episode, rate_hz: float, path: Path) -> tuple[int, int]:
     """One frame a row; returns (height, width)."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    frames, writer, size = Frames(log), None, (0, 0)
+    frames, video, size = Frames(log), Video(path, rate_hz), (0, 0)
     for row, time_s in enumerate(episode.times_s):
         jpeg = next(frame.jpeg for frame in frames.newest(float(time_s)) if frame.camera == "overhead")
         image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
         if image is None:
             raise LogError(log.path, f"the overhead image at {time_s:.3f} s cannot be decoded")
-        if writer is None:
-            size = image.shape[0], image.shape[1]
-            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate_hz, (size[1], size[0]))
-            if not writer.isOpened():
-                raise InputError(f"{path}: the video cannot be written")
-        writer.write(image)
+        size = image.shape[0], image.shape[1]
+        video.add(image)
         if row % PIXELS_EVERY == 0:
             episode.pixels.append(np.asarray(image[::4, ::4, ::-1], np.float64).reshape(-1, 3) / 255.0)
-    assert writer is not None
-    writer.release()
+    video.close()
     return size
 
 
@@ -277,12 +272,14 @@ def _image_times_s(log: Log) -> list[float]:
 
 
 def _rate_hz(log: Log) -> float:
+    """The camera's; images that the recorder left out, as the disk did not keep up, do not change it."""
     times_s = _image_times_s(log)
     if len(times_s) < 2 or not log.ticks:
         raise LogError(
             log.path, f"holds {len(times_s)} overhead images and {len(log.ticks)} ticks; an episode needs both"
         )
-    return (len(times_s) - 1) / (times_s[-1] - times_s[0])
+    steps_s = np.diff(times_s)
+    return 1 / float(np.mean(steps_s[steps_s < 1.5 * np.median(steps_s)]))
 
 
 def _file(number: int, ending: str) -> str:

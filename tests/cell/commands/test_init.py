@@ -111,3 +111,23 @@ def test_a_bracket_is_assembled_and_the_log_lies_in_the_folder(folder: Path) -> 
     assert told.returncode == 0, told.stderr
     assert '"correct": true' in told.stdout
     assert [path.suffix for path in sorted((folder / "runs").iterdir())] == [".mcap", ".png"]
+
+
+def test_any_name_of_a_folder_is_told_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Square brackets were taken for a style: "[/b]" ended in a traceback."""
+    folder = tmp_path / "a [/b] [red]c"
+    assert main(["init", str(folder)]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert f"{folder}/config/cell.yaml" in said
+    assert said[-1] == f"next: cd '{folder}' && cell run"
+
+
+@pytest.mark.usefixtures("small_files")
+def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A second try was refused, as some of the files were there already."""
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("kept")
+    for folder in (tmp_path / "mine", tmp_path / "new" / "cell"):
+        assert main(["init", str(folder)]) == 2
+        assert "cannot be written" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.rglob("*")] == ["mine", "notes.txt"]

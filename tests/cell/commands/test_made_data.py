@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import signal
+import sys
 from pathlib import Path
+from subprocess import PIPE, Popen
 
 import pytest
 
 from cell.commands.made_data import make_data
 from cell.commands.main import main
+from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError
 from cell.interfaces.files import shipped
+from cell.interfaces.product import Product
+from sim.data.folder import DataFolder, DataPiece
+from sim.data.recording import Assembly, record
+from sim.settings import SimSettings
 
 
 def test_data_are_made_once_and_what_was_interrupted_is_made_anew(tmp_path: Path) -> None:
@@ -25,6 +34,54 @@ def test_data_are_made_once_and_what_was_interrupted_is_made_anew(tmp_path: Path
     made = (folder / "manifest.json").stat().st_mtime_ns
     make_data("actions", folder, options, "--thin")
     assert (folder / "manifest.json").stat().st_mtime_ns == made
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_data_are_not_made_on_by_a_process_that_its_training_left_behind(tmp_path: Path, number: int) -> None:
+    """The signal goes to the training alone; its output ends when nobody writes to it any more."""
+    maker = tmp_path / "maker"
+    waits = "import threading; print('begun', flush=True); threading.Event().wait(20); print('went on')"
+    maker.write_text(f"#!{sys.executable}\n{waits}\n")
+    maker.chmod(0o755)
+    makes = f"""
+import sys
+from pathlib import Path
+from cell.commands.made_data import make_data
+sys.executable = {str(maker)!r}
+make_data("hands", Path({str(tmp_path / "some")!r}), {{}})
+"""
+    with Popen([sys.executable, "-c", makes], stdout=PIPE, stderr=PIPE, text=True) as training:
+        assert training.stdout is not None
+        while training.stdout.readline() != "begun\n":
+            assert training.poll() is None
+        training.send_signal(number)
+        assert "went on" not in training.communicate()[0]
+
+
+def test_recordings_whose_physics_diverged_are_left_out_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def half_of_them(product: Product, bench: Bench, settings: SimSettings, seed: int, *, physics: bool) -> Assembly:
+        assert physics
+        assembly = record(product, bench, settings, seed)
+        assembly.world.diverged = seed % 2 == 0
+        return assembly
+
+    monkeypatch.setattr("sim.data.recording.record", half_of_them)
+    words = ["data", "actions", "--thin", "--physics", "--look", "nominal", "--recordings", "2", "--first-seed", "3"]
+    assert main([*words, "--out", str(tmp_path / "some")]) == 0
+    manifest = json.loads((tmp_path / "some" / "manifest.json").read_text())
+    assert manifest["left_out_seeds"] == [4]
+    assert "left out: physics diverged" in capsys.readouterr().err
+    _, *rows = map(json.loads, (tmp_path / "some" / "segments.jsonl").read_text().splitlines())
+    assert {row["log"] for row in rows} == {"seed000003"}
+
+
+def test_what_another_process_left_out_counts_too(tmp_path: Path) -> None:
+    folder, piece = DataFolder(tmp_path / "some", "test"), DataPiece()
+    piece.left_out.append(7)
+    folder.add(piece)
+    assert folder.close({})["left_out_seeds"] == [7]
 
 
 def test_what_the_command_said_is_told(tmp_path: Path) -> None:

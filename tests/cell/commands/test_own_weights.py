@@ -50,3 +50,14 @@ def test_a_tracker_that_is_chosen_by_name_has_the_configured_weights(
     cv2.imwrite(str(image), np.zeros((360, 480, 3), np.uint8))
     assert main(["see", str(image), "--hands", "slim", "--config", str(config), "--out", str(tmp_path / "b.png")]) == 2
     assert f"{tmp_path}/mine_finder.onnx" in "".join(capsys.readouterr().err.split())
+
+
+def test_photographs_without_networks_say_how_to_get_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((36, 48, 3), np.uint8))
+    truth = tmp_path / "truth.json"
+    truth.write_text('{"a.png": []}')
+    assert main(["eval", "hands", "--photos", str(tmp_path), "--truth", str(truth)]) == 2
+    assert "cell hands fetch" in capsys.readouterr().err

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from cell.commands.main import main
+from cell.commands.see import _chosen
 from cell.commands.terminal import BAD_INPUT
-from cell.configuration import DEFAULT_CONFIGURATION
+from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
 
 TIPS_M = (0.78, 0.2)
@@ -55,6 +56,16 @@ def test_a_picture_gives_a_picture_with_the_hand_drawn_and_told(
     assert changed[bottom + 30 :, : left - 60].mean() < 0.01
 
 
+def test_all_detectors_are_taken_as_said_also_those_that_are_chosen_by_themselves() -> None:
+    configured = load_configuration(DEFAULT_CONFIGURATION)
+    perception = configured.perception.with_detector("holes", "plate").with_detector("hands", "mediapipe")
+    own = configured.model_copy(update={"perception": perception})
+    assert _chosen(own, None, None).perception.words == perception.words
+    assert _chosen(own, None, "classical").perception.words == "classical"
+    assert _chosen(own, "slim", "classical").perception.chosen("hands").kind == "slim"
+    assert _chosen(own, "slim", "classical").perception.chosen("holes").kind == "classical"
+
+
 def test_many_frames_do_not_go_into_one_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The last one would be all that is left of them."""
     out = tmp_path / "one.png"
@@ -86,7 +97,44 @@ def test_a_folder_gives_a_folder_and_each_picture_stands_alone(
     (folder / "notes.txt").write_text("no picture")
     answer = see(capsys, folder)
     assert [view["hand"] is not None for view in answer["frames"]] == [False, True, False]
-    assert answer["written"] == [f"many-seen/00000{number}.png" for number in range(3)]
+    assert [view["file"] for view in answer["frames"]] == ["0.png", "1.png", "2.png"]
+    assert answer["written"] == [f"many-seen/{number}.png" for number in range(3)]
+
+
+def test_a_photograph_that_cannot_be_read_is_left_out_of_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And one of two with the same name keeps its ending; a dot in the folder's name begins none."""
+    monkeypatch.chdir(tmp_path)
+    folder = Path("photos.2026")
+    for name in ("a.png", "a.bmp", "c.png"):
+        written(folder / name, np.full((360, 480, 3), 90, np.uint8))
+    (folder / "b.jpg").write_text("no image")
+    assert main(["see", str(folder), "--perception", "classical", "--json"]) == 0
+    told = capsys.readouterr()
+    assert [view["file"] for view in json.loads(told.out)["frames"]] == ["a.bmp", "a.png", "c.png"]
+    assert json.loads(told.out)["written"] == [f"photos-2026-seen/{name}.png" for name in ("a.bmp", "a.png", "c")]
+    assert f"left out: {folder / 'b.jpg'}: cannot be read as an image" in told.err
+
+
+def test_what_is_looked_at_is_never_written_over(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = picture.read_bytes()
+    folder = Path("many")
+    written(folder / "000000.png", np.full((360, 480, 3), 90, np.uint8))
+    for source, out in ((picture, "./bench.png"), (folder, "many")):
+        assert main(["see", str(source), "--out", out, "--overwrite"]) == BAD_INPUT
+        assert "is what is looked at" in capsys.readouterr().err
+    assert picture.read_bytes() == before
+    assert [file.name for file in folder.iterdir()] == ["000000.png"]
+
+
+def test_frames_of_several_sizes_are_no_video(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All but those of the first size were missing in it, without a word."""
+    for number, size in enumerate(((360, 480, 3), (100, 120, 3))):
+        written(Path("many") / f"{number}.png", np.full(size, 90, np.uint8))
+    assert main(["see", "many", "--out", "many.mp4", "--perception", "classical"]) == BAD_INPUT
+    assert "several sizes" in capsys.readouterr().err
+    assert not list(picture.parent.glob("*.mp4"))
 
 
 def test_a_video_gives_a_video_of_the_frames_that_are_asked_for(
@@ -131,6 +179,7 @@ def test_pictures_of_another_size_are_searched_for_hands_alone(
         (["bench.png", "--perception", "best"], "legal: learned, classical"),
         (["bench.png", "--hands", "best"], "legal: classical, slim, mediapipe"),
         (["bench.png", "--out", "seen.gif"], "must end in"),
+        (["bench.png", "--look", "hard"], "--look goes with sim:SEED"),
         (["small.png", "--camera", "wrist"], "8 x 8"),
     ],
 )

@@ -48,6 +48,12 @@ def test_a_part_that_slipped_into_its_hole_was_placed() -> None:
     found = slipped(Source(replace(assembly, labels=forgotten), PRODUCT, CONFIGURATION.bench))
     assert [one[1:] for one in found] == [(part, position)]
     assert abs(found[0][0] - number) <= CONFIGURATION.bench.overhead.rate_hz
+    came = found[0][0]
+    leant = [replace(one, upright=-np.ones_like(one.upright)) for one in assembly.moments[came : came + 8]]
+    leaning = replace(assembly, moments=(*assembly.moments[:came], *leant, *assembly.moments[came + 8 :]))
+    pressed = slipped(Source(replace(leaning, labels=forgotten), PRODUCT, CONFIGURATION.bench))
+    assert pressed == [(came + 8, part, position)]
+    assert slipped(Source(leaning, PRODUCT, CONFIGURATION.bench)) == []
     tipped = replace(assembly.moments[number + 40], upright=-np.ones_like(assembly.moments[number + 40].upright))
     moments = (*assembly.moments[: number + 40], tipped, *assembly.moments[number + 41 :])
     assert slipped(Source(replace(assembly, moments=moments), PRODUCT, CONFIGURATION.bench)) == []

@@ -16,7 +16,7 @@ from cell.evaluating.encounters import encounter, summary
 from cell.evaluating.row_file import Row
 from cell.evaluating.throughput import throughput_ratio
 from cell.evaluating.troubled import counted, troubled_assembly
-from cell.interfaces.errors import DeviceFault
+from cell.interfaces.operator import OperatorOrder
 
 
 @pytest.mark.slow
@@ -28,19 +28,27 @@ def test_a_careless_person_is_met_in_many_phases_and_no_contact_is_fast_or_avoid
     assert np.isfinite(float(str(found["fastest_m_s"])))
 
 
-def test_somebody_acknowledges_a_protective_stop_and_leaves_an_arm_that_tells_nothing_to_the_supervisor() -> None:
-    told: list[Any] = [SimpleNamespace(mode="protective_stop"), SimpleNamespace(mode="protective_stop"), None]
-    times_s = iter((1.0, 1.0 + NOTICES_S, 2.0 + NOTICES_S))
+def test_somebody_acknowledges_what_waits_for_that_and_again_while_it_is_still_there() -> None:
+    shown: list[str] = []
+    now_s = [1.0]
+    panel: Any = SimpleNamespace(alarm=shown.append)
+    clock = SimpleNamespace(now_s=lambda: now_s[0])
+    devices: Any = SimpleNamespace(clock=clock, panel=panel, pressed=lambda: (OperatorOrder("resume"),))
+    attendant = Attendant(devices)
 
-    def state() -> Any:
-        if (found := told.pop(0)) is None:
-            raise DeviceFault("simulation", "its physics came to no finite state")
-        return found
+    def pressed_after(wait_s: float) -> list[str]:
+        now_s[0] += wait_s
+        return [order.kind for order in attendant.pressed()]
 
-    clock = SimpleNamespace(now_s=lambda: next(times_s))
-    cell: Any = SimpleNamespace(arm=SimpleNamespace(state=state), devices=SimpleNamespace(clock=clock))
-    attendant = Attendant(cell)
-    assert [[order.kind for order in attendant.pressed()] for _ in range(3)] == [[], ["acknowledge"], []]
+    assert pressed_after(NOTICES_S) == ["resume"]
+    attendant.alarm("the arm does not follow its trajectory; acknowledge it when it may go on")
+    assert pressed_after(NOTICES_S / 2) == ["resume"]
+    assert pressed_after(NOTICES_S / 2) == ["resume", "acknowledge"]
+    assert pressed_after(0.1) == ["resume"]
+    assert pressed_after(NOTICES_S) == ["resume", "acknowledge"]
+    attendant.alarm("")
+    assert pressed_after(NOTICES_S) == ["resume"]
+    assert [bool(text) for text in shown] == [True, False]
 
 
 def test_an_assembly_that_did_not_finish_is_told_with_its_reason(capsys: pytest.CaptureFixture[str]) -> None:

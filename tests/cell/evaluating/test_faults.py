@@ -14,7 +14,8 @@ from cell.running.injection import FAULTS, OTHER_STATES, STATES, Injection, Inje
 
 SAMPLE = {
     "carry": ("arm_frozen", "arm_safeguard", "gripper_refuses", "camera_black", "gripper_reboots"),
-    "lower": ("arm_velocity_nan", "arm_offset"),
+    "down": ("arm_protective_stop",),
+    "lower": ("arm_velocity_nan", "arm_offset", "arm_protective_stop"),
     "lift": ("status_lost",),
     "above": ("sighup", "camera_frozen"),
     "waiting_for_help": ("heartbeat_lost",),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from cell.log.reading.reader import Log
 from cell.observer import Outcome
 from cell.recording.recorder import Heading, McapRecorder
 from cell.settings import LogSettings
+from tests.processes import finished
 
 
 def failed(path: Path, seed: int, failure: str) -> None:
@@ -60,6 +62,51 @@ def test_runs_are_found_by_any_question(commission_log: Log, tmp_path: Path) -> 
         ask(tmp_path, "select nothing from nowhere")
 
 
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "copy (select 1) to '{file}'",
+        "select 1; copy runs to '{file}'",
+        "copy runs to '{rows}/new.parquet'",
+        "explain analyze copy runs to '{rows}/new.parquet'",
+        "export database '{folder}/all'",
+        "attach '{folder}/new.db'",
+        "create table copied as select * from runs",
+        "set enable_external_access = true",
+        "select * from read_text('{file}')",
+    ],
+)
+def test_a_question_only_reads(tmp_path: Path, sql: str) -> None:
+    """`copy ... to 'README.md'` wrote over that file."""
+    folder = tmp_path / "some runs'"
+    folder.mkdir()
+    failed(folder / "1.mcap", 1, "x")
+    refresh(folder)
+    file = tmp_path / "README.md"
+    file.write_text("mine")
+    before = sorted(tmp_path.rglob("*"))
+    quoted = str(folder).replace("'", "''")
+    with pytest.raises(InputError, match="cannot be answered"):
+        ask(folder, sql.format(file=file, folder=quoted, rows=f"{quoted}/rows"))
+    assert (file.read_text(), sorted(tmp_path.rglob("*"))) == ("mine", before)
+
+
+def test_questions_may_be_asked_in_several_ways(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    failed(tmp_path / "1.mcap", 1, "x")
+    refresh(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for sql in (
+        "from runs",
+        "describe runs",
+        "summarize runs",
+        "with a as (select seed from runs) select * from a",
+        'pivot runs on "end" using count(*)',
+        "select 1; select seed from runs",
+        "show tables",
+    ):
+        assert ask(Path(), sql)[1], sql
+
+
 def test_the_command_lists_searches_and_counts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for seed in (1, 2):
         failed(tmp_path / f"{seed}.mcap", seed, "PickPart: nothing between the fingers")
@@ -71,3 +118,36 @@ def test_the_command_lists_searches_and_counts(tmp_path: Path, capsys: pytest.Ca
     assert "end failed: 0 of 2 right, 0.000 (95 %: 0.000 - 0.658)" in capsys.readouterr().out
     assert main(["log", "list", str(tmp_path), "--statistics", "nothing"]) == 2
     assert main(["log", "list", str(tmp_path / "none")]) == 2
+
+
+def test_a_list_that_no_terminal_shows_is_a_line_a_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Rows were broken after 80 letters, and "[g1]" in a text was taken for a style."""
+    failed(tmp_path / "1.mcap", 1, f"PickPart: no [g1] here [/b] {'x' * 200}")
+    assert main(["log", "list", str(tmp_path), "--sql", "select last_failure, null, 7 as n from runs"]) == 0
+    head, line = capsys.readouterr().out.splitlines()
+    assert head.split("\t")[::2] == ["last_failure", "n"]
+    assert line.split("\t") == [f"PickPart: no [g1] here [/b] {'x' * 200}", "", "7"]
+
+
+def test_statistics_are_told_in_json_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for seed in (1, 2):
+        failed(tmp_path / f"{seed}.mcap", seed, "PickPart: x")
+    assert main(["log", "list", str(tmp_path), "--statistics", "seed", "--where", "seed > 1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["seed"], told["runs"], told["right"], told["share"], told["sim_time_s"]) == ("2", 1, 0, 0.0, 12.5)
+
+
+@pytest.mark.parametrize(
+    "words", [["--failures", "--sql", "x"], ["--failures", "--where", "y"], ["--sql", "x", "--where", "y"]]
+)
+def test_no_question_is_passed_over(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+    failed(tmp_path / "1.mcap", 1, "PickPart: x")
+    assert main(["log", "list", str(tmp_path), *words]) == 2
+    assert capsys.readouterr().out == ""
+
+
+def test_a_question_leaves_no_word_about_the_program_that_answers(tmp_path: Path) -> None:
+    """DuckDB's binding told of leaks in a page of lines, where what was imported was kept to the end."""
+    failed(tmp_path / "1.mcap", 1, "PickPart: x")
+    asked = finished([sys.executable, "-m", "cell", "log", "list", str(tmp_path), "--sql", "from runs"])
+    assert (asked.returncode, asked.stderr) == (0, "")

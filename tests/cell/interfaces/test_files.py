@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from cell.interfaces.files import own_or_shipped, shipped
+from cell.interfaces.files import own_or_shipped, shipped, whole_or_none
 
 
 def test_folders_of_the_user_do_not_hide_what_is_shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -29,3 +29,25 @@ def test_a_file_of_the_working_folder_comes_first(tmp_path: Path, monkeypatch: p
     monkeypatch.chdir(tmp_path)
     assert own_or_shipped("config", "cell.yaml") == tmp_path / "config" / "cell.yaml"
     assert own_or_shipped("config", "gripper.dbc") == shipped("config", "gripper.dbc")
+
+
+def fill_the_disk(path: Path) -> None:
+    with whole_or_none(path) as partial:
+        partial.write_text("ne")
+        raise OSError("full")
+
+
+def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
+    (tmp_path / "old.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to("old.csv")
+    for name in ("old.csv", "link.csv", "new"):
+        with pytest.raises(OSError, match="full"):
+            fill_the_disk(tmp_path / name)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link.csv", "old.csv"]
+    assert (tmp_path / "old.csv").read_text() == "old"
+    with whole_or_none(tmp_path / "link.csv") as partial:
+        partial.write_text("new")
+    assert (tmp_path / "link.csv").is_symlink()
+    assert (tmp_path / "old.csv").read_text() == "new"
+    with whole_or_none(Path("/dev/null")) as partial:
+        assert partial == Path("/dev/null")

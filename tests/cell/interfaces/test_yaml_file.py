@@ -30,6 +30,7 @@ class Branch(Model):
     by_name: dict[str, Leaf] = Field(default_factory=dict)
     listed: tuple[Leaf, ...] = ()
     maybe: Leaf | None = None
+    folder: Path = Path()
 
 
 def problems(tmp_path: Path, text: str, model: type[Model] = Branch) -> list[str]:
@@ -85,6 +86,21 @@ def test_legal_keys_are_named_below_dicts_lists_and_options(tmp_path: Path) -> N
 )
 def test_what_is_no_mapping_of_plain_data_is_refused(tmp_path: Path, text: str, expected: str) -> None:
     assert problems(tmp_path, text)[0].startswith(expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("leaf: 3\n", "1:7: leaf: input should be keys with values, not 3; legal here: speed_m_s, count"),
+        ("leaf: [1]\n", "1:7: leaf: input should be keys with values, not a list; legal here: speed_m_s, count"),
+        ("leaf: {speed_m_s: 1}\nby_name: x\n", "2:10: by_name: input should be keys with values, not 'x'"),
+        ("leaf: {speed_m_s: 1}\nlisted: 4\n", "2:9: listed: input should be a list, not 4"),
+        ("leaf: {speed_m_s: 1}\nfolder: 4\n", "2:9: folder: input should be a path, not 4"),
+        ("leaf: {speed_m_s: {a: 1}}\n", "1:19: leaf.speed_m_s: input should be a valid number, not keys with values"),
+    ],
+)
+def test_another_kind_of_value_is_told_in_the_words_of_yaml(tmp_path: Path, text: str, expected: str) -> None:
+    assert problems(tmp_path, text) == [expected]
 
 
 def test_aliases_of_aliases_cost_no_more_than_the_file(tmp_path: Path) -> None:

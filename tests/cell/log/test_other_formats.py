@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,16 @@ def test_an_episode_has_a_row_for_each_frame_time(data_set: Path, assembly_log: 
     about = parquet.read_table(data_set / "meta/episodes/chunk-000/file-000.parquet").to_pydict()
     assert about["length"] == counts
     assert about[f"videos/{VIDEO}/to_timestamp"][0] == pytest.approx(counts[0] / 15)
+
+
+def test_images_that_the_log_left_out_change_no_rate(assembly_log: Log, tray_log: Log, tmp_path: Path) -> None:
+    """A recorder whose disk does not keep up leaves out images first; the camera's rate stays what it is."""
+    messages = assembly_log.messages
+    kept = [one for one in messages if one.topic != "/camera/overhead" or not 1e9 < one.time_ns < 3e9]
+    assert len(kept) < len(messages) - 20
+    gap = replace(assembly_log, messages=tuple(kept))
+    write_lerobot([gap, tray_log], tmp_path / "set")
+    assert json.loads((tmp_path / "set/meta/info.json").read_text())["fps"] == 15
 
 
 def test_actions_are_where_the_arm_is_about_to_be(data_set: Path) -> None:

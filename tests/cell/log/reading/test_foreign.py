@@ -199,6 +199,18 @@ def tails(data: bytes) -> Iterator[bytes]:
         at += HEAD.size + length
 
 
+def test_recovery_says_that_a_file_is_foreign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "foreign.mcap"
+    data = write(STYLES[0])
+    profile = STYLES[0].profile
+    for content, status in ((data, 0), (data[:-40], 3)):
+        path.write_bytes(content)
+        (tmp_path / "foreign.recovered.mcap").unlink(missing_ok=True)
+        assert main(["log", "recover", str(path)]) == status
+        first = capsys.readouterr().out.splitlines()[0]
+        assert first.endswith(f"; this is an MCAP file with profile {profile!r}, and no log of this program")
+
+
 def test_a_foreign_file_that_was_cut_is_said_to_be_unfinished(tmp_path: Path) -> None:
     path = tmp_path / "cut.mcap"
     for data in tails(write(STYLES[0])):

@@ -53,6 +53,7 @@ def test_a_whole_log_is_recovered_without_loss(whole: bytes, tmp_path: Path) -> 
 def test_a_cut_log_becomes_a_complete_one(whole: bytes, tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(whole[: len(whole) // 2])
+    assert not salvage(path).loss.foreign
     assert main(["log", "recover", str(path)]) == 3
     recovered = tmp_path / "log.recovered.mcap"
     with recovered.open("rb") as stream:

@@ -86,6 +86,13 @@ def test_a_log_keeps_folders_of_its_tree(assembly_log: Log) -> None:
         logged_tree(replace(log, attachments={**files, "tree/../../x.xml": b""}))
 
 
+def test_a_log_that_ended_before_it_began_holds_no_tick(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "run.mcap"
+    log.write_bytes(CASE.read_bytes()[:8])
+    assert main(["show", str(log)]) == 2
+    assert "holds no tick\n" in capsys.readouterr().err
+
+
 def test_the_command_line_shows_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, svg = tmp_path / "run.mcap", tmp_path / "tree.svg"
     shutil.copy(CASE, log)
@@ -104,6 +111,9 @@ def test_the_command_line_shows_a_log(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["show"]) == 2
     assert "name a tree file or a log" in capsys.readouterr().err
     assert main(["show", "trees/assemble.xml", "--at", "3"]) == 2
+    assert main(["show", str(log), "--at", "nan"]) == 2
+    assert main(["show", "--running", "--at", "3"]) == 2
+    assert "--at goes with a log" in capsys.readouterr().err
 
 
 def test_pictures_that_a_tree_marked_become_files(assembly_log: Log, tmp_path: Path) -> None:

@@ -38,6 +38,7 @@ class DetectorChain:
         self._calibration = CalibrationCheck(bench, product)
         self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
         self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
+        self._before: HandSample | None = None
         self._preparing = [one for one in (tracker, self._health, reader) if isinstance(one, Preparing)]
 
     def prepare(self, image: Image) -> None:
@@ -57,7 +58,7 @@ class DetectorChain:
         hand = hand and replace(hand, velocity_m_s=self._track.velocity_m_s)
         holes = self._reader.read(frame, hand)
         self._keep(frame, hand)
-        action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands)), holes)
+        action = self._detector.detect(Segment(tuple(self._frames), tuple(self._hands), self._before), holes)
         others, left_by = self._tracker.others, self._track.left_by
         calibration = self._calibration.judge(frame, hand)
         return BenchView(
@@ -67,9 +68,13 @@ class DetectorChain:
     def _keep(self, frame: Frame, hand: HandSample | None) -> None:
         """One frame more; no hand was seen in those that were lost before it, so that a segment spans its time."""
         if self._frames:
-            before = self._frames[-1]
-            lost = min(frame.sequence - before.sequence - 1, SEGMENT_FRAMES)
-            self._frames.extend([before] * lost)
-            self._hands.extend([None] * lost)
+            last = self._frames[-1]
+            for _ in range(min(frame.sequence - last.sequence - 1, SEGMENT_FRAMES)):
+                self._push(last, None)
+        self._push(frame, hand)
+
+    def _push(self, frame: Frame, hand: HandSample | None) -> None:
+        if len(self._hands) == SEGMENT_FRAMES:
+            self._before = self._hands[0] or self._before
         self._frames.append(frame)
         self._hands.append(hand)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -34,10 +34,26 @@ if TYPE_CHECKING:
     from cell.interfaces.product import Product
     from learned.semantic.confusions import Reported
 
-# Looks of recordings to learn from: share of them, and first seed.
-LOOKS = {"people": (0.45, 0), "varied": (0.35, 300_000), "nominal": (0.2, 500_000)}
-DATA_S = 1.5  # processor time of a recording
-DATA_SHARE = 0.6  # of a budget
+
+@dataclass(frozen=True)
+class Kind:
+    """Some of the recordings to learn from: share of all, and first seed."""
+
+    look: str
+    share: float
+    first_seed: int
+    physics: bool = False
+
+
+KINDS = (
+    Kind("people", 0.35, 0),
+    Kind("varied", 0.25, 300_000),
+    Kind("nominal", 0.15, 500_000),
+    Kind("people", 0.17, 100_000, physics=True),
+    Kind("varied", 0.08, 400_000, physics=True),
+)
+DATA_S, PHYSICS_S = 3.7, 11.0  # processor time of a recording
+DATA_SHARE = 0.75  # of a budget
 PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
 VALIDATION_SEED, VALIDATION_SHARE = 800_000, 0.1
 STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
@@ -226,19 +242,27 @@ def _recordings(
     weights: Path, look: str | None, config: Path, seconds: float, *, frames: bool = False
 ) -> tuple[list[Path], Path]:
     """Make recordings to learn from and for the scores."""
-    count = max(4, int(DATA_SHARE * seconds / DATA_S))
+    kinds = KINDS if look is None else (Kind(look, 1.0, 0),)
+    each_s = sum(kind.share * (PHYSICS_S if kind.physics else DATA_S) for kind in kinds)
+    count = max(4, int(DATA_SHARE * seconds / each_s))
     kept = max(2, int(VALIDATION_SHARE * count))
     validation = weights.with_suffix(".validation")
     flags = ["--thin", "--gaps", *(["--frames"] if frames else [])]
     folders = []
-    for name, (share, first_seed) in LOOKS.items() if look is None else ((look, (1.0, 0)),):
-        of_look = round(share * count)
-        for first in range(0, of_look, PIECE):
-            folders.append(weights.with_suffix(".data") / f"{Path(name).stem}{first:06d}")
-            number = min(PIECE, of_look - first)
-            of_look_at = {"--look": name, "--recordings": number, "--first-seed": first_seed + first}
-            options = {**of_look_at, "--steel-share": STEEL_SHARE, "--config": config}
-            make_data("actions", folders[-1], options, *flags)
+    for kind in kinds:
+        of_kind = round(kind.share * count)
+        by_physics = ["--physics"] * kind.physics
+        for first in range(0, of_kind, PIECE):
+            name = "-".join([Path(kind.look).stem, *(["physics"] * kind.physics), f"{first:06d}"])
+            folders.append(weights.with_suffix(".data") / name)
+            options = {
+                "--look": kind.look,
+                "--recordings": min(PIECE, of_kind - first),
+                "--first-seed": kind.first_seed + first,
+                "--steel-share": STEEL_SHARE,
+                "--config": config,
+            }
+            make_data("actions", folders[-1], options, *flags, *by_physics)
     options = {"--look": look or "varied", "--recordings": kept, "--first-seed": VALIDATION_SEED, "--config": config}
     make_data("actions", validation, options, *flags)
     return folders, validation

@@ -282,7 +282,7 @@ def _sample(hand: Mapping[str, Any]) -> HandSample:
 
 def _count(tally: Tally, source: Source, watcher: _Watcher, classes: Classes) -> None:
     assembly = source.assembly
-    ends = list(segment_ends(assembly, lost=True))
+    ends = list(segment_ends(assembly))
     for end in ends:
         label = assembly.labels[end]
         number = classes.number(label.kind, label.part, label.position)

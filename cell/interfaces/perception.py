@@ -128,10 +128,15 @@ class HandSample:
 
 @dataclass(frozen=True)
 class Segment:
-    """Segment s of Algorithm 1: the last SEGMENT_FRAMES frames and the hand in each (None: not seen)."""
+    """Segment s of Algorithm 1: the last SEGMENT_FRAMES frames and the hand in each (None: not seen).
+
+    Attributes:
+        before: the hand as it was last seen before these frames.
+    """
 
     frames: tuple[Frame, ...]
     hands: tuple[HandSample | None, ...]
+    before: HandSample | None = None
 
     @property
     def hand_crop(self) -> NDArray[np.uint8] | None:

@@ -38,7 +38,9 @@ class Segments:
     """n labelled segments.
 
     Attributes:
-        tracks_m: (n, SEGMENT_FRAMES, 6), see `points`; NaN where no hand was seen, or where nobody knows.
+        tracks_m: (n, 1 + SEGMENT_FRAMES, 6), see `points`: the hand as it was last seen before the segment, and in each
+            frame; NaN where no hand was seen, or where nobody knows.
+        before_s: (n,) for how long it had not been seen when the segment began.
         windows: (windows, KEPT_PX, KEPT_PX, 3) uint8; the first one is black.
         crops: (n, 2) which window is the hand's, and that of the last moment at a hole; 0 for none.
         frames: (frames, 60, 80, 3) uint8, whole frames; none where the folder has none.
@@ -51,6 +53,7 @@ class Segments:
     """
 
     tracks_m: Array
+    before_s: Array
     windows: Images
     crops: NDArray[np.int64]
     frames: Images
@@ -69,6 +72,7 @@ class Segments:
         return replace(
             self,
             tracks_m=self.tracks_m[rows],
+            before_s=self.before_s[rows],
             crops=self.crops[rows],
             seen=self.seen[rows],
             classes=self.classes[rows],
@@ -109,6 +113,7 @@ def load_segments(folders: Sequence[Path], classes: Classes) -> Segments:
     frames, seen = _whole_frames(rows)
     return Segments(
         tracks_m=np.array([row.track_m for row in rows]),
+        before_s=np.array([row.before_s for row in rows]),
         windows=np.array(windows),
         crops=crops,
         frames=frames,
@@ -162,7 +167,8 @@ def inputs_of(
         told = segments.tracks_m[number]
         if rng is not None:
             told = varied_track(told, reader, rng, variation)
-        tracks.append(reader.track(told, last_at_hole(told[:, TIPS], reader.holes_m)))
+        at_hole = last_at_hole(told[1:, TIPS], reader.holes_m)
+        tracks.append(reader.track(told, float(segments.before_s[number]), at_hole))
         if rng is not None and rng.random() < variation.blank:
             continue
         camera = None if rng is None else OtherCamera.drawn(rng, variation)
@@ -185,6 +191,7 @@ class _Row:
     files: tuple[Path | None, Path | None]
     frames: tuple[Path, ...]
     track_m: Array
+    before_s: float
 
 
 def _rows(folder: Path, classes: Classes) -> Iterator[_Row]:
@@ -218,6 +225,7 @@ def _row(folder: Path, row: dict[str, Any], line: str, label: dict[str, Any], cl
     hands = row["hands"]
     if len(hands) != SEGMENT_FRAMES:
         raise ValueError(f"{len(hands)} frames; {SEGMENT_FRAMES} are needed")
+    before = row.get("hand_before")  # which data of older versions do not tell
     files = tuple(folder / row[key] if row.get(key) else None for key in ("hand_crop", "hole_crop"))
     return _Row(
         log=row["log"],
@@ -227,7 +235,8 @@ def _row(folder: Path, row: dict[str, Any], line: str, label: dict[str, Any], cl
         guarded=bool(row.get("guarded")),
         files=(files[0], files[1]),
         frames=tuple(folder / name for name in row.get("frames", ())),
-        track_m=np.array([UNKNOWN_HAND if hand is None else _told(hand) for hand in hands], float),
+        track_m=np.array([UNKNOWN_HAND if hand is None else _told(hand) for hand in [before, *hands]], float),
+        before_s=math.inf if before is None else row["begin_s"] - before["time_s"],
     )
 
 

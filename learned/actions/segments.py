@@ -26,7 +26,8 @@ SCALE_M = 0.2  # track coordinates are told in this length
 HEIGHTS_M, LEAST_M = 0.1, 0.02  # heights over the table, too, so much more of them: zero says that nobody knows
 CROP_PX = 64  # side of what networks see: the middle two thirds of a window
 WINDOW_CROP = 2 / 3
-TRACK_FEATURES = 8
+TRACK_FEATURES = 9
+LONG_S = 12.0  # a hand that was not seen for so long may be anywhere
 TIPS, PALM, HEIGHT, OPENING = slice(0, 2), slice(2, 4), 4, 5  # columns of a track
 UNKNOWN_HAND = (np.nan,) * 6
 
@@ -40,7 +41,8 @@ class Inputs:
 
     Attributes:
         track: (TRACK_FEATURES, SEGMENT_FRAMES) fingertips x, y, palm x, y, whether it was seen, frames since a hole,
-            height of the fingertips and how far they are apart; these two are 0 where the tracker does not tell them.
+            height of the fingertips and how far they are apart, how long ago the hand was seen. Where it was not seen
+            they tell of when it was; height and opening are 0 where the tracker does not tell them.
         crops: (2, CROP_PX, CROP_PX, 3) uint8: the hand now, and where it was last at a hole; black where there is none.
         at_hole: index in the segment of the second crop; None where the hand was at no hole.
     """
@@ -65,14 +67,15 @@ class SegmentReader:
         """Inputs of the last SEGMENT_FRAMES frames; a shorter segment counts as if nothing was seen before."""
         missing = SEGMENT_FRAMES - len(segment.hands)
         hands: list[HandSample | None] = [*([None] * missing), *segment.hands]
-        told = points(hands)
-        at_hole = last_at_hole(told[:, TIPS], self.holes_m)
+        told = points([segment.before, *hands])
+        at_hole = last_at_hole(told[1:, TIPS], self.holes_m)
         crops = np.zeros((2, CROP_PX, CROP_PX, 3), np.uint8)
         for crop, index in zip(crops, (SEGMENT_FRAMES - 1, at_hole), strict=True):
             hand = None if index is None else hands[index]
             if index is not None and hand is not None:
                 crop[:] = middle(self._window(segment.frames[index - missing], hand))
-        return Inputs(self.track(told, at_hole), crops, at_hole)
+        before_s = math.inf if segment.before is None else segment.frames[0].time_s - segment.before.time_s
+        return Inputs(self.track(told, before_s, at_hole), crops, at_hole)
 
     def frames(self, segment: Segment) -> Images:
         """Every third whole frame (k, 60, 80, 3), made small; a shorter segment counts as if it had stood still."""
@@ -80,19 +83,30 @@ class SegmentReader:
         numbers = (max(0, index - missing) for index in seen_frames(SEGMENT_FRAMES - 1))
         return np.stack([small_frame(segment.frames[number].image) for number in numbers])
 
-    def track(self, told_m: Array, at_hole: int | None) -> Floats:
-        """Features (TRACK_FEATURES, n) of a track (n, 6), see `points`."""
-        seen = ~np.isnan(told_m[:, 0])
+    def track(self, told_m: Array, before_s: float, at_hole: int | None) -> Floats:
+        """Features (TRACK_FEATURES, n) of a track.
+
+        Args:
+            told_m: (1 + n, 6), see `points`: the hand as it was last seen before, and in each of n frames.
+            before_s: for how long it had not been seen when the n frames began.
+        """
         found = np.zeros((TRACK_FEATURES, len(told_m)), np.float32)
+        seen = ~np.isnan(told_m[:, 0])
+        ago_s = np.full(len(told_m), LONG_S)
         if seen.any():
-            filled = told_m[_last_seen(seen)]
+            last = _last_seen(seen)
+            filled = told_m[last]
             for row, columns in ((0, TIPS), (2, PALM)):
                 found[row : row + 2] = (((filled[:, columns] - self._middle_m) @ self._turn) / SCALE_M).T
             for row, column in ((6, HEIGHT), (7, OPENING)):
                 found[row] = np.nan_to_num((filled[:, column] + LEAST_M) / HEIGHTS_M)
+            times_s = np.arange(-1, len(told_m) - 1) / self._bench.overhead.rate_hz
+            times_s[0] = -before_s
+            ago_s = np.where(last <= np.arange(len(last)), times_s - times_s[last], LONG_S)
         found[4] = seen
-        found[5] = 1.0 if at_hole is None else (len(told_m) - 1 - at_hole) / len(told_m)
-        return found
+        found[5] = 1.0 if at_hole is None else (len(told_m) - 2 - at_hole) / (len(told_m) - 1)
+        found[8] = np.minimum(ago_s, LONG_S) / LONG_S
+        return found[:, 1:]
 
     def _window(self, frame: Frame, hand: HandSample) -> Images:
         """The window around the fingertips as the tracker has put them on the bench."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -44,29 +44,39 @@ def write_segments(
     hands = hands_of(source, visible)
     if gaps:
         hands = as_tracked(source, hands, visible, np.random.default_rng([assembly.seed, GAPS_STREAM]))
-    tips_m = np.array([(math.nan, math.nan) if hand is None else hand["fingertips_m"] for hand in hands])
-    camera = _Windows(source)
+    sequences = np.array([moment.exposure.sequence for moment in assembly.moments])
+    camera, seen = _Windows(source), seen_frames(SEGMENT_FRAMES - 1)
     for end in _thinned(assembly) if thin else segment_ends(assembly):
-        moment, label, begin = assembly.moments[end], assembly.labels[end], end - SEGMENT_FRAMES + 1
-        window = hands[begin : end + 1]
-        at_hole = last_at_hole(tips_m[begin : end + 1], source.holes_m)
+        moment, label = assembly.moments[end], assembly.labels[end]
+        wanted = np.arange(sequences[end] - SEGMENT_FRAMES + 1, sequences[end] + 1)
+        numbers = np.maximum(np.searchsorted(sequences, wanted, side="right") - 1, 0)  # the last frame that came
+        before = hands[: int(np.searchsorted(sequences, wanted[0]))]
+        came = sequences[numbers] == wanted
+        window = [hands[number] if one else None for number, one in zip(numbers, came, strict=True)]
+        at_hole = last_at_hole(_tips_m(window), source.holes_m)
         folder.row(
             "segments",
             {
                 "log": source.name,
                 "frame": moment.exposure.sequence,
-                "begin_s": round(assembly.moments[begin].time_s, 4),
+                "begin_s": round(assembly.moments[numbers[0]].time_s, 4),
                 "end_s": round(moment.time_s, 4),
                 "truth": asdict(label),
                 "guarded": assembly.guarded[end],
-                **({"frames": [camera.small(index, folder) for index in seen_frames(end)]} if frames else {}),
-                "hole_crop": None if at_hole is None else camera.write(begin + at_hole, window[at_hole], folder),
+                **({"frames": [camera.small(numbers[at], folder) for at in seen]} if frames else {}),
+                "hole_crop": None if at_hole is None else camera.write(numbers[at_hole], window[at_hole], folder),
                 "hand_crop": camera.write(end, window[-1], folder),
                 "holes": {position: part for position, (part, _) in holes_of(source, moment).items()},
                 "hands": window,
+                "hand_before": next((hand for hand in reversed(before) if hand is not None), None),
             },
         )
     camera.close()
+
+
+def _tips_m(hands: Sequence[Hand | None]) -> Array:
+    """(n, 2) fingertips on the bench, NaN where no hand was seen."""
+    return np.array([(math.nan, math.nan) if hand is None else hand["fingertips_m"] for hand in hands])
 
 
 class _Windows:
@@ -156,18 +166,11 @@ def holes_of(source: Source, moment: Moment) -> dict[str, tuple[str | None, bool
     return found
 
 
-def segment_ends(assembly: Assembly, lost: bool = False) -> Iterator[int]:
-    """Last moments of segments.
-
-    Args:
-        lost: also where frames in between were lost, as a detector sees segments in a run.
-    """
+def segment_ends(assembly: Assembly) -> Iterator[int]:
+    """Last moments of segments; where frames in between were lost, as in a run, a segment has fewer."""
     for end in range(SEGMENT_FRAMES - 1, len(assembly.moments)):
         placing = assembly.labels[end].kind == "assembly"
-        if end % (ASSEMBLY_STRIDE_FRAMES if placing else STRIDE_FRAMES):
-            continue
-        first, last = assembly.moments[end - SEGMENT_FRAMES + 1].exposure, assembly.moments[end].exposure
-        if lost or last.sequence - first.sequence == SEGMENT_FRAMES - 1:
+        if end % (ASSEMBLY_STRIDE_FRAMES if placing else STRIDE_FRAMES) == 0:
             yield end
 
 

@@ -21,6 +21,8 @@ PLACES = ("fingertips_m", "palm_m", "thumb_m", "index_m")
 HALF_HIDDEN = 0.5  # a hand of which less shows is often lost, or taken to be elsewhere
 HIDDEN_LOST, HIDDEN_ASTRAY = 0.12, 0.12  # probability that it begins in a frame
 LOST_EVERY_S, ASTRAY_EVERY_S = 20.0, 30.0  # where the hand shows
+COVERED = (0.3, 0.5)  # share of the hand below which it is covered: what becomes of it then stays so
+COVERED_LOST, COVERED_ASTRAY = 0.88, 0.09  # probability, each time that it gets covered
 LASTS_S = (0.07, 1.5)
 ASTRAY_M = (0.06, 0.35)
 
@@ -32,29 +34,41 @@ def as_tracked(
 ) -> list[Hand | None]:
     """The hands of a recording as a tracker tells them: lost for a while, or taken for something that lies elsewhere.
 
+    One that is covered, by a head that leans over it or by the arm, is mostly lost for as long as that lasts.
+
     Args:
         hands: by moment, as `hands_of` tells them.
         visible: share of the hand that shows, by moment.
     """
     rate_hz = source.bench.overhead.rate_hz
     found: list[Hand | None] = []
-    left, place_m = 0, None
+    left, place_m = 0.0, None
+    covered, least = False, rng.uniform(*COVERED)
     for hand, share in zip(hands, visible, strict=True):
         left -= 1
-        if left <= 0 and hand is not None:
-            lost, astray = HIDDEN_LOST, HIDDEN_ASTRAY
-            if share >= HALF_HIDDEN:
-                lost, astray = 1 / (LOST_EVERY_S * rate_hz), 1 / (ASTRAY_EVERY_S * rate_hz)
-            draw = rng.random()
-            left = 0
+        was, covered = covered, share < least
+        if was and not covered:
+            left, least = 0, rng.uniform(*COVERED)
+        if (left <= 0 and not covered and hand is not None) or (covered and not was):
+            lost, astray = _odds(share, covered, rate_hz)
+            draw, left = rng.random(), 0
             if draw < lost + astray:
-                left = math.ceil(math.exp(rng.uniform(*np.log(LASTS_S))) * rate_hz)
-                place_m = None if draw < lost else _elsewhere(hand, rng)
+                left = math.inf if covered else math.ceil(math.exp(rng.uniform(*np.log(LASTS_S))) * rate_hz)
+                place_m = None if hand is None or draw < lost else _elsewhere(hand, rng)
         if left <= 0:
             found.append(hand)
         else:
             found.append(None if hand is None or place_m is None else _moved(hand, place_m))
     return found
+
+
+def _odds(share: float, covered: bool, rate_hz: float) -> tuple[float, float]:
+    """Probability that a hand of which this share shows is lost, and that it is taken to be elsewhere."""
+    if covered:
+        return COVERED_LOST, COVERED_ASTRAY
+    if share < HALF_HIDDEN:
+        return HIDDEN_LOST, HIDDEN_ASTRAY
+    return 1 / (LOST_EVERY_S * rate_hz), 1 / (ASTRAY_EVERY_S * rate_hz)
 
 
 def _elsewhere(hand: Hand, rng: np.random.Generator) -> Array:

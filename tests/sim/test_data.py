@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from itertools import pairwise
@@ -22,7 +23,7 @@ from cell.interfaces.perception import SEGMENT_FRAMES
 from learned.holes.crops import hole_crops, squares_m
 from learned.holes.dataset import load_plates
 from learned.parts.dataset import load_scenes
-from sim.data.actions import MOST_OF, holes_of, segment_ends, write_holes, write_segments
+from sim.data.actions import MOST_OF, holes_of, write_holes, write_segments
 from sim.data.folder import DataFolder, DataPiece
 from sim.data.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
 from sim.data.objects import write_objects
@@ -362,10 +363,38 @@ def test_all_frames_are_taken_once_in_their_order() -> None:
     assert every_frame(0) == []
 
 
-def test_segments_across_lost_frames_are_no_training_data_but_are_scored() -> None:
+def test_a_segment_across_lost_frames_is_as_long_and_has_no_hand_in_their_place(tmp_path: Path) -> None:
     whole = source().assembly
-    some_lost = replace(whole, moments=whole.moments[:100] + whole.moments[101:])
-    across = {end for end in segment_ends(some_lost, lost=True) if 100 <= end < 100 + SEGMENT_FRAMES - 1}
+    lost = set(range(100, 110))
+    moments = [moment for moment in whole.moments if moment.exposure.sequence not in lost]
+    kept = [number for number, moment in enumerate(whole.moments) if moment in moments]
+
+    def some(values: Sequence[Any]) -> tuple[Any, ...]:
+        return tuple(values[number] for number in kept)
+
+    fewer = replace(whole, moments=some(whole.moments), labels=some(whole.labels))
+    fewer = replace(fewer, guarded=some(whole.guarded), held=some(whole.held))
+    write_segments(replace(source(), assembly=fewer), DataFolder(tmp_path / "new", "test"))
+    perfect = json.loads(json.dumps(hands_of(source())))
+    across = 0
+    for row in rows(tmp_path / "new" / "segments.jsonl"):
+        first = row["frame"] - SEGMENT_FRAMES + 1
+        for number, hand in enumerate(row["hands"], first):
+            assert hand == (None if number in lost else perfect[number])
+        across += bool(lost & set(range(first, row["frame"])))
+        before = [hand for number, hand in enumerate(perfect[:first]) if hand is not None and number not in lost]
+        assert row["hand_before"] == (before[-1] if before else None)
     assert across
-    assert not across & set(segment_ends(some_lost))
-    assert list(segment_ends(whole)) == list(segment_ends(whole, lost=True))
+
+
+def test_a_covered_hand_is_lost_for_as_long_as_it_is_covered() -> None:
+    perfect = hands_of(source())
+    covered = range(50, 150)
+    visible = [0.2 if number in covered else 1.0 for number in range(len(perfect))]
+    lost = [
+        np.mean([hand is None for hand in as_tracked(source(), perfect, visible, np.random.default_rng(seed))[50:150]])
+        for seed in range(60)
+    ]
+    assert 0.7 < np.mean(np.array(lost) == 1.0) < 1.0
+    after = [as_tracked(source(), perfect, visible, np.random.default_rng(seed))[150] for seed in range(60)]
+    assert np.mean([hand is not None for hand in after]) > 0.9

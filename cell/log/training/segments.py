@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cell.interfaces.perception import SEGMENT_FRAMES, Action, BenchView
+from cell.interfaces.perception import SEGMENT_FRAMES, Action, BenchView, HandSample
 from cell.log.reading.reader import Log
 from cell.recording.schemas import plain
 
@@ -21,10 +21,12 @@ class LoggedSegment:
 
     Attributes:
         views: (SEGMENT_FRAMES,) answers to frames that follow one another without a gap.
+        before: the hand as it was last seen before them.
         confirmed: the placement that the holes showed later, as plain data; None where the log does not tell.
     """
 
     views: tuple[BenchView, ...]
+    before: HandSample | None
     confirmed: dict[str, Any] | None
 
     def row(self, log: str, windows: Mapping[str, str | None]) -> dict[str, Any]:
@@ -39,7 +41,8 @@ class LoggedSegment:
             "confirmed": self.confirmed,
             **windows,
             "holes": {position: hole.part for position, hole in last.holes.items()},
-            "hands": [_hand(view) for view in self.views],
+            "hands": [plain(view.hand) for view in self.views],
+            "hand_before": plain(self.before),
         }
 
 
@@ -55,13 +58,16 @@ def bench_views(log: Log) -> list[BenchView]:
 
 def segments(views: Sequence[BenchView]) -> Iterator[LoggedSegment]:
     """One segment a second, and one at every change of the action; none across frames that were lost."""
+    before: HandSample | None = None
     for end in range(SEGMENT_FRAMES, len(views) + 1):
+        if end > SEGMENT_FRAMES:
+            before = views[end - SEGMENT_FRAMES - 1].hand or before
         window = tuple(views[end - SEGMENT_FRAMES : end])
         if window[-1].sequence - window[0].sequence != SEGMENT_FRAMES - 1:
             continue
         changed = _named(window[-1].action) != _named(window[-2].action)
         if changed or (end - SEGMENT_FRAMES) % STRIDE_FRAMES == 0:
-            yield LoggedSegment(window, confirmed(views, end - 1))
+            yield LoggedSegment(window, before, confirmed(views, end - 1))
 
 
 def confirmed(views: Sequence[BenchView], at: int) -> dict[str, Any] | None:
@@ -99,11 +105,6 @@ def carried_parts(views: Sequence[BenchView]) -> dict[int, str]:
             found[before[last].sequence] = truth["part"]
             last -= 1
     return found
-
-
-def _hand(view: BenchView) -> dict[str, Any] | None:
-    hand: dict[str, Any] | None = plain(view.hand)
-    return hand
 
 
 def _named(action: Action) -> tuple[object, ...]:

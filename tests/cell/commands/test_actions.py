@@ -19,9 +19,19 @@ def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: dict[Path, dict[str, Any]] = {}
-    monkeypatch.setattr(actions, "make_data", lambda _, folder, options, *_flags: made.update({folder: options}))
-    folders, validation = actions._recordings(tmp_path / "actions_slim.onnx", None, CONFIGURATION, 1500.0)
-    assert sum(made[folder]["--recordings"] for folder in folders) == 600
+
+    def make(_what: str, folder: Path, options: dict[str, Any], *flags: str) -> None:
+        made[folder] = options | {"flags": flags}
+
+    monkeypatch.setattr(actions, "make_data", make)
+    folders, validation = actions._recordings(tmp_path / "actions_slim.onnx", None, CONFIGURATION, 4200.0)
+    counts = dict.fromkeys((False, True), 0)
+    for folder in folders:
+        counts["--physics" in made[folder]["flags"]] += made[folder]["--recordings"]
+    assert len(set(folders)) == len(folders)
+    assert counts[True] / sum(counts.values()) == pytest.approx(0.25, abs=0.01)
+    spent_s = counts[False] * actions.DATA_S + counts[True] * actions.PHYSICS_S
+    assert spent_s == pytest.approx(actions.DATA_SHARE * 4200, rel=0.02)
     assert {made[folder]["--steel-share"] for folder in folders} == {actions.STEEL_SHARE}
     assert 0 < actions.STEEL_SHARE < 1
     assert "--steel-share" not in made[validation]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from cell.configuration import load_configuration, load_product
 from cell.interfaces.hand_window import hand_window, last_at_hole, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segment
 from cell.interfaces.pose import Array
-from learned.actions.segments import CROP_PX, SegmentReader, middle
+from learned.actions.segments import CROP_PX, LONG_S, SegmentReader, middle
 from learned.actions.variation import Variation, varied_track
 
 CONFIGURATION = load_configuration()
@@ -60,10 +62,34 @@ def test_track_is_told_in_the_bracket_s_frame_and_goes_on_where_no_hand_is_seen(
     assert found[4].tolist() == [1.0] * 44 + [0.0]
     assert np.array_equal(found[:4, -1], found[:4, -2])
     known = np.full((len(READER.holes_m), 2), (0.08, 0.03))
-    moved = READER.track(np.hstack([READER.holes_m, READER.holes_m, known]), None)
+    holes = np.hstack([READER.holes_m, READER.holes_m, known])
+    moved = READER.track(np.vstack([holes[:1], holes]), 0.1, None)
     assert np.abs(moved[:2]).max() == pytest.approx(1.0, abs=0.01)  # the outer holes are 0.2 m from the middle
-    assert moved[6:, 0] == pytest.approx([1.0, 0.5])
-    assert not found[6:].any()  # this tracker tells no heights
+    assert moved[6:8, 0] == pytest.approx([1.0, 0.5])
+    assert not found[6:8].any()  # this tracker tells no heights
+
+
+def test_a_hand_that_nobody_sees_stays_where_it_was_last_seen_and_that_gets_older() -> None:
+    hole = READER.holes_m[2]
+    hand = HandSample(-2.0, (0, 0, 9, 9), (float(hole[0]), float(hole[1])), (float(hole[0]) + 0.1, float(hole[1])))
+    lost = segment(np.full((SEGMENT_FRAMES, 2), np.nan))
+    found = READER.read(replace(lost, before=hand))
+    there = READER.read(segment(np.tile(hole, (SEGMENT_FRAMES, 1)))).track
+    assert found.track[:4] == pytest.approx(there[:4], abs=1e-6)
+    assert not found.track[4].any()
+    assert not there[8].any()
+    ago_s = 2.0 + np.arange(SEGMENT_FRAMES) / CAMERA.rate_hz
+    assert found.track[8] * LONG_S == pytest.approx(ago_s, abs=1e-3)
+    assert found.at_hole is None  # that was before
+    assert (READER.read(lost).track[8] == 1.0).all()
+    again = np.full((SEGMENT_FRAMES, 2), np.nan)
+    again[30:] = hole + 0.2
+    track = READER.read(replace(segment(again), before=hand)).track
+    assert track[:4, 29] == pytest.approx(there[:4, 0], abs=1e-6)
+    assert not track[8, 30:].any()
+    first = READER.read(segment(again)).track  # never seen before: where it is seen first, of unknown age
+    assert first[:4, 0] == pytest.approx(first[:4, 44])
+    assert first[8].tolist() == [1.0] * 30 + [0.0] * 15
 
 
 def test_short_and_empty_segments_have_inputs() -> None:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 from pydantic import Field, JsonValue, ValidationError
 
-from cell.interfaces.errors import ModelError
+from cell.interfaces.errors import InputError, ModelError
+from cell.interfaces.files import whole_or_none
 from cell.interfaces.model import Model
 
 if TYPE_CHECKING:
@@ -71,16 +72,21 @@ def save_onnx(model: ModelProto, path: Path, card: ModelCard) -> None:
     """Write weights and card to one file; a file that was there before stays whole until the new one is.
 
     What the exporter notes of its own work (stack traces with the paths of the machine that trained) is left out.
+
+    Raises:
+        InputError: the file cannot be written.
     """
     _remove_notes(model)
     for entry in [entry for entry in model.metadata_props if entry.key == CARD_KEY]:
         model.metadata_props.remove(entry)
     entry = model.metadata_props.add()
     entry.key, entry.value = CARD_KEY, card.model_dump_json()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(model.SerializeToString())
-    partial.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_or_none(path) as partial:
+            partial.write_bytes(model.SerializeToString())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _remove_notes(model: ModelProto) -> None:

@@ -9,6 +9,7 @@ import typer
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
 from cell.interfaces.errors import InputError
+from cell.interfaces.files import whole_or_none
 
 if TYPE_CHECKING:
     from cell.interfaces.bench import Calibration
@@ -28,12 +29,13 @@ def calibrate(
 ) -> int:
     """Find out where the cameras hang. The arm moves over the empty bracket: keep away from it."""
     from cell.calibrating import calibrate as calibration_of
-    from cell.commands.weights import folder_for, told_in
+    from cell.commands.weights import folder_for, told_in, writable
     from cell.configuration import load_configuration, load_product, simulated
 
     path = out or folder_for(config) / NAME
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another --out, or add --overwrite")
+    writable(path, ".yaml", ".yml")
     configuration = simulated(load_configuration(config), look, PERSON)
     product = load_product(configuration, config)
     say = console().print
@@ -68,7 +70,7 @@ def _write(found: Calibration, path: Path) -> None:
         told, sort_keys=False
     )
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        with whole_or_none(path) as partial:
+            partial.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -51,13 +51,15 @@ class Experiment(StrEnum):
 
 
 def data(
-    out: Annotated[Path, typer.Option(help="File to write (JSON lines, learned/grasp/dataset.py).")],
+    out: Annotated[Path, typer.Option(help="New file (JSON lines, learned/grasp/dataset.py).")],
     scenes: Annotated[int, typer.Option(min=1, help="Number of scenes.")] = 1000,
     clutter: Annotated[Clutter, typer.Option(help="How close parts stand.")] = Clutter.DENSE,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
 ) -> None:
     """Draw cluttered trays with detections, truth and labels."""
+    if out.exists():
+        raise InputError(f"--out {out}: is there already; name a new file")
     from rich.progress import track
 
     from learned.grasp.dataset import write_scenes
@@ -89,7 +91,7 @@ def train(
     from learned.grasp.train import train_grasp
 
     product = product_of(config)
-    path = out or new_weights("grasp", kind, config)
+    path = new_weights("grasp", kind, config, out)
     with _camera(product, config) if kind == "paper" else nullcontext() as camera:
         scores = train_grasp(
             product,

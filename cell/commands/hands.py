@@ -59,7 +59,7 @@ def train(
     budget_s = seconds(budget)
     configuration = load_configuration(config)
     product = load_product(configuration, config)
-    weights = out or new_weights("hands", "slim", config)
+    weights = new_weights("hands", "slim", config, out)
     for folder in data or ():
         rows_of(folder)  # a wrong one is told before minutes go into frames for the scores
     recordings = max(4, int(budget_s / (DATA_S + EPOCH_S * epochs)))

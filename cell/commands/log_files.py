@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from cell.commands.init import write_new
 from cell.commands.log_terminal import JsonOption, LogArgument, say, streamed, tell_json
 from cell.interfaces.errors import LogError
+from cell.interfaces.files import write_new
 
 
 def files(

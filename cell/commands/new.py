@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from cell.commands.init import write_new
 from cell.commands.terminal import console
 from cell.interfaces.errors import InputError
+from cell.interfaces.files import write_new
 
 new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a leaf of your own, with its test.")
 

@@ -9,20 +9,20 @@ from pathlib import Path
 
 from cell.commands.made_data import make_data
 from cell.commands.terminal import console, report_scores
-from cell.commands.weights import folder_for, need_torch
+from cell.commands.weights import folder_for, need_torch, writable
 from cell.interfaces.errors import InputError
 from learned.parts.settings import BACKBONES
 
 
-def file_of(backbone: str, config: Path) -> Path:
-    """Where its weights go by default.
+def file_of(backbone: str, config: Path, out: Path | None) -> Path:
+    """Where its weights go: beside the configuration, or where `out` says.
 
     Raises:
-        InputError: there is no such backbone.
+        InputError: there is no such backbone, or no weights can be written there.
     """
     if backbone not in BACKBONES:
         raise InputError(f"--backbone {backbone}: there is no such one; legal: {', '.join(BACKBONES)}")
-    return folder_for(config) / f"parts_rcnn_{backbone}.pt"
+    return writable(out or folder_for(config) / f"parts_rcnn_{backbone}.pt", ".pt")
 
 
 def train(

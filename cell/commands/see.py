@@ -75,14 +75,9 @@ def see(
         raise InputError(f"--out {target}: one picture holds one frame; name a folder or .mp4, or add --frames 1")
     if target.exists() and Path(source).exists() and target.samefile(source):
         raise InputError(f"{target}: is what is looked at; choose another by --out")
-    writer = PictureWriter(target, opened.rate_hz / every, overwrite=overwrite)
     most = frames or (MOST_FROM_CAMERA if source.startswith("camera:") else None)
-    try:
+    with PictureWriter(target, opened.rate_hz / every, overwrite=overwrite) as writer:
         told = _seen(opened, most, every, writer, partial(_look, configuration, product, camera))
-    except BaseException:
-        writer.discard()
-        raise
-    writer.close()
     hands_in = sum(bool(one.get("hand")) for one in told)
     rows = {"frames": len(told)} | ({"with a hand that works": hands_in} if camera == "overhead" else {})
     console().print(table(str(target), rows))

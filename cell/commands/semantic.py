@@ -43,7 +43,7 @@ class Experiment(StrEnum):
 
 
 def data(
-    out: Annotated[Path, typer.Option(help="File to write (JSON lines, learned/semantic/dataset.py).")],
+    out: Annotated[Path, typer.Option(help="New file (JSON lines, learned/semantic/dataset.py).")],
     scenarios: Annotated[
         bool, typer.Option("--scenarios", help="The paper's scenarios: every partial state, and what followed it.")
     ] = False,
@@ -57,6 +57,8 @@ def data(
     from learned.semantic.demonstrators import generated_demonstrations, scenario_demonstrations
 
     product = product_of(config)
+    if out.exists():
+        raise InputError(f"--out {out}: is there already; name a new file")
     if scenarios:
         drawn = scenario_demonstrations(product, seed)
         source = f"cell data semantic --scenarios --seed {seed}"
@@ -81,7 +83,7 @@ def train(
     need_torch()
     from learned.semantic.train import train_semantic
 
-    path = out or new_weights("semantic", kind, config)
+    path = new_weights("semantic", kind, config, out)
     scores = train_semantic(product_of(config), path, seed, kind, ratio=ratio, augment=augment, data=data)
     report_scores(f"weights in {path}", scores, as_json)
 

@@ -72,7 +72,7 @@ def train_holes(
     from cell.configuration import load_configuration, load_product
 
     need_torch()
-    budget_s, weights = seconds(budget), out or new_weights("holes", "plate", config)
+    budget_s, weights = seconds(budget), new_weights("holes", "plate", config, out)
     looks = max(4, int(HOLES_SHARE * budget_s / LOOK_S))
     drawn = {"--stills": STILLS, "--person": "varied", "--astray-share": ASTRAY_SHARE}
     folders = data or _made("plates", looks, drawn, weights, config)
@@ -111,8 +111,8 @@ def train_parts(
     need_torch()
     if kind not in ("centre", "rcnn"):
         raise InputError(f"--kind {kind}: there is no such one; legal: centre, rcnn")
-    own = new_weights("parts", "centre", config) if kind == "centre" else rcnn.file_of(backbone, config)
-    budget_s, weights = seconds(budget), out or own
+    budget_s = seconds(budget)
+    weights = new_weights("parts", kind, config, out) if kind == "centre" else rcnn.file_of(backbone, config, out)
     trays = max(4, int(PARTS_SHARE * budget_s / TRAY_S))
     drawn: dict[str, object] = {"--views": VIEWS, "--lying-share": LYING_SHARE}
     folders = data or _made("objects", trays, drawn, weights, config, "--mixed")
@@ -154,7 +154,9 @@ def evaluate_holes(
     from sim.data.splits import seeds
 
     _, wanted = seeds(first_seed, recordings)
-    scores = score_holes(_task(look, kind, weights, cameras, steel, config, "varied"), wanted, stills)
+    task = _task(look, kind, weights, cameras, steel, config, "varied")
+    task.detectors(task.configuration.bench, "holes").make("holes")  # before minutes go into stills
+    scores = score_holes(task, wanted, stills)
     report_scores(f"holes, {kind}, {look}, cameras {cameras.value}", scores, as_json)
 
 
@@ -180,7 +182,9 @@ def evaluate_parts(
         return
     from cell.evaluating.things import score_parts
 
-    scores = score_parts(_task(look, kind, weights, cameras, steel, config), wanted, mixed)
+    task = _task(look, kind, weights, cameras, steel, config)
+    task.detectors(task.configuration.bench, "parts").make("parts")  # before minutes go into trays
+    scores = score_parts(task, wanted, mixed)
     report_scores(f"parts, {kind}, {look}, cameras {cameras.value}", scores, as_json)
 
 

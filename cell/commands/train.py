@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, SeedOption, console, product_of, report_scores
+from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
     from cell.interfaces.product import Product
@@ -67,12 +68,16 @@ def _demonstrations(recorded: Path | None, product: Product) -> int:
     """How many recorded assemblies there are.
 
     Raises:
-        InputError: the file is wrong.
+        InputError: the folder is none of `cell data`, or the file is wrong.
     """
     from learned.semantic.dataset import load_demonstrations
 
-    path = None if recorded is None else recorded / "demonstrations.jsonl"
-    if path is None or not path.exists():
+    if recorded is None:
+        return 0
+    if not any((recorded / name).is_file() for name in ("manifest.json", "demonstrations.jsonl", "segments.jsonl")):
+        raise InputError(f"--recorded {recorded}: nothing of `cell data --from LOG --out DIR` is there")
+    path = recorded / "demonstrations.jsonl"
+    if not path.exists():  # no run's goal is known
         return 0
     return sum(one.goal in product.goals for one in load_demonstrations(path, product))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from cell.interfaces.errors import InputError
 from cell.interfaces.files import shipped
@@ -21,9 +22,33 @@ def folder_for(config: Path) -> Path:
     return Path() if config.resolve() == shipped("config", "cell.yaml").resolve() else config.parent
 
 
-def new_weights(planner: str, kind: str, config: Path) -> Path:
-    """File for weights that were trained for a configuration."""
-    return folder_for(config) / weights_file(planner, kind)
+def new_weights(planner: str, kind: str, config: Path, out: Path | None = None) -> Path:
+    """File for weights that are trained for a configuration: beside it, or where `out` says.
+
+    Raises:
+        InputError: no weights can be written there.
+    """
+    name = weights_file(planner, kind)
+    return writable(out or folder_for(config) / name, Path(name).suffix)
+
+
+def writable(path: Path, *suffixes: str) -> Path:
+    """The file, in which something can be written; told before work that takes minutes or hours, not after it.
+
+    Raises:
+        InputError: it is a folder, its name ends in something else, or no file can be made there.
+    """
+    if path.suffix not in suffixes:
+        raise InputError(f"--out {path}: must end in {' or '.join(suffixes)}")
+    if path.is_dir():
+        raise InputError(f"--out {path}: is a folder; name a file")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise InputError(f"--out {path}: cannot be written: {error.strerror or error}") from None
+    return path
 
 
 def told_in(config: Path, path: Path) -> Path:

@@ -23,7 +23,7 @@ class RowFile:
         rows: those of the file, and those that were added.
 
     Raises:
-        InputError: the file holds something else.
+        InputError: the file holds something else, or cannot be read or written.
     """
 
     def __init__(self, path: Path | None, experiment: Mapping[str, object]) -> None:
@@ -31,18 +31,29 @@ class RowFile:
         self._path, heading = path, json.loads(json.dumps({OF: dict(experiment)}))
         if path is None:
             return
-        if path.exists() and path.stat().st_size:
-            self._read(path, heading)
-        else:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps(heading) + "\n")
+        try:
+            if path.exists() and path.stat().st_size:
+                self._read(path, heading)
+            else:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(json.dumps(heading) + "\n")
+        except OSError as error:
+            raise InputError(f"{path}: cannot keep rows: {error.strerror or error}") from None
 
     def add(self, row: Row) -> None:
-        """A row that is kept from now on."""
+        """A row that is kept from now on.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         self.rows.append(row)
-        if self._path is not None:
+        if self._path is None:
+            return
+        try:
             with self._path.open("a") as file:
                 file.write(json.dumps(row) + "\n")
+        except OSError as error:
+            raise InputError(f"{self._path}: cannot keep rows: {error.strerror or error}") from None
 
     def _read(self, path: Path, heading: Row) -> None:
         for number, line in enumerate(path.read_text(errors="replace").splitlines(keepends=True), 1):

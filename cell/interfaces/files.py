@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
@@ -45,7 +46,7 @@ def read_text(path: Path, how_to_make: str = "") -> str:
 
 @contextmanager
 def whole_or_none(path: Path) -> Iterator[Path]:
-    """Where to write a file so that it is there whole or not at all: beside it, and it takes its place at the end.
+    """Where to write a file, or a new folder, so that it is there whole or not at all: it takes its place at the end.
 
     What stood there stays until then. A device such as /dev/stdout is written to as it is.
     """
@@ -58,4 +59,39 @@ def whole_or_none(path: Path) -> Iterator[Path]:
         yield partial
         partial.replace(target)
     finally:
-        partial.unlink(missing_ok=True)
+        shutil.rmtree(partial) if partial.is_dir() else partial.unlink(missing_ok=True)
+
+
+def write_new(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files into a folder where none of them is.
+
+    Raises:
+        InputError: one of them is there already, or the folder cannot be written to; nothing new is left there.
+    """
+    paths = [folder / name for name in files]
+    taken = [path for path in paths if path.exists() or path.is_symlink()]
+    taken += [
+        path for path in sorted({folder, *(path.parent for path in paths)}) if path.exists() and not path.is_dir()
+    ]
+    if taken:
+        raise InputError(*(Problem(Place(path), "is there already", "choose another name") for path in taken))
+    begun: list[Path] = []  # folders and files that were not there
+    path = folder
+    try:
+        for name, content in files.items():
+            path = folder / name
+            _make_folder(path.parent, begun)
+            with path.open("xb") as file:
+                begun.append(path)
+                file.write(content)
+    except OSError as error:
+        for one in reversed(begun):
+            one.rmdir() if one.is_dir() else one.unlink()
+        raise InputError(Problem(Place(path), f"cannot be written: {error.strerror or error}")) from None
+
+
+def _make_folder(folder: Path, begun: list[Path]) -> None:
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    for one in reversed(missing):
+        one.mkdir()
+        begun.append(one)

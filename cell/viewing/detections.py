@@ -138,6 +138,8 @@ def _draw_part(canvas: Canvas, part: PartDetection, number: int, product: Produc
 class PictureWriter:
     """Writes drawn frames: one picture, a folder of pictures, or a video, by the name of `path`.
 
+    A video is whole when the writer is left; where an error leaves it, no piece of it is there.
+
     Raises:
         InputError: something is there already, or cannot be written.
     """
@@ -172,15 +174,15 @@ class PictureWriter:
         if file not in self.written:
             self.written.append(file)
 
-    def _partial(self) -> Path:
-        return self.path.parent / f"{self.path.stem}.partial{self.path.suffix}"
+    def __enter__(self) -> PictureWriter:
+        return self
 
-    def discard(self) -> None:
-        """Leave no piece of a video."""
-        self._video.discard()
-
-    def close(self) -> None:
-        """The video is whole from now on."""
-        if self._video.close():
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        if error is not None:
+            self._video.discard()
+        elif self._video.close():
             self._partial().replace(self.path)
             self.written.append(self.path)
+
+    def _partial(self) -> Path:
+        return self.path.parent / f"{self.path.stem}.partial{self.path.suffix}"

@@ -28,7 +28,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.interfaces.errors import InputError, Place, Problem
-from cell.interfaces.files import read_text
+from cell.interfaces.files import read_text, whole_or_none
 from cell.interfaces.model import Model
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
@@ -159,14 +159,12 @@ def write_scenes(path: Path, scenes: Iterable[Scene], product: Product, source: 
 def write_records(path: Path, records: Iterable[SceneRecord], product: Product, source: str) -> int:
     """Write records, recorded ones for example; returns their number. What was there before stays whole until then."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
     count = 0
-    with partial.open("w", encoding="utf-8") as file:
+    with whole_or_none(path) as partial, partial.open("w", encoding="utf-8") as file:
         file.write(Header(parts=tuple(product.parts), source=source).model_dump_json() + "\n")
         for record in records:
             file.write(record.model_dump_json(exclude_none=True) + "\n")
             count += 1
-    partial.replace(path)
     return count
 
 

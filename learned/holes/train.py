@@ -62,7 +62,7 @@ def train_holes(
     wanted = np.where(shares.argmax(axis=1) == 0, least[LEAST_EMPTY], least[LEAST_FILLED])
     said = (shares.max(axis=1) >= wanted)[bare]
     right = (shares.argmax(axis=1) == truth.numpy())[bare]
-    scores = {"validation_said": float(said.mean()), "validation_right": float(right[said].mean())}
+    scores = validation_scores(said, right)
     card = ModelCard(
         kind=KIND,
         config=config,
@@ -76,6 +76,15 @@ def train_holes(
     rng = np.random.default_rng(0)
     samples = [{"crops": rng.uniform(-0.5, 0.5, (n, 3, CROP_PX, CROP_PX)).astype(np.float32)} for n in (6, 1, 9)]
     return write_weights(model, out, samples, lambda: scores, any_rows=True)
+
+
+def validation_scores(said: NDArray[np.bool_], right: NDArray[np.bool_]) -> dict[str, float]:
+    """Of bare holes (n,): the share that something is said of, and the share of these that is right, if there are any.
+
+    After seconds of training nothing may be sure enough to be said.
+    """
+    scores = {"validation_said": float(said.mean()) if said.size else 0.0}
+    return scores | ({"validation_right": float(right[said].mean())} if said.any() else {})
 
 
 def as_met_with(truth: NDArray[np.int64], seated: NDArray[np.bool_], astray_share: float) -> Array:

@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from cell.interfaces.errors import ModelError
+from cell.interfaces.errors import InputError, ModelError
+from cell.interfaces.files import whole_or_none
 from cell.interfaces.model import Model
 from learned.onnx_model import ModelCard
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
@@ -84,12 +85,18 @@ class AndOrGraph:
         return AndOrGraph(layout, card, nodes)
 
     def save(self, path: Path) -> None:
-        """Write card and nodes as JSON; a file that was there before stays whole until the new one is."""
+        """Write card and nodes as JSON; a file that was there before stays whole until the new one is.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         content = AndOrFile(card=self.card, nodes=tuple(self.nodes.values()))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".partial")
-        partial.write_text(content.model_dump_json())
-        partial.replace(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with whole_or_none(path) as partial:
+                partial.write_text(content.model_dump_json())
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
     @staticmethod
     def load(path: Path, layout: Layout) -> AndOrGraph:

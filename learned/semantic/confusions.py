@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.interfaces.errors import InputError, Place, Problem
-from cell.interfaces.files import read_text
+from cell.interfaces.files import read_text, whole_or_none
 from cell.interfaces.model import Model
 from learned.semantic.graph import Bools, Floats, Ints, Layout
 from learned.semantic.scenarios import DETECTION_ERROR, action_pairs
@@ -123,11 +123,10 @@ class Confusions:
         content = ConfusionFile(
             parts=layout.parts, positions=layout.positions, reports_n=reports_n, source=source, wrong=wrong
         )
-        partial = path.with_name(path.name + ".partial")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_text(content.model_dump_json(indent=1) + "\n", encoding="utf-8")
-            partial.replace(path)
+            with whole_or_none(path) as partial:
+                partial.write_text(content.model_dump_json(indent=1) + "\n", encoding="utf-8")
         except OSError as error:
             raise InputError(f"{path}: cannot write the confusions: {error.strerror}") from error
 

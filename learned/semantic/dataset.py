@@ -32,7 +32,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.interfaces.errors import InputError, Place, Problem
-from cell.interfaces.files import read_text
+from cell.interfaces.files import read_text, whole_or_none
 from cell.interfaces.model import Model
 from cell.interfaces.product import Product
 from learned.semantic.graph import EMPTY, Layout
@@ -126,11 +126,10 @@ def save_demonstrations(path: Path, product: Product, demonstrations: Sequence[D
         source=source,
     )
     lines = [header.model_dump_json(), *(some.model_dump_json(exclude_defaults=True) for some in demonstrations)]
-    partial = path.with_name(path.name + ".partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        partial.replace(path)
+        with whole_or_none(path) as partial:
+            partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot write the demonstrations: {error.strerror}") from error
 

@@ -16,6 +16,7 @@ import yaml
 from pydantic import Field, ValidationError
 
 from cell.interfaces.errors import InputError
+from cell.interfaces.files import whole_or_none
 from cell.interfaces.model import Model
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import load_yaml
@@ -107,11 +108,10 @@ class OpenGoals:
         """
         content = GoalFile(product=self.listed.name, positions=self.listed.positions, goals=self.finished)
         text = _HEAD + yaml.safe_dump(content.model_dump(mode="json"), sort_keys=False, default_flow_style=None)
-        partial = path.with_name(path.name + ".partial")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_text(text, encoding="utf-8")
-            partial.replace(path)
+            with whole_or_none(path) as partial:
+                partial.write_text(text, encoding="utf-8")
         except OSError as error:
             raise InputError(f"{path}: cannot write the goals: {error.strerror}") from error
 

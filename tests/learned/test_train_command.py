@@ -70,6 +70,12 @@ def test_recorded_assemblies_train_the_semantic_planner_too(config: Path, capsys
     OnnxModel.load(config.with_name("semantic_factored.onnx"), "semantic.factored")
 
 
+def test_a_folder_without_recordings_is_refused(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for folder in (config.parent, config.with_name("nowhere")):
+        assert main(["train", "--config", str(config), "--recorded", str(folder)]) == 2
+        assert f"--recorded {folder}: nothing of `cell data --from LOG" in capsys.readouterr().err
+
+
 @pytest.mark.torch
 def test_nothing_that_torch_says_of_itself_reaches_the_user(config: Path) -> None:
     words = ["-m", "cell", "train", "semantic", "--kind", "factored", "--config", str(config), "--json"]

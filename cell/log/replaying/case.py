@@ -14,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from cell.configuration import load_configuration
 from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.files import whole_or_none
 from cell.log.reading.reader import Log, LoggedTick, read_log
 from cell.log.replaying.compare import Difference
 from cell.log.replaying.replay import Changes, Replay, recorded_weights
@@ -55,7 +56,8 @@ def write_case(log: Log, path: Path, until_s: float = math.inf) -> int:
             limit = f"legal: less than {LARGEST_BYTES}; shorten it with --until"
             raise InputError(f"{path}: the case would have {size} bytes; {limit}")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content.getvalue())
+        with whole_or_none(path) as partial:
+            partial.write_bytes(content.getvalue())
     except OSError as error:
         raise InputError(f"{path}: the case cannot be written: {error.strerror or error}") from None
     return size

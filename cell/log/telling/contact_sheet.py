@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from cell.interfaces.errors import LogError
+from cell.interfaces.files import whole_or_none
 from cell.interfaces.observation import Image
 from cell.log.reading.frames import CAMERA
 from cell.log.reading.indexed import IndexedLog
@@ -47,7 +48,8 @@ def write_sheet(log: Path, moments: Moments, reason: str, path: Path) -> bool:
     if not found:
         return False
     sheet = cv2.cvtColor(compose(found), cv2.COLOR_RGB2BGR)
-    path.write_bytes(cv2.imencode(".png", sheet)[1].tobytes())
+    with whole_or_none(path) as partial:
+        partial.write_bytes(cv2.imencode(".png", sheet)[1].tobytes())
     return True
 
 

@@ -49,10 +49,9 @@ def export(log: Log, style: str, path: Path) -> int:
         "notes": lambda log, path: _parquet(list(notes(log)), path),
         "btlog": _btlog,
         "rerun": write_for_rerun,
+        "video": lambda log, partial: _video(log, partial, path),
     }
     try:
-        if style == "video":  # tells by itself what it lacks
-            return _video(log, path)
         with whole_or_none(path) as partial:
             return writers[style](log, partial)
     except OSError as error:
@@ -128,8 +127,12 @@ def _btlog(log: Log, path: Path) -> int:
     return len(content) // 9
 
 
-def _video(log: Log, path: Path) -> int:
-    """Frames of the overhead camera with what was detected, believed and shown at that time."""
+def _video(log: Log, path: Path, name: Path) -> int:
+    """Frames of the overhead camera with what was detected, believed and shown at that time.
+
+    Args:
+        name: what the file will be called, for messages.
+    """
     times_ns = [message.time_ns for message in log.messages if message.topic == VIDEO_TOPIC]
     if len(times_ns) < 2:
         raise LogError(
@@ -138,7 +141,7 @@ def _video(log: Log, path: Path) -> int:
     frames, rate_hz = Frames(log), 1e9 * (len(times_ns) - 1) / max(1, times_ns[-1] - times_ns[0])
     starts = [tick.time_s for tick in log.ticks]
     rows = list(table(log))
-    video = Video(path, rate_hz)
+    video = Video(path, rate_hz, name)
     for time_ns in times_ns:
         time_s = time_ns / 1e9
         [stored] = [frame for frame in frames.newest(time_s) if frame.camera == "overhead"]

@@ -20,6 +20,7 @@ import orjson
 
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.files import whole_or_none
 from cell.interfaces.pose import Array
 from cell.log.reading.frames import CAMERA, Frames
 from cell.log.reading.reader import Log
@@ -66,14 +67,16 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
         raise InputError(f"the logs have images at {sorted(rates)} a second; a data set has one rate")
     rate_hz = rates.pop()
     try:
-        episodes, size = [], (0, 0)
-        for number, log in enumerate(logs):
-            episode = rows_of(log, rate_hz)
-            size = _write_video(log, episode, rate_hz, folder / "videos" / VIDEO / _file(number, ".mp4"))
-            episodes.append(episode)
-        _write_tables(episodes, rate_hz, folder)
-        _write_json(_info(episodes, rate_hz, size), folder / "meta" / "info.json")
-        _write_json(_statistics(episodes, rate_hz), folder / "meta" / "stats.json")
+        with whole_or_none(folder) as partial:
+            episodes, size = [], (0, 0)
+            for number, log in enumerate(logs):
+                episode = rows_of(log, rate_hz)
+                video = Video(partial / "videos" / VIDEO / _file(number, ".mp4"), rate_hz, folder)
+                size = _write_video(log, episode, video)
+                episodes.append(episode)
+            _write_tables(episodes, rate_hz, partial)
+            _write_json(_info(episodes, rate_hz, size), partial / "meta" / "info.json")
+            _write_json(_statistics(episodes, rate_hz), partial / "meta" / "stats.json")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return sum(len(episode.times_s) for episode in episodes)
@@ -123,9 +126,9 @@ def _asked(log: Log, measured: Array) -> Array:
     return asked
 
 
-def _write_video(log: Log, episode: Episode, rate_hz: float, path: Path) -> tuple[int, int]:
+def _write_video(log: Log, episode: Episode, video: Video) -> tuple[int, int]:
     """One frame a row; returns (height, width)."""
-    frames, video, size = Frames(log), Video(path, rate_hz), (0, 0)
+    frames, size = Frames(log), (0, 0)
     for row, time_s in enumerate(episode.times_s):
         jpeg = next(frame.jpeg for frame in frames.newest(float(time_s)) if frame.camera == "overhead")
         image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)

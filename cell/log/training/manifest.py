@@ -76,7 +76,7 @@ def write_training_data(logs: Iterable[Log], folder: Path, command: str) -> dict
         command: what was typed, for the headers of the files.
 
     Raises:
-        LogError: a log lacks its product, or was recorded with another product than the first one.
+        LogError: a log lacks its product, was recorded with another product than the first one, or is named twice.
         InputError: the folder is not empty or cannot be written.
     """
     _check_empty(folder)
@@ -85,6 +85,10 @@ def write_training_data(logs: Iterable[Log], folder: Path, command: str) -> dict
     try:
         for log in logs:
             product = _same_product(log, product)
+            if {str(path) for path in log.parts or (log.path,)} & {
+                file for one in collected.logs for file in one["files"]
+            }:
+                raise LogError(log.path, "is named twice")
             collected.goals = _learned(log, collected.goals or OpenGoals.of(product))
             folder.mkdir(parents=True, exist_ok=True)
             _collect(log, product, folder, collected)

@@ -40,6 +40,16 @@ def test_the_file_is_taken_over_by_the_configuration_that_names_it(
     assert bench.wrist == BENCH.wrist
 
 
+def test_a_file_that_cannot_be_written_is_told_before_anything_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert main(["calibrate", "--out", str(tmp_path / "file" / "calibration.yaml")]) == 2
+    said = capsys.readouterr().err
+    assert "cannot be written" in said
+    assert "keep away" not in said
+
+
 def test_a_calibration_that_is_not_there_is_told(tmp_path: Path) -> None:
     text = DEFAULT_CONFIGURATION.read_text("utf-8").replace("product: products.yaml", f"product: {PRODUCTS}")
     own = tmp_path / "cell.yaml"

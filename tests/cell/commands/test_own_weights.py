@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cell.commands.main import main
+from cell.evaluating import things
 from cell.interfaces.files import shipped
 
 COMMANDS = {
@@ -41,6 +42,16 @@ def test_configured_weights_are_scored(
     told = "".join(capsys.readouterr().err.split())
     assert f"{tmp_path}/mine" in told
     assert "cannotreadtheweights" in told
+
+
+@pytest.mark.parametrize("detector", ["holes", "parts"])
+def test_a_kind_that_is_not_there_is_told_before_anything_is_rendered(
+    detector: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(things, "write_plates", None)
+    monkeypatch.setattr(things, "write_objects", None)
+    assert main(["eval", detector, "--kind", "bogus"]) == 2
+    assert f"perception.{detector}: no detector of kind 'bogus'; legal: classical," in capsys.readouterr().err
 
 
 def test_a_tracker_that_is_chosen_by_name_has_the_configured_weights(

@@ -35,3 +35,10 @@ def test_without_a_file_rows_are_kept_in_memory() -> None:
     rows = RowFile(None, {})
     rows.add({"seed": 1})
     assert rows.rows == [{"seed": 1}]
+
+
+def test_a_folder_is_no_file_of_rows(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "rows.jsonl" / "below"):
+        (tmp_path / "rows.jsonl").touch()
+        with pytest.raises(InputError, match="cannot keep rows"):
+            RowFile(path, {"command": "faults"})

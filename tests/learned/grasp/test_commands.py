@@ -24,6 +24,8 @@ def test_drawn_scenes_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     )
     assert len(read_scenes(out, PRODUCT)) == 4
     assert json.loads(out.read_text().splitlines()[0])["source"].startswith("cell data grasp --scenes 4")
+    assert run(monkeypatch, "data", "grasp", "--scenes", "1", "--out", str(out)) == 2
+    assert len(read_scenes(out, PRODUCT)) == 4
 
 
 def test_a_planner_is_scored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

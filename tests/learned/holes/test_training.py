@@ -106,3 +106,12 @@ def test_a_part_is_told_to_be_astray_as_seldom_as_parts_are() -> None:
     told = least_upright(plates(40), 0.15)
     assert told / (1 - told) == pytest.approx((0.15 / 0.85) / (0.4 / 0.6))  # odds of what is astray, by Bayes' rule
     assert least_upright(plates(0), 0.15) == 0.5
+
+
+def test_a_reader_that_is_sure_of_nothing_has_a_score_without_a_share_of_nothing() -> None:
+    from learned.holes.train import validation_scores
+
+    said, right = np.array([True, True, False]), np.array([True, False, True])
+    assert validation_scores(said, right) == pytest.approx({"validation_said": 2 / 3, "validation_right": 0.5})
+    assert validation_scores(~said & said, right) == {"validation_said": 0.0}
+    assert validation_scores(said[:0], right[:0]) == {"validation_said": 0.0}

@@ -20,12 +20,16 @@ def test_generated_demonstrations_are_written(tmp_path: Path) -> None:
     assert main(["data", "semantic", "--out", str(path), "--count", "30", "--strength", "2", "--seed", "4"]) == 0
     assert len(load_demonstrations(path, DEFAULT)) == 30
     assert '"source":"cell data semantic --count 30 --strength 2 --seed 4"' in path.read_text().splitlines()[0]
+    assert main(["data", "semantic", "--out", str(path), "--scenarios"]) == 2
+    assert len(load_demonstrations(path, DEFAULT)) == 30
+    path.unlink()
     assert main(["data", "semantic", "--out", str(path), "--scenarios"]) == 0
     assert len(load_demonstrations(path, DEFAULT)) == 186
 
 
 def test_demonstrations_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["data", "semantic", "--out", str(tmp_path), "--count", "1"]) == 2
+    (tmp_path / "file").write_text("")
+    assert main(["data", "semantic", "--out", str(tmp_path / "file" / "some.jsonl"), "--count", "1"]) == 2
     assert "cannot write the demonstrations" in capsys.readouterr().err
 
 

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from cell.commands.main import main
-from cell.interfaces.errors import LogError
+from cell.interfaces.errors import InputError, LogError
 from cell.log.reading.frames import Frames
 from cell.log.reading.reader import Log, LoggedTick
 from cell.log.replaying.logged_tree import logged_tree
@@ -120,6 +120,9 @@ def test_pictures_that_a_tree_marked_become_files(assembly_log: Log, tmp_path: P
     [frame, *_] = Frames(assembly_log).newest(3.0)
     mark = {"camera": frame.camera, "sequence": 1, "taken_s": frame.time_s, "label": "the part / before"}
     tick = replace(assembly_log.ticks[0], notes=(("snapshot", mark), ("snapshot", {**mark, "taken_s": 999.0})))
-    files = save_snapshots(replace(assembly_log, ticks=(tick,)), tmp_path / "pictures")
+    log = replace(assembly_log, ticks=(tick,))
+    files = save_snapshots(log, tmp_path / "pictures")
     assert [file.name for file in files] == [f"01-{frame.camera}-the-part-before.jpg"]
     assert files[0].read_bytes() == frame.jpeg
+    with pytest.raises(InputError, match="is there already"):
+        save_snapshots(log, tmp_path / "pictures")

@@ -217,6 +217,8 @@ def test_other_products_and_full_folders_are_refused(tray_log: Log, folder: Path
     other = replace(tray_log, attachments={**tray_log.attachments, "product.yaml": product})
     with pytest.raises(LogError, match="another product"):
         write_training_data([tray_log, other], tmp_path / "out", COMMAND)
+    with pytest.raises(LogError, match="is named twice"):
+        write_training_data([tray_log, tray_log], tmp_path / "twice", COMMAND)
     with pytest.raises(InputError, match="not an empty folder"):
         write_training_data([tray_log], folder, COMMAND)
 

@@ -18,7 +18,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.world.opening import configured_devices
 from learned.calibration.check import WORLD, trouble
-from learned.calibration.solve import Fit, Shot, fit_camera, fit_over_empty_plate, holes_off_m, too_few_holes
+from learned.calibration.solve import Fit, Shot, fit_over_empty_plate, fit_wrist_camera, holes_off_m, too_few_holes
 from skills.grip import STROKE_M
 from skills.planner import Load, MotionPlanner
 
@@ -127,7 +127,7 @@ def calibrate_wrist(
     _move(devices, motion, park)
     if len(shots) < LEAST_VIEWS:
         raise DeviceFault("arm", f"only {len(shots)} views of the bracket can be reached; {LEAST_VIEWS} are needed")
-    fit = fit_camera(shots, bench.wrist, bench, product)
+    fit = fit_wrist_camera(shots, bench, product)
     off_m = math.dist(fit.setup.mount.position_m, bench.wrist.mount.position_m)
     return Calibrated(fit, off_m, trouble(fit, LEAST_VIEWS, bench, product) or _far(bench.wrist, fit))
 

@@ -19,7 +19,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.running.detectors import Detectors
 from learned.calibration.check import WORLD
-from learned.calibration.solve import Shot, fit_camera, fit_over_empty_plate, holes_off_m
+from learned.calibration.solve import Shot, fit_over_empty_plate, fit_wrist_camera, holes_off_m
 from learned.holes.dataset import Plate, load_plates
 from learned.holes.evaluate import HoleFindings, evaluate_holes
 from learned.holes.reader import VOTES, Reading
@@ -198,7 +198,7 @@ def calibrated_bench(configuration: Configuration, product: Product, seed: int, 
         world.set_arm(joints)
         shots.append(shot("wrist", number, world.tool_pose()))
     photographer.close()
-    wrist = fit_camera(shots, bench.wrist, bench, product)
+    wrist = fit_wrist_camera(shots, bench, product)
     found = {"overhead": overhead.setup, "wrist": wrist.setup}
     cameras = {
         name: setups[name].calibrated(

@@ -76,6 +76,21 @@ def test_five_of_six_holes_are_not_taken_for_their_neighbours() -> None:
     assert holes_off_m(found, true, BENCH, PRODUCT) < 0.0015
 
 
+def test_lit_walls_of_holes_do_not_pull_the_wrist_camera_aside() -> None:
+    hard = simulated(load_configuration(), "hard")
+    off_m = []
+    for seed in (830_800, 830_801, 830_802, 830_803):
+        world = build_world(PRODUCT, BENCH, None, None, None, hard.devices.simulation.look.draw(seed))
+        believed = calibrated_bench(hard, PRODUCT, seed, world)
+        true = BENCH.model_copy(update={"wrist": BENCH.wrist.calibrated(true_calibration(world, "wrist", BENCH.wrist))})
+        world.set_arm(BENCH.arm_look_rad)
+        tool, floor = world.tool_pose(), BENCH.tray.centre_m
+        pixels = true.wrist.model.project(tool @ true.wrist.mount.pose, np.array([floor]))
+        seen_m = believed.wrist.model.onto_plane(tool @ believed.wrist.mount.pose, pixels, floor[2])
+        off_m.append(float(np.linalg.norm(seen_m - floor)))
+    assert np.mean(off_m) < 0.0015
+
+
 def test_a_plate_whose_holes_are_not_seen_is_no_empty_one() -> None:
     frame, _ = seen(MountError())
     image = frame.image.copy()

@@ -23,7 +23,7 @@ from cell.commands.terminal import (
     print_json,
     table,
 )
-from cell.commands.weights import need_torch, new_weights
+from cell.commands.weights import need_torch, new_weights, writable
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,14 +86,18 @@ def train(
     need_torch()
     from cell.configuration import load_configuration, load_product
     from learned.actions.dataset import load_segments
-    from learned.actions.settings import ActionTraining
+    from learned.actions.settings import TRAINABLE, ActionTraining
     from learned.actions.train import Task, train_actions
 
     configuration = load_configuration(config)
     task = Task(configuration.bench, load_product(configuration, config))
     if bool(data) != bool(validation):
         raise InputError("--data and --validation go together: scores on what was learned from say nothing")
-    path, seconds = out or new_weights("actions", kind, config), budget_s(budget)
+    if {folder.resolve() for folder in data or ()} & {validation.resolve() if validation else None}:
+        raise InputError(f"--validation {validation}: is --data, too; scores on what was learned from say nothing")
+    if kind not in TRAINABLE:
+        raise InputError(f"no action detector {kind!r} can be trained; legal: {', '.join(TRAINABLE)}")
+    path, seconds = new_weights("actions", kind, config, out), budget_s(budget)
     command = _command(kind, data, validation, look, budget, epochs, share, seed)
     if not data or validation is None:
         data, validation = _recordings(path, look, config, seconds, frames=kind == "lrcn")
@@ -149,6 +153,8 @@ def evaluate(
     kinds = kind or [configuration.perception.chosen("actions").kind]
     if weights is not None and len(kinds) != 1:
         raise InputError("--weights are of one --kind")
+    if confusions is not None and writable(confusions, ".json", option="--confusions").exists():
+        raise InputError(f"--confusions {confusions}: is there already; name another file, or remove it")
     split, wanted = seeds(first_seed, recordings)
     told = {"look": look, "person": person, "pace": pace}
     if quick:

@@ -32,22 +32,22 @@ def new_weights(planner: str, kind: str, config: Path, out: Path | None = None) 
     return writable(out or folder_for(config) / name, Path(name).suffix)
 
 
-def writable(path: Path, *suffixes: str) -> Path:
+def writable(path: Path, *suffixes: str, option: str = "--out") -> Path:
     """The file, in which something can be written; told before work that takes minutes or hours, not after it.
 
     Raises:
         InputError: it is a folder, its name ends in something else, or no file can be made there.
     """
     if path.suffix not in suffixes:
-        raise InputError(f"--out {path}: must end in {' or '.join(suffixes)}")
+        raise InputError(f"{option} {path}: must end in {' or '.join(suffixes)}")
     if path.is_dir():
-        raise InputError(f"--out {path}: is a folder; name a file")
+        raise InputError(f"{option} {path}: is a folder; name a file")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
-        raise InputError(f"--out {path}: cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{option} {path}: cannot be written: {error.strerror or error}") from None
     return path
 
 

@@ -57,3 +57,24 @@ def _colour(path: Path) -> float:
     image = cv2.imread(str(path))
     assert image is not None
     return float(np.quantile(np.ptp(image, axis=2), 0.98))
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["train", "actions", "--kind", "vgg"], "no action detector 'vgg' can be trained; legal: slim, paper"),
+        (["train", "actions", "--out", "."], "--out"),
+        (["train", "actions", "--data", "d", "--validation", "d"], "is --data, too"),
+        (["eval", "actions", "--confusions", "there.json"], "there.json: is there already"),
+        (["eval", "actions", "--confusions", "nowhere.txt"], "must end in .json"),
+    ],
+)
+def test_what_cannot_end_well_is_told_before_it_begins(
+    words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(actions, "make_data", lambda *_: pytest.fail("recordings are made"))
+    (tmp_path / "there.json").write_text("mine")
+    assert main(words) == 2
+    assert told in " ".join(capsys.readouterr().err.split())
+    assert (tmp_path / "there.json").read_text() == "mine"

@@ -39,11 +39,10 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     return calls
 
 
-def test_every_shipped_file_is_made_by_one_step_and_all_of_them_take_at_most_two_hours() -> None:
+def test_every_shipped_file_is_made_by_one_step() -> None:
     steps = list(steps_of_shipped())
     files = [name for step in steps for name in step.files]
     assert sorted(files) == sorted(path.name for path in WEIGHTS.iterdir())
-    assert sum(step.seconds for step in steps) <= MOST_S
     for step in steps:
         assert step.files[0].startswith(step.words[0])
         assert all(name.startswith(Path(step.files[0]).stem) for name in step.files)
@@ -56,13 +55,14 @@ def test_it_says_what_it_would_do_and_makes_nothing(tmp_path: Path, capsys: pyte
     assert not (tmp_path / "new").exists()
 
 
-def test_the_longest_comes_first_and_two_at_a_time_take_less(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_longest_comes_first_and_two_at_a_time_take_at_most_two_hours(capsys: pytest.CaptureFixture[str]) -> None:
     seconds = [step.seconds for step in steps_of_shipped()]
     assert seconds == sorted(seconds, reverse=True)
     assert main(["train", "all", "--plan", "--out", "none/such"]) == 0
     told = " ".join(capsys.readouterr().err.split())
     whole, two = re.search(r"about (\d+) minutes of one CPU core, (\d+) minutes with --jobs 2", told).groups()  # type: ignore[union-attr]
     assert float(whole) == pytest.approx(sum(seconds) / 60, abs=1)
+    assert float(two) * 60 <= MOST_S
     assert max(seconds[0] / 60, 0.5 * float(whole)) - 1 <= float(two) <= 0.6 * float(whole)
 
 
@@ -176,7 +176,7 @@ def test_wrong_names_and_folders_are_told(
 ) -> None:
     monkeypatch.setattr(weights, "_SCORED", {})  # all is told before anything is scored
     for words, told in (
-        (["train", "all", "--only", "arms"], "legal: hands"),
+        (["train", "all", "--only", "arms"], "legal: actions, hands"),
         (["train", "all", "--budget", "soon"], "90s, 30m or 2h"),
         (["eval", "weights", str(tmp_path / "none")], "no such folder"),
         (["eval", "weights", str(tmp_path), "--only", "arms"], "legal: hands"),

@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import IO
 
 GRACE_S = 2.0  # a terminal tells them of Ctrl-C by itself: a second one would break off how they end
+LONGEST_S = 20.0  # to end; what began in the background of a shell does not hear of SIGINT
 
 
 class Children:
@@ -38,7 +39,7 @@ class Children:
         return status
 
     def interrupt(self) -> None:
-        """As Ctrl-C does, for those that have not heard of it."""
+        """As Ctrl-C does, for those that have not heard of it; those that go on all the same are terminated."""
         with self._lock:
             self._ended, running = True, tuple(self._running)
         for process in running:
@@ -47,3 +48,8 @@ class Children:
             except subprocess.TimeoutExpired:
                 with suppress(ProcessLookupError):
                     process.send_signal(signal.SIGINT)
+        for process in running:
+            try:
+                process.wait(LONGEST_S)
+            except subprocess.TimeoutExpired:
+                process.terminate()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -31,3 +32,18 @@ def test_those_that_run_are_interrupted_and_no_other_begins(tmp_path: Path, monk
         assert all(one.result(LIMIT_S) != 0 for one in status)
     assert some.run([sys.executable, "-c", f"open({str(tmp_path / 'begun')!r}, 'w')"], None) != 0
     assert not (tmp_path / "begun").exists()
+
+
+def test_those_that_do_not_hear_of_it_are_terminated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a shell begins in the background ignores SIGINT: such a training waited for its data for ever."""
+    monkeypatch.setattr(children, "GRACE_S", 0.0)
+    monkeypatch.setattr(children, "LONGEST_S", 0.2)
+    ready = tmp_path / "ready"
+    code = f"import signal, threading; signal.signal(signal.SIGINT, signal.SIG_IGN); open({str(ready)!r}, 'w'); "
+    some, words = Children(), [sys.executable, "-c", f"{code}threading.Event().wait(3600)"]
+    with ThreadPoolExecutor(1) as pool:
+        status = pool.submit(some.run, words, None)
+        while not ready.exists():
+            assert not status.done()
+        some.interrupt()
+        assert status.result(LIMIT_S) == -signal.SIGTERM

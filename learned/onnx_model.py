@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 from pydantic import Field, JsonValue, ValidationError
 
-from cell.interfaces.errors import InputError, ModelError
-from cell.interfaces.files import whole_or_none
+from cell.interfaces.errors import ModelError
+from cell.interfaces.files import write_whole
 from cell.interfaces.model import Model
 
 if TYPE_CHECKING:
@@ -81,12 +81,7 @@ def save_onnx(model: ModelProto, path: Path, card: ModelCard) -> None:
         model.metadata_props.remove(entry)
     entry = model.metadata_props.add()
     entry.key, entry.value = CARD_KEY, card.model_dump_json()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_or_none(path) as partial:
-            partial.write_bytes(model.SerializeToString())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    write_whole(path, model.SerializeToString())
 
 
 def _remove_notes(model: ModelProto) -> None:

@@ -91,10 +91,7 @@ def train(
 
     configuration = load_configuration(config)
     task = Task(configuration.bench, load_product(configuration, config))
-    if bool(data) != bool(validation):
-        raise InputError("--data and --validation go together: scores on what was learned from say nothing")
-    if {folder.resolve() for folder in data or ()} & {validation.resolve() if validation else None}:
-        raise InputError(f"--validation {validation}: is --data, too; scores on what was learned from say nothing")
+    _require_apart(data or (), validation)
     if kind not in TRAINABLE:
         raise InputError(f"no action detector {kind!r} can be trained; legal: {', '.join(TRAINABLE)}")
     path, seconds = new_weights("actions", kind, config, out), budget_s(budget)
@@ -200,6 +197,14 @@ def _watched(watch: Callable[[list[int]], Mapping[str, Tally]], seeds: Sequence[
         count = sum(row["seed"] in seeds for row in kept.rows)
         console().print(f"interrupted after {count} of {len(seeds)} assemblies")
     return [row for row in kept.rows if row["seed"] in seeds]
+
+
+def _require_apart(data: Sequence[Path], validation: Path | None) -> None:
+    """Check that scores are of other segments than those that are learned from."""
+    if bool(data) != bool(validation):
+        raise InputError("--data and --validation go together: scores on what was learned from say nothing")
+    if {folder.resolve() for folder in data} & {validation.resolve() if validation else None}:
+        raise InputError(f"--validation {validation}: is --data, too; scores on what was learned from say nothing")
 
 
 def _note_confusions(weights: Path, kind: str, product: Product, command: str) -> Path:

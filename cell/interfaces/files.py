@@ -95,3 +95,17 @@ def _make_folder(folder: Path, begun: list[Path]) -> None:
     for one in reversed(missing):
         one.mkdir()
         begun.append(one)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file, and its folder where there is none; what was there before stays whole until the new one is.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_or_none(path) as partial:
+            partial.write_bytes(content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None

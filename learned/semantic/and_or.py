@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from cell.interfaces.errors import InputError, ModelError
-from cell.interfaces.files import whole_or_none
+from cell.interfaces.errors import ModelError
+from cell.interfaces.files import write_whole
 from cell.interfaces.model import Model
 from learned.onnx_model import ModelCard
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
@@ -91,12 +91,7 @@ class AndOrGraph:
             InputError: the file cannot be written.
         """
         content = AndOrFile(card=self.card, nodes=tuple(self.nodes.values()))
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with whole_or_none(path) as partial:
-                partial.write_text(content.model_dump_json())
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        write_whole(path, content.model_dump_json().encode())
 
     @staticmethod
     def load(path: Path, layout: Layout) -> AndOrGraph:

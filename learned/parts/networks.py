@@ -89,5 +89,9 @@ class PoseNet(nn.Module):
 
     def forward(self, crops: Tensor) -> tuple[Tensor, Tensor]:
         """Crops (n, PLANES, 48, 72) to corrections (n, types, CORRECTIONS) and logits of upright types, then none."""
-        hidden = self.hidden(self.seen(crops))
-        return self.corrections(hidden).reshape(len(crops), -1, CORRECTIONS), self.kinds(hidden)
+        return self.tell(self.seen(crops))
+
+    def tell(self, seen: Tensor) -> tuple[Tensor, Tensor]:
+        """Corrections and logits, of what the convolutions see."""
+        hidden = self.hidden(seen)
+        return self.corrections(hidden).reshape(len(seen), -1, CORRECTIONS), self.kinds(hidden)

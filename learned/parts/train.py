@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from cell.interfaces.product import Product
 from learned.exposure import POOR, mean_level, spoiled
-from learned.fitting import Checkpoint, fit_examples
+from learned.fitting import Checkpoint, fit_examples, short_numbers
 from learned.onnx_model import ModelCard
 from learned.parts.augment import sample
 from learned.parts.crops import CROP_PX, PLANES, crop_of
@@ -60,7 +60,7 @@ def train_centre(
     """A trained centre net; the same arguments give the same weights. Its checkpoint stays."""
     torch.manual_seed(seed)
     rng, types = np.random.default_rng([seed, 1]), tuple(product.parts)
-    network = CentreNet(len(types), settings.widths, settings.features)
+    network = CentreNet(len(types), settings.widths, settings.features).to(memory_format=torch.channels_last)
 
     def loss(chosen: list[Scene]) -> Tensor:
         samples = [sample(scene, types, floor_m, rng) for scene in chosen]
@@ -68,11 +68,13 @@ def train_centre(
             torch.from_numpy(np.stack([getattr(one, name) for one in samples]))
             for name in ("image", "heat", "further", "weights")
         )
-        return centre_loss(network(image), heat, further, weights)
+        with short_numbers():
+            logits, said, features = network(image)
+        return centre_loss((logits.float(), said.float(), features), heat, further, weights)
 
     kept = _checkpoint(checkpoint, scenes, settings, seed, stays=True)
     fit_examples(network, scenes, loss, settings, rng, checkpoint=kept, quiet=quiet)
-    return network
+    return network.to(memory_format=torch.contiguous_format)
 
 
 def train_pose(
@@ -90,6 +92,7 @@ def train_pose(
     rng, types = np.random.default_rng([seed, 2]), tuple(product.parts)
     network = PoseNet(len(types), settings.widths, settings.hidden)
     network(torch.zeros(2, PLANES, *reversed(CROP_PX)))  # the lazy layer learns its width
+    network.to(memory_format=torch.channels_last)
     things = [(scene, label) for scene in scenes for label in scene.labels]
 
     def loss(chosen: list[tuple[Scene, Label]]) -> Tensor:
@@ -97,7 +100,7 @@ def train_pose(
 
     kept = _checkpoint(checkpoint, scenes, settings, seed)
     fit_examples(network, things, loss, settings, rng, checkpoint=kept, quiet=quiet)
-    return network
+    return network.to(memory_format=torch.contiguous_format)
 
 
 def _checkpoint(
@@ -149,7 +152,9 @@ def pose_sample(
 def _pose_loss(network: PoseNet, samples: Sequence[PoseSample]) -> Tensor:
     crops, kinds, wanted = zip(*samples, strict=True)
     truth = torch.tensor(kinds)
-    corrections, logits = network(torch.from_numpy(np.stack(crops)))
+    with short_numbers():
+        seen = network.seen(torch.from_numpy(np.stack(crops)))
+    corrections, logits = network.tell(seen.float())
     types = corrections.shape[1]
     stands = truth < types
     own = corrections[torch.arange(len(truth)), truth.clamp(max=types - 1)]

@@ -103,9 +103,9 @@ class Perception(Model):
             return beside
         main = self.weights(detector)
         if (detector, kind) == ("hands", "slim"):
-            from learned.hands.slim import finder_file
+            from learned.hands.slim import finder_file, refiner_file
 
-            return {detector: main, f"{detector}.finder": finder_file(main)}
+            return {detector: main, f"{detector}.finder": finder_file(main), f"{detector}.refiner": refiner_file(main)}
         if (detector, kind) == ("hands", "mediapipe"):
             folder = folder_in_use(main)
             landmark, palm = (network_file(folder, network, ON_THE_BENCH) for network in ("landmark", "palm"))

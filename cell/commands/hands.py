@@ -31,13 +31,15 @@ if TYPE_CHECKING:
     from cell.interfaces.product import Product
 
 FIRST_VALIDATION_SEED = 800_000
-DATA_S, EPOCH_S = 0.8, 0.114  # of processor time: to make a recording's frames, and to train on them once
-LOOKS = {"people": (0.55, 0), "varied": (0.28, 300_000), "nominal": (0.17, 500_000)}  # share of data, first seed
+DATA_S, EPOCH_S = 0.82, 0.2  # of processor time: to make a recording's frames, and to train on them once
+LOOKS = {"people": (0.552, 0), "varied": (0.276, 300_000), "nominal": (0.172, 500_000)}  # share of data, first seed
 VALIDATION_SHARE = 0.04
 
 
 def train(
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File of weights; the finder goes beside it.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File of weights; finder and refiner go beside it.")
+    ] = None,
     data: Annotated[
         list[Path] | None,
         typer.Option(help="Folder of `cell data hands`; may be repeated. By default made anew, of several looks."),

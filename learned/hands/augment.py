@@ -9,7 +9,7 @@ from torch.nn import functional as F
 
 MIX_SHARE, BLUR_SHARE, GAMMA_SHARE, COVER_SHARE, DARK_SHARE = 0.6, 0.5, 0.4, 0.3, 0.5
 NEGATIVE_SHARE = 0.15  # of images whose bright and dark are swapped: a dark hand over a bright table
-LARGEST_NOISE = 0.08
+LARGEST_NOISE, NOISY_SHARE = 0.08, 0.7  # the others keep the noise that they have: cameras may be good, too
 SHADE_SHARE, SHADE_LIGHT, SHADE_SOFT = 0.3, (0.3, 0.9), (0.005, 0.1)  # of images partly in shadow; edge, in widths
 COARSE_SHARE = 0.3  # of images whose noise is as coarse as two pixels: what JPEG leaves of it
 DARKEST = 0.15  # of the light: noise counts more in the dark
@@ -51,7 +51,8 @@ def varied(
     noise = torch.from_numpy(rng.standard_normal(images.shape, dtype=np.float32))
     coarse = torch.from_numpy(rng.random(count) < COARSE_SHARE)
     noise[coarse] = F.avg_pool2d(F.pad(noise[coarse], (0, 1, 0, 1)), 2, 1) * 2.0
-    images = (images + _each(largest_noise * rng.random(count) ** 1.5) * noise).clamp(0.0, 1.0)
+    strength = largest_noise * rng.random(count) ** 1.5 * (rng.random(count) < NOISY_SHARE)
+    images = (images + _each(strength) * noise).clamp(0.0, 1.0)
     _cover(images, rng)
     return images, torch.from_numpy(amount.astype(np.float32))
 

@@ -17,11 +17,10 @@ from cell.interfaces.bench import CameraSetup
 from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
-from learned.hands.regions import POINTS, REGION_PX, Image, Regions, centre_of
+from learned.hands.regions import PATCH_PX, POINTS, Image, Regions, centre_of
 from learned.stills import labelled_rows
 
 ROWS = "hands.jsonl"
-PATCH_PX = REGION_PX + 64  # a region and the room that it is shifted in
 LEAST_VISIBLE = 0.25  # of a hand that is to be found; less is neither right nor wrong
 EDGE_PX = 4.0  # a hand whose centre is nearer to the image's edge is neither, too
 NO_HAND_WITHIN = 0.42  # of a region: what is so far from the middle of every hand is shown as no hand

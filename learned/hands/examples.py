@@ -1,6 +1,8 @@
-"""What the tracker's two networks are shown in training, and what is true of it. Imports torch."""
+"""What the tracker's three networks are shown in training, and what is true of it. Imports torch."""
 
 from __future__ import annotations
+
+import math
 
 import cv2
 import numpy as np
@@ -10,15 +12,18 @@ from torch import Tensor
 
 from cell.interfaces.pose import Array
 from learned.hands.augment import varied
-from learned.hands.dataset import EDGE_PX, PATCH_PX, HandData
+from learned.hands.closeups import Closeup, middle_of, to_the_right_rad
+from learned.hands.dataset import EDGE_PX, HandData
 from learned.hands.networks import FINDER_CELLS
-from learned.hands.regions import REGION_PX, planes
+from learned.hands.regions import PATCH_PX, POINTS, REGION_PX, planes
 from learned.hands.turns import turned_points
 
 SHIFT_PX = (PATCH_PX - REGION_PX) // 2  # of a region about its hand, in training
 SHIFT_OF_NONE = 0.3  # of that, about what is no hand: else it might show one in its middle
 FINDER_NOISE = 0.03  # its images are made small, which averages noise
 SCALED_SHARE, LARGEST_SCALE = 0.5, 1.2  # of hands that are made larger or smaller, and by how much
+RATIO, OFF_SHARE, OFF_RAD, WRONG_SIDE = 0.1, 0.15, 0.12, 0.03  # of what the refiner learns to correct
+PATCH_MIDDLE = (PATCH_PX - 1) / 2
 MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
 
 
@@ -84,6 +89,39 @@ def reader_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generat
     batch["region"], mixed = varied(batch["region"], rng, shades=False)
     batch["paint"] = mixed < MIXED
     return mirrored(batch, torch.from_numpy(rng.random(len(rows)) < 0.5))
+
+
+def refiner_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generator) -> dict[str, Tensor]:
+    """Close-ups of hands that are not quite upright, in the middle, and as large as they seem; what is true of them."""
+    cuts, points, places, ratios = [], [], [], []
+    for row in rows:
+        true = closeup_in_patch(data, row)
+        ratio = float(np.clip(rng.normal(0.0, RATIO), -2.5 * RATIO, 2.5 * RATIO))
+        off = rng.normal(0.0, OFF_SHARE, 2) * true.length_px
+        turn = rng.normal(0.0, OFF_RAD * (1 + 2 * (rng.random() < 0.1)))
+        wrong = rng.random() < WRONG_SIDE
+        thought_px = true.length_px * math.exp(-ratio)
+        seen = Closeup(true.middle + off, true.right_rad + turn, thought_px, true.mirrored != wrong)
+        cuts.append(seen.cut(data.patches[row]))
+        points.append(seen.inside((data.points[row, :-1].astype(float) - 0.5) * REGION_PX + PATCH_MIDDLE))
+        places.append(seen.aligned(data.regions.from_middle(data.centres_px[row])))
+        ratios.append(ratio)
+    region, _ = varied(torch.from_numpy(planes(np.stack(cuts))), rng, shades=False)
+    return {
+        "closeup": region,
+        "points": torch.from_numpy(np.array(points, np.float32)),
+        "place": torch.from_numpy(np.array(places, np.float32)),
+        "ratio": torch.from_numpy(np.array(ratios, np.float32)),
+    }
+
+
+def closeup_in_patch(data: HandData, row: int) -> Closeup:
+    """Where the hand of a patch truly is in it."""
+    seen = dict(zip(POINTS, (data.points[row] - 0.5) * REGION_PX, strict=True))
+    palm, pinch, wrist = (seen[name] for name in ("palm", "pinch", "wrist"))
+    length_px = math.exp(float(data.log_angles[row])) * data.regions.focal_px * REGION_PX / data.regions.side_px
+    left = bool(data.facts[row, 1])
+    return Closeup(middle_of(palm, pinch) + PATCH_MIDDLE, to_the_right_rad(wrist, palm), length_px, left)
 
 
 def _scaled(patch: NDArray[np.uint8], scale: float, shift_px: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -18,7 +18,7 @@ from learned.hands.reading import Reading
 
 LAPLACE = math.sqrt(2)  # standard deviation of a Laplace distribution, over its mean absolute error
 ALIKE_FRAMES = 10  # so many frames in a row err alike, and count as one
-FORGETS = 2e-6  # variance of the logarithm that is added with each frame: another person may come
+FORGETS = 2e-7  # variance of the logarithm that is added with each frame: another person may come
 HIGH_M = 0.3  # any two heights tell how distance goes with height
 BEND_M = 0.006  # standard deviation of how much higher the palm is than the fingertips
 

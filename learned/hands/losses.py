@@ -1,4 +1,4 @@
-"""How wrong the tracker's two networks are, as training has it. Imports torch."""
+"""How wrong the tracker's three networks are, as training has it. Imports torch."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from torch.nn import functional as F
 
 from learned.fitting import short_numbers
 from learned.hands.networks import HEAT_PX, Reader, split_facts
+from learned.hands.refiner import Maps, Refiner
 
 HEAT_SPREAD = 1.0  # cells, of the target of a heatmap
 FOCAL_NEAR, FOCAL_EASY = 4, 2  # powers of the focal loss of CornerNet (Law 2018)
@@ -64,10 +65,27 @@ def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
     return torch.stack([WEIGHTS[name] * term for name, term in terms.items()]).sum()
 
 
-def heat_target(points: Tensor) -> Tensor:
+def refiner_loss(network: Refiner, batch: Mapping[str, Tensor]) -> Tensor:
+    """The weighted sum of the losses of points, heatmaps and size."""
+    with short_numbers():  # points and sizes need more digits than what is seen
+        seen = network.maps(batch["closeup"])
+    maps = Maps(*(one.float() for one in seen))
+    told = network.tell(maps, batch["place"])
+    wanted = torch.nan_to_num(batch["points"])
+    known = ((batch["points"] > 0) & (batch["points"] < 1)).all(dim=2)
+    target = heat_target(wanted, maps.heat.shape[-1])
+    terms = {
+        "points": _mean((told.points - wanted).abs().sum(dim=2), known),
+        "heat": _mean(-(target * F.log_softmax(maps.heat.flatten(2), dim=2)).sum(dim=2), known),
+        "angle": unlikely(told.log_ratio - batch["ratio"], told.error).mean(),
+    }
+    return torch.stack([WEIGHTS[name] * term for name, term in terms.items()]).sum()
+
+
+def heat_target(points: Tensor, side: int = HEAT_PX) -> Tensor:
     """Normal distributions about points (n, k, 2), as (n, k, cells) that sum to 1."""
-    middles = torch.arange(HEAT_PX) + 0.5
-    away = ((points[..., None] * HEAT_PX - middles) / HEAT_SPREAD).pow(2)  # (n, k, 2, s)
+    middles = torch.arange(side) + 0.5
+    away = ((points[..., None] * side - middles) / HEAT_SPREAD).pow(2)  # (n, k, 2, s)
     logits = -(away[:, :, 1, :, None] + away[:, :, 0, None, :]) / 2
     return torch.softmax(logits.flatten(2), dim=2)
 

@@ -1,4 +1,4 @@
-"""The two networks of the small tracker: the finder sees the whole image, the reader one hand. Imports torch."""
+"""Two networks of the small tracker: the finder sees the whole image, the reader one hand. Imports torch."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Finder(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.body = nn.Sequential(
-            _conv(3, 16, 2), _conv(16, 32, 2), _conv(32, 64, 2), _conv(64, 64), _conv(64, 64, dilation=2), _conv(64, 64)
+            conv(3, 16, 2), conv(16, 32, 2), conv(32, 64, 2), conv(64, 64), conv(64, 64, dilation=2), conv(64, 64)
         )
         self.head = nn.Conv2d(64, 3, 1)
         nn.init.constant_(self.head.bias, -3.0)  # type: ignore[arg-type]
@@ -84,16 +84,16 @@ class Reader(nn.Module):
 
     def __init__(self, types: int) -> None:
         super().__init__()
-        self.stem = nn.Sequential(_conv(3, 24, 2), _conv(24, 48, 2), _conv(48, 48))  # 32 x 32
-        self.middle = nn.Sequential(_conv(48, 96, 2), _conv(96, 96))  # 16 x 16
-        self.deep = nn.Sequential(_conv(96, 128, 2), _conv(128, 128))  # 8 x 8
+        self.stem = nn.Sequential(conv(3, 24, 2), conv(24, 48, 2), conv(48, 48))  # 32 x 32
+        self.middle = nn.Sequential(conv(48, 96, 2), conv(96, 96))  # 16 x 16
+        self.deep = nn.Sequential(conv(96, 128, 2), conv(128, 128))  # 8 x 8
         self.from_deep, self.from_middle, self.from_stem = (nn.Conv2d(size, 48, 1) for size in (128, 96, 48))
-        self.mix = _conv(48, 48)
-        self.fine = _conv(48, 48)
+        self.mix = conv(48, 48)
+        self.fine = conv(48, 48)
         self.heat = nn.Conv2d(48, len(POINTS), 1)
         self.whole = nn.Conv2d(128, 12, 1)  # of the region, and where in it
         self.around = nn.Sequential(
-            _conv(3, 16, 2), _conv(16, 32, 2), _conv(32, 48, 2), _conv(48, 64, 2), nn.Conv2d(64, 16, 1)
+            conv(3, 16, 2), conv(16, 32, 2), conv(32, 48, 2), conv(48, 64, 2), nn.Conv2d(64, 16, 1)
         )  # 6 x 6
         self.facts = nn.Sequential(
             nn.Linear(128 + 48 + 12 * 8**2 + 16 * 6**2 + PLACES + 48 * len(POINTS), HIDDEN),
@@ -178,8 +178,9 @@ def log_distances(points: Tensor) -> Tensor:
 
 def soft_argmax(heat: Tensor) -> Tensor:
     """The mean place of each heatmap (n, k, s, s) as shares (n, k, 2) of (column, row)."""
+    side = heat.shape[-1]
     weights = torch.softmax(heat.flatten(2), dim=2).view(*heat.shape)
-    middles = (torch.arange(HEAT_PX, dtype=heat.dtype, device=heat.device) + 0.5) / HEAT_PX
+    middles = (torch.arange(side, dtype=heat.dtype, device=heat.device) + 0.5) / side
     return torch.stack([(weights.sum(dim=2) * middles).sum(dim=2), (weights.sum(dim=3) * middles).sum(dim=2)], dim=2)
 
 
@@ -190,7 +191,8 @@ def normalised(image: Tensor) -> Tensor:
     return centred / (contrast + LEAST_CONTRAST)
 
 
-def _conv(inside: int, outside: int, stride: int = 1, dilation: int = 1) -> nn.Sequential:
+def conv(inside: int, outside: int, stride: int = 1, dilation: int = 1) -> nn.Sequential:
+    """3 x 3, normalised over the batch, then what is negative becomes 0."""
     convolution = nn.Conv2d(inside, outside, 3, stride, padding=dilation, dilation=dilation, bias=False)
     return nn.Sequential(convolution, nn.BatchNorm2d(outside), nn.ReLU())
 

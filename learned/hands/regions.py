@@ -20,6 +20,7 @@ from cell.interfaces.pose import Array
 FINDER_PX = (160, 120)  # (width, height) of the whole image as the finder sees it
 CELL_PX = 8  # of the finder's answer, in its image
 REGION_PX = 128  # side of a region as the reader sees it
+PATCH_PX = REGION_PX + 64  # side of a region with the room that it is shifted or turned in
 AROUND_PX = 96  # side of the surroundings, in pixels of the finder's image
 REGION_M, REGION_HEIGHT_M = 0.32, 0.10
 POINTS = ("palm", "pinch", "thumb", "index", "wrist", "radial", "ulnar", "held")
@@ -34,17 +35,19 @@ class Regions:
     Attributes:
         width_px, height_px: size of its images.
         side_px: of a region in them.
+        focal_px: of the camera.
     """
 
     width_px: int
     height_px: int
     side_px: float
+    focal_px: float
 
     @staticmethod
     def of(setup: CameraSetup) -> Regions:
         """For a camera that looks down on the table."""
         depth_m = setup.mount.position_m[2] - REGION_HEIGHT_M
-        return Regions(setup.width_px, setup.height_px, REGION_M * setup.focal_px / depth_m)
+        return Regions(setup.width_px, setup.height_px, REGION_M * setup.focal_px / depth_m, setup.focal_px)
 
     @property
     def size_px(self) -> Array:
@@ -97,6 +100,11 @@ class Regions:
         """The other way round: points of the image from shares of the region."""
         points: Array = (shares - 0.5) * self.side_px + centre_px
         return points
+
+    def from_middle(self, point_px: Array) -> Array:
+        """The way (2,) to a point of the image from its middle, by the focal length: how askew it is seen."""
+        way: Array = (point_px - (self.size_px - 1) / 2) / self.focal_px
+        return way
 
     def place(self, centre_px: Array) -> Array:
         """Where in the image a region is, (2,), 0 in the middle and +-1 at the edges."""

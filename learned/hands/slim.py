@@ -1,4 +1,4 @@
-"""The small hand tracker: one network finds hands in the whole image, another reads each of them."""
+"""The small hand tracker: one network finds hands in the whole image, one reads each, one takes a closer look at it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from cell.interfaces.errors import ModelError
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.ahead import Ahead
+from learned.hands.closer_look import CloserLook
+from learned.hands.closeups import to_the_right_rad
 from learned.hands.height import PalmLength
 from learned.hands.light import levelled
 from learned.hands.reading import ApparentSize, Reading
@@ -22,7 +24,7 @@ from learned.hands.tracking import LEAST_CONFIDENCE, HandTracks
 from learned.hands.turns import turned_boxes, turned_points
 from learned.onnx_model import OnnxModel
 
-FINDER_KIND, READER_KIND = "hands.slim_finder", "hands.slim"
+FINDER_KIND, READER_KIND, REFINER_KIND = "hands.slim_finder", "hands.slim", "hands.slim_refiner"
 LEAST_SCORE = 0.25  # of the finder: the reader has the last word
 NEW_CONFIDENCE = 0.95  # of a hand that was not seen before: shadows that look like one have less
 SAME_SHARE = 0.25  # of a region's side: centres that are nearer are of one hand
@@ -37,6 +39,11 @@ SLACK = np.array([[0.04, 0.015], [-0.04, -0.015]])
 def finder_file(path: Path) -> Path:
     """The finder's weights, beside those of the reader."""
     return path.with_name(f"{path.stem}_finder{path.suffix}")
+
+
+def refiner_file(path: Path) -> Path:
+    """The refiner's weights, beside those of the reader."""
+    return path.with_name(f"{path.stem}_refiner{path.suffix}")
 
 
 def slim_tracker(bench: Bench, product: Product, path: Path) -> HandTracks:
@@ -63,6 +70,7 @@ class SlimReader:
         self._reader = OnnxModel.load(path, READER_KIND)
         if "around" not in self._reader.inputs:
             raise ModelError(f"{path}: an older version trained it; train it again with: cell train hands")
+        self._closer = CloserLook(self._regions, OnnxModel.load(refiner_file(path), REFINER_KIND))
         known = self._reader.card.vocabulary.get("parts", ())
         self._types: tuple[str | None, ...] = known if known == types else (None,) * len(known)
 
@@ -106,10 +114,10 @@ class SlimReader:
         for index, *ways in zip(sideways, *turned, strict=True):
             surest = max(ways, key=_confidence)
             if surest.confidence >= SURE:
-                upright = self._read(image, small, [surest.centre_px], -_to_the_right_rad(surest))[0]
+                upright = self._read(image, small, [surest.centre_px], -_points_rad(surest))[0]
                 if _sure(upright, surest.centre_px) and _sure(upright, centres[index]):
                     seen[index] = upright
-        return seen
+        return self._closer.refined(image, [one for one in seen if one.confidence >= LEAST_CONFIDENCE])
 
     def _find(self, small: Image) -> list[Array]:
         """Centres (column, row) of what may be hands, likeliest first."""
@@ -182,7 +190,6 @@ def _confidence(reading: Reading) -> float:
     return reading.confidence
 
 
-def _to_the_right_rad(reading: Reading) -> float:
+def _points_rad(reading: Reading) -> float:
     """By how much a hand points to the right of the image's upper edge."""
-    along = reading.points_px["palm"] - reading.points_px["wrist"]
-    return math.atan2(along[0], -along[1])
+    return to_the_right_rad(reading.points_px["wrist"], reading.points_px["palm"])

@@ -1,4 +1,4 @@
-"""Training of the small tracker's two networks. Imports torch: never at run time."""
+"""Training of the small tracker's three networks. Imports torch: never at run time."""
 
 from __future__ import annotations
 
@@ -17,17 +17,19 @@ from cell.interfaces.product import Product
 from learned.fitting import Checkpoint, fit, short_numbers
 from learned.hands.augment import varied
 from learned.hands.dataset import HandData, load_hands
-from learned.hands.examples import FINDER_NOISE, finder_targets, reader_batch
-from learned.hands.losses import finder_loss, reader_loss
+from learned.hands.examples import FINDER_NOISE, finder_targets, reader_batch, refiner_batch
+from learned.hands.losses import finder_loss, reader_loss, refiner_loss
 from learned.hands.networks import Finder, Found, Read, Reader
+from learned.hands.refiner import Refined, Refiner
 from learned.hands.regions import planes
-from learned.hands.slim import FINDER_KIND, READER_KIND, finder_file
+from learned.hands.slim import FINDER_KIND, READER_KIND, REFINER_KIND, finder_file, refiner_file
 from learned.hands.turns import drawn_turns, turned_images
 from learned.onnx_model import ModelCard, OnnxModel
 from learned.torch_model import TorchModel, write_weights
 
 EPOCHS = 10
 FINDER_EPOCHS_SHARE = 0.5  # of the reader's epochs: it learns sooner
+REFINER_EPOCHS_SHARE = 2.85  # and the refiner later: it is to be exact
 BATCH = 32
 NO_HANDS_SHARE = 0.6  # as many places without a hand are read in an epoch, other ones each time
 LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-2
@@ -58,7 +60,7 @@ def train_hands(
     command: str = "cell train hands",
     quiet: bool = False,
 ) -> dict[str, float]:
-    """Train both networks and write them, the reader to `out` and the finder beside it.
+    """Train the networks and write them, the reader to `out`, finder and refiner beside it.
 
     Args:
         folders: of `cell data hands`.
@@ -78,7 +80,7 @@ def train_hands(
             "epochs": epochs,
             "batch": BATCH,
             "frames": len(training.data.small),
-            "hands": int(_hands(training.data)),
+            "hands": len(_rows_of_hands(training.data)),
             "palm_length_m": round(float(np.median(training.data.palm_lengths_m)), 4),
             "palm_spread": PALM_SPREAD,
         },
@@ -87,11 +89,19 @@ def train_hands(
         command=command,
         seed=seed,
     )
-    checkpoint = out.with_suffix(".checkpoint")
-    if not (checkpoint.exists() and _is_made(finder_file(out), card)):  # else it goes on after the finder
+    checkpoint, closer_checkpoint = out.with_suffix(".checkpoint"), out.with_suffix(".refiner.checkpoint")
+    begun = checkpoint.exists() or closer_checkpoint.exists()  # then it goes on after what is made
+    if not (begun and _is_made(finder_file(out), card)):
         finder = fit_finder(training, out.with_suffix(".finder.checkpoint"))
         small = {"image": planes(training.data.small[:1])}
         write_weights(TorchModel(finder, Found._fields, card), finder_file(out), [small], dict, tolerance=TOLERANCE)
+    closer = card.model_copy(update={"kind": REFINER_KIND})
+    if not (begun and _is_made(refiner_file(out), closer)):
+        refiner = fit_refiner(training, closer_checkpoint)
+        few = refiner_batch(training.data, _rows_of_hands(training.data)[:2], np.random.default_rng(seed))
+        closeups = {name: few[name].numpy() for name in ("closeup", "place")}
+        model = TorchModel(refiner, Refined._fields, closer)
+        write_weights(model, refiner_file(out), [closeups], dict, any_rows=True, tolerance=TOLERANCE)
     reader = fit_reader(training, len(types), checkpoint)
     batch = reader_batch(training.data, np.arange(2), np.random.default_rng(seed))
     region = {name: batch[name].numpy() for name in ("region", "around", "place")}
@@ -145,7 +155,7 @@ def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -
     torch.manual_seed(training.seed)
     rng = np.random.default_rng([training.seed, 7])
     data, network = training.data, Reader(types).to(memory_format=torch.channels_last)
-    hands, empty = (np.flatnonzero(data.facts[:, 0] == value) for value in (1, 0))
+    hands, empty = _rows_of_hands(data), np.flatnonzero(data.facts[:, 0] == 0)
     most = min(len(empty), round(NO_HANDS_SHARE * len(hands)))
 
     def losses(_: int) -> Iterator[Tensor]:
@@ -154,6 +164,22 @@ def fit_reader(training: Training, types: int, checkpoint: Path | None = None) -
             yield reader_loss(network, reader_batch(data, rows, rng))
 
     _fit(network, losses, len(hands) + most, training, rng, checkpoint)
+    return network.to(memory_format=torch.contiguous_format)
+
+
+def fit_refiner(training: Training, checkpoint: Path | None = None) -> Refiner:
+    """Train the network that looks at one hand once more."""
+    torch.manual_seed(training.seed)
+    rng = np.random.default_rng([training.seed, 8])
+    data, network = training.data, Refiner().to(memory_format=torch.channels_last)
+    hands = _rows_of_hands(data)
+
+    def losses(_: int) -> Iterator[Tensor]:
+        for rows in _batches(hands, rng):
+            yield refiner_loss(network, refiner_batch(data, rows, rng))
+
+    epochs = round(REFINER_EPOCHS_SHARE * training.epochs)
+    _fit(network, losses, len(hands), replace(training, epochs=epochs), rng, checkpoint)
     return network.to(memory_format=torch.contiguous_format)
 
 
@@ -187,5 +213,6 @@ def _batches(rows: NDArray[np.int64], rng: np.random.Generator) -> Iterator[NDAr
         yield np.sort(order[start : start + BATCH])
 
 
-def _hands(data: HandData) -> float:
-    return float(data.facts[:, 0].sum())
+def _rows_of_hands(data: HandData) -> NDArray[np.int64]:
+    """Rows of the reader's arrays that show a hand."""
+    return np.flatnonzero(data.facts[:, 0] == 1)

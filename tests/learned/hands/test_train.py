@@ -15,13 +15,15 @@ torch = pytest.importorskip("torch")
 from cell.configuration import load_configuration, load_product  # noqa: E402
 from cell.interfaces.errors import InputError  # noqa: E402
 from learned.hands.augment import varied  # noqa: E402
+from learned.hands.closeups import CLOSE_PX  # noqa: E402
 from learned.hands.dataset import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
-from learned.hands.examples import finder_targets, mirrored, reader_batch  # noqa: E402
-from learned.hands.losses import heat_target, reader_loss  # noqa: E402
+from learned.hands.examples import finder_targets, mirrored, reader_batch, refiner_batch  # noqa: E402
+from learned.hands.losses import heat_target, reader_loss, refiner_loss  # noqa: E402
 from learned.hands.networks import HEAT_PX, Reader, soft_argmax  # noqa: E402
+from learned.hands.refiner import Refiner  # noqa: E402
 from learned.hands.regions import AROUND_PX, CELL_PX, POINTS, Regions, centre_of  # noqa: E402
 from learned.hands.score import score_readings  # noqa: E402
-from learned.hands.slim import SlimReader, finder_file  # noqa: E402
+from learned.hands.slim import SlimReader, finder_file, refiner_file  # noqa: E402
 from learned.hands.train import train_hands  # noqa: E402
 from learned.hands.turns import turned_boxes, turned_images  # noqa: E402
 
@@ -193,7 +195,34 @@ def test_the_reader_learns_a_batch(data: HandData) -> None:
     assert losses[-1] < 0.5 * losses[0]
 
 
-def test_training_writes_two_files_that_find_hands(folder: Path, tmp_path: Path) -> None:
+def test_closeups_are_upright_and_their_truth_moves_with_them(data: HandData) -> None:
+    rows = np.flatnonzero(data.facts[:, 0] == 1)[:16]
+    batch = refiner_batch(data, rows, np.random.default_rng(3))
+    palm, wrist = (batch["points"][:, POINTS.index(name)].numpy() for name in ("palm", "wrist"))
+    along = (palm - wrist) * CLOSE_PX
+    assert (along[:, 1] < 0).all()  # it points up
+    assert np.median(np.abs(along[:, 0] / along[:, 1])) < 0.2
+    seen = np.log(np.linalg.norm(along, axis=1)) - batch["ratio"].numpy()  # all hands of this folder are alike
+    assert np.allclose(seen, seen.mean(), atol=1e-3)
+
+
+def test_the_refiner_learns_how_much_larger_a_hand_is_than_was_thought(data: HandData) -> None:
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    network, rng = Refiner(), np.random.default_rng(4)
+    optimiser = torch.optim.AdamW(network.parameters(), 3e-3)
+    rows = np.flatnonzero(data.facts[:, 0] == 1)[:16]
+    losses = []
+    for _ in range(30):
+        loss = refiner_loss(network, refiner_batch(data, rows, rng))
+        optimiser.zero_grad()
+        torch.autograd.backward(loss)
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    assert np.mean(losses[-5:]) < np.mean(losses[:5]) - 0.5
+
+
+def test_training_writes_three_files_that_find_hands(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "hands_slim.onnx"
     scores = train_hands(
         [folder],
@@ -207,6 +236,7 @@ def test_training_writes_two_files_that_find_hands(folder: Path, tmp_path: Path)
     )
     assert out.exists()
     assert finder_file(out).exists()
+    assert refiner_file(out).exists()
     assert 0 <= scores["found"] <= 1
     reader = SlimReader(SETUP, TYPES, out)
     image = np.full((SETUP.height_px, SETUP.width_px, 3), 80, np.uint8)

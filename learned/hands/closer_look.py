@@ -1,0 +1,64 @@
+"""A closer look at hands that were read: the refiner sees each in a close-up, and tells its size and points anew."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cell.interfaces.pose import Array
+from learned.hands.closeups import REFINED, Closeup, middle_of, to_the_right_rad
+from learned.hands.reading import ApparentSize, Reading
+from learned.hands.regions import PATCH_PX, REGION_PX, Image, Regions, planes
+from learned.onnx_model import Network
+
+PATCH_MIDDLE = (PATCH_PX - 1) / 2
+
+
+class CloserLook:
+    """Refines readings of the images of one camera."""
+
+    def __init__(self, regions: Regions, network: Network) -> None:
+        self._regions, self._network = regions, network
+
+    def refined(self, image: Image, readings: Sequence[Reading]) -> list[Reading]:
+        """The readings, with points and size as the close-ups show them; those without a size stay as they are."""
+        patches = [self._regions.cut(image, one.centre_px, PATCH_PX) for one in readings]
+        return self.of_patches(patches, readings)
+
+    def of_patches(self, patches: Sequence[Image], readings: Sequence[Reading]) -> list[Reading]:
+        """The same, of patches about the readings' centres."""
+        sized = [(index, one, one.size) for index, one in enumerate(readings) if one.size is not None]
+        if not sized:
+            return list(readings)
+        closeups = [self._closeup(one, size.log_angle) for _, one, size in sized]
+        cuts = np.stack([one.cut(patches[index]) for one, (index, _, _) in zip(closeups, sized, strict=True)])
+        ways = [self._regions.from_middle(one.centre_px) for _, one, _ in sized]
+        places = np.array([one.aligned(way) for one, way in zip(closeups, ways, strict=True)], np.float32)
+        told = self._network.run({"closeup": planes(cuts), "place": places})
+        answer = list(readings)
+        for row, (index, one, size) in enumerate(sized):
+            points = self._in_image(closeups[row].outside(told["points"][row].astype(float)), one.centre_px)
+            answer[index] = replace(
+                one,
+                points_px={**one.points_px, **dict(zip(REFINED, points, strict=True))},
+                size=ApparentSize(
+                    size.log_angle + float(told["log_ratio"][row]), float(told["error"][row]), size.height_errors_m
+                ),
+            )
+        return answer
+
+    def _closeup(self, reading: Reading, log_angle: float) -> Closeup:
+        """How a hand that was read lies in the patch about its centre."""
+        wrist, palm, pinch = (reading.points_px[name] for name in ("wrist", "palm", "pinch"))
+        scale = REGION_PX / self._regions.side_px
+        length_px = math.exp(log_angle) * self._regions.focal_px * scale
+        middle = (middle_of(palm, pinch) - reading.centre_px) * scale + PATCH_MIDDLE
+        return Closeup(middle, to_the_right_rad(wrist, palm), length_px, reading.left > 0.5)
+
+    def _in_image(self, points: Array, centre_px: Array) -> Array:
+        """Points (n, 2) of the image, from those of the patch about a centre."""
+        there: Array = (points - PATCH_MIDDLE) * self._regions.side_px / REGION_PX + centre_px
+        return there

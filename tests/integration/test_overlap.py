@@ -13,6 +13,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from mcap.reader import make_reader
 
 from cell.configuration import DEFAULT_CONFIGURATION
@@ -75,8 +76,10 @@ def test_a_render_process_that_dies_is_a_fault_of_a_device() -> None:
     with closing(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, 3, "g1", overlap=True)) as cell:
         assert isinstance(cell.devices.host, RenderProcess)
         killer = Killer(process_id=cell.devices.host.process_ids[0], tick_number=40)
-        outcome, _ = run_tree(cell, ASSEMBLE, diary=killer)
+        outcome, diary = run_tree(cell, ASSEMBLE, diary=killer)
     assert outcome.end == "fault"
     assert outcome.reason.startswith("render process: it died")
     assert not outcome.detail, "a typed fault has no traceback"
-    assert 40 < outcome.ticks < 50
+    # Where a detector waits for a frame the run ends at once; else a camera is lost, which may come back for 20 s.
+    assert 40 < outcome.ticks < 50 or 540 < outcome.ticks < 550
+    assert np.ptp(diary.joints[50:] or diary.joints[-1:], axis=0).max() < 1e-3, "the arm stands meanwhile"

@@ -176,7 +176,7 @@ def test_wrong_names_and_folders_are_told(
 ) -> None:
     monkeypatch.setattr(weights, "_SCORED", {})  # all is told before anything is scored
     for words, told in (
-        (["train", "all", "--only", "arms"], "legal: actions, hands"),
+        (["train", "all", "--only", "arms"], "legal: hands, actions"),
         (["train", "all", "--budget", "soon"], "90s, 30m or 2h"),
         (["eval", "weights", str(tmp_path / "none")], "no such folder"),
         (["eval", "weights", str(tmp_path), "--only", "arms"], "legal: hands"),

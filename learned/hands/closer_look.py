@@ -15,6 +15,10 @@ from learned.hands.regions import PATCH_PX, REGION_PX, Image, Regions, planes
 from learned.onnx_model import Network
 
 PATCH_MIDDLE = (PATCH_PX - 1) / 2
+# Share by which a size may err. Close-ups that tell it worse show hands that are covered, or too dark: their points are
+# no better than those read before, nor like what action detectors learned from; and most of what is no hand is so.
+UNCLEAR = 0.05
+DOUBTED = 0.9  # confidence of such readings at most: enough to go on following a hand, too little to begin
 
 
 class CloserLook:
@@ -24,29 +28,30 @@ class CloserLook:
         self._regions, self._network = regions, network
 
     def refined(self, image: Image, readings: Sequence[Reading]) -> list[Reading]:
-        """The readings, with points and size as the close-ups show them; those without a size stay as they are."""
-        patches = [self._regions.cut(image, one.centre_px, PATCH_PX) for one in readings]
-        return self.of_patches(patches, readings)
+        """The readings, with points and size as the close-ups show them.
 
-    def of_patches(self, patches: Sequence[Image], readings: Sequence[Reading]) -> list[Reading]:
-        """The same, of patches about the readings' centres."""
+        Those without a size stay as they are; those whose close-up is unclear are believed less.
+        """
         sized = [(index, one, one.size) for index, one in enumerate(readings) if one.size is not None]
         if not sized:
             return list(readings)
         closeups = [self._closeup(one, size.log_angle) for _, one, size in sized]
-        cuts = np.stack([one.cut(patches[index]) for one, (index, _, _) in zip(closeups, sized, strict=True)])
+        patches = [self._regions.cut(image, one.centre_px, PATCH_PX) for _, one, _ in sized]
+        cuts = np.stack([one.cut(patch) for one, patch in zip(closeups, patches, strict=True)])
         ways = [self._regions.from_middle(one.centre_px) for _, one, _ in sized]
         places = np.array([one.aligned(way) for one, way in zip(closeups, ways, strict=True)], np.float32)
         told = self._network.run({"closeup": planes(cuts), "place": places})
         answer = list(readings)
         for row, (index, one, size) in enumerate(sized):
+            error = float(told["error"][row])
+            if error >= UNCLEAR:
+                answer[index] = replace(one, confidence=min(one.confidence, DOUBTED))
+                continue
             points = self._in_image(closeups[row].outside(told["points"][row].astype(float)), one.centre_px)
             answer[index] = replace(
                 one,
                 points_px={**one.points_px, **dict(zip(REFINED, points, strict=True))},
-                size=ApparentSize(
-                    size.log_angle + float(told["log_ratio"][row]), float(told["error"][row]), size.height_errors_m
-                ),
+                size=ApparentSize(size.log_angle + float(told["log_ratio"][row]), error, size.height_errors_m),
             )
         return answer
 

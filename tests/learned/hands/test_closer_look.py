@@ -1,0 +1,63 @@
+"""What a closer look changes of a reading, and what it leaves as it is."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration
+from cell.interfaces.pose import Array
+from learned.hands.closer_look import UNCLEAR, CloserLook
+from learned.hands.closeups import REFINED
+from learned.hands.reading import ApparentSize, Reading
+from learned.hands.regions import Regions
+from learned.hands.slim import NEW_CONFIDENCE
+from learned.hands.tracking import LEAST_CONFIDENCE
+
+SURE, RATIO = 0.99, 0.1
+
+
+class _Told:
+    """A network that tells of every close-up the same: points in its middle, a larger hand, and how sure that is."""
+
+    def __init__(self, error: float) -> None:
+        self.error = error
+
+    def run(self, inputs: Mapping[str, Array]) -> dict[str, Array]:
+        rows = len(inputs["closeup"])
+        told = {"points": np.full((rows, len(REFINED), 2), 0.5), "log_ratio": np.full(rows, RATIO)}
+        return {**told, "error": np.full(rows, self.error)}
+
+
+def _readings(error: float, sized: bool = True) -> tuple[Reading, Reading]:
+    """A hand in the middle of an image, as it was read and after a closer look."""
+    regions = Regions.of(load_configuration().bench.overhead)
+    middle = np.array(regions.size_px) / 2
+    away = {"palm": (0, 10), "wrist": (0, 60), "pinch": (0, -40), "thumb": (-10, -40), "index": (10, -40)}
+    points = {name: middle + offset for name, offset in away.items()}
+    size = ApparentSize(math.log(0.05), 0.03, (0.01, 0.01)) if sized else None
+    read = Reading(SURE, 0.0, 1.0, points, (0.0, 0.0, 1.0, 1.0), (0.1, 0.1), size=size)
+    image = np.full((int(regions.size_px[1]), int(regions.size_px[0]), 3), 90, np.uint8)
+    return read, CloserLook(regions, _Told(error)).refined(image, [read])[0]
+
+
+def test_a_clear_closeup_tells_size_and_points() -> None:
+    read, refined = _readings(UNCLEAR / 2)
+    assert read.size is not None
+    assert refined.size == ApparentSize(read.size.log_angle + RATIO, UNCLEAR / 2, read.size.height_errors_m)
+    assert not np.allclose(refined.points_px["palm"], read.points_px["palm"])
+    assert refined.confidence == SURE
+
+
+@pytest.mark.parametrize("error", [UNCLEAR, 0.2])
+def test_an_unclear_closeup_changes_nothing_but_begins_no_hand(error: float) -> None:
+    read, refined = _readings(error)
+    assert refined.size == read.size
+    assert all(np.array_equal(refined.points_px[name], at) for name, at in read.points_px.items())
+    assert LEAST_CONFIDENCE < refined.confidence < NEW_CONFIDENCE, "a hand that was seen before goes on"
+
+
+def test_a_reading_without_a_size_stays_as_it_is() -> None:
+    read, refined = _readings(UNCLEAR / 2, sized=False)
+    assert refined is read

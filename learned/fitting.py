@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor, nn
 
+from cell.interfaces.files import write_whole
 from learned.schedule import Schedule
 
 CHECKPOINTS = 20  # in the course of a fit
@@ -63,6 +65,9 @@ def fit(
         rng: numpy's generator, where the losses draw from one.
         checkpoint: of another fit, it is ignored and written over; removed at the end unless it stays.
         quiet: no progress bar.
+
+    Raises:
+        InputError: the checkpoint cannot be written.
     """
     torch.set_num_threads(1)  # these networks are small: a second thread only waits
     peak = float(optimiser.defaults["lr"])
@@ -135,7 +140,7 @@ def fit_examples(
 
 @dataclass(frozen=True)
 class _Keeper:
-    """Keeps all that a fit is made of in one file, written aside and then renamed."""
+    """Keeps all that a fit is made of in one file."""
 
     checkpoint: Checkpoint | None
     state: dict[str, _Stateful]
@@ -164,11 +169,9 @@ class _Keeper:
             "numpy": None if self.rng is None else self.rng.bit_generator.state,
             "torch": torch.get_rng_state(),
         }
-        path = self.checkpoint.path
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".partial")
-        torch.save(kept, partial)
-        partial.replace(path)
+        written = io.BytesIO()
+        torch.save(kept, written)
+        write_whole(self.checkpoint.path, written.getvalue())
 
     def end(self, epochs: int) -> None:
         if self.checkpoint is not None and self.checkpoint.stays:

@@ -10,6 +10,7 @@ from typing import Any
 
 from cell.fleet.extra import needed
 from cell.interfaces.errors import InputError
+from cell.interfaces.files import whole_or_none
 
 Row = Mapping[str, Any]
 BATCH = 5000  # rows in memory
@@ -30,15 +31,13 @@ def write_table(rows: Iterable[Row], path: Path) -> None:
         for name, value in row.items():
             kinds.setdefault(name, set()).add(type(_cell(value)))
     schema = arrow.schema([(name, _type(arrow, found - {type(None)})) for name, found in kinds.items()])
-    partial = path.with_name(path.name + ".partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with parquet.ParquetWriter(partial, schema) as writer:
+        with whole_or_none(path) as partial, parquet.ParquetWriter(partial, schema) as writer:
             remaining = iter(rows)
             while batch := list(islice(remaining, BATCH)):
                 arrays = [_column(arrow, [_cell(row.get(field.name)) for row in batch], field.type) for field in schema]
                 writer.write_table(arrow.table(arrays, schema=schema))
-        partial.replace(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 

@@ -5,6 +5,7 @@ It answers boxes and types, not poses: it is a baseline of detection, trained fr
 
 from __future__ import annotations
 
+import io
 import pickle
 import time
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 
 from cell.interfaces.errors import ModelError
+from cell.interfaces.files import write_whole
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
@@ -124,6 +126,9 @@ def write_rcnn(
 
     Returns:
         What was learned from.
+
+    Raises:
+        InputError: the file cannot be written.
     """
     facts = {"images": float(len(scenes)), "things": float(sum(len(scene.labels) for scene in scenes))}
     card = ModelCard(
@@ -135,10 +140,9 @@ def write_rcnn(
         command=command,
         seed=seed,
     )
-    out.parent.mkdir(parents=True, exist_ok=True)
-    partial = out.with_name(out.name + ".partial")
-    torch.save({"card": card.model_dump_json(), "network": network.state_dict()}, partial)
-    partial.replace(out)
+    written = io.BytesIO()
+    torch.save({"card": card.model_dump_json(), "network": network.state_dict()}, written)
+    write_whole(out, written.getvalue())
     return facts
 
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from cell.interfaces.errors import InputError
+
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
@@ -91,3 +93,9 @@ def test_numbers_are_short_only_where_the_processor_computes_with_them(
     with short_numbers():
         product = torch.rand(2, 3) @ torch.rand(3, 2)
     assert product.dtype == (torch.bfloat16 if has_them else torch.float32)
+
+
+def test_a_checkpoint_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way of a folder")
+    with pytest.raises(InputError, match=r"some\.checkpoint: cannot be written"):
+        trained(tmp_path / "file" / "some.checkpoint")

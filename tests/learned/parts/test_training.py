@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product
-from cell.interfaces.errors import ModelError
+from cell.interfaces.errors import InputError, ModelError
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from learned.parts.dataset import AXIS_M, Label, Scene, surface_of
@@ -127,6 +127,8 @@ def test_faster_rcnn_takes_a_step_is_written_and_scored(tmp_path: Path) -> None:
     out.write_bytes(b"no weights")
     with pytest.raises(ModelError, match="damaged"):
         load_rcnn(out, PRODUCT)
+    with pytest.raises(InputError, match="cannot be written"):
+        write_rcnn(network, out / "below a file.pt", PRODUCT, SCENES, settings, 0, "a test")
 
 
 def test_boxes_of_faster_rcnn_are_judged_as_those_of_other_detectors() -> None:

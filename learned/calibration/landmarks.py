@@ -92,6 +92,7 @@ class Sighting:
         pixels: (k, 2) where they were seen.
         directions: (k, 2) unit vectors in the image along which that is known.
         edges, holes: how many points of edges there are, and how many holes.
+        sides: (edges,) which edge each of its points is on.
     """
 
     points_m: Array
@@ -99,6 +100,7 @@ class Sighting:
     directions: Array
     edges: int
     holes: int
+    sides: NDArray[np.int64]
 
 
 def sight(
@@ -108,21 +110,26 @@ def sight(
     depth = float(world_from_camera.inverse().transform(plate.holes_m)[:, 2].mean())
     reach_px = max(LEAST_REACH_PX, reach_m * camera.focal_px / max(depth, 1e-3))
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.float32)
-    edges = _edges(grey, camera, world_from_camera, plate, reach_px)
+    edges, sides = _edges(grey, camera, world_from_camera, plate, reach_px)
     holes = _holes(grey, camera, world_from_camera, plate, reach_px)
     points, pixels, directions = (np.concatenate(each) for each in zip(edges, holes, strict=True))
-    return Sighting(points, pixels, directions, len(edges[0]), len(holes[0]) // 2)
+    return Sighting(points, pixels, directions, len(edges[0]), len(holes[0]) // 2, sides)
 
 
 _Found = tuple[Array, Array, Array]
 
 
-def _edges(grey: NDArray[np.float32], camera: CameraModel, eye: Pose, plate: PlateModel, reach_px: float) -> _Found:
-    """Where the grey level changes most across each point of an edge; points off their edge's line are left out."""
+def _edges(
+    grey: NDArray[np.float32], camera: CameraModel, eye: Pose, plate: PlateModel, reach_px: float
+) -> tuple[_Found, NDArray[np.int64]]:
+    """Where the grey level changes most across each point of an edge, and of which edge each is.
+
+    Points off their edge's line are left out.
+    """
     found = profiles(grey, camera, eye, plate, reach_px)
     chosen, slopes, offsets = found.chosen, np.abs(found.slopes), found.offsets_px
     if not len(chosen):
-        return np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2))
+        return (np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2))), plate.sides[:0]
     best = slopes.argmax(axis=1)
     at = offsets[best] + STEP_PX * _between(slopes, best)
     clear = slopes[np.arange(len(best)), best] > LEAST_SLOPE
@@ -132,7 +139,7 @@ def _edges(grey: NDArray[np.float32], camera: CameraModel, eye: Pose, plate: Pla
         clear[own] = _on_a_line(np.flatnonzero(own).astype(float), at[own])
     kept = chosen[clear]
     unit = found.outwards_px[clear]
-    return plate.edges_m[kept], found.start_px[clear] + at[clear, np.newaxis] * unit, unit
+    return (plate.edges_m[kept], found.start_px[clear] + at[clear, np.newaxis] * unit, unit), plate.sides[kept]
 
 
 @dataclass(frozen=True)

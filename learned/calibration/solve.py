@@ -19,8 +19,8 @@ from learned.calibration.landmarks import PlateModel, Sighting, sight
 
 REACHES_M = (0.03, 0.012, 0.005)  # of the search on the plate, round after round
 PRIOR = np.array([0.015] * 3 + [0.02] * 3 + [0.006, 0.04])  # m, rad, share of the focal length, k1
-EDGE_PX, HOLE_PX = 1.0, 0.3  # standard deviations of sightings; points of one edge are wrong together
-WRIST_EDGE_PX = 0.5  # of the wrist camera, once all edges are found
+EDGE_PX, HOLE_PX = 0.5, 0.3  # standard deviations of sightings: of an edge, whose points err together, and of a hole
+WRIST_POINT_PX = 0.3  # of each point of an edge that the wrist camera sees, once all are found
 HUBER = 2.5  # in those
 ROUNDS = 12
 LEAST_EDGES = 12  # points of edges that an image needs
@@ -63,14 +63,14 @@ def fit_camera(
     product: Product,
     start: Array | None = None,
     reaches_m: Sequence[float] = REACHES_M,
-    last_edge_px: float = EDGE_PX,
+    last_point_px: float | None = None,
 ) -> Fit:
     """The camera under which the plate is where the images show it, as near to the believed one as they allow.
 
     Args:
         start: where the search begins, as PRIOR counts it; at the believed camera by default.
         reaches_m: how far on the plate its edges are searched for, round after round.
-        last_edge_px: standard deviation of points of edges in a last fit to the same sightings.
+        last_point_px: standard deviation of each point of an edge in a last fit to the same sightings; none by default.
     """
     plate = PlateModel.of(bench, product)
     values = np.zeros(len(PRIOR)) if start is None else start
@@ -81,9 +81,9 @@ def fit_camera(
         seen = [(shot, each) for shot, each in found if each.edges >= LEAST_EDGES]
         if not seen:
             break
-        values = _solved(lambda at: _residuals(setup, at, seen, EDGE_PX), values)  # noqa: B023
-    if seen and last_edge_px != EDGE_PX:
-        values = _solved(lambda at: _residuals(setup, at, seen, last_edge_px), values)
+        values = _solved(lambda at: _residuals(setup, at, seen), values)  # noqa: B023
+    if seen and last_point_px is not None:
+        values = _solved(lambda at: _residuals(setup, at, seen, last_point_px), values)
     camera, mount = _camera(setup, values)
     found_setup = setup.model_copy(
         update={
@@ -103,7 +103,7 @@ def fit_wrist_camera(shots: Sequence[Shot], bench: Bench, product: Product) -> F
 
     So edges count for more in the end. From the first round on, that would lose cameras that hang far off.
     """
-    return fit_camera(shots, bench.wrist, bench, product, last_edge_px=WRIST_EDGE_PX)
+    return fit_camera(shots, bench.wrist, bench, product, last_point_px=WRIST_POINT_PX)
 
 
 def fit_over_empty_plate(shots: Sequence[Shot], setup: CameraSetup, bench: Bench, product: Product) -> Fit:
@@ -152,10 +152,12 @@ def _camera(setup: CameraSetup, values: Array) -> tuple[CameraModel, Pose]:
     return camera, setup.mount.pose @ Pose.from_matrix(turn)
 
 
-def _residuals(setup: CameraSetup, values: Array, seen: Sequence[tuple[Shot, Sighting]], edge_px: float) -> Array:
+def _residuals(
+    setup: CameraSetup, values: Array, seen: Sequence[tuple[Shot, Sighting]], point_px: float | None = None
+) -> Array:
     """In standard deviations: what sightings are off along their directions, then what the values are off the prior."""
     camera, mount = _camera(setup, values)
-    off = [_off_px(camera, shot.world_from_base @ mount, each) / _spread_px(each, edge_px) for shot, each in seen]
+    off = [_off_px(camera, shot.world_from_base @ mount, each) / _spread_px(each, point_px) for shot, each in seen]
     return np.concatenate([*off, values / PRIOR])
 
 
@@ -165,8 +167,11 @@ def _off_px(camera: CameraModel, eye: Pose, each: Sighting) -> Array:
     return off
 
 
-def _spread_px(each: Sighting, edge_px: float) -> Array:
-    return np.concatenate([np.full(each.edges, edge_px), np.full(2 * each.holes, HOLE_PX)])
+def _spread_px(each: Sighting, point_px: float | None) -> Array:
+    """Standard deviations of sightings: all points of an edge tell as much as one does, unless each tells by itself."""
+    alike = EDGE_PX * np.sqrt(np.bincount(each.sides)[each.sides])
+    edges = alike if point_px is None else np.full(each.edges, point_px)
+    return np.concatenate([edges, np.full(2 * each.holes, HOLE_PX)])
 
 
 def _solved(residuals: Callable[[Array], Array], start: Array) -> Array:

@@ -17,6 +17,10 @@ from learned.classical.box_model import View
 from learned.hands.reading import Reading
 
 LAPLACE = math.sqrt(2)  # standard deviation of a Laplace distribution, over its mean absolute error
+# The network's errors of the size differ too little: the true ones grow with their square, and are the same here.
+TRUE_ANGLE_ERROR = 0.0143
+# What is around a hand draws it to the height that is usual, in all frames alike: such errors count for larger ones.
+AROUND_TIMES = 1.7
 ALIKE_FRAMES = 10  # so many frames in a row err alike, and count as one
 FORGETS = 2e-7  # variance of the logarithm that is added with each frame: another person may come
 HIGH_M = 0.3  # any two heights tell how distance goes with height
@@ -48,8 +52,8 @@ def heights_m(reading: Reading, view: View, length: PalmLength) -> tuple[float, 
     if reading.size is None:
         return palm_m, tips_m
     nearer = _Depths(view, reading.points_px["palm"])
-    palm_sd, tips_sd = (LAPLACE * error for error in reading.size.height_errors_m)
-    angle_sd = LAPLACE * reading.size.angle_error
+    palm_sd, tips_sd = (AROUND_TIMES * LAPLACE * error for error in reading.size.height_errors_m)
+    angle_sd = LAPLACE * reading.size.angle_error**2 / TRUE_ANGLE_ERROR
     # By the fingertips, too: at a hole they are known better than the palm.
     around_m, around_sd = _mean((palm_m, palm_sd), (palm_m, math.hypot(tips_sd, BEND_M)))
     away_m = nearer.away_m(around_m)

@@ -28,10 +28,7 @@ SURE_KEEPS = 0.8  # share of the former confidence: shadows that look like hands
 TAKES_OVER = 0.1  # by which another hand must look more like the one that works
 STILL_WORKS = 0.2  # a hand that worked does so until it looks less like it
 HELD_FRAMES = 7  # among which most say what is held
-FORMER_S, LATTER = (
-    0.02,
-    0.1,
-)  # smoothing (see `_Smooth`): time constant of a hand at rest, and speed [m/s] that halves it
+SMOOTH_S, HALVED_AT_M_S = 0.01, 0.1  # time constant of a hand at rest (see `_Smooth`), and speed that halves it
 
 OF_PALM = ("palm", "wrist", "radial", "ulnar")  # points that are as high as it
 VELOCITY_FRAMES = 4  # over which the velocity of a palm is told
@@ -50,7 +47,7 @@ class _Smooth:
         """The smoothed value after one more measurement."""
         raw = (value - self.value) / step_s
         self.speed = raw if not len(self.speed) else 0.5 * self.speed + 0.5 * raw
-        constant_s = FORMER_S / (1 + float(np.linalg.norm(self.speed)) / LATTER)
+        constant_s = SMOOTH_S / (1 + float(np.linalg.norm(self.speed)) / HALVED_AT_M_S)
         self.value = self.value + (value - self.value) / (1 + constant_s / step_s)
         return self.value
 

@@ -17,11 +17,11 @@ SURE_M, UNSURE_M = 0.004, 0.08
 PALM_M = (1.1, 0.3)
 
 
-def seen(height_m: float, told_m: float, error_m: float, length_m: float) -> Reading:
+def seen(height_m: float, told_m: float, error_m: float, length_m: float, angle_error: float = 0.005) -> Reading:
     """A hand at one height whose surroundings tell another one."""
     palm = VIEW.pixels(np.array([[*PALM_M, height_m]]))[0]
     away_m = float(VIEW.depths(np.array([[*PALM_M, height_m]]))[0])
-    size = ApparentSize(math.log(length_m / away_m), 0.005, (error_m, error_m))
+    size = ApparentSize(math.log(length_m / away_m), angle_error, (error_m, error_m))
     points = {"palm": palm, "pinch": palm - 30.0}
     return Reading(0.9, 0.1, 0.9, points, (0.0, 0.0, 9.0, 9.0), (told_m, told_m - 0.05), size=size)
 
@@ -35,6 +35,15 @@ def test_the_height_of_a_known_hand_follows_from_its_size(share: float) -> None:
     palm_m, tips_m = heights_m(seen(0.30, 0.15, UNSURE_M, share * USUAL_M), VIEW, length)
     assert palm_m == pytest.approx(0.30, abs=0.03)
     assert tips_m == pytest.approx(palm_m - 0.05, abs=0.02)
+
+
+@pytest.mark.parametrize(("angle_error", "height_m"), [(0.008, 0.29), (0.05, 0.17)])
+def test_a_clear_size_counts_for_more_than_the_surroundings_and_an_unclear_one_for_less(
+    angle_error: float, height_m: float
+) -> None:
+    length = PalmLength(math.log(USUAL_M), 0.002**2)
+    palm_m, _ = heights_m(seen(0.30, 0.16, 0.035, USUAL_M, angle_error), VIEW, length)
+    assert palm_m == pytest.approx(height_m, abs=0.015)
 
 
 def test_of_a_stranger_the_surroundings_count() -> None:

@@ -40,8 +40,8 @@ def releases(assembly: Assembly) -> list[tuple[int, str, str]]:
 def slipped(source: Source) -> list[tuple[int, str, str]]:
     """Parts that came to stand in a hole although nobody opened the fingers for it: moment, part and position.
 
-    By physics a part may slip out of the fingers into the hole that it was meant for, and may lean there until it is
-    pressed home: that is when it was placed.
+    By physics a part may slip out of the fingers into the hole that it was meant for, or lean there until it is pressed
+    home: it was placed when it stands and the hand has let go of it.
     """
     assembly = source.assembly
     stays = round(STAYS_S * source.bench.overhead.rate_hz)
@@ -50,13 +50,20 @@ def slipped(source: Source) -> list[tuple[int, str, str]]:
     for number in range(stays, len(stands) - stays):
         for position, now in stands[number].items():
             part, came = now[0], number
-            while came > 0 and stands[came - 1][position] == (part, False):
+            if part is None or assembly.held[number] == part:
+                continue
+            while came > 0 and _comes(part, stands[came - 1][position], assembly.held[came - 1]):
                 came -= 1
+            rests = now == stands[number + stays][position] == (part, True)
             empty = came >= stays and all(before[position][0] is None for before in stands[came - stays : came])
-            if empty and part is not None and stands[number + stays][position] == now == (part, True):
-                told = any(one[1:] == (part, position) and came - stays <= one[0] <= number + stays for one in let_go)
-                found += [] if told else [(number, part, position)]
+            told = any(one[1:] == (part, position) and came - stays <= one[0] <= number + stays for one in let_go)
+            found += [(number, part, position)] if rests and empty and not told else []
     return found
+
+
+def _comes(part: str, now: tuple[str | None, bool], held: str | None) -> bool:
+    """Whether a part is in a hole, and leans there or is held yet."""
+    return now[0] == part and (not now[1] or held == part)
 
 
 def _in_time(delay_s: float) -> bool:

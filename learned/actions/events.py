@@ -1,8 +1,9 @@
 """From posteriors, frame after frame, to placements that are each told once, and to one steady action.
 
 Two witnesses tell a placement: the hand, whose fingers open over a hole, and the hole, which is newly filled where the
-hand placed something. Whichever is the first tells it. Where they name different parts, the surer one counts; where
-that is in doubt, neither tells it. A hole that is seen to be empty was not filled, whatever the hand did.
+hand placed something. Either tells it when the hand leaves the hole: fingers that search a hole with the part between
+them look as if they had let go, and stay. Where the two name different parts, the surer one counts; where that is in
+doubt, neither tells it. A hole that is seen to be empty was not filled, whatever the hand did.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from learned.actions.classes import KINDS, Classes
 from learned.actions.filled import Filled
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
 class EventSettings(Model):
@@ -27,7 +29,8 @@ class EventSettings(Model):
     Attributes:
         frames: posteriors that are looked at together.
         threshold: mean probability of "an assembly at this hole whose fingers have opened" over them.
-        begins: probability of an assembly at a hole from which on evidence for its part is collected.
+        begins: probability of an assembly at a hole from which on evidence for its part is collected; where it is
+            less, the hand has left.
         sure: share of that evidence that one part must have; else the hand alone tells nothing.
         again_s: evidence counts until there was no assembly at the hole for so long, and nothing is told there again.
         report_s: how long a finished assembly is told.
@@ -36,7 +39,7 @@ class EventSettings(Model):
         shown_confidence: how sure of the part hole and hand must be together, as if they erred independently.
         shown_evidence: sum over the frames of the probability of an assembly at a hole from which on a newly filled
             hole shows that the assembly is finished.
-        shown_s: after so long a newly filled hole tells it though the hand is still there.
+        stays_s: so long after the fingers opened, or the hole was filled, it is told though the hand is still there.
     """
 
     frames: int = 3
@@ -49,7 +52,7 @@ class EventSettings(Model):
     shown_reads: int = 2
     shown_confidence: float = 0.9
     shown_evidence: float = 1.2
-    shown_s: float = 2.0
+    stays_s: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Placement:
 
     Attributes:
         posterior: (parts,) which part it was.
-        shown: its hole, newly filled, told that it was finished before the hand's movement did.
+        shown: its hole, newly filled, told that it was finished; by the hand's movement it was not.
     """
 
     part: int
@@ -75,6 +78,7 @@ class PlacementEvents:
         self._classes, self._settings = classes, settings
         self._shape = (len(classes.parts), len(classes.positions))
         self._recent: deque[Floats] = deque(maxlen=settings.frames)
+        self._opened_s = np.full(self._shape[1], np.inf)  # since when the fingers seem open there; inf: they do not
         self._evidence = np.zeros(self._shape)
         self._last_s = np.full(self._shape[1], -np.inf)
         self._told = np.zeros(self._shape[1], bool)
@@ -100,30 +104,40 @@ class PlacementEvents:
         pairs = posterior[: self._classes.assemblies].reshape(self._shape)
         at_hole = pairs.sum(axis=0)
         self._forget(time_s, at_hole)
-        active = at_hole > self._settings.begins
-        self._evidence[:, active] += pairs[:, active]
-        self._recent.append(at_hole * released)
-        finished = np.mean(self._recent, axis=0) * (len(self._recent) / self._settings.frames)
-        barred = self._told.copy()
+        here = at_hole > self._settings.begins
+        self._evidence[:, here] += pairs[:, here]
+        self._open(time_s, here, at_hole * released)
         for bare in empty:
-            barred[bare], self._awaited[bare] = True, False
+            self._opened_s[bare], self._awaited[bare] = np.inf, False
             self._filled.pop(bare, None)
-        position = int(np.argmax(np.where(barred, 0.0, finished)))
         for one in filled:
             self._wait(time_s, one)
-        if not barred[position] and finished[position] >= self._settings.threshold and self._sure(position):
-            self._awaited[position] = True
-            return self._placement(time_s, position, shown=False)
-        return self._shown(time_s, at_hole)
+        return self._by_hand(time_s, here) or self._shown(time_s, here)
 
-    def _shown(self, time_s: float, at_hole: Floats) -> Placement | None:
-        """The placement that a newly filled hole tells, once the hand that agrees has had its time or turns away."""
+    def _open(self, time_s: float, here: Bools, opened: Floats) -> None:
+        """Note where the fingers seem open; a hand that leaves takes nothing back."""
+        self._recent.append(opened)
+        mean = np.mean(self._recent, axis=0) * (len(self._recent) / self._settings.frames)
+        seems = mean >= self._settings.threshold
+        self._opened_s[here & ~seems] = np.inf
+        self._opened_s[here & seems] = np.minimum(self._opened_s, time_s)[here & seems]
+
+    def _by_hand(self, time_s: float, here: Bools) -> Placement | None:
+        """The placement that a hand tells whose fingers have opened, once it leaves."""
+        due = ~here | (time_s - self._opened_s >= self._settings.stays_s)
+        for position in np.flatnonzero(np.isfinite(self._opened_s) & due & ~self._told).tolist():
+            if self._sure(position):
+                self._awaited[position] = True
+                return self._placement(time_s, position, shown=False)
+        return None
+
+    def _shown(self, time_s: float, here: Bools) -> Placement | None:
+        """The placement that a newly filled hole tells with which the hand agrees, once that leaves."""
         for position, (one, since_s) in list(self._filled.items()):
             agrees, waited_s = self._agrees(one), time_s - since_s
-            leaves = at_hole[position] <= self._settings.begins
             if self._told[position] or (not agrees and waited_s > self._settings.again_s):
                 del self._filled[position]
-            elif agrees and (leaves or waited_s >= self._settings.shown_s):
+            elif agrees and (not here[position] or waited_s >= self._settings.stays_s):
                 self._awaited[position] = one.confidence < self._settings.shown_confidence
                 return self._placement(time_s, position, shown=True)
         return None
@@ -168,7 +182,7 @@ class PlacementEvents:
         """What was seen at a hole counts no longer once no assembly was seen there for a while."""
         gone = time_s - self._last_s > self._settings.again_s
         self._evidence[:, gone] = 0.0
-        self._told[gone] = False
+        self._told[gone], self._opened_s[gone] = False, np.inf
         self._last_s[at_hole > self._settings.begins] = time_s
 
 

@@ -54,6 +54,9 @@ def test_a_part_that_slipped_into_its_hole_was_placed() -> None:
     pressed = slipped(Source(replace(leaning, labels=forgotten), PRODUCT, CONFIGURATION.bench))
     assert pressed == [(came + 8, part, position)]
     assert slipped(Source(leaning, PRODUCT, CONFIGURATION.bench)) == []
+    held = tuple(part if came <= at < came + 6 else one for at, one in enumerate(assembly.held))
+    let_go = slipped(Source(replace(assembly, labels=forgotten, held=held), PRODUCT, CONFIGURATION.bench))
+    assert let_go == [(came + 6, part, position)]  # it stood in its hole, and was held yet
     tipped = replace(assembly.moments[number + 40], upright=-np.ones_like(assembly.moments[number + 40].upright))
     moments = (*assembly.moments[: number + 40], tipped, *assembly.moments[number + 41 :])
     assert slipped(Source(replace(assembly, moments=moments), PRODUCT, CONFIGURATION.bench)) == []

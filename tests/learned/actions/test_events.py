@@ -62,10 +62,19 @@ def test_the_default_product_has_the_paper_s_18_classes() -> None:
         assert CLASSES.number(action.kind, action.part, action.position) == number
 
 
-def test_a_placement_is_told_once_soon_after_the_fingers_open() -> None:
-    found = told(AWAY * 20 + placing() + AWAY * 20)
+def test_a_placement_is_told_once_when_the_fingers_have_opened_and_the_hand_leaves() -> None:
+    found = told(AWAY * 20 + placing(frames=8, opened=5) + AWAY * 20)
     assert [(one.part, one.position) for one in found] == [(0, 1)]
-    assert 28 * FRAME_S <= found[0].time_s <= 32 * FRAME_S
+    assert found[0].time_s == pytest.approx(33 * FRAME_S)
+
+
+def test_fingers_that_search_a_hole_and_look_open_have_placed_nothing_until_they_leave() -> None:
+    """A peg may search its hole for a second; told while it does, the placement came too early."""
+    (found,) = told(AWAY + placing(frames=8, opened=24) + AWAY * 20)
+    assert found.time_s == pytest.approx(33 * FRAME_S)
+    assert told(AWAY + placing(frames=8, opened=12) + placing(frames=6, opened=0) + AWAY * 20) == []
+    (found,) = told(AWAY + placing(frames=8, opened=60))
+    assert found.time_s == pytest.approx(40 * FRAME_S)  # a hand that stays for two seconds has let go
 
 
 def test_carrying_and_hesitating_over_a_hole_are_no_placement() -> None:
@@ -159,8 +168,9 @@ def test_a_hand_over_a_hole_that_is_seen_to_be_empty_has_placed_nothing_there() 
     stream = AWAY + placing(opened=8) + AWAY * 20
     assert told(stream, empty=dict.fromkeys(range(40), (1,))) == []
     assert len(told(stream, empty=dict.fromkeys(range(40), (0, 2, 3, 4, 5)))) == 1
+    assert told(stream, empty=dict.fromkeys(range(17, 40), (1,))) == []  # the hand took it along
     (found,) = told(stream, empty=dict.fromkeys(range(13), (1,)))
-    assert found.time_s == pytest.approx(13 * FRAME_S)
+    assert found.time_s == pytest.approx(17 * FRAME_S)
 
 
 def test_hand_and_hole_tell_a_placement_once() -> None:

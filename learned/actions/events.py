@@ -2,14 +2,15 @@
 
 Two witnesses tell a placement: the hand, whose fingers open over a hole, and the hole, which is newly filled where the
 hand placed something. Either tells it when the hand leaves the hole: fingers that search a hole with the part between
-them look as if they had let go, and stay. Where the two name different parts, the surer one counts; where that is in
-doubt, neither tells it. A hole that is seen to be empty was not filled, whatever the hand did.
+them look as if they had let go, and stay. A hole that shows the part after that needs no such proof. Where the two name
+different parts, the surer one counts; where that is in doubt, neither tells it. A hole that is seen to be empty was not
+filled, whatever the hand did.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,9 +111,10 @@ class PlacementEvents:
         for bare in empty:
             self._opened_s[bare], self._awaited[bare] = np.inf, False
             self._filled.pop(bare, None)
-        for one in filled:
+        looks = list(filled)
+        for one in looks:
             self._wait(time_s, one)
-        return self._by_hand(time_s, here) or self._shown(time_s, here)
+        return self._by_hand(time_s, here, looks) or self._shown(time_s, here)
 
     def _open(self, time_s: float, here: Bools, opened: Floats) -> None:
         """Note where the fingers seem open; a hand that leaves takes nothing back."""
@@ -122,9 +124,10 @@ class PlacementEvents:
         self._opened_s[here & ~seems] = np.inf
         self._opened_s[here & seems] = np.minimum(self._opened_s, time_s)[here & seems]
 
-    def _by_hand(self, time_s: float, here: Bools) -> Placement | None:
-        """The placement that a hand tells whose fingers have opened, once it leaves."""
+    def _by_hand(self, time_s: float, here: Bools, looks: Sequence[Filled]) -> Placement | None:
+        """The placement that a hand tells whose fingers have opened, once it leaves or a new look shows the part."""
         due = ~here | (time_s - self._opened_s >= self._settings.stays_s)
+        due[[one.position for one in looks]] = True
         for position in np.flatnonzero(np.isfinite(self._opened_s) & due & ~self._told).tolist():
             if self._sure(position):
                 self._awaited[position] = True

@@ -77,6 +77,16 @@ def test_fingers_that_search_a_hole_and_look_open_have_placed_nothing_until_they
     assert found.time_s == pytest.approx(40 * FRAME_S)  # a hand that stays for two seconds has let go
 
 
+def test_a_look_that_shows_the_part_after_the_fingers_opened_tells_it_though_the_hand_seems_to_stay() -> None:
+    """A hand that turns to screwing at once is taken for one that is still placing."""
+    stream = AWAY + placing(frames=8, opened=24)
+    (found,) = told(stream, {14: Filled(0, 1, 0.98)})
+    assert not found.shown
+    assert found.time_s == pytest.approx(14 * FRAME_S)
+    (found,) = told(stream + AWAY, {5: Filled(0, 1, 0.98)})  # it was carried over the hole
+    assert found.time_s == pytest.approx(33 * FRAME_S)
+
+
 def test_carrying_and_hesitating_over_a_hole_are_no_placement() -> None:
     assert told(AWAY * 5 + placing(opened=0) + AWAY * 20) == []
 

@@ -32,6 +32,8 @@ class LookAtTray(CellNode):
         if view is not None and view.time_s > self._asked_s:
             self.parts.set(view)
             self.services.tray_parts, self.services.tray_seen_s = view.seen, view.time_s
+            for part in view.detections:
+                self.services.turned.pop(part.part, None)
             lying = "".join(f", {part.part} on its side" for part in view.others)
             self.feedback_message = "sees " + (" ".join(part.part for part in view.detections) or "nothing") + lying
             return Status.SUCCESS

@@ -22,7 +22,8 @@ from trees.nodes.skill_node import SkillNode
 class FindLying(CellNode):
     """Choose a part that lies in the tray and of which it is seen how: of a type, near another part, or any.
 
-    One that could not be taken, or not be set upright, comes after the others, and after `tries` times not at all.
+    One that could not be taken, or not be set upright, comes after the others, and after `tries` times not at all. Nor
+    does a type of which none is seen to stand, however often one was turned: how these lie is seen wrongly.
     """
 
     part = InputPort(Part, "only this type; any type where nothing is given", optional=True)
@@ -30,6 +31,7 @@ class FindLying(CellNode):
     near = InputPort(int, "number of a seen part; only what lies near it", optional=True)
     within_m = InputPort(float, "how near to it, middle to middle", default=0.15)
     tries = InputPort(int, "how often one is tried", default=2)
+    turns = InputPort(int, "how often parts of a type are turned of which none is seen to stand then", default=3)
     index = OutputPort(int, "number of the part that lies among the seen ones")
 
     def update(self) -> Status:
@@ -42,7 +44,7 @@ class FindLying(CellNode):
             away_m = 0.0 if there is None else math.dist(_place(one), there)
             vain = self.services.tried_in_vain(one)
             wanted = one.lies is not None and part in ("", one.part) and away_m <= self.within_m.get()
-            if wanted and vain < self.tries.get():
+            if wanted and vain < self.tries.get() and not self._turned_in_vain(one):
                 found.append((vain, away_m, -one.confidence, number))
         if not found:
             self.feedback_message = f"no {part or 'part'} lies {'near it' if there else 'there'} that could be taken"
@@ -51,6 +53,14 @@ class FindLying(CellNode):
         self.index.set(number)
         self.feedback_message = f"{view.seen[number].part} lies there"
         return Status.SUCCESS
+
+    def _turned_in_vain(self, one: PartDetection) -> bool:
+        turned = self.services.turned[one.part]
+        if turned < self.turns.get():
+            return False
+        title = self.services.product.title(one.part)
+        self.services.failed(f"I turned the {title} {turned} times, and still see it lie on its side")
+        return True
 
 
 class TakesLying(SkillNode):
@@ -98,6 +108,7 @@ class SetUpright(TakesLying):
         if status is Status.SUCCESS:  # it lies no more as it lay: nobody need be told
             self.services.reasons.pop(lies_on_its_side(self.services.product.title(self._target.part)), None)
             self.services.in_vain = tuple(one for one in self.services.in_vain if one.upright)  # there is room now
+            self.services.turned[self._target.part] += 1
         return status
 
 

@@ -52,6 +52,7 @@ class Services:
         left_off: what a run that was broken off knew, until this one has gone on with it; None for a new beginning.
         brackets: how many were begun in this run.
         in_vain: parts as they were seen when a grasp failed, the newest last.
+        turned: by type, how often one that lay was turned since any of them was seen to stand.
         tray_seen_s: when that was seen; None where it is not known, as something else was moved or a grasp failed.
     """
 
@@ -79,6 +80,7 @@ class Services:
     left_off: LeftOff | None = None
     brackets: int = 0
     in_vain: tuple[PartDetection, ...] = ()
+    turned: Counter[str] = field(default_factory=Counter)
     _asked: int = 0
     tray_seen_s: float | None = None
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)

@@ -19,7 +19,7 @@ from skills.planner import MotionPlanner
 from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, seen_parts, services
 from trees.engine.errors import NodeError
 from trees.nodes.ahead import HoldsNeededPart
-from trees.nodes.clutter import lies_on_its_side
+from trees.nodes.clutter import LookAtTray, lies_on_its_side
 from trees.nodes.lying import FindLying, SetUpright
 from trees.nodes.moving import IdentifyHeldPart
 from trees.nodes.services import Services
@@ -93,6 +93,33 @@ def test_a_part_that_was_set_upright_is_no_reason_to_ask_any_more(monkeypatch: p
     assert node.update() is Status.SUCCESS
     assert not to.reasons
     assert found(to, VIEW, near=0, within_m=0.25, tries=1) == 2  # what was in vain may go well now
+
+
+def test_a_type_that_is_seen_lying_however_often_it_was_set_upright_is_turned_no_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What turns it is wrong about how it lies: each further try would end the same way, and nobody would be asked."""
+    monkeypatch.setattr("skills.lying.SetUpright", lambda *_: Turned())
+    to = services()
+    for turn in range(3):
+        view = replace(VIEW, others=(lying("o2", 0.5 + 0.05 * turn),))  # each time it was put elsewhere
+        assert found(to, view, part="o2") == 1
+        node: Any = alone(SetUpright("set"), to, parts=view, index=1)
+        node.initialise()
+        assert node.update() is Status.SUCCESS
+    assert found(to, VIEW, part="o2") is None
+    assert found(to, VIEW) is None
+    assert next(reversed(to.reasons)) == "I turned the globe valve (o2) 3 times, and still see it lie on its side"
+    look(to, seen_parts("o2"))
+    assert found(to, VIEW, part="o2") == 3
+
+
+def look(to: Services, view: PartsView) -> None:
+    """The robot looks at the tray, and sees this."""
+    node: Any = alone(LookAtTray("look"), to)
+    node.initialise()
+    to.observation = replace(to.observation, parts=replace(view, time_s=to.observation.time_s + 1.0))
+    assert node.update() is Status.SUCCESS
 
 
 def test_a_part_that_is_held_as_it_lay_is_none_that_a_hole_needs() -> None:

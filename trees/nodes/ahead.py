@@ -17,6 +17,7 @@ from trees.nodes.planning import judge, note_verdict
 from trees.nodes.services import CellNode, Services
 
 CLEAR_M = 0.35  # a hand that is farther from the way than this does not slow the arm there
+TELLS_S = 3.0  # a robot that fetches nothing for so long says why
 BUSY = ("transit", "assembly")  # the hand fetches a part or brings it: it takes one of those that remain
 
 
@@ -36,12 +37,20 @@ class ChooseSparePart(CellNode):
 
     _rests_since_s: float | None = None
     _held: str | None = None
-    _held_since_s = 0.0
+    _held_since_s = _begun_s = 0.0
 
     def initialise(self) -> None:
         self._rests_since_s = self._held = None
+        self._begun_s = self.services.observation.time_s
 
     def update(self) -> Status:
+        status, seen = self._chosen(), self.services.observation
+        waits = status is Status.RUNNING and seen.time_s - self._begun_s >= TELLS_S and not seen.arm.moving
+        if waits and +remaining(self.services, self.state.get()):
+            self.services.show(message=f"waiting: {self.feedback_message}")
+        return status
+
+    def _chosen(self) -> Status:
         seen = self.services.observation
         if seen.bench is None:
             self.feedback_message = "no view of the bench yet"
@@ -133,7 +142,7 @@ class AwaitPosition(CellNode):
         elif self._waits_for_hand(position):
             position, reason = None, f"the hand is near the way to {position}"
         if position is None:
-            if reason != self.feedback_message:
+            if reason != self.feedback_message or not self.services.observation.arm.moving:
                 self.feedback_message = reason
                 self.services.show(message=f"holding {part}; {reason}")
             return Status.RUNNING

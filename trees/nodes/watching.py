@@ -190,30 +190,6 @@ class ReconcileGraph(CellNode):
         )
 
 
-class AssemblyFinished(CellNode):
-    """Every position is filled, is seen to be, and the hand has left (condition of Alg. 1's while)."""
-
-    state = InputPort(AssemblyState, "what is placed so far")
-    action = InputPort(SeenAction, "what the person does")
-
-    def update(self) -> Status:
-        view = self.services.observation.bench
-        placed = self.state.get().placed
-        open_positions = [position for position in self.services.product.positions if position not in placed]
-        if open_positions:
-            self.feedback_message = f"{len(open_positions)} positions are open"
-            return Status.FAILURE
-        unseen = [p for p in placed if view is None or p not in view.holes or view.holes[p].part is None]
-        if unseen:
-            self.feedback_message = f"not yet seen filled: {' '.join(unseen)}"
-            return Status.FAILURE
-        if self.action.get().action.kind != "idle":
-            self.feedback_message = "the hand still moves"
-            return Status.FAILURE
-        self.services.show(message="the bracket is assembled", help_request=None)
-        return Status.SUCCESS
-
-
 def _shares(action: Action) -> dict[str, float]:
     """How probable each type is at the position of an assembly; empty where the detector does not say."""
     end = f" at {action.position}"

@@ -74,6 +74,21 @@ def test_a_hand_that_has_just_come_to_rest_goes_first() -> None:
     assert answers == [Status.RUNNING, Status.RUNNING, Status.SUCCESS]
 
 
+def test_a_robot_that_fetches_nothing_says_why() -> None:
+    """A detector that takes a resting hand for one that fetches would keep the robot waiting in silence."""
+    at = services()
+    node = chooser(at, ONE_OF_TWO)
+    for time_s, said in ((1.0, ""), (2.0, ""), (9.0, "waiting: the person may take what remains")):
+        see(at, time_s, hand=hand_at(1.0, 0.2), action=TRANSIT)
+        assert node.update() is Status.RUNNING
+        assert at.display.message == said
+    done = services()
+    node = chooser(done, DONE)
+    see(done, 9.0, action=TRANSIT)
+    assert node.update() is Status.RUNNING
+    assert not done.display.message  # what the end is waited for, the end says
+
+
 def waiter(at: Services, part: str = "o1") -> AwaitPosition:
     at.observation = replace(at.observation, gripper=HOLDING)
     node = AwaitPosition("await")
@@ -130,6 +145,18 @@ def test_a_part_waits_until_the_guard_is_sure_and_fails_where_nothing_is_left_fo
     assert "< 0.9" in node.feedback_message
     node.state.entry.value = AssemblyState({"p1": "o1", "p2": "o1", "p3": "o1"})  # type: ignore[union-attr]
     assert node.update() is Status.FAILURE
+
+
+def test_a_robot_that_stands_with_a_part_says_what_it_waits_for_also_after_it_has_moved() -> None:
+    at = services()
+    node = waiter(at)
+    node.plan.entry.value = replace(SURE, next_belief={("o1", "p1"): 0.6})  # type: ignore[union-attr]
+    see(at, 1.0)
+    node.update()
+    at.show(message="arm at park")
+    see(at, 2.0)
+    node.update()
+    assert at.display.message.startswith("holding o1; o1 at p")
 
 
 def test_a_part_in_the_gripper_is_kept_as_long_as_it_is_needed() -> None:

@@ -9,8 +9,8 @@ from py_trees.common import Status
 from cell.interfaces.journal import ListJournal
 from cell.interfaces.perception import Action, HoleView
 from cell.interfaces.planning import AssemblyState
-from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, hand_at, see, services
-from trees.nodes.watching import AssemblyFinished, DetectAction, ReconcileGraph, SeenAction, UpdateGraph
+from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, see, services
+from trees.nodes.watching import DetectAction, ReconcileGraph, SeenAction, UpdateGraph
 
 PLACED = Action("assembly", 0.9, "o1", "p2", finished=True)
 
@@ -160,22 +160,3 @@ def test_a_hole_that_is_covered_changes_nothing() -> None:
         see(at, time_s, holes={**EMPTY_HOLES, "p4": HoleView("o2", 1.0, seen_s=0.0)})
         node.update()
     assert not node.state.get().placed
-
-
-def test_finished_means_all_filled_seen_and_the_hand_gone() -> None:
-    at = services()
-    node = AssemblyFinished("finished")
-    node.setup(services=at)
-    full = dict.fromkeys(EMPTY_HOLES, "o1")
-    filled = {position: HoleView("o1", 1.0, 0.0) for position in EMPTY_HOLES}
-    cases = (
-        ({**full, "p1": "o1"}, filled, IDLE, Status.SUCCESS),
-        ({"p1": "o1"}, filled, IDLE, Status.FAILURE),
-        (full, EMPTY_HOLES, IDLE, Status.FAILURE),
-        (full, filled, PLACED, Status.FAILURE),
-    )
-    for placed, holes, action, expected in cases:
-        see(at, 1.0, holes=holes, hand=hand_at(1.0, 0.4))
-        node.state.entry.value = AssemblyState(placed)  # type: ignore[union-attr]
-        node.action.entry.value = SeenAction(action, 0.0)  # type: ignore[union-attr]
-        assert node.update() is expected

@@ -52,8 +52,9 @@ class TrainedActionDetector:
         now_s = segment.frames[-1].time_s
         posterior, released = self.posterior(segment)
         self.last_posterior, self.last_released = posterior, released
-        filled, empty = self._filled.update(holes), seen_empty(self._classes, holes, now_s)
-        if (placed := self._events.update(now_s, posterior, released, filled, empty)) is not None:
+        filled = list(self._filled.update(holes))
+        unfilled = seen_empty(self._classes, holes, now_s) | self._filled.long_full(now_s)
+        if (placed := self._events.update(now_s, posterior, released, filled, unfilled)) is not None:
             self._placed.append(placed)
         number, mean = self._kind.update(posterior)
         self._placed = [one for one in self._placed if now_s - one.time_s < self._report_s]

@@ -3,14 +3,14 @@
 Two witnesses tell a placement: the hand, whose fingers open over a hole, and the hole, which is newly filled where the
 hand placed something. Either tells it when the hand leaves the hole: fingers that search a hole with the part between
 them look as if they had let go, and stay. A hole that shows the part after that needs no such proof. Where the two name
-different parts, the surer one counts; where that is in doubt, neither tells it. A hole that is seen to be empty was not
-filled, whatever the hand did.
+different parts, the surer one counts; where that is in doubt, neither tells it. A hole that is seen to be empty, or was
+full all along, was not filled, whatever the hand did.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,8 +91,8 @@ class PlacementEvents:
         time_s: float,
         posterior: Floats,
         released: float,
-        filled: Iterable[Filled] = (),
-        empty: Collection[int] = (),
+        filled: Sequence[Filled] = (),
+        unfilled: Collection[int] = (),
     ) -> Placement | None:
         """The placement that this frame finishes.
 
@@ -100,7 +100,7 @@ class PlacementEvents:
             posterior: (classes,).
             released: probability that the fingers have opened, if it is an assembly.
             filled: holes that are newly filled.
-            empty: positions that are in plain view and empty: the hand has placed nothing there.
+            unfilled: positions that are seen to be empty, or were full all along: the hand has placed nothing there.
         """
         pairs = posterior[: self._classes.assemblies].reshape(self._shape)
         at_hole = pairs.sum(axis=0)
@@ -108,13 +108,12 @@ class PlacementEvents:
         here = at_hole > self._settings.begins
         self._evidence[:, here] += pairs[:, here]
         self._open(time_s, here, at_hole * released)
-        for bare in empty:
-            self._opened_s[bare], self._awaited[bare] = np.inf, False
-            self._filled.pop(bare, None)
-        looks = list(filled)
-        for one in looks:
+        for one in filled:
             self._wait(time_s, one)
-        return self._by_hand(time_s, here, looks) or self._shown(time_s, here)
+        for position in unfilled:
+            self._opened_s[position], self._awaited[position] = np.inf, False
+            self._filled.pop(position, None)
+        return self._by_hand(time_s, here, filled) or self._shown(time_s, here)
 
     def _open(self, time_s: float, here: Bools, opened: Floats) -> None:
         """Note where the fingers seem open; a hand that leaves takes nothing back."""

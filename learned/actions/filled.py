@@ -9,6 +9,7 @@ from cell.interfaces.perception import HoleView
 from learned.actions.classes import Classes
 
 FRESH_S = 0.2  # age of a look that still tells what is in a hole
+FULL_S = 3.0  # a hole that has shown a part for so long is not newly filled: longer than a hand needs over it
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class FilledHoles:
         self._seen_s: dict[str, float] = {}
         self._watched: set[str] = set()  # they were empty once
         self._shows: dict[str, tuple[str, int, bool]] = {}  # part, looks in a row that show it, whether it is settled
+        self._full_since_s: dict[str, float] = {}  # first of the looks in a row that show a part upright
 
     def update(self, holes: Mapping[str, HoleView]) -> Iterator[Filled]:
         """Holes that are newly filled, at each new look up to the one that settles it, and not before they were empty.
@@ -48,6 +50,7 @@ class FilledHoles:
             if view.seen_s <= self._seen_s.get(position, -1.0):
                 continue
             self._seen_s[position] = view.seen_s
+            self._note_full(position, view)
             if view.part is None:
                 self._watched.add(position)
                 self._shows.pop(position, None)
@@ -59,6 +62,18 @@ class FilledHoles:
                 if looks >= self._reads and not settled:
                     numbers = self._classes.parts.index(view.part), self._classes.positions.index(position)
                     yield Filled(*numbers, view.confidence)
+
+    def long_full(self, time_s: float) -> frozenset[int]:
+        """Positions, by number, that have shown a part for so long that the hand has placed nothing there just now."""
+        full = {position for position, since_s in self._full_since_s.items() if time_s - since_s >= FULL_S}
+        return frozenset(number for number, position in enumerate(self._classes.positions) if position in full)
+
+    def _note_full(self, position: str, view: HoleView) -> None:
+        """A part that leans may be taken out and placed again without an empty hole being seen."""
+        if view.part is None or not view.upright:
+            self._full_since_s.pop(position, None)
+        else:
+            self._full_since_s.setdefault(position, view.seen_s)
 
 
 def seen_empty(classes: Classes, holes: Mapping[str, HoleView], time_s: float) -> frozenset[int]:

@@ -226,6 +226,24 @@ def test_a_hole_is_newly_filled_when_new_looks_agree_after_it_was_empty_until_a_
     assert filled(empty, *again) == [2, 5]
 
 
+def test_a_hole_that_was_full_all_along_is_not_newly_filled() -> None:
+    """Who tries to take a part out and lets go of it again has placed nothing."""
+
+    def full(*looks: tuple[str | None, bool, float], at_s: float) -> set[int]:
+        """Positions that are full at a time after looks (part, upright, time) at p2."""
+        holes = FilledHoles(CLASSES, 2, 0.9)
+        for part, upright, seen_s in looks:
+            list(holes.update({"p2": HoleView(part, 0.99, seen_s, upright)}))
+        return set(holes.long_full(at_s))
+
+    assert full(("o1", True, 1.0), at_s=4.0) == {1}  # also while it is covered
+    assert full(("o1", True, 1.0), at_s=3.9) == set()
+    assert full(("o1", True, 1.0), (None, True, 2.0), ("o1", True, 3.0), at_s=5.0) == set()
+    assert full(("o1", True, 1.0), ("o1", False, 2.0), at_s=5.0) == set()  # it leans, and may be placed again
+    stream, there = AWAY + placing() + AWAY * 20, dict.fromkeys(range(40), (1,))
+    assert told(stream, {14: Filled(0, 1, 0.98)}, there) == []
+
+
 def test_only_new_looks_show_that_a_hole_is_empty() -> None:
     views = {"p1": HoleView(None, 0.99, 5.0), "p2": HoleView("o1", 0.99, 5.0), "p3": HoleView(None, 0.99, 4.0)}
     assert seen_empty(CLASSES, views, 5.1) == {0}

@@ -13,6 +13,8 @@ from trees.engine.vocabulary import Hole, Part
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
 
+TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
+
 
 class PlacePart(SkillNode):
     """Put the part in the gripper into its hole (Alg. 1 line 12)."""
@@ -22,11 +24,45 @@ class PlacePart(SkillNode):
     part = InputPort(Part, "type of the part in the gripper")
     position = InputPort(Hole, "hole to put it into")
 
+    _begun_s = 0.0
+
     def make_skill(self) -> Skill:
         from skills.place import Place
 
         services = self.services
+        self._begun_s = services.observation.time_s
         return Place(services.motion, self.position.get(), self.part.get(), services.standing)
+
+    def update(self) -> Status:
+        status, services = super().update(), self.services
+        where = self.part.get(), self.position.get()
+        if status is Status.SUCCESS:
+            services.unplaced.pop(where, None)
+        elif status is Status.FAILURE and services.observation.time_s - self._begun_s >= TRIED_S:
+            services.unplaced[where] += 1
+        return status
+
+
+class PlacedInVain(CellNode):
+    """The part did not go into its hole several times in a row; then it counts from the beginning again.
+
+    So it is where the hole is seen to be empty, and is not.
+    """
+
+    node_type = "Condition"
+
+    part = InputPort(Part, "type of the part in the gripper")
+    position = InputPort(Hole, "hole it should go into")
+    tries = InputPort(int, "how many times", default=3)
+
+    def update(self) -> Status:
+        part, position = self.part.get(), self.position.get()
+        if self.services.unplaced[part, position] < self.tries.get():
+            return Status.FAILURE
+        del self.services.unplaced[part, position]
+        self.feedback_message = f"the {self.services.product.title(part)} does not go into {position}"
+        self.services.failed(self.feedback_message)
+        return Status.SUCCESS
 
 
 class VerifyPlacement(CellNode):

@@ -53,6 +53,7 @@ class Services:
         brackets: how many were begun in this run.
         in_vain: parts as they were seen when a grasp failed, the newest last.
         turned: by type, how often one that lay was turned since any of them was seen to stand.
+        unplaced: by type and position, how often in a row a part did not go in.
         tray_seen_s: when that was seen; None where it is not known, as something else was moved or a grasp failed.
     """
 
@@ -81,6 +82,7 @@ class Services:
     brackets: int = 0
     in_vain: tuple[PartDetection, ...] = ()
     turned: Counter[str] = field(default_factory=Counter)
+    unplaced: Counter[tuple[str, str]] = field(default_factory=Counter)
     _asked: int = 0
     tray_seen_s: float | None = None
     _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)

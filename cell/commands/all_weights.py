@@ -173,10 +173,13 @@ def _kept(out: Path, config: Path) -> RowFile | None:
     """What was trained into a folder before; None where it is not there, or empty.
 
     Raises:
-        InputError: it holds the shipped weights, or others that this command did not make for this product.
+        InputError: it holds the shipped weights, or others that this command did not make for this product; or it
+            is no folder, nor can be one.
     """
     from cell.settings import WEIGHTS
 
+    if file := next((path for path in (out, *out.parents) if path.is_file()), None):
+        raise InputError(f"--out {out}: {file} is a file; name a folder")
     if out.resolve() == WEIGHTS.resolve():
         raise InputError(f"--out {out}: holds the shipped weights; name another folder")
     kept = out / ROWS

@@ -175,15 +175,20 @@ def test_wrong_names_and_folders_are_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(weights, "_SCORED", {})  # all is told before anything is scored
+    (tmp_path / "notes.txt").write_text("mine")
     for words, told in (
         (["train", "all", "--only", "arms"], "legal: hands, actions"),
         (["train", "all", "--budget", "soon"], "90s, 30m or 2h"),
+        (["train", "all", "--budget", "0s", "--plan"], "more than nothing, as 90s"),
+        (["train", "all", "--out", str(tmp_path / "notes.txt")], "notes.txt is a file; name a folder"),
+        (["train", "all", "--out", str(tmp_path / "notes.txt" / "in"), "--plan"], "notes.txt is a file; name a folder"),
         (["eval", "weights", str(tmp_path / "none")], "no such folder"),
         (["eval", "weights", str(tmp_path), "--only", "arms"], "legal: hands"),
         (["eval", "weights", str(tmp_path), "--only", "holes", "--recordings", "1"], "cannot read the weights"),
     ):
         assert main(words) == 2
-        assert told in capsys.readouterr().err
+        assert told in " ".join(capsys.readouterr().err.split())
+    assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.usefixtures("trained")

@@ -44,9 +44,10 @@ def test_data_are_not_made_on_by_a_process_that_its_training_left_behind(tmp_pat
     maker.write_text(f"#!{sys.executable}\n{waits}\n")
     maker.chmod(0o755)
     makes = f"""
-import sys
+import signal, sys
 from pathlib import Path
 from cell.commands.made_data import make_data
+signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests may run where a shell has it ignored
 sys.executable = {str(maker)!r}
 make_data("hands", Path({str(tmp_path / "some")!r}), {{}})
 """

@@ -46,14 +46,15 @@ class Kind:
 
 
 KINDS = (
-    Kind("people", 0.35, 0),
-    Kind("varied", 0.25, 300_000),
-    Kind("nominal", 0.15, 500_000),
-    Kind("people", 0.17, 100_000, physics=True),
-    Kind("varied", 0.08, 400_000, physics=True),
+    Kind("people", 0.28, 0),
+    Kind("varied", 0.20, 300_000),
+    Kind("nominal", 0.10, 500_000),
+    Kind("people", 0.25, 100_000, physics=True),
+    Kind("varied", 0.12, 400_000, physics=True),
+    Kind("nominal", 0.05, 450_000, physics=True),
 )
-DATA_S, PHYSICS_S = 3.7, 11.0  # processor time of a recording
-DATA_SHARE = 0.75  # of a budget
+DATA_S, PHYSICS_S = 3.0, 3.5  # processor time of a recording
+DATA_SHARE = 0.66  # of a budget
 PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
 VALIDATION_SEED, VALIDATION_SHARE = 800_000, 0.1
 STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is

@@ -29,7 +29,7 @@ def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores
     for folder in folders:
         counts["--physics" in made[folder]["flags"]] += made[folder]["--recordings"]
     assert len(set(folders)) == len(folders)
-    assert counts[True] / sum(counts.values()) == pytest.approx(0.25, abs=0.01)
+    assert counts[True] / sum(counts.values()) == pytest.approx(0.42, abs=0.01)
     spent_s = counts[False] * actions.DATA_S + counts[True] * actions.PHYSICS_S
     assert spent_s == pytest.approx(actions.DATA_SHARE * 4200, rel=0.02)
     assert {made[folder]["--steel-share"] for folder in folders} == {actions.STEEL_SHARE}

@@ -12,6 +12,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Action, HoleView, Segment
 from cell.interfaces.product import Product
 from learned.actions.classes import Classes
+from learned.actions.dropped import DroppedParts
 from learned.actions.evaluate import Floats, known_features, softmax
 from learned.actions.events import EventSettings, Placement, PlacementEvents, SteadyKind
 from learned.actions.filled import FilledHoles, seen_empty
@@ -42,6 +43,7 @@ class TrainedActionDetector:
         self._report_s = settings.report_s
         self._events = PlacementEvents(self._classes, settings)
         self._filled = FilledHoles(self._classes, settings.shown_reads, settings.shown_confidence)
+        self._dropped = DroppedParts(self._classes, self._reader.holes_m)
         self._kind = SteadyKind(self._classes, settings)
         self._placed: list[Placement] = []
         self.last_posterior: Floats = np.zeros(len(self._classes.names))
@@ -54,7 +56,8 @@ class TrainedActionDetector:
         self.last_posterior, self.last_released = posterior, released
         filled = list(self._filled.update(holes))
         unfilled = seen_empty(self._classes, holes, now_s) | self._filled.long_full(now_s)
-        if (placed := self._events.update(now_s, posterior, released, filled, unfilled)) is not None:
+        dropped = self._dropped.update(now_s, segment.hands[-1], holes)
+        if (placed := self._events.update(now_s, posterior, released, filled, unfilled, dropped)) is not None:
             self._placed.append(placed)
         number, mean = self._kind.update(posterior)
         self._placed = [one for one in self._placed if now_s - one.time_s < self._report_s]

@@ -4,7 +4,8 @@ Two witnesses tell a placement: the hand, whose fingers open over a hole, and th
 hand placed something. Either tells it when the hand leaves the hole: fingers that search a hole with the part between
 them look as if they had let go, and stay. A hole that shows the part after that needs no such proof. Where the two name
 different parts, the surer one counts; where that is in doubt, neither tells it. A hole that is seen to be empty, or was
-full all along, was not filled, whatever the hand did.
+full all along, was not filled, whatever the hand did. A part that fell from the hand into a hole that was empty is told
+by the hole alone.
 """
 
 from __future__ import annotations
@@ -85,6 +86,7 @@ class PlacementEvents:
         self._told = np.zeros(self._shape[1], bool)
         self._filled: dict[int, tuple[Filled, float]] = {}  # by position, and since when
         self._awaited = np.zeros(self._shape[1], bool)  # told, and not yet shown by its hole
+        self._stands: dict[int, int] = {}  # parts that were told because their holes show them, by position
 
     def update(
         self,
@@ -93,6 +95,7 @@ class PlacementEvents:
         released: float,
         filled: Sequence[Filled] = (),
         unfilled: Collection[int] = (),
+        dropped: Sequence[Filled] = (),
     ) -> Placement | None:
         """The placement that this frame finishes.
 
@@ -101,6 +104,7 @@ class PlacementEvents:
             released: probability that the fingers have opened, if it is an assembly.
             filled: holes that are newly filled.
             unfilled: positions that are seen to be empty, or were full all along: the hand has placed nothing there.
+            dropped: holes in which a part stands that the hand held over them, and that it has left.
         """
         pairs = posterior[: self._classes.assemblies].reshape(self._shape)
         at_hole = pairs.sum(axis=0)
@@ -113,7 +117,9 @@ class PlacementEvents:
         for position in unfilled:
             self._opened_s[position], self._awaited[position] = np.inf, False
             self._filled.pop(position, None)
-        return self._by_hand(time_s, here, filled) or self._shown(time_s, here)
+            self._stands.pop(position, None)
+        fallen = {(one.part, one.position) for one in dropped}
+        return self._by_hand(time_s, here, filled) or self._shown(time_s, here, fallen)
 
     def _open(self, time_s: float, here: Bools, opened: Floats) -> None:
         """Note where the fingers seem open; a hand that leaves takes nothing back."""
@@ -128,19 +134,23 @@ class PlacementEvents:
         due = ~here | (time_s - self._opened_s >= self._settings.stays_s)
         due[[one.position for one in looks]] = True
         for position in np.flatnonzero(np.isfinite(self._opened_s) & due & ~self._told).tolist():
-            if self._sure(position):
+            if position not in self._stands and self._sure(position):
                 self._awaited[position] = True
                 return self._placement(time_s, position, shown=False)
         return None
 
-    def _shown(self, time_s: float, here: Bools) -> Placement | None:
+    def _shown(self, time_s: float, here: Bools, fallen: Collection[tuple[int, int]]) -> Placement | None:
         """The placement that a newly filled hole tells with which the hand agrees, once that leaves."""
         for position, (one, since_s) in list(self._filled.items()):
-            agrees, waited_s = self._agrees(one), time_s - since_s
-            if self._told[position] or (not agrees and waited_s > self._settings.again_s):
+            fell, waited_s = (one.part, position) in fallen and not here[position], time_s - since_s
+            agrees = fell or self._agrees(one)
+            if self._told[position] or position in self._stands or (not agrees and waited_s > self._settings.again_s):
                 del self._filled[position]
             elif agrees and (not here[position] or waited_s >= self._settings.stays_s):
                 self._awaited[position] = one.confidence < self._settings.shown_confidence
+                self._stands[position] = one.part
+                if fell:
+                    self._evidence[:, position] = np.eye(self._shape[0])[one.part]
                 return self._placement(time_s, position, shown=True)
         return None
 
@@ -166,6 +176,8 @@ class PlacementEvents:
 
     def _wait(self, time_s: float, one: Filled) -> None:
         """A hole is newly filled: the hand tells it first, as fingers may still hold what is there."""
+        if self._stands.get(one.position, one.part) != one.part:
+            del self._stands[one.position]  # another part is there
         if self._awaited[one.position]:
             self._awaited[one.position] = one.confidence < self._settings.shown_confidence
             return

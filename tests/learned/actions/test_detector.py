@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +16,11 @@ from tests.learned.actions.drawn import BENCH, HOLES_M, PRODUCT
 
 CLASSES = Classes.of(PRODUCT)
 AT = PRODUCT.positions.index("p2")
+Hand = tuple[float, str | None]
 
 
 class Says:
-    """A network that says the same of every segment: "o1 at p2", with fingers that are closed."""
+    """A network that says the same of every segment; of an assembly, that the fingers are closed."""
 
     outputs = ("logits", "released")
     path = Path("says.onnx")
@@ -30,29 +33,42 @@ class Says:
         seed=0,
     )
 
+    def __init__(self, name: str = "o1 at p2") -> None:
+        self._number = CLASSES.names.index(name)
+
     def require_vocabulary(self, use: str, words: tuple[str, ...]) -> None:
         self.card.require_vocabulary(self.path, {use: words})
 
     def run(self, inputs: object) -> dict[str, np.ndarray]:
         del inputs
         logits = np.zeros((1, len(CLASSES.names)), np.float32)
-        logits[0, CLASSES.number("assembly", "o1", "p2")] = 8.0
+        logits[0, self._number] = 8.0
         return {"logits": logits, "released": np.array([-6.0], np.float32)}
 
 
-def actions(holes: list[HoleView]) -> list[Action]:
-    """What is answered while the hand stays over p2, a frame for each look at the hole."""
+def actions(holes: list[HoleView], hands: Sequence[Hand] = (), says: str = "o1 at p2") -> list[Action]:
+    """What is answered, a frame for each look at p2.
+
+    Args:
+        hands: distance from p2 [m] and what is held, for each frame; by default it stays over p2, and holds nothing.
+    """
     camera = BENCH.overhead
     image = np.full((camera.height_px, camera.width_px, 3), 70, np.uint8)
-    x, y = HOLES_M[AT]
-    detector = TrainedActionDetector(BENCH, PRODUCT, Says())  # type: ignore[arg-type]
+    detector = TrainedActionDetector(BENCH, PRODUCT, Says(says))  # type: ignore[arg-type]
+    still: Hand = (0.0, None)
+    track = [still] * SEGMENT_FRAMES + list(hands or [still] * len(holes))
     found = []
     for number, hole in enumerate(holes):
         times_s = [(number - SEGMENT_FRAMES + 1 + index) / 15 for index in range(SEGMENT_FRAMES)]
         frames = tuple(Frame("overhead", number, time_s, image, camera.mount.pose) for time_s in times_s)
-        hands = tuple(HandSample(time_s, (0, 0, 9, 9), (x, y), (x + 0.1, y)) for time_s in times_s)
-        found.append(detector.detect(Segment(frames, hands), {"p2": hole}))
+        seen = zip(times_s, track[number + 1 :], strict=False)
+        found.append(detector.detect(Segment(frames, tuple(sample(*one) for one in seen)), {"p2": hole}))
     return found
+
+
+def sample(time_s: float, hand: Hand) -> HandSample:
+    (x, y), (off_m, held) = HOLES_M[AT], hand
+    return HandSample(time_s, (0, 0, 9, 9), (x + off_m, y), (x + off_m + 0.1, y), held_part=held)
 
 
 def looks(*parts: str | None) -> list[HoleView]:
@@ -72,3 +88,19 @@ def test_a_hole_that_the_hand_has_filled_finishes_the_action_once_and_says_so() 
 def test_a_hole_that_stays_empty_or_shows_another_part_finishes_nothing() -> None:
     assert not any(action.finished for action in actions(looks(*[None] * 25)))
     assert not any(action.finished for action in actions(looks(*[None] * 5, *["o2"] * 20)))
+
+
+def test_a_part_that_falls_into_its_hole_while_the_hand_seems_to_pass_finishes_the_action_once() -> None:
+    falls = looks(*[None] * 20, *["o1"] * 60)
+    passes: list[Hand] = [(0.01, "o1")] * 20 + [(0.07, None)] * 60
+    finished = [number for number, action in enumerate(actions(falls, passes, "transit")) if action.finished]
+    assert finished[0] == 21  # the second look: two in a row show a part
+    assert finished == list(range(finished[0], finished[-1] + 1))
+    assert not any(action.finished for action in actions(falls, [(0.07, None)] * 80, "transit"))  # the robot's, say
+
+
+def test_a_part_that_fell_is_not_told_again_when_the_hand_comes_back_to_press_it_home() -> None:
+    falls = looks(*[None] * 20, *["o1"] * 60)
+    returns: list[Hand] = [(0.01, "o1")] * 20 + [(0.07, None)] * 5 + [(0.01, None)] * 55
+    told = [action.finished for action in actions(falls, returns, "transit")]
+    assert sum(now and not before for before, now in pairwise(told)) == 1

@@ -199,6 +199,23 @@ def test_a_hole_that_the_robot_fills_or_that_shows_another_part_is_no_placement_
     assert told(stream, {38: Filled(0, 1, 0.98)}) == []  # long after the hand was there
 
 
+def test_a_part_that_fell_into_a_hole_that_was_empty_is_told_by_the_hole_and_not_again_until_it_was_taken_out() -> None:
+    events, fell = PlacementEvents(CLASSES, EventSettings()), Filled(0, 1, 0.98)
+    away, over = (posterior(), 0.5), (posterior(o1_at_p2=0.9), 0.97)
+
+    def at(time_s: float, hand: tuple[Floats, float], **told: Collection[Filled | int]) -> bool:
+        return events.update(time_s, *hand, **told) is not None  # type: ignore[arg-type]
+
+    assert not at(1.0, away, dropped=[fell])  # it was full before
+    assert at(1.1, away, filled=[fell], dropped=[fell])
+    pressed = [at(2.5 + 0.1 * index, over) for index in range(8)] + [at(3.4, away)]
+    assert not any(pressed)
+    assert not at(5.0, away, unfilled=[1])
+    assert at(5.1, away, filled=[fell], dropped=[fell])
+    swapped = Filled(1, 1, 0.98)
+    assert at(8.0, away, filled=[swapped], dropped=[swapped])
+
+
 def test_where_the_movement_leaves_the_part_in_doubt_the_hole_is_waited_for() -> None:
     stream = AWAY + placing(o1_at_p2=0.5, o2_at_p2=0.42) + AWAY * 30
     assert told(stream) == []

@@ -92,7 +92,7 @@ def test_a_hole_that_stays_empty_or_shows_another_part_finishes_nothing() -> Non
 
 def test_a_part_that_falls_into_its_hole_while_the_hand_seems_to_pass_finishes_the_action_once() -> None:
     falls = looks(*[None] * 20, *["o1"] * 60)
-    passes: list[Hand] = [(0.01, "o1")] * 20 + [(0.07, None)] * 60
+    passes = [*[(0.01, "o1")] * 20, *[(0.07, None)] * 60]
     finished = [number for number, action in enumerate(actions(falls, passes, "transit")) if action.finished]
     assert finished[0] == 21  # the second look: two in a row show a part
     assert finished == list(range(finished[0], finished[-1] + 1))
@@ -101,6 +101,6 @@ def test_a_part_that_falls_into_its_hole_while_the_hand_seems_to_pass_finishes_t
 
 def test_a_part_that_fell_is_not_told_again_when_the_hand_comes_back_to_press_it_home() -> None:
     falls = looks(*[None] * 20, *["o1"] * 60)
-    returns: list[Hand] = [(0.01, "o1")] * 20 + [(0.07, None)] * 5 + [(0.01, None)] * 55
+    returns = [*[(0.01, "o1")] * 20, *[(0.07, None)] * 5, *[(0.01, None)] * 55]
     told = [action.finished for action in actions(falls, returns, "transit")]
     assert sum(now and not before for before, now in pairwise(told)) == 1

@@ -1,13 +1,15 @@
 """What the hand did in a moment, as action detectors learn it.
 
 The class of a segment is that of its last frame. An assembly of part o at position p lasts from 0.5 s before the
-fingers open over the hole to 0.4 s after; carrying before that, putting back and hesitating are transit. Segments
-whose last frame lies within 0.2 s of a change of class are told apart: nobody could name them.
+fingers open over the hole to 0.4 s after; carrying before that, putting back and hesitating are transit, and so is a
+hand that reaches into the arm's way, until it is back. Segments whose last frame lies within 0.2 s of a change of class
+are told apart: nobody could name them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,6 +47,9 @@ def labels(actions: Sequence[ActionEvent], acts: Sequence[TruthEvent], times_s: 
     for index in np.searchsorted(began_s, times_s, side="right") - 1:
         kind: ActionKind = starts[index].kind if index >= 0 else "idle"
         found.append(Label("transit" if kind == "assembly" else kind))
+    for begin_s, end_s in _intrusions(acts):
+        for index in np.flatnonzero((times_s >= begin_s) & (times_s <= end_s)):
+            found[index] = Label("transit")
     for release in acts:
         position = release.fields.get("position")
         if release.fields.get("act") != "release" or position is None:
@@ -54,6 +59,19 @@ def labels(actions: Sequence[ActionEvent], acts: Sequence[TruthEvent], times_s: 
             part, released = str(release.fields["part"]), bool(times_s[index] >= release.time_s)
             found[index] = Label("assembly", part, str(position), released)
     return found
+
+
+def _intrusions(acts: Sequence[TruthEvent]) -> Iterator[tuple[float, float]]:
+    """When the hand reached into the arm's way, and when it was back; the last one may never be."""
+    began_s: float | None = None
+    for act in acts:
+        if act.fields.get("act") == "intrude":
+            began_s = act.time_s
+        elif act.fields.get("act") == "back" and began_s is not None:
+            yield began_s, act.time_s
+            began_s = None
+    if began_s is not None:
+        yield began_s, math.inf
 
 
 def guarded(found: Sequence[Label], times_s: Array) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cell.configuration import Configuration
 from cell.evaluating.hands import LEAST_VISIBLE
-from cell.evaluating.placements import Told, delays, matched, releases, slipped
+from cell.evaluating.placements import Told, delays, matched
 from cell.evaluating.row_file import Row
 from cell.evaluating.things import calibrated_bench
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
@@ -33,6 +33,7 @@ from learned.scores import wilson
 from sim.data.actions import segment_ends, write_segments
 from sim.data.folder import DataFolder
 from sim.data.hands import visible_shares
+from sim.data.placed import placed
 from sim.data.recording import Source, record
 from sim.data.tracks import hands_of
 from sim.data.working_arm import WorkingArm
@@ -288,18 +289,18 @@ def _count(tally: Tally, source: Source, watcher: _Watcher, classes: Classes) ->
         number = classes.number(label.kind, label.part, label.position)
         tally.rows.append((number, watcher.listener.named[end], assembly.guarded[end]))
     tally.hidden += [share < LEAST_VISIBLE for share in visible_shares(source, ends)]
-    released = sorted([*releases(assembly), *([] if assembly.robot_works else slipped(source))])
-    placed = [(assembly.moments[number].time_s, part, position) for number, part, position in released]
-    hidden = [_hidden(source, number) for number, _, _ in released]
-    delays_s = delays(placed, watcher.told)
-    tally.placed += len(placed)
+    made = placed(source)
+    events = [(assembly.moments[number].time_s, part, position) for number, part, position in made]
+    hidden = [_hidden(source, number) for number, _, _ in made]
+    delays_s = delays(events, watcher.told)
+    tally.placed += len(events)
     tally.placed_hidden += sum(hidden)
     tally.right += sum(delay_s is not None for delay_s in delays_s)
     tally.right_hidden += sum(delay_s is not None for delay_s, one in zip(delays_s, hidden, strict=True) if one)
     tally.delays_s += [delay_s for delay_s in delays_s if delay_s is not None]
     tally.told += len(watcher.told)
     tally.told_by_hand += len(watcher.told_by_hand)
-    tally.right_by_hand += len(matched(placed, watcher.told_by_hand))
+    tally.right_by_hand += len(matched(events, watcher.told_by_hand))
     tally.latency_s += watcher.latency_s
 
 

@@ -15,10 +15,10 @@ from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
 from sim.data.folder import DataFolder
 from sim.data.hands import visible_shares
-from sim.data.recording import CAMERA, Assembly, Moment, Source
+from sim.data.placed import holes_of
+from sim.data.recording import CAMERA, Assembly, Source
 from sim.data.sight import Masks, Projection
 from sim.data.tracks import Hand, as_tracked, hands_of
-from sim.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
 GAPS_STREAM = 10
 STRIDE_FRAMES = 15  # a segment a second
@@ -146,24 +146,6 @@ def write_holes(source: Source, folder: DataFolder) -> None:
             )
     masks.close()
     photographer.close()
-
-
-def holes_of(source: Source, moment: Moment) -> dict[str, tuple[str | None, bool]]:
-    """Type of the part in or on each hole, and whether it is upright, in truth."""
-    found: dict[str, tuple[str | None, bool]] = {}
-    bracket = source.bench.bracket.pose
-    for position, xy in source.product.bracket.holes_m.items():
-        hole: Array = bracket.transform(np.array([*xy, 0.0]))
-        off = np.linalg.norm(moment.parts_m[:, :2] - hole[:2], axis=1)
-        low = np.abs(moment.parts_m[:, 2] - hole[2]) < NEAR_HOLE_M
-        inside = np.flatnonzero((off < NEAR_HOLE_M) & low)
-        if not len(inside):
-            found[position] = (None, True)
-            continue
-        nearest = int(inside[off[inside].argmin()])
-        upright = bool(moment.upright[nearest] > math.cos(SEATED_TILT_RAD))
-        found[position] = (source.assembly.world.bodies[nearest].part, upright)
-    return found
 
 
 def segment_ends(assembly: Assembly) -> Iterator[int]:

@@ -17,6 +17,7 @@ from cell.interfaces.truth import TruthEvent
 from sim.arm import servo_lag_s
 from sim.camera import Delivery, SimCamera
 from sim.clock import SimClock
+from sim.data.placed import with_slips
 from sim.diary import ActionEvent
 from sim.hand import Hand, add_hand
 from sim.handing import Giver, parts_in_tray
@@ -116,7 +117,9 @@ def record(product: Product, bench: Bench, settings: SimSettings, seed: int, *, 
     look, goal = settings.look.draw(seed), drawn_goal(product, seed)
     if physics:
         film, worker = _with_physics(product, bench, settings, look, goal, seed)
-        return film.assembly(seed, goal, look, worker.events, worker.acts)
+        by_fingers = film.assembly(seed, goal, look, worker.events, worker.acts)
+        acts = with_slips(worker.acts, Source(by_fingers, product, bench))
+        return film.assembly(seed, goal, look, worker.events, acts)
     table = KinematicBench(product, bench, settings.person, look)
     film = Film(table.world)
     taken = table.record(goal, seed, bench.overhead.rate_hz, film.expose)

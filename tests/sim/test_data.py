@@ -23,10 +23,11 @@ from cell.interfaces.perception import SEGMENT_FRAMES
 from learned.holes.crops import hole_crops, squares_m
 from learned.holes.dataset import load_plates
 from learned.parts.dataset import load_scenes
-from sim.data.actions import MOST_OF, holes_of, write_holes, write_segments
+from sim.data.actions import MOST_OF, write_holes, write_segments
 from sim.data.folder import DataFolder, DataPiece
 from sim.data.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
 from sim.data.objects import write_objects
+from sim.data.placed import holes_of
 from sim.data.plates import write_plates
 from sim.data.recording import Assembly, Source, record
 from sim.data.sight import GEOM_POSITIONS

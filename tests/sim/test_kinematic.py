@@ -7,6 +7,8 @@ import time
 import numpy as np
 import pytest
 
+from cell.interfaces.truth import TruthEvent
+from sim.diary import ActionEvent
 from sim.kinematic import KinematicBench, Recording
 from sim.labels import guarded, labels
 from sim.person import Lapses, Person, Storage
@@ -85,6 +87,20 @@ def test_labels_follow_the_rule() -> None:
             assert (label.part, label.position) == (near[-1].fields["part"], near[-1].fields["position"])
     kinds = [label.kind for label in found]
     assert set(kinds) == {"assembly", "screw", "transit", "idle"}
+
+
+def test_a_hand_that_reaches_into_the_arm_s_way_is_in_transit_until_it_is_back() -> None:
+    """Whatever it did before and does after, so that two such reaches are called the same."""
+    idle = [ActionEvent(0.0, "idle", "start")]
+
+    def kinds(*acts: tuple[float, str]) -> list[str]:
+        told = [TruthEvent(time_s, "act", {"act": act}) for time_s, act in acts]
+        return [label.kind for label in labels(idle, told, np.linspace(0.0, 5.0, 6))]
+
+    there = ["transit"] * 3
+    assert kinds((1.0, "intrude"), (2.0, "freeze"), (3.0, "back")) == ["idle", *there, "idle", "idle"]
+    assert kinds((3.0, "intrude"), (4.0, "pull")) == ["idle", "idle", "idle", *there]
+    assert kinds((3.0, "hold")) == ["idle"] * 6
 
 
 def test_the_guard_band_lies_about_changes(varied: KinematicBench) -> None:

@@ -13,12 +13,14 @@ from typer.testing import CliRunner
 from cell.commands.models import eval_app
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.evaluating.actions import Tally, evaluate_actions, share
-from cell.evaluating.placements import matched, releases, slipped
+from cell.evaluating.placements import matched
 from cell.evaluating.system import Listener, table_1, with_goals
 from cell.interfaces.errors import InputError
 from cell.interfaces.perception import Action
+from cell.interfaces.truth import TruthEvent
 from learned.actions.classes import Classes
 from sim.data.hands import visible_shares
+from sim.data.placed import placed, releases, slipped, with_slips
 from sim.data.recording import Source
 from sim.data.recording import record as recorded
 from sim.data.tracks import hands_of
@@ -60,6 +62,45 @@ def test_a_part_that_slipped_into_its_hole_was_placed() -> None:
     tipped = replace(assembly.moments[number + 40], upright=-np.ones_like(assembly.moments[number + 40].upright))
     moments = (*assembly.moments[: number + 40], tipped, *assembly.moments[number + 41 :])
     assert slipped(Source(replace(assembly, moments=moments), PRODUCT, CONFIGURATION.bench)) == []
+
+
+def test_fingers_that_open_after_a_part_slipped_into_its_hole_placed_it_when_both_was_so() -> None:
+    assembly = recorded(PRODUCT, CONFIGURATION.bench, CONFIGURATION.devices.simulation, 820400)
+    number, part, position = releases(assembly)[1]
+    forgotten = tuple(
+        replace(label, released=False) if (label.part, label.position) == (part, position) else label
+        for label in assembly.labels
+    )
+    source = Source(replace(assembly, labels=forgotten), PRODUCT, CONFIGURATION.bench)
+    ((came, *_),) = slipped(source)
+
+    def told(after_s: float, **fields: str | None) -> TruthEvent:
+        what = {"act": "release", "part": None, "position": None} | fields
+        return TruthEvent(assembly.moments[came].time_s + after_s, "act", what)
+
+    late, early, other = told(0.4), told(-0.6), told(0.0, part="o9", position="p9")
+    named, *rest = with_slips([late, early, other, told(1.5)], source)
+    assert named == told(0.4, part=part, position=position)
+    assert rest == [early, other, told(1.5)]
+    assert with_slips([told(1.5)], source) == [told(1.5)]
+    assert placed(source) == sorted([*releases(source.assembly), (came, part, position)])
+    moments = assembly.moments
+    leant = [replace(one, upright=-np.ones_like(one.upright)) for one in moments[number : number + 8]]
+    leaning = replace(assembly, moments=(*moments[:number], *leant, *moments[number + 8 :]))
+    assert (number + 8, part, position) in placed(Source(leaning, PRODUCT, CONFIGURATION.bench))
+
+
+def test_by_physics_what_slips_out_of_the_fingers_is_labelled_as_what_it_is() -> None:
+    """The hand opens over p1 half a second before o1, which fell from it, stands there."""
+    nominal = simulated(CONFIGURATION, "nominal", "varied")
+    assembly = recorded(PRODUCT, nominal.bench, nominal.devices.simulation, 824104, physics=True)
+    first = next(label for label in assembly.labels if label.kind == "assembly")
+    assert (first.part, first.position) == ("o1", "p1")
+    number, *what = releases(assembly)[0]
+    assert what == ["o1", "p1"]
+    assert assembly.moments[number].time_s == pytest.approx(4.9, abs=0.15)
+    source = Source(assembly, PRODUCT, nominal.bench)
+    assert assembly.moments[placed(source)[0][0]].time_s == pytest.approx(5.4, abs=0.1)
 
 
 def test_segments_in_the_guard_band_count_apart() -> None:

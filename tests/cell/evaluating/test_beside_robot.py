@@ -11,9 +11,10 @@ import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.evaluating.beside_robot import record_beside_robot
-from sim.data.actions import holes_of, write_segments
+from sim.data.actions import write_segments
 from sim.data.folder import DataFolder
 from sim.data.hands import hand_frames
+from sim.data.placed import holes_of
 from sim.data.recording import Assembly, Source
 from sim.data.sight import GEOM_POSITIONS
 

@@ -100,7 +100,7 @@ def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
         if image is not None:
             yield _frame(camera, number, APART_S * number, image, pose)
             continue
-        unread.append(f"{file}: cannot be read as an image; legal: {', '.join(PICTURES)}, whole ones")
+        unread.append(f"{file}: cannot be read as an image: damaged, or none of {', '.join(PICTURES)}")
         if len(unread) == len(files):
             raise InputError(unread[-1])
         sys.stderr.write(f"cell: left out: {unread[-1]}\n")

@@ -30,7 +30,7 @@ LEAST_UPRIGHT = "least_upright"  # of the model card: probability above which a 
 
 KEYS = {True: LEAST_EMPTY, False: LEAST_FILLED}
 SURELY_EMPTY = 0.9  # emptiness is never said below, however few recordings a validation had
-COVERED = {True: 0.5, False: 0.6}  # probability from which a hole that looks empty, or filled, counts as covered
+COVERED = {True: 0.6, False: 0.7}  # probability from which a hole that looks empty, or filled, counts as covered
 SURELY_FILLED = 0.95  # less is not believed of a hole that the robot is over: what it holds looks as if it were there
 LEAST_DEPTH_M = 0.05  # links nearer to the camera hide no single hole
 BESIDE_M = 0.03  # so far beside the robot's outline it is over a hole, too: about as far as a part reaches

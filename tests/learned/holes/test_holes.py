@@ -103,7 +103,7 @@ def test_frames_that_are_doubtful_one_by_one_are_believed_together_and_a_wrong_o
 
 def test_emptiness_is_said_only_where_less_is_thought_to_hide_it() -> None:
     said = Said()
-    said.covered = 0.55
+    said.covered = 0.65
     assert watch(PlateHoleReader(BENCH, PRODUCT, said), range(5)) == {}
     said.kind = 1
     assert watch(PlateHoleReader(BENCH, PRODUCT, said), range(5)) == dict.fromkeys(PRODUCT.positions, TYPES[0])

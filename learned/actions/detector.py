@@ -13,7 +13,7 @@ from cell.interfaces.perception import Action, HoleView, Segment
 from cell.interfaces.product import Product
 from learned.actions.classes import Classes
 from learned.actions.dropped import DroppedParts
-from learned.actions.evaluate import Floats, known_features, softmax
+from learned.actions.evaluate import Floats, known_features, posterior_of
 from learned.actions.events import EventSettings, Placement, PlacementEvents, SteadyKind
 from learned.actions.filled import FilledHoles, seen_empty
 from learned.actions.segments import SegmentReader
@@ -73,7 +73,7 @@ class TrainedActionDetector:
             asked = self._reader.read(segment)
             track = known_features(self._network.card, asked.track[np.newaxis])
             found = self._network.run({"track": track, "crops": asked.crops[np.newaxis]})
-        return softmax(found["logits"][0]), float(1.0 / (1.0 + np.exp(-found["released"][0])))
+        return posterior_of(found["logits"][0]), float(1.0 / (1.0 + np.exp(-found["released"][0])))
 
     def _finished(self, placed: Placement) -> Action:
         part, position = self._classes.parts[placed.part], self._classes.positions[placed.position]

@@ -10,6 +10,7 @@ import pytest
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.perception import HoleView
 from learned.actions.classes import Classes
+from learned.actions.evaluate import posterior_of
 from learned.actions.events import EventSettings, Floats, Placement, PlacementEvents, SteadyKind
 from learned.actions.filled import Filled, FilledHoles, seen_empty
 
@@ -265,3 +266,13 @@ def test_only_new_looks_show_that_a_hole_is_empty() -> None:
     views = {"p1": HoleView(None, 0.99, 5.0), "p2": HoleView("o1", 0.99, 5.0), "p3": HoleView(None, 0.99, 4.0)}
     assert seen_empty(CLASSES, views, 5.1) == {0}
     assert seen_empty(CLASSES, views, 6.0) == set()
+
+
+def test_classes_are_as_likely_as_they_are_met_with_and_not_as_they_were_trained() -> None:
+    found = posterior_of(np.zeros((2, len(CLASSES.names)), np.float32))
+    assert found.sum(axis=1) == pytest.approx([1.0, 1.0])
+    screw, transit, idle = found[0, -3:] / found[0, 0]
+    assert (screw, transit, idle) == pytest.approx((1.0, 2.0, 1.65))
+    doubtful = np.zeros(len(CLASSES.names), np.float32)
+    doubtful[0], doubtful[-2] = 5.0, 4.5
+    assert int(posterior_of(doubtful).argmax()) == len(CLASSES.names) - 2

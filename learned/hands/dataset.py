@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -67,6 +67,20 @@ class HandData:
     sha256: str
 
 
+class _Sample(NamedTuple):
+    """One row of the reader's arrays, as in HandData."""
+
+    patch: NDArray[np.uint8]
+    frame: np.int64
+    centre_px: Array
+    points: NDArray[np.float32]
+    box: NDArray[np.float32]
+    facts: NDArray[np.float32]
+    heights_m: NDArray[np.float32]
+    log_angle: np.float32
+    held: np.int64
+
+
 def rows_of(folder: Path) -> list[dict[str, Any]]:
     """All rows of a folder of `cell data hands`.
 
@@ -116,7 +130,7 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
     small: list[Image] = []
     centres: list[list[float]] = []
     unsure: list[list[float]] = []
-    samples: list[tuple[Any, ...]] = []
+    samples: list[_Sample] = []
     lengths_m: list[float] = []
     for frame, row in enumerate(one for folder in folders for one in rows_of(folder)):
         image = read_image(row["file"])
@@ -131,25 +145,24 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
                 samples.append(_sample(regions, view, image, frame, centre, hand, types))
                 lengths_m.append(palm_length_m(hand))
         samples += [_sample(regions, view, image, frame, place, None, types) for place in _none(regions, row, rng)]
-    columns = [np.stack(column) for column in zip(*samples, strict=True)]
-    patches, frames, centres_px, points, boxes, facts, heights_m, log_angles, held = columns
+    column = {name: np.stack([getattr(one, name) for one in samples]) for name in _Sample._fields}
     digest = hashlib.sha256(b"".join((folder / ROWS).read_bytes() for folder in folders)).hexdigest()
     return HandData(
-        np.stack(small),
-        np.array(centres).reshape(-1, 3),
-        np.array(unsure).reshape(-1, 3),
-        patches,
-        frames,
-        centres_px,
-        points,
-        boxes,
-        facts,
-        heights_m,
-        log_angles,
-        held,
-        np.array(lengths_m),
-        regions,
-        digest,
+        small=np.stack(small),
+        centres=np.array(centres).reshape(-1, 3),
+        unsure=np.array(unsure).reshape(-1, 3),
+        patches=column["patch"],
+        frames=column["frame"],
+        centres_px=column["centre_px"],
+        points=column["points"],
+        boxes=column["box"],
+        facts=column["facts"],
+        heights_m=column["heights_m"],
+        log_angles=column["log_angle"],
+        held=column["held"],
+        palm_lengths_m=np.array(lengths_m),
+        regions=regions,
+        sha256=digest,
     )
 
 
@@ -166,22 +179,31 @@ def _sample(
     centre: Array,
     hand: dict[str, Any] | None,
     types: Sequence[str],
-) -> tuple[Any, ...]:
-    """One row of the reader's arrays, from `patches` to `held`."""
-    seen = regions.cut(image, centre, PATCH_PX), np.int64(frame), centre
+) -> _Sample:
+    """One row: a hand, or, with None, a place without one."""
+    patch = regions.cut(image, centre, PATCH_PX)
     points, box = np.full((len(POINTS), 2), np.nan, np.float32), np.zeros(4, np.float32)
     if hand is None:
-        return *seen, points, box, np.zeros(3, np.float32), np.zeros(2, np.float32), np.float32(0), np.int64(0)
+        no_facts, no_heights = np.zeros(3, np.float32), np.zeros(2, np.float32)
+        return _Sample(
+            patch, np.int64(frame), centre, points, box, no_facts, no_heights, log_angle=np.float32(0), held=np.int64(0)
+        )
     for index, name in enumerate(POINTS):
         if name in hand["points_px"]:
             points[index] = regions.inside(np.array(hand["points_px"][name]), centre)
     box[:] = regions.inside(np.array(hand["box_px"]).reshape(2, 2), centre).reshape(4)
-    facts = np.array([1.0, hand["side"] == "left", hand["acting"]], np.float32)
-    heights = np.array([hand["points_m"][name][2] for name in ("palm", "pinch")], np.float32)
-    held = np.int64(0 if hand["held_part"] is None else 1 + list(types).index(hand["held_part"]))
     away_m = float(view.depths(np.array([hand["points_m"]["palm"]]))[0])
-    log_angle = np.float32(math.log(palm_length_m(hand) / away_m))
-    return *seen, points, box, facts, heights, log_angle, held
+    return _Sample(
+        patch=patch,
+        frame=np.int64(frame),
+        centre_px=centre,
+        points=points,
+        box=box,
+        facts=np.array([1.0, hand["side"] == "left", hand["acting"]], np.float32),
+        heights_m=np.array([hand["points_m"][name][2] for name in ("palm", "pinch")], np.float32),
+        log_angle=np.float32(math.log(palm_length_m(hand) / away_m)),
+        held=np.int64(0 if hand["held_part"] is None else 1 + list(types).index(hand["held_part"])),
+    )
 
 
 def _centre(hand: dict[str, Any]) -> Array:

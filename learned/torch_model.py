@@ -18,6 +18,7 @@ from torch import nn
 
 from cell.interfaces.errors import ModelError
 from learned.onnx_model import ModelCard, OnnxModel, save_onnx
+from learned.short_weights import shorten
 
 TOLERANCE = 1e-5  # ONNX and torch agree within
 _OPSET = 20
@@ -51,6 +52,7 @@ def write_weights(
     any_rows: bool = False,
     tolerance: float = TOLERANCE,
     told: Mapping[str, JsonValue] | None = None,
+    short: bool = False,
 ) -> dict[str, float]:
     """Export a network to `out`, compare the file with torch, score it, and write the scores onto its card.
 
@@ -60,6 +62,7 @@ def write_weights(
         any_rows: inputs may have any number of rows.
         tolerance: by which outputs of file and network may differ.
         told: what else the card's config says; read after `score`, which may fill it.
+        short: keep weights as 16-bit numbers.
 
     Returns:
         The scores.
@@ -69,6 +72,8 @@ def write_weights(
     """
     samples = list(samples)
     program = _export(model, samples[0], any_rows)
+    if short:
+        shorten(program)
     save_onnx(program, out, model.card)
     written = OnnxModel.load(out, model.card.kind)
     for inputs in samples:

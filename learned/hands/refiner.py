@@ -12,7 +12,7 @@ from learned.hands.closeups import REFINED
 from learned.hands.networks import PAIRS, attended, conv, log_distances, normalised, soft_argmax
 
 USUAL_RATIO, USUAL_ERROR = 0.1, 0.01  # of the logarithm of the size
-HIDDEN = 128
+WIDTHS, FINE, HIDDEN = (32, 72, 120, 168), 72, 128
 
 
 class Refined(NamedTuple):
@@ -30,8 +30,8 @@ class Refined(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """What the convolutions see of n close-ups: detail (n, 6, 12, 12), coarse (n, 16, 6, 6), the mean (n, 112) of the
-    deepest, fine (n, 48, 24, 24), and the heatmaps (n, 7, 24, 24)."""
+    """What the convolutions see of n close-ups: detail (n, 6, 12, 12), coarse (n, 16, 6, 6), the mean (n, 168) of the
+    deepest, fine (n, 72, 24, 24), and the heatmaps (n, 7, 24, 24)."""
 
     detail: Tensor
     coarse: Tensor
@@ -45,16 +45,18 @@ class Refiner(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.stem = nn.Sequential(conv(3, 24, 2), conv(24, 48, 2), conv(48, 48))  # 24 x 24
-        self.middle = nn.Sequential(conv(48, 80, 2), conv(80, 80))  # 12 x 12
-        self.deep = nn.Sequential(conv(80, 112, 2), conv(112, 112))  # 6 x 6
-        self.from_deep, self.from_middle, self.from_stem = (nn.Conv2d(size, 48, 1) for size in (112, 80, 48))
-        self.mix = conv(48, 48)
-        self.fine = conv(48, 48)
-        self.heat = nn.Conv2d(48, len(REFINED), 1)
-        self.coarse = nn.Conv2d(112, 16, 1)
-        self.detail = nn.Conv2d(80, 6, 1)
-        seen = 112 + 16 * 6**2 + 6 * 12**2 + 48 * len(REFINED) + 2 * len(REFINED) + PAIRS.shape[1] + 2
+        first, second, third, fourth = WIDTHS
+        self.stem = nn.Sequential(conv(3, first, 2), conv(first, second, 2), conv(second, second))  # 24 x 24
+        self.middle = nn.Sequential(conv(second, third, 2), conv(third, third))  # 12 x 12
+        self.deep = nn.Sequential(conv(third, fourth, 2), conv(fourth, fourth))  # 6 x 6
+        ways = (nn.Conv2d(width, FINE, 1) for width in (fourth, third, second))
+        self.from_deep, self.from_middle, self.from_stem = ways
+        self.mix = conv(FINE, FINE)
+        self.fine = conv(FINE, FINE)
+        self.heat = nn.Conv2d(FINE, len(REFINED), 1)
+        self.coarse = nn.Conv2d(fourth, 16, 1)
+        self.detail = nn.Conv2d(third, 6, 1)
+        seen = fourth + 16 * 6**2 + 6 * 12**2 + FINE * len(REFINED) + 2 * len(REFINED) + PAIRS.shape[1] + 2
         self.size = nn.Sequential(nn.Linear(seen, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, 2))
 
     def maps(self, closeup: Tensor) -> Maps:

@@ -101,7 +101,7 @@ def train_hands(
         few = refiner_batch(training.data, _rows_of_hands(training.data)[:2], np.random.default_rng(seed))
         closeups = {name: few[name].numpy() for name in ("closeup", "place")}
         model = TorchModel(refiner, Refined._fields, closer)
-        write_weights(model, refiner_file(out), [closeups], dict, any_rows=True, tolerance=TOLERANCE)
+        write_weights(model, refiner_file(out), [closeups], dict, any_rows=True, tolerance=TOLERANCE, short=True)
     reader = fit_reader(training, len(types), checkpoint)
     batch = reader_batch(training.data, np.arange(2), np.random.default_rng(seed))
     region = {name: batch[name].numpy() for name in ("region", "around", "place")}

@@ -68,16 +68,16 @@ class HandData:
 
 
 class _Sample(NamedTuple):
-    """One row of the reader's arrays, as in HandData."""
+    """One row of the reader's arrays, each under its name in HandData."""
 
-    patch: NDArray[np.uint8]
-    frame: np.int64
-    centre_px: Array
+    patches: NDArray[np.uint8]
+    frames: np.int64
+    centres_px: Array
     points: NDArray[np.float32]
-    box: NDArray[np.float32]
+    boxes: NDArray[np.float32]
     facts: NDArray[np.float32]
     heights_m: NDArray[np.float32]
-    log_angle: np.float32
+    log_angles: np.float32
     held: np.int64
 
 
@@ -133,9 +133,7 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
     samples: list[_Sample] = []
     lengths_m: list[float] = []
     for frame, row in enumerate(one for folder in folders for one in rows_of(folder)):
-        image = read_image(row["file"])
-        if image.shape[:2] != (setup.height_px, setup.width_px):
-            raise InputError(f"{row['file']}: must be {setup.width_px} x {setup.height_px} pixels, as the camera's are")
+        image = _taken_by(setup, row["file"])
         small.append(regions.small(image))
         hands = [(_centre(hand), hand) for hand in row["hands"]]
         for centre, hand in hands:
@@ -145,25 +143,29 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
                 samples.append(_sample(regions, view, image, frame, centre, hand, types))
                 lengths_m.append(palm_length_m(hand))
         samples += [_sample(regions, view, image, frame, place, None, types) for place in _none(regions, row, rng)]
-    column = {name: np.stack([getattr(one, name) for one in samples]) for name in _Sample._fields}
+    columns = {name: np.stack([getattr(one, name) for one in samples]) for name in _Sample._fields}
     digest = hashlib.sha256(b"".join((folder / ROWS).read_bytes() for folder in folders)).hexdigest()
     return HandData(
         small=np.stack(small),
         centres=np.array(centres).reshape(-1, 3),
         unsure=np.array(unsure).reshape(-1, 3),
-        patches=column["patch"],
-        frames=column["frame"],
-        centres_px=column["centre_px"],
-        points=column["points"],
-        boxes=column["box"],
-        facts=column["facts"],
-        heights_m=column["heights_m"],
-        log_angles=column["log_angle"],
-        held=column["held"],
         palm_lengths_m=np.array(lengths_m),
         regions=regions,
         sha256=digest,
+        **columns,
     )
+
+
+def _taken_by(setup: CameraSetup, path: Path) -> Image:
+    """An image of the camera.
+
+    Raises:
+        InputError: it is missing or damaged, or has another size than the camera's.
+    """
+    image = read_image(path)
+    if image.shape[:2] != (setup.height_px, setup.width_px):
+        raise InputError(f"{path}: must be {setup.width_px} x {setup.height_px} pixels, as the camera's are")
+    return image
 
 
 def palm_length_m(hand: dict[str, Any]) -> float:
@@ -185,8 +187,9 @@ def _sample(
     points, box = np.full((len(POINTS), 2), np.nan, np.float32), np.zeros(4, np.float32)
     if hand is None:
         no_facts, no_heights = np.zeros(3, np.float32), np.zeros(2, np.float32)
+        no_angle, nothing_held = np.float32(0), np.int64(0)
         return _Sample(
-            patch, np.int64(frame), centre, points, box, no_facts, no_heights, log_angle=np.float32(0), held=np.int64(0)
+            patch, np.int64(frame), centre, points, box, no_facts, no_heights, log_angles=no_angle, held=nothing_held
         )
     for index, name in enumerate(POINTS):
         if name in hand["points_px"]:
@@ -194,14 +197,14 @@ def _sample(
     box[:] = regions.inside(np.array(hand["box_px"]).reshape(2, 2), centre).reshape(4)
     away_m = float(view.depths(np.array([hand["points_m"]["palm"]]))[0])
     return _Sample(
-        patch=patch,
-        frame=np.int64(frame),
-        centre_px=centre,
+        patches=patch,
+        frames=np.int64(frame),
+        centres_px=centre,
         points=points,
-        box=box,
+        boxes=box,
         facts=np.array([1.0, hand["side"] == "left", hand["acting"]], np.float32),
         heights_m=np.array([hand["points_m"][name][2] for name in ("palm", "pinch")], np.float32),
-        log_angle=np.float32(math.log(palm_length_m(hand) / away_m)),
+        log_angles=np.float32(math.log(palm_length_m(hand) / away_m)),
         held=np.int64(0 if hand["held_part"] is None else 1 + list(types).index(hand["held_part"])),
     )
 

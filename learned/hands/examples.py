@@ -23,6 +23,7 @@ SHIFT_OF_NONE = 0.3  # of that, about what is no hand: else it might show one in
 FINDER_NOISE = 0.03  # its images are made small, which averages noise
 SCALED_SHARE, LARGEST_SCALE = 0.5, 1.2  # of hands that are made larger or smaller, and by how much
 RATIO, OFF_SHARE, OFF_RAD, WRONG_SIDE = 0.1, 0.15, 0.12, 0.03  # of what the refiner learns to correct
+PLAIN_SHARE = 0.5  # of close-ups that keep light, colours and sharpness: in clear ones sizes can be told exactly
 PATCH_MIDDLE = (PATCH_PX - 1) / 2
 MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
 
@@ -106,9 +107,11 @@ def refiner_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Genera
         points.append(seen.inside((data.points[row, :-1].astype(float) - 0.5) * REGION_PX + PATCH_MIDDLE))
         places.append(seen.aligned(data.regions.from_middle(data.centres_px[row])))
         ratios.append(ratio)
-    region, _ = varied(torch.from_numpy(planes(np.stack(cuts))), rng, shades=False)
+    plain = torch.from_numpy(planes(np.stack(cuts)))
+    changed, _ = varied(plain, rng, shades=False)
+    stays = torch.from_numpy(rng.random(len(rows)) < PLAIN_SHARE)[:, None, None, None]
     return {
-        "closeup": region,
+        "closeup": torch.where(stays, plain, changed),
         "points": torch.from_numpy(np.array(points, np.float32)),
         "place": torch.from_numpy(np.array(places, np.float32)),
         "ratio": torch.from_numpy(np.array(ratios, np.float32)),

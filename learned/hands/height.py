@@ -14,7 +14,7 @@ import numpy as np
 
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
-from learned.hands.reading import Reading
+from learned.hands.reading import ApparentSize, Reading
 
 LAPLACE = math.sqrt(2)  # standard deviation of a Laplace distribution, over its mean absolute error
 # The network's errors of the size differ too little: the true ones grow with their square, and are the same here.
@@ -46,23 +46,40 @@ class PalmLength:
         self.variance *= 1 - gain
 
 
+def learn_length(reading: Reading, view: View, length: PalmLength) -> None:
+    """Learn a person's length from the height that the surroundings tell, as far as they are sure of it."""
+    if reading.size is None:
+        return
+    palm_sd, tips_sd = _around_sds(reading.size)
+    # By the fingertips, too: at a hole they are known better than the palm.
+    around_m, around_sd = _mean((reading.heights_m[0], palm_sd), (reading.heights_m[0], math.hypot(tips_sd, BEND_M)))
+    away_m = _Depths(view, reading.points_px["palm"]).away_m(around_m)
+    length.learn(reading.size.log_angle + math.log(away_m), _angle_sd(reading.size) ** 2 + (around_sd / away_m) ** 2)
+
+
 def heights_m(reading: Reading, view: View, length: PalmLength) -> tuple[float, float]:
-    """Heights of palm and fingertips over the table; learns the length from what the reading is sure of."""
+    """Heights of palm and fingertips over the table, of a hand of that length."""
     palm_m, tips_m = reading.heights_m
     if reading.size is None:
         return palm_m, tips_m
-    nearer = _Depths(view, reading.points_px["palm"])
-    palm_sd, tips_sd = (AROUND_TIMES * LAPLACE * error for error in reading.size.height_errors_m)
-    angle_sd = LAPLACE * reading.size.angle_error**2 / TRUE_ANGLE_ERROR
-    # By the fingertips, too: at a hole they are known better than the palm.
-    around_m, around_sd = _mean((palm_m, palm_sd), (palm_m, math.hypot(tips_sd, BEND_M)))
-    away_m = nearer.away_m(around_m)
-    length.learn(reading.size.log_angle + math.log(away_m), angle_sd**2 + (around_sd / away_m) ** 2)
+    palm_sd, tips_sd = _around_sds(reading.size)
     far_m = math.exp(length.log_m - reading.size.log_angle)
-    by_size = nearer.height_m(far_m), far_m * math.sqrt(angle_sd**2 + length.variance)
-    height_m, sd = _mean((palm_m, palm_sd), by_size)
+    by_size_m = _Depths(view, reading.points_px["palm"]).height_m(far_m)
+    by_size_sd = far_m * math.hypot(_angle_sd(reading.size), math.sqrt(length.variance))
+    height_m, sd = _mean((palm_m, palm_sd), (by_size_m, by_size_sd))
     tips, _ = _mean((tips_m, tips_sd), (height_m + tips_m - palm_m, math.hypot(sd, BEND_M)))
     return max(0.0, height_m), max(0.0, tips)
+
+
+def _around_sds(size: ApparentSize) -> tuple[float, float]:
+    """Standard deviations in [m] of the heights of palm and fingertips that the surroundings tell."""
+    palm_m, tips_m = (AROUND_TIMES * LAPLACE * error for error in size.height_errors_m)
+    return palm_m, tips_m
+
+
+def _angle_sd(size: ApparentSize) -> float:
+    """Standard deviation of the logarithm of the size."""
+    return LAPLACE * size.angle_error**2 / TRUE_ANGLE_ERROR
 
 
 class _Depths:

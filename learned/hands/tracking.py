@@ -14,7 +14,7 @@ from cell.interfaces.perception import Frame, HandSample, Preparing
 from cell.interfaces.pose import Array
 from learned.ahead import Image
 from learned.classical.box_model import View
-from learned.hands.height import PalmLength, heights_m
+from learned.hands.height import PalmLength, heights_m, learn_length
 from learned.hands.own_robot import OwnRobot
 from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Regions
@@ -154,6 +154,9 @@ class HandTracks:
         self._assign(readings, now_s, OwnRobot(frame, view, self._reader, self._near_px))
         seen = [one for one in self._tracks if one.seen_s == now_s]
         self._choose(seen)
+        if self._works is not None and self._works.seen_s == now_s:
+            # By it alone: another hand may be another person's, or rest for long where it is judged badly.
+            learn_length(self._works.reading, view, self._palm_length)
         samples = {id(one): _sample(one, view, frame, heights_m(one.reading, view, self._palm_length)) for one in seen}
         self._others = tuple(samples[id(one)] for one in seen if one is not self._works)
         return samples.get(id(self._works))

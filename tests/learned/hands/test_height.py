@@ -7,7 +7,7 @@ import pytest
 
 from cell.configuration import load_configuration
 from learned.classical.box_model import View
-from learned.hands.height import PalmLength, heights_m
+from learned.hands.height import PalmLength, heights_m, learn_length
 from learned.hands.reading import ApparentSize, Reading
 
 BENCH = load_configuration().bench
@@ -30,7 +30,7 @@ def seen(height_m: float, told_m: float, error_m: float, length_m: float, angle_
 def test_the_height_of_a_known_hand_follows_from_its_size(share: float) -> None:
     length = PalmLength(math.log(USUAL_M), 0.1**2)
     for _ in range(60):
-        heights_m(seen(0.10, 0.10, SURE_M, share * USUAL_M), VIEW, length)
+        learn_length(seen(0.10, 0.10, SURE_M, share * USUAL_M), VIEW, length)
     assert math.exp(length.log_m) == pytest.approx(share * USUAL_M, rel=0.01)
     palm_m, tips_m = heights_m(seen(0.30, 0.15, UNSURE_M, share * USUAL_M), VIEW, length)
     assert palm_m == pytest.approx(0.30, abs=0.03)
@@ -47,8 +47,9 @@ def test_a_clear_size_counts_for_more_than_the_surroundings_and_an_unclear_one_f
 
 
 def test_of_a_stranger_the_surroundings_count() -> None:
-    length = PalmLength(math.log(USUAL_M), 0.1**2)
-    palm_m, _ = heights_m(seen(0.10, 0.10, 0.02, 1.15 * USUAL_M), VIEW, length)
+    length, stranger = PalmLength(math.log(USUAL_M), 0.1**2), seen(0.10, 0.10, 0.02, 1.15 * USUAL_M)
+    learn_length(stranger, VIEW, length)
+    palm_m, _ = heights_m(stranger, VIEW, length)
     assert palm_m == pytest.approx(0.10, abs=0.02)  # by the size of a usual hand it would hang 19 cm higher
 
 
@@ -65,5 +66,6 @@ def test_what_many_frames_in_a_row_say_counts_as_a_few() -> None:
 def test_readings_without_a_size_stay_as_they_are() -> None:
     length = PalmLength(math.log(USUAL_M), 0.1**2)
     bare = Reading(0.9, 0.1, 0.9, {"palm": np.array([100.0, 90.0])}, (0.0, 0.0, 9.0, 9.0), (0.12, 0.03))
+    learn_length(bare, VIEW, length)
     assert heights_m(bare, VIEW, length) == (0.12, 0.03)
     assert length.variance == pytest.approx(0.1**2)

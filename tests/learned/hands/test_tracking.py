@@ -1,5 +1,6 @@
 """Hands over time, with a reader that says what the test wants."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -12,7 +13,8 @@ from cell.interfaces.errors import DeviceFault
 from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
-from learned.hands.reading import Reading
+from learned.hands.height import PalmLength
+from learned.hands.reading import ApparentSize, Reading
 from learned.hands.regions import Image
 from learned.hands.tracking import HandTracks
 
@@ -104,6 +106,21 @@ def test_the_hand_that_rests_is_another_one_and_does_not_take_over() -> None:
     samples, others = follow(Script([[rests]] * 3), 3)
     assert samples == [None] * 3
     assert others == [1] * 3
+
+
+def test_a_second_hand_teaches_nothing_of_the_persons_hand() -> None:
+    known = PalmLength(math.log(0.065), 0.002**2)
+    working = _sized(reading((0.72, 0.1)), math.log(0.065 / 1.3))
+    alone, beside = replace(known), replace(known)
+    HandTracks(BENCH, Script([[working]]), alone).track(frame(0))
+    other = _sized(reading((0.72, -0.4), acting=0.1), math.log(0.065 / 1.3) + 0.3)
+    HandTracks(BENCH, Script([[working, other]]), beside).track(frame(0))
+    assert beside == alone
+    assert alone != known
+
+
+def _sized(seen: Reading, log_angle: float) -> Reading:
+    return replace(seen, size=ApparentSize(log_angle, 0.005, (0.005, 0.005)))
 
 
 def test_a_shadow_that_is_seen_first_does_not_stay_the_hand_that_works() -> None:

@@ -141,23 +141,17 @@ def evaluate(
     Interrupted, it prints the tables of what was run; with the same --out it goes on there.
     """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.actions import at_pace, evaluate_actions, evaluate_segments, summed
+    from cell.evaluating.actions import at_pace, evaluate_actions, evaluate_segments
     from cell.evaluating.row_file import RowFile
-    from learned.actions.classes import Classes
     from sim.data.splits import seeds
 
     configuration = at_pace(simulated(load_configuration(config), look, person), pace)
     product = load_product(configuration, config)
     kinds = kind or [configuration.perception.chosen("actions").kind]
-    if weights is not None and len(kinds) != 1:
-        raise InputError("--weights are of one --kind")
-    if confusions is not None and writable(confusions, ".json", option="--confusions").exists():
-        raise InputError(f"--confusions {confusions}: is there already; name another file, or remove it")
+    _require_possible(kinds, weights, confusions, quick=quick)
     split, wanted = seeds(first_seed, recordings)
-    told = {"look": look, "person": person, "pace": pace}
+    told: dict[str, object] = {"look": look, "person": person, "pace": pace}
     if quick:
-        if kinds == ["classical"] or len(kinds) != 1:
-            raise InputError("--quick asks one trained --kind about single segments; classical ones need every frame")
         scores = evaluate_segments(configuration, product, kinds[0], wanted, weights)
         print_json({**told, "first_seed": first_seed, "recordings": recordings, **scores})
         return
@@ -176,16 +170,42 @@ def evaluate(
     rows = _watched(watch, wanted, kept)
     if not rows:
         return
+    title = f"look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})"
+    source = f"cell eval actions --look {look} --person {person} --first-seed {first_seed}"
+    found = _reported(product, kinds, rows, title, source, confusions)
+    if as_json:
+        print_json({**told, "first_seed": first_seed, "recordings": len(rows), "kinds": found})
+
+
+def _require_possible(kinds: Sequence[str], weights: Path | None, confusions: Path | None, *, quick: bool) -> None:
+    """Check that options of `evaluate` go together.
+
+    Raises:
+        InputError: they do not, or what is to be written is there already.
+    """
+    if weights is not None and len(kinds) != 1:
+        raise InputError("--weights are of one --kind")
+    if confusions is not None and writable(confusions, ".json", option="--confusions").exists():
+        raise InputError(f"--confusions {confusions}: is there already; name another file, or remove it")
+    if quick and (len(kinds) != 1 or kinds[0] == "classical"):
+        raise InputError("--quick asks one trained --kind about single segments; classical ones need every frame")
+
+
+def _reported(
+    product: Product, kinds: Sequence[str], rows: Sequence[Row], title: str, source: str, confusions: Path | None
+) -> dict[str, dict[str, object]]:
+    """Print a table for each kind, write what the first one takes for what, and return all figures by kind."""
+    from cell.evaluating.actions import summed
+    from learned.actions.classes import Classes
+
     tallies = summed(kinds, rows)
     if confusions is not None:
-        source = f"cell eval actions --look {look} --person {person} --first-seed {first_seed}"
         _save_confusions(confusions, product, tallies[kinds[0]].reports(Classes.of(product)), source)
     found = {name: tally.summary(Classes.of(product)) for name, tally in tallies.items()}
     for name, scores in found.items():
         words = {key: _words(value) for key, value in scores.items() if key != "confusions"}
-        console().print(table(f"{name}, look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})", words))
-    if as_json:
-        print_json({**told, "first_seed": first_seed, "recordings": len(rows), "kinds": found})
+        console().print(table(f"{name}, {title}", words))
+    return found
 
 
 def _watched(watch: Callable[[list[int]], Mapping[str, Tally]], seeds: Sequence[int], kept: RowFile) -> list[Row]:

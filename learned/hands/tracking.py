@@ -155,7 +155,7 @@ class HandTracks:
         seen = [one for one in self._tracks if one.seen_s == now_s]
         self._choose(seen)
         if self._works is not None and self._works.seen_s == now_s:
-            # By it alone: another hand may be another person's, or rest for long where it is judged badly.
+            # By it alone: another hand may be another person's, or lie flat, with a straight wrist: 2 % longer.
             learn_length(self._works.reading, view, self._palm_length)
         samples = {id(one): _sample(one, view, frame, heights_m(one.reading, view, self._palm_length)) for one in seen}
         self._others = tuple(samples[id(one)] for one in seen if one is not self._works)

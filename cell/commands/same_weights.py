@@ -42,9 +42,8 @@ def evaluate_weights(
     from cell.settings import WEIGHTS
 
     legal = dict.fromkeys(name for name, _ in NETWORKS)
-    for name in only or ():
-        if name not in legal:
-            raise InputError(f"--only {name}: there is no such one; legal: {', '.join(legal)}")
+    if unknown := [name for name in only or () if name not in legal]:
+        raise InputError(f"--only {unknown[0]}: there is no such one; legal: {', '.join(legal)}")
     for one in (folder, against):
         if one is not None and not one.is_dir():
             raise InputError(f"{one}: there is no such folder; make it with: cell train all --out {one}")

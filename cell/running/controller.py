@@ -291,7 +291,7 @@ class Controller:
             services.observation = seen
             self._actor.pace(0.0)
             self._record(seen, STOPPING, changes, Command(), SentCommand(), joints, began_s)
-        except Exception:  # nothing may keep the loop from trying again until its time is over
+        except (Exception, SystemExit):  # nothing may keep the loop from trying again until its time is over
             return None
         return seen
 

@@ -115,7 +115,7 @@ def _named(name: str) -> Iterator[ModuleType]:
 def _imported(name: str) -> Iterator[ModuleType]:
     try:
         yield from _package(importlib.import_module(name))
-    except Exception as error:  # a module of a user may raise anything
+    except (Exception, SystemExit) as error:  # a module of a user may raise anything, or end the program
         raise InputError(f"nodes of {name!r} cannot be loaded: {type(error).__name__}: {error}") from error
 
 
@@ -127,7 +127,7 @@ def _file(file: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # the user's file may raise anything
+    except (Exception, SystemExit) as error:  # the user's file may raise anything, or end the program
         raise InputError(f"{file} cannot be loaded: {type(error).__name__}: {error}") from error
     return module
 

@@ -23,7 +23,7 @@ def failure(order: Order) -> str:
     """What an order raised, in words; empty for nothing."""
     try:
         order()
-    except Exception as error:  # the safe stop goes on with the other devices
+    except (Exception, SystemExit) as error:  # whatever one raises, the safe stop goes on with the others
         return describe(error)
     return ""
 

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from cell.configuration import Configuration
@@ -190,10 +191,26 @@ def _factory(dotted: str, arguments: tuple[Any, ...]) -> Callable[..., Devices]:
     where = ("devices", "factory")
     module, _, function = dotted.partition(":")
     try:
-        factory: Callable[..., Devices] = getattr(importlib.import_module(module), function)
+        factory: Callable[..., Devices] = getattr(_imported(module), function)
         inspect.signature(factory).bind(*arguments)
     except (ImportError, AttributeError) as error:
         raise SettingError((where, f"no such factory: {error}")) from None
     except (TypeError, ValueError) as error:
         raise SettingError((where, f"{dotted} opens no devices: {error}")) from None
     return factory
+
+
+def _imported(module: str) -> ModuleType:
+    """A module that may be a user's.
+
+    Raises:
+        ImportError: there is none.
+        SettingError: it raises something else, or ends the program.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise
+    except (Exception, SystemExit) as error:
+        problem = f"{module} cannot be loaded: {type(error).__name__}: {error}"
+        raise SettingError((("devices", "factory"), problem)) from error

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,47 +27,61 @@ def score_readings(reader: HandReader, bench: Bench, folder: Path) -> dict[str, 
     Args:
         folder: of `cell data hands`.
     """
-    view = View(bench.overhead.model, bench.overhead.mount.pose)
-    size = np.array([bench.overhead.width_px, bench.overhead.height_px])
-    counter = ScoreCounter()
-    times_s: list[float] = []
-    errors: dict[str, list[float]] = {name: [] for name in ("palm", "pinch", "index", "height")}
+    scored, times_s = _Scored(bench), list[float]()
     for row in rows_of(folder):
         image, began_s = read_image(row["file"]), time.process_time()
         read = reader.read(image, ())
         times_s.append(time.process_time() - began_s)
         readings = [one for one in read if one.confidence >= SURE]
-        palms = [_xy(view, one, "palm") for one in readings]
-        true = 0
-        for hand in row["hands"]:
-            points = {name: np.array(px) for name, px in hand["points_px"].items()}
-            places = np.array([points["palm"], points["pinch"]])
-            heights = {name: point[2] for name, point in hand["points_m"].items()}
-            there = {name: view.on_plane(px[np.newaxis], heights[name])[0] for name, px in points.items()}
-            nearest = _nearest(palms, there["palm"])
-            found = nearest is not None
-            true += found
-            if hand["visible"] < LEAST_VISIBLE or (places < EDGE_PX).any() or (places >= size - EDGE_PX).any():
-                continue
-            counter.add("found" if hand["acting"] else "second_found", found)
-            if nearest is None:
-                continue
-            reading = readings[nearest]
-            counter.add("side", (reading.left > 0.5) == (hand["side"] == "left"))
-            counter.add("acting", (reading.acting > 0.5) == hand["acting"])
-            if hand["acting"]:
-                counter.add("held", reading.held_part == hand["held_part"])
-                for name in ("palm", "pinch", "index"):
-                    errors[name].append(float(np.linalg.norm(_xy(view, reading, name) - there[name])))
-                errors["height"].append(abs(reading.heights_m[0] - heights["palm"]))
-        counter.measure("imagined_per_frame", len(readings) - true)
-    told = {
-        f"{name}_p{percent}_mm": 1e3 * float(np.percentile(values, percent))
-        for name, values in errors.items()
-        if values
-        for percent in (50, 95)
-    }
-    return counter.scores() | told | latencies(times_s)
+        true = sum(scored.add(hand, readings) for hand in row["hands"])
+        scored.counter.measure("imagined_per_frame", len(readings) - true)
+    return scored.counter.scores() | scored.errors() | latencies(times_s)
+
+
+class _Scored:
+    """What was right and how far off, hand by hand."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._view = View(bench.overhead.model, bench.overhead.mount.pose)
+        self._size = np.array([bench.overhead.width_px, bench.overhead.height_px])
+        self._errors_m: dict[str, list[float]] = {name: [] for name in ("palm", "pinch", "index", "height")}
+        self.counter = ScoreCounter()
+
+    def add(self, hand: Mapping[str, Any], readings: Sequence[Reading]) -> bool:
+        """One more true hand, a row's, and the readings of its frame; whether one of them is near it."""
+        view = self._view
+        points = {name: np.array(px) for name, px in hand["points_px"].items()}
+        heights = {name: point[2] for name, point in hand["points_m"].items()}
+        there = {name: view.on_plane(px[np.newaxis], heights[name])[0] for name, px in points.items()}
+        nearest = _nearest([_xy(view, one, "palm") for one in readings], there["palm"])
+        if self._must_be_found(hand["visible"], np.array([points["palm"], points["pinch"]])):
+            self.counter.add("found" if hand["acting"] else "second_found", nearest is not None)
+            if nearest is not None:
+                self._compare(hand, readings[nearest], there)
+        return nearest is not None
+
+    def errors(self) -> dict[str, float]:
+        """Medians and 95 % of the errors in [mm], by name."""
+        return {
+            f"{name}_p{percent}_mm": 1e3 * float(np.percentile(values, percent))
+            for name, values in self._errors_m.items()
+            if values
+            for percent in (50, 95)
+        }
+
+    def _must_be_found(self, visible: float, places: Array) -> bool:
+        inside = (places >= EDGE_PX).all() and (places < self._size - EDGE_PX).all()
+        return bool(visible >= LEAST_VISIBLE and inside)
+
+    def _compare(self, hand: Mapping[str, Any], reading: Reading, there: Mapping[str, Array]) -> None:
+        self.counter.add("side", (reading.left > 0.5) == (hand["side"] == "left"))
+        self.counter.add("acting", (reading.acting > 0.5) == hand["acting"])
+        if not hand["acting"]:
+            return
+        self.counter.add("held", reading.held_part == hand["held_part"])
+        for name in ("palm", "pinch", "index"):
+            self._errors_m[name].append(float(np.linalg.norm(_xy(self._view, reading, name) - there[name])))
+        self._errors_m["height"].append(abs(reading.heights_m[0] - hand["points_m"]["palm"][2]))
 
 
 def _nearest(palms: Sequence[Array], true: Array) -> int | None:

@@ -30,6 +30,7 @@ from cell.running.controller import STOPPED, STOPPING
 from cell.running.detectors import fitted
 from cell.running.node_library import node_registry
 from cell.running.reload import take_over
+from cell.running.safe_stop import failure
 from cell.running.services import Planners, TickClock, load_planners, make_services
 from cell.running.supervisor import make_supervisor
 from skills.planner import MotionPlanner
@@ -168,7 +169,7 @@ class Replay:
             judgement = self._supervisor.judge_command(tick.observation, command)
             if judgement.action >= Action.HOLD and tick.judgement is not None:  # older logs were not judged
                 withhold(command, judgement)
-        except Exception as problem:  # as in the controller's loop: a tick that raises is a result to compare
+        except (Exception, SystemExit) as problem:  # as in the controller's loop: what is raised is compared
             status, error, asked = "ERROR", f"{type(problem).__name__}: {problem}", command
         return decided(status, self.tree.status_changes, self._journal.take(), asked, judgement, error)
 
@@ -177,7 +178,7 @@ class Replay:
         changes: Sequence[StatusChange] = ()
         if not self._halted:
             self._halted = True
-            self.tree.halt()
+            failure(self.tree.halt)  # as in the safe stop: what nodes raise there ends nothing
             changes = self.tree.status_changes
         stopped = Judgement(Action.STOP, 0.0, judgement.reasons)
         return decided(STOPPING, changes, self._journal.take(), Command(), stopped)

@@ -78,6 +78,7 @@ def test_check_takes_them_from_the_option_and_the_environment_and_runs_nothing_u
         ("no_such_package", None, "cannot be loaded: ModuleNotFoundError"),
         ("bad.py", "import nothing_at_all", "bad.py cannot be loaded: ModuleNotFoundError"),
         ("syntax.py", "def", "syntax.py cannot be loaded: SyntaxError"),
+        ("leaves.py", "import sys\nsys.exit(0)", "leaves.py cannot be loaded: SystemExit"),
         (
             "same.py",
             OWN.replace("Leaf", "PickPart"),

@@ -125,14 +125,15 @@ def test_an_arm_that_does_not_answer_is_not_said_to_stand() -> None:
     assert outcome.condition == "the arm is not known to stand, the gripper holds nothing"
 
 
-def test_a_stop_that_fails_once_is_ordered_again() -> None:
+@pytest.mark.parametrize("refusal", [DeviceFault("arm", "busy"), SystemExit(0)])
+def test_a_stop_that_fails_once_is_ordered_again(refusal: BaseException) -> None:
     rig = Rig()
     calls: list[str] = []
 
     def stop() -> None:
         calls.append("stop")
         if len(calls) == 1:
-            raise DeviceFault("arm", "busy")
+            raise refusal
 
     rig.arm.stop = stop  # type: ignore[method-assign]
     rig.arm.coast_polls = 0

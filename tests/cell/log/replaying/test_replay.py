@@ -16,6 +16,7 @@ from py_trees.common import Status
 from rich.console import Console
 
 from cell.commands.main import main
+from cell.configuration import DEFAULT_CONFIGURATION
 from cell.interfaces.errors import InputError, LogError
 from cell.log.reading.reader import Log, LoggedTick, read_log
 from cell.log.reading.ticks import Gap
@@ -26,6 +27,30 @@ from cell.run_options import RunOptions
 from cell.viewing.monitor import HEADER, PROTOCOL, Monitor
 from tests.cell.conftest import COMMISSION, changed_configuration
 from tests.cell.log.reading.test_reader import without
+
+LEAVES = """
+import sys
+from trees.nodes.services import CellNode
+
+class Leaves(CellNode):
+    def update(self):
+        sys.exit(0)
+"""
+
+
+LEAVES_WHEN_HALTED = """
+import sys
+from py_trees.common import Status
+from trees.nodes.services import CellNode
+
+class Leaves(CellNode):
+    def update(self):
+        return Status.RUNNING
+
+    def terminate(self, new_status):
+        if new_status is Status.INVALID:
+            sys.exit(0)
+"""
 
 
 def first(log: Log, node: str) -> LoggedTick:
@@ -152,6 +177,35 @@ class MeddlingMonitor(Monitor):
             head, *_ = self.answer([HEADER.pack(PROTOCOL, ord(kind), 1), json.dumps({**body, "uid": uid}).encode()])
             assert head != b"error"
         self.asked += 1
+
+
+def test_a_node_that_ends_the_program_ends_neither_run_nor_replay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nodes, tree, path = tmp_path / "leaves.py", tmp_path / "tree.xml", tmp_path / "log.mcap"
+    nodes.write_text(LEAVES)
+    tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="T"><Leaves/></BehaviorTree></root>')
+    monkeypatch.setenv("CELL_NODES", str(nodes))
+    result = run(RunOptions(tree, DEFAULT_CONFIGURATION, "g0", 1, "fast", path), Console(quiet=True))
+    assert (result.outcome.end, result.outcome.reason) == ("fault", "SystemExit: 0")
+    comparison = Replay(read_log(path)).run()
+    assert comparison.identical, comparison.first
+    assert comparison.ticks > 0
+
+
+def test_a_node_that_ends_the_program_when_halted_does_not_end_the_safe_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nodes, tree, path = tmp_path / "stays.py", tmp_path / "tree.xml", tmp_path / "log.mcap"
+    nodes.write_text(LEAVES_WHEN_HALTED)
+    tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="T"><Leaves/></BehaviorTree></root>')
+    monkeypatch.setenv("CELL_NODES", str(nodes))
+    configuration = changed_configuration(tmp_path / "config", "max_duration_s: 300.0", "max_duration_s: 1.0")
+    result = run(RunOptions(tree, configuration, "g0", 1, "fast", path), Console(quiet=True))
+    assert result.outcome.exit_status != 0
+    assert "the tree did not halt: SystemExit: 0" in str(result.outcome)
+    comparison = Replay(read_log(path)).run()
+    assert comparison.identical, comparison.first
 
 
 def test_what_a_monitor_did_to_nodes_is_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -56,8 +56,11 @@ class TrainedActionDetector:
         self.last_posterior, self.last_released = posterior, released
         filled = list(self._filled.update(holes))
         unfilled = seen_empty(self._classes, holes, now_s) | self._filled.long_full(now_s)
-        dropped = self._dropped.update(now_s, segment.hands[-1], holes)
-        if (placed := self._events.update(now_s, posterior, released, filled, unfilled, dropped)) is not None:
+        hand = segment.hands[-1]
+        dropped = self._dropped.update(now_s, hand, holes)
+        holds = None if hand is None or hand.held_part is None else self._classes.parts.index(hand.held_part)
+        placed = self._events.update(now_s, posterior, released, filled, unfilled, dropped, holds)
+        if placed is not None:
             self._placed.append(placed)
         number, mean = self._kind.update(posterior)
         self._placed = [one for one in self._placed if now_s - one.time_s < self._report_s]

@@ -4,7 +4,7 @@ Two witnesses tell a placement: the hand, whose fingers open over a hole, and th
 hand placed something. Either tells it when the hand leaves the hole: fingers that search a hole with the part between
 them look as if they had let go, and stay. A hole that shows the part after that needs no such proof. Where the two name
 different parts, the surer one counts; where that is in doubt, neither tells it. A hole that is seen to be empty, or was
-full all along, was not filled, whatever the hand did. A part that fell from the hand into a hole that was empty is told
+full all along, was not filled, whatever the hand did; nor is it by a part that the hand is still seen to hold. A part that fell from the hand into a hole that was empty is told
 by the hole alone.
 """
 
@@ -96,6 +96,7 @@ class PlacementEvents:
         filled: Sequence[Filled] = (),
         unfilled: Collection[int] = (),
         dropped: Sequence[Filled] = (),
+        holds: int | None = None,
     ) -> Placement | None:
         """The placement that this frame finishes.
 
@@ -105,6 +106,7 @@ class PlacementEvents:
             filled: holes that are newly filled.
             unfilled: positions that are seen to be empty, or were full all along: the hand has placed nothing there.
             dropped: holes in which a part stands that the hand held over them, and that it has left.
+            holds: part that the hand is seen to hold: it has not placed that.
         """
         pairs = posterior[: self._classes.assemblies].reshape(self._shape)
         at_hole = pairs.sum(axis=0)
@@ -119,7 +121,7 @@ class PlacementEvents:
             self._filled.pop(position, None)
             self._stands.pop(position, None)
         fallen = {(one.part, one.position) for one in dropped}
-        return self._by_hand(time_s, here, filled) or self._shown(time_s, here, fallen)
+        return self._by_hand(time_s, here, filled, holds) or self._shown(time_s, here, fallen, holds)
 
     def _open(self, time_s: float, here: Bools, opened: Floats) -> None:
         """Note where the fingers seem open; a hand that leaves takes nothing back."""
@@ -129,24 +131,26 @@ class PlacementEvents:
         self._opened_s[here & ~seems] = np.inf
         self._opened_s[here & seems] = np.minimum(self._opened_s, time_s)[here & seems]
 
-    def _by_hand(self, time_s: float, here: Bools, looks: Sequence[Filled]) -> Placement | None:
+    def _by_hand(self, time_s: float, here: Bools, looks: Sequence[Filled], holds: int | None) -> Placement | None:
         """The placement that a hand tells whose fingers have opened, once it leaves or a new look shows the part."""
         due = ~here | (time_s - self._opened_s >= self._settings.stays_s)
         due[[one.position for one in looks]] = True
         for position in np.flatnonzero(np.isfinite(self._opened_s) & due & ~self._told).tolist():
-            if position not in self._stands and self._sure(position):
+            if position not in self._stands and self._sure(position) and self._share(position).argmax() != holds:
                 self._awaited[position] = True
                 return self._placement(time_s, position, shown=False)
         return None
 
-    def _shown(self, time_s: float, here: Bools, fallen: Collection[tuple[int, int]]) -> Placement | None:
+    def _shown(
+        self, time_s: float, here: Bools, fallen: Collection[tuple[int, int]], holds: int | None
+    ) -> Placement | None:
         """The placement that a newly filled hole tells with which the hand agrees, once that leaves."""
         for position, (one, since_s) in list(self._filled.items()):
             fell, waited_s = (one.part, position) in fallen and not here[position], time_s - since_s
             agrees = fell or self._agrees(one)
             if self._told[position] or position in self._stands or (not agrees and waited_s > self._settings.again_s):
                 del self._filled[position]
-            elif agrees and (not here[position] or waited_s >= self._settings.stays_s):
+            elif agrees and one.part != holds and (not here[position] or waited_s >= self._settings.stays_s):
                 self._awaited[position] = one.confidence < self._settings.shown_confidence
                 self._stands[position] = one.part
                 if fell:

@@ -32,15 +32,23 @@ def told(
     stream: Iterable[tuple[Floats, float]],
     filled: Mapping[int, Filled] | None = None,
     empty: Mapping[int, Collection[int]] | None = None,
+    holds: Mapping[int, int] | None = None,
 ) -> list[Placement]:
     """Placements that a stream of posteriors and "opened" gives, a frame each; holes are filled in some of them.
 
     Args:
         empty: by frame, the positions that are seen to be empty.
+        holds: by frame, the part that the hand is seen to hold.
     """
-    events, holes, bare = PlacementEvents(CLASSES, EventSettings()), filled or {}, empty or {}
+    events, holes, bare, held = PlacementEvents(CLASSES, EventSettings()), filled or {}, empty or {}, holds or {}
     found = [
-        events.update(index * FRAME_S, *frame, [holes[index]] if index in holes else [], bare.get(index, ()))
+        events.update(
+            index * FRAME_S,
+            *frame,
+            [holes[index]] if index in holes else [],
+            bare.get(index, ()),
+            holds=held.get(index),
+        )
         for index, frame in enumerate(stream)
     ]
     return [one for one in found if one is not None]
@@ -182,6 +190,18 @@ def test_a_hand_over_a_hole_that_is_seen_to_be_empty_has_placed_nothing_there() 
     assert told(stream, empty=dict.fromkeys(range(17, 40), (1,))) == []  # the hand took it along
     (found,) = told(stream, empty=dict.fromkeys(range(13), (1,)))
     assert found.time_s == pytest.approx(17 * FRAME_S)
+
+
+def test_a_hand_that_leaves_with_the_part_has_placed_nothing() -> None:
+    """A part that is held over a hole for a second looks as if it stood there."""
+    hesitating, shows = [(posterior(o1_at_p2=0.5), 0.05)] * 16, {8: Filled(0, 1, 0.99), 9: Filled(0, 1, 0.99)}
+    carried = dict.fromkeys(range(60), 0)
+    assert len(told(hesitating + AWAY * 30, shows)) == 1
+    assert told(hesitating + AWAY * 30, shows, holds=carried) == []
+    assert told(hesitating + AWAY * 30, shows, holds=dict.fromkeys(range(60), 1)) != []  # it holds another part
+    assert told(placing() + AWAY * 30, holds=carried) == []
+    (late,) = told(placing() + AWAY * 30, holds=dict.fromkeys(range(15), 0))  # what it holds is seen some frames late
+    assert late.time_s == pytest.approx(15 * FRAME_S)
 
 
 def test_hand_and_hole_tell_a_placement_once() -> None:

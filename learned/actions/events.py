@@ -4,8 +4,8 @@ Two witnesses tell a placement: the hand, whose fingers open over a hole, and th
 hand placed something. Either tells it when the hand leaves the hole: fingers that search a hole with the part between
 them look as if they had let go, and stay. A hole that shows the part after that needs no such proof. Where the two name
 different parts, the surer one counts; where that is in doubt, neither tells it. A hole that is seen to be empty, or was
-full all along, was not filled, whatever the hand did; nor is it by a part that the hand is still seen to hold. A part that fell from the hand into a hole that was empty is told
-by the hole alone.
+full all along, was not filled, whatever the hand did; and a part that the hand is still seen to hold was not placed. A
+part that fell from the hand into a hole that was empty is told by the hole alone.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from cell.interfaces.bench import CameraSetup
 from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
-from learned.hands.regions import PATCH_PX, POINTS, Image, Regions, centre_of
+from learned.hands.regions import FINDER_PX, PATCH_PX, POINTS, Image, Regions, centre_of
 from learned.stills import labelled_rows
 
 ROWS = "hands.jsonl"
@@ -68,9 +68,8 @@ class HandData:
 
 
 class _Sample(NamedTuple):
-    """One row of the reader's arrays, each under its name in HandData."""
+    """One row of the reader's arrays but for its patch, each under its name in HandData."""
 
-    patches: NDArray[np.uint8]
     frames: np.int64
     centres_px: Array
     points: NDArray[np.float32]
@@ -127,26 +126,34 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
     """
     regions, rng = Regions.of(setup), np.random.default_rng([seed, 5])
     view = View(setup.model, setup.mount.pose)
-    small: list[Image] = []
+    rows = [row for folder in folders for row in rows_of(folder)]
+    width, height = FINDER_PX
+    # Gigabytes, that are never there twice: of more patches than there can be, those without one take no memory.
+    small = np.empty((len(rows), height, width, 3), np.uint8)
+    patches = np.empty((sum(len(row["hands"]) + NO_HANDS for row in rows), PATCH_PX, PATCH_PX, 3), np.uint8)
     centres: list[list[float]] = []
     unsure: list[list[float]] = []
     samples: list[_Sample] = []
     lengths_m: list[float] = []
-    for frame, row in enumerate(one for folder in folders for one in rows_of(folder)):
+    for frame, row in enumerate(rows):
         image = _taken_by(setup, row["file"])
-        small.append(regions.small(image))
-        hands = [(_centre(hand), hand) for hand in row["hands"]]
-        for centre, hand in hands:
+        small[frame] = regions.small(image)
+        shown: list[tuple[Array, dict[str, Any] | None]] = []
+        for hand in row["hands"]:
+            centre = _centre(hand)
             sure = hand["visible"] >= LEAST_VISIBLE and bool(_inside(centre, setup, EDGE_PX))
             (centres if sure else unsure).append([frame, *((centre + 0.5) / regions.size_px)])
             if sure:
-                samples.append(_sample(regions, view, image, frame, centre, hand, types))
+                shown.append((centre, hand))
                 lengths_m.append(palm_length_m(hand))
-        samples += [_sample(regions, view, image, frame, place, None, types) for place in _none(regions, row, rng)]
+        for centre, one in shown + [(place, None) for place in _none(regions, row, rng)]:
+            patches[len(samples)] = regions.cut(image, centre, PATCH_PX)
+            samples.append(_sample(regions, view, frame, centre, one, types))
     columns = {name: np.stack([getattr(one, name) for one in samples]) for name in _Sample._fields}
     digest = hashlib.sha256(b"".join((folder / ROWS).read_bytes() for folder in folders)).hexdigest()
     return HandData(
-        small=np.stack(small),
+        small=small,
+        patches=patches[: len(samples)],
         centres=np.array(centres).reshape(-1, 3),
         unsure=np.array(unsure).reshape(-1, 3),
         palm_lengths_m=np.array(lengths_m),
@@ -176,20 +183,18 @@ def palm_length_m(hand: dict[str, Any]) -> float:
 def _sample(
     regions: Regions,
     view: View,
-    image: Image,
     frame: int,
     centre: Array,
     hand: dict[str, Any] | None,
     types: Sequence[str],
 ) -> _Sample:
     """One row: a hand, or, with None, a place without one."""
-    patch = regions.cut(image, centre, PATCH_PX)
     points, box = np.full((len(POINTS), 2), np.nan, np.float32), np.zeros(4, np.float32)
     if hand is None:
         no_facts, no_heights = np.zeros(3, np.float32), np.zeros(2, np.float32)
         no_angle, nothing_held = np.float32(0), np.int64(0)
         return _Sample(
-            patch, np.int64(frame), centre, points, box, no_facts, no_heights, log_angles=no_angle, held=nothing_held
+            np.int64(frame), centre, points, box, no_facts, no_heights, log_angles=no_angle, held=nothing_held
         )
     for index, name in enumerate(POINTS):
         if name in hand["points_px"]:
@@ -197,7 +202,6 @@ def _sample(
     box[:] = regions.inside(np.array(hand["box_px"]).reshape(2, 2), centre).reshape(4)
     away_m = float(view.depths(np.array([hand["points_m"]["palm"]]))[0])
     return _Sample(
-        patches=patch,
         frames=np.int64(frame),
         centres_px=centre,
         points=points,

@@ -4,8 +4,8 @@ Two witnesses tell a placement: the hand, whose fingers open over a hole, and th
 hand placed something. Either tells it when the hand leaves the hole: fingers that search a hole with the part between
 them look as if they had let go, and stay. A hole that shows the part after that needs no such proof. Where the two name
 different parts, the surer one counts; where that is in doubt, neither tells it. A hole that is seen to be empty, or was
-full all along, was not filled, whatever the hand did; and a part that the hand is still seen to hold was not placed. A
-part that fell from the hand into a hole that was empty is told by the hole alone.
+full all along, was not filled, whatever the hand did; nor does a hole tell a part that the hand is still seen to hold.
+A part that fell from the hand into a hole that was empty is told by the hole alone.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class PlacementEvents:
             filled: holes that are newly filled.
             unfilled: positions that are seen to be empty, or were full all along: the hand has placed nothing there.
             dropped: holes in which a part stands that the hand held over them, and that it has left.
-            holds: part that the hand is seen to hold: it has not placed that.
+            holds: part that the hand is seen to hold: where its fingers were not seen to open, it has not placed that.
         """
         pairs = posterior[: self._classes.assemblies].reshape(self._shape)
         at_hole = pairs.sum(axis=0)
@@ -121,7 +121,7 @@ class PlacementEvents:
             self._filled.pop(position, None)
             self._stands.pop(position, None)
         fallen = {(one.part, one.position) for one in dropped}
-        return self._by_hand(time_s, here, filled, holds) or self._shown(time_s, here, fallen, holds)
+        return self._by_hand(time_s, here, filled) or self._shown(time_s, here, fallen, holds)
 
     def _open(self, time_s: float, here: Bools, opened: Floats) -> None:
         """Note where the fingers seem open; a hand that leaves takes nothing back."""
@@ -131,12 +131,12 @@ class PlacementEvents:
         self._opened_s[here & ~seems] = np.inf
         self._opened_s[here & seems] = np.minimum(self._opened_s, time_s)[here & seems]
 
-    def _by_hand(self, time_s: float, here: Bools, looks: Sequence[Filled], holds: int | None) -> Placement | None:
+    def _by_hand(self, time_s: float, here: Bools, looks: Sequence[Filled]) -> Placement | None:
         """The placement that a hand tells whose fingers have opened, once it leaves or a new look shows the part."""
         due = ~here | (time_s - self._opened_s >= self._settings.stays_s)
         due[[one.position for one in looks]] = True
         for position in np.flatnonzero(np.isfinite(self._opened_s) & due & ~self._told).tolist():
-            if position not in self._stands and self._sure(position) and self._share(position).argmax() != holds:
+            if position not in self._stands and self._sure(position):
                 self._awaited[position] = True
                 return self._placement(time_s, position, shown=False)
         return None

@@ -192,16 +192,16 @@ def test_a_hand_over_a_hole_that_is_seen_to_be_empty_has_placed_nothing_there() 
     assert found.time_s == pytest.approx(17 * FRAME_S)
 
 
-def test_a_hand_that_leaves_with_the_part_has_placed_nothing() -> None:
+def test_a_hand_that_leaves_with_the_part_has_placed_nothing_though_the_hole_seems_to_show_it() -> None:
     """A part that is held over a hole for a second looks as if it stood there."""
     hesitating, shows = [(posterior(o1_at_p2=0.5), 0.05)] * 16, {8: Filled(0, 1, 0.99), 9: Filled(0, 1, 0.99)}
-    carried = dict.fromkeys(range(60), 0)
     assert len(told(hesitating + AWAY * 30, shows)) == 1
-    assert told(hesitating + AWAY * 30, shows, holds=carried) == []
-    assert told(hesitating + AWAY * 30, shows, holds=dict.fromkeys(range(60), 1)) != []  # it holds another part
-    assert told(placing() + AWAY * 30, holds=carried) == []
-    (late,) = told(placing() + AWAY * 30, holds=dict.fromkeys(range(15), 0))  # what it holds is seen some frames late
-    assert late.time_s == pytest.approx(15 * FRAME_S)
+    assert told(hesitating + AWAY * 30, shows, holds=dict.fromkeys(range(60), 0)) == []
+    assert len(told(hesitating + AWAY * 30, shows, holds=dict.fromkeys(range(60), 1))) == 1  # it holds another part
+    (late,) = told(hesitating + AWAY * 30, shows, holds=dict.fromkeys(range(20), 0))  # so late is seen what it holds
+    assert late.time_s == pytest.approx(20 * FRAME_S)
+    # Fingers that open are surer than what the hand seems to hold: it may be what stands under them.
+    assert len(told(placing() + AWAY * 30, holds=dict.fromkeys(range(60), 0))) == 1
 
 
 def test_hand_and_hole_tell_a_placement_once() -> None:

@@ -29,7 +29,7 @@ from learned.torch_model import TorchModel, write_weights
 
 EPOCHS = 10
 FINDER_EPOCHS_SHARE = 0.5  # of the reader's epochs: it learns sooner
-REFINER_EPOCHS_SHARE = 2.15  # and the refiner later: it is to be exact
+REFINER_EPOCHS_SHARE = 2.85  # and the refiner later: it is to be exact
 BATCH = 32
 NO_HANDS_SHARE = 0.6  # as many places without a hand are read in an epoch, other ones each time
 LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-2

@@ -24,7 +24,7 @@ from sim.look import Light
 from sim.studio import ScenePoses, show_poses
 from sim.world import World
 
-FRAMES = 16  # of each recording
+FRAMES = 8  # of each recording
 RAISED_SHARE = 0.5  # of them are drawn evenly over the palm's height, the others evenly over time
 HEIGHT_STEP_M = 0.03
 EVERY_STRETCH = 45  # frames in which the arm stands still, where all are written

@@ -127,10 +127,7 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
     regions, rng = Regions.of(setup), np.random.default_rng([seed, 5])
     view = View(setup.model, setup.mount.pose)
     rows = [row for folder in folders for row in rows_of(folder)]
-    width, height = FINDER_PX
-    # Gigabytes, that are never there twice: of more patches than there can be, those without one take no memory.
-    small = np.empty((len(rows), height, width, 3), np.uint8)
-    patches = np.empty((sum(len(row["hands"]) + NO_HANDS for row in rows), PATCH_PX, PATCH_PX, 3), np.uint8)
+    small, patches = _room(rows)
     centres: list[list[float]] = []
     unsure: list[list[float]] = []
     samples: list[_Sample] = []
@@ -138,19 +135,14 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
     for frame, row in enumerate(rows):
         image = _taken_by(setup, row["file"])
         small[frame] = regions.small(image)
-        shown: list[tuple[Array, dict[str, Any] | None]] = []
-        for hand in row["hands"]:
-            centre = _centre(hand)
-            sure = hand["visible"] >= LEAST_VISIBLE and bool(_inside(centre, setup, EDGE_PX))
-            (centres if sure else unsure).append([frame, *((centre + 0.5) / regions.size_px)])
-            if sure:
-                shown.append((centre, hand))
-                lengths_m.append(palm_length_m(hand))
-        for centre, one in shown + [(place, None) for place in _none(regions, row, rng)]:
+        hands, doubtful = _hands_of(row, setup)
+        for found, those in ((centres, [centre for centre, _ in hands]), (unsure, doubtful)):
+            found += [[frame, *((centre + 0.5) / regions.size_px)] for centre in those]
+        lengths_m += [palm_length_m(hand) for _, hand in hands]
+        for centre, hand in [*hands, *((place, None) for place in _none(regions, row, rng))]:
             patches[len(samples)] = regions.cut(image, centre, PATCH_PX)
-            samples.append(_sample(regions, view, frame, centre, one, types))
+            samples.append(_sample(regions, view, frame, centre, hand, types))
     columns = {name: np.stack([getattr(one, name) for one in samples]) for name in _Sample._fields}
-    digest = hashlib.sha256(b"".join((folder / ROWS).read_bytes() for folder in folders)).hexdigest()
     return HandData(
         small=small,
         patches=patches[: len(samples)],
@@ -158,9 +150,30 @@ def load_hands(folders: Sequence[Path], setup: CameraSetup, types: Sequence[str]
         unsure=np.array(unsure).reshape(-1, 3),
         palm_lengths_m=np.array(lengths_m),
         regions=regions,
-        sha256=digest,
+        sha256=hashlib.sha256(b"".join((folder / ROWS).read_bytes() for folder in folders)).hexdigest(),
         **columns,
     )
+
+
+def _room(rows: Sequence[Mapping[str, Any]]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Arrays for all small images, and for as many patches as there may be; what is not written takes no memory.
+
+    They are gigabytes: to collect patches in a list first takes twice as much.
+    """
+    (width, height), most = FINDER_PX, sum(len(row["hands"]) + NO_HANDS for row in rows)
+    return np.empty((len(rows), height, width, 3), np.uint8), np.empty((most, PATCH_PX, PATCH_PX, 3), np.uint8)
+
+
+def _hands_of(row: Mapping[str, Any], setup: CameraSetup) -> tuple[list[tuple[Array, dict[str, Any]]], list[Array]]:
+    """The hands of a frame that are to be found, each with its centre, and the centres of those that need not be."""
+    sure, unsure = [], []
+    for hand in row["hands"]:
+        centre = _centre(hand)
+        if hand["visible"] >= LEAST_VISIBLE and _inside(centre, setup, EDGE_PX):
+            sure.append((centre, hand))
+        else:
+            unsure.append(centre)
+    return sure, unsure
 
 
 def _taken_by(setup: CameraSetup, path: Path) -> Image:

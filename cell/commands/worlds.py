@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable
 from functools import partial
@@ -242,6 +243,7 @@ def _from_assemblies(
     }
 
     def one(seed: int, folder: DataFolder) -> float | None:
+        gc.collect()  # what recordings were made of is in cycles: left alone, hundreds of worlds stay, 15 MB each
         kinds = sometimes_steel(product, steel_share, seed)
         if beside_robot:
             from cell.evaluating.beside_robot import record_beside_robot

@@ -20,7 +20,7 @@ from cell.interfaces.pose import Array
 FINDER_PX = (160, 120)  # (width, height) of the whole image as the finder sees it
 CELL_PX = 8  # of the finder's answer, in its image
 REGION_PX = 128  # side of a region as the reader sees it
-PATCH_PX = REGION_PX + 64  # side of a region with the room that it is shifted or turned in
+PATCH_PX = REGION_PX + 64  # side of a region with the room that it is shifted in
 AROUND_PX = 96  # side of the surroundings, in pixels of the finder's image
 REGION_M, REGION_HEIGHT_M = 0.32, 0.10
 POINTS = ("palm", "pinch", "thumb", "index", "wrist", "radial", "ulnar", "held")
@@ -58,34 +58,25 @@ class Regions:
         """The whole image as the finder sees it, (120, 160, 3)."""
         return cv2.resize(image, FINDER_PX, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
-    def cut(self, image: Image, centre_px: Array, side_px: int = REGION_PX, turn_rad: float = 0.0) -> Image:
+    def cut(self, image: Image, centre_px: Array, side_px: int = REGION_PX) -> Image:
         """The region around a point (column, row), (side, side, 3); grey beyond the image.
 
         Args:
             side_px: of the answer; more than REGION_PX takes a larger region at the same scale.
-            turn_rad: by which it is turned about its middle, from right to down.
         """
         scale = self.side_px / REGION_PX
         smooth = cv2.GaussianBlur(image, (0, 0), 0.35 * scale) if scale > 1.5 else image
-        return _warped(smooth, _seen_from(centre_px, scale, side_px, turn_rad), side_px)
+        return _warped(smooth, _seen_from(centre_px, scale, side_px), side_px)
 
-    def around(
-        self,
-        small: Image,
-        centre_px: Array,
-        shift_px: float | Array = 0.0,
-        scale: float = 1.0,
-        turn_rad: float = 0.0,
-    ) -> Image:
+    def around(self, small: Image, centre_px: Array, shift_px: float | Array = 0.0, scale: float = 1.0) -> Image:
         """The surroundings of a point (column, row), (AROUND_PX, AROUND_PX, 3), of the image as the finder sees it.
 
         Args:
             shift_px: (right, down), of the region in its own pixels.
             scale: by which it is seen larger.
-            turn_rad: by which it is turned about its middle, from right to down.
         """
         middle = self._in_small(centre_px + shift_px * self.side_px / REGION_PX)
-        return _warped(small, _seen_from(middle, 1 / scale, AROUND_PX, turn_rad), AROUND_PX)
+        return _warped(small, _seen_from(middle, 1 / scale, AROUND_PX), AROUND_PX)
 
     def _in_small(self, point_px: Array) -> Array:
         shares: Array = (point_px + 0.5) / self.size_px
@@ -112,18 +103,15 @@ class Regions:
         return place
 
 
-def _seen_from(middle: Array, step_px: float, side_px: int, turn_rad: float = 0.0) -> Array:
+def _seen_from(middle: Array, step_px: float, side_px: int) -> Array:
     """The affine map (2, 3) from pixels of a square to those of the image that it is cut out of.
 
     Args:
         middle: (column, row) of the square, in the image.
         step_px: of the image, for each pixel of the square.
         side_px: of the square.
-        turn_rad: by which the square shows the image turned, from right to down.
     """
-    back = step_px * turning(-turn_rad)
-    corner = middle - back @ np.full(2, (side_px - 1) / 2)
-    return np.column_stack([back, corner])
+    return np.column_stack([step_px * np.eye(2), middle - step_px * (side_px - 1) / 2])
 
 
 def turning(angle_rad: float) -> Array:

@@ -15,21 +15,18 @@ from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.ahead import Ahead
 from learned.hands.closer_look import CloserLook
-from learned.hands.closeups import to_the_right_rad
 from learned.hands.height import PalmLength
 from learned.hands.light import levelled
 from learned.hands.reading import ApparentSize, Reading
 from learned.hands.regions import POINTS, Image, Regions, planes
 from learned.hands.tracking import LEAST_CONFIDENCE, HandTracks
-from learned.hands.turns import turned_boxes, turned_points
 from learned.onnx_model import OnnxModel
 
 FINDER_KIND, READER_KIND, REFINER_KIND = "hands.slim_finder", "hands.slim", "hands.slim_refiner"
 LEAST_SCORE = 0.25  # of the finder: the reader has the last word
 NEW_CONFIDENCE = 0.95  # of a hand that was not seen before: shadows that look like one have less
 SAME_SHARE = 0.25  # of a region's side: centres that are nearer are of one hand
-SURE = 0.95  # what is less sure is read again, about its own centre, and turned so
-TURNS_RAD, MOST_TURNED = (-math.pi / 3, math.pi / 3), 2
+SURE = 0.95  # what is less sure is read again, about its own centre
 NEAR_PX = 25.0  # of the finder's centre; what is read elsewhere is not what was found
 MOST_REGIONS = 4
 # Training boxes lie around the boxes of a hand's shapes: by so much of a region they are wider than what is seen.
@@ -99,24 +96,12 @@ class SlimReader:
         return small, likely, self._closely(image, small, likely)
 
     def _closely(self, image: Image, small: Image, centres: Sequence[Array]) -> list[Reading]:
-        """What is seen around points (column, row); what is doubtful is read again, about its own centre.
-
-        The reader has learned from few hands that point to the side: what stays doubtful is read turned, both ways, and
-        counts if it is sure once more when it is turned upright.
-        """
+        """What is seen around points (column, row); what is doubtful is read again, about its own centre."""
         seen = self._read(image, small, centres)
         doubtful = [index for index, one in enumerate(seen) if not _sure(one, centres[index])]
         again = self._read(image, small, [seen[index].centre_px for index in doubtful])
         for index, one in zip(doubtful, again, strict=True):
             seen[index] = one if _sure(one, centres[index]) else seen[index]
-        sideways = [index for index in doubtful if not _sure(seen[index], centres[index])][:MOST_TURNED]
-        turned = [self._read(image, small, [centres[index] for index in sideways], turn) for turn in TURNS_RAD]
-        for index, *ways in zip(sideways, *turned, strict=True):
-            surest = max(ways, key=_confidence)
-            if surest.confidence >= SURE:
-                upright = self._read(image, small, [surest.centre_px], -_points_rad(surest))[0]
-                if _sure(upright, surest.centre_px) and _sure(upright, centres[index]):
-                    seen[index] = upright
         return self._closer.refined(image, [one for one in seen if one.confidence >= LEAST_CONFIDENCE])
 
     def _find(self, small: Image) -> list[Array]:
@@ -128,31 +113,25 @@ class SlimReader:
         shares = [(np.array(cell[::-1]) + offset[(slice(None), *cell)]) / score.shape[::-1] for cell in cells]
         return [share * self._regions.size_px - 0.5 for share in shares]
 
-    def _read(self, image: Image, small: Image, centres: Sequence[Array], turn_rad: float = 0.0) -> list[Reading]:
-        """What is seen around points (column, row), the image turned about each."""
+    def _read(self, image: Image, small: Image, centres: Sequence[Array]) -> list[Reading]:
+        """What is seen around points (column, row)."""
         if not centres:
             return []
         regions = self._regions
-        cuts = planes(np.stack([regions.cut(image, centre, turn_rad=turn_rad) for centre in centres]))
-        around = planes(np.stack([regions.around(small, centre, turn_rad=turn_rad) for centre in centres]))
+        cuts = planes(np.stack([regions.cut(image, centre) for centre in centres]))
+        around = planes(np.stack([regions.around(small, centre) for centre in centres]))
         places = np.stack([regions.place(centre) for centre in centres])
-        if turn_rad:
-            places = turned_points(places, np.full(len(places), turn_rad), regions.size_px)
         answer = self._reader.run({"region": cuts, "around": around, "place": places.astype(np.float32)})
         return [
-            self._reading(centre, {name: value[row] for name, value in answer.items()}, turn_rad)
+            self._reading(centre, {name: value[row] for name, value in answer.items()})
             for row, centre in enumerate(centres)
         ]
 
-    def _reading(self, centre: Array, answer: dict[str, Array], turn_rad: float) -> Reading:
+    def _reading(self, centre: Array, answer: dict[str, Array]) -> Reading:
         kind = int(answer["held"].argmax())
         names = POINTS if kind else tuple(name for name in POINTS if name != "held")
         shares = answer["points"].astype(float)[: len(names)]
         box = answer["box"].astype(float)
-        if turn_rad:
-            back = np.array([-turn_rad])
-            box = turned_boxes(box[np.newaxis] - 0.5, shares[np.newaxis] - 0.5, back)[0] + 0.5
-            shares = turned_points(shares[np.newaxis] - 0.5, back)[0] + 0.5
         points = dict(zip(names, self._regions.outside(shares, centre), strict=True))
         corners = self._regions.outside(box.reshape(2, 2) + SLACK, centre)
         left, top, right, bottom = (float(value) for value in corners.reshape(4))
@@ -184,12 +163,3 @@ def _apart(point: Array, others: Sequence[Array], least_px: float) -> bool:
 
 def _sure(reading: Reading, centre_px: Array) -> bool:
     return reading.confidence >= SURE and not _apart(reading.centre_px, [centre_px], NEAR_PX)
-
-
-def _confidence(reading: Reading) -> float:
-    return reading.confidence
-
-
-def _points_rad(reading: Reading) -> float:
-    """By how much a hand points to the right of the image's upper edge."""
-    return to_the_right_rad(reading.points_px["wrist"], reading.points_px["palm"])

@@ -28,7 +28,7 @@ from learned.onnx_model import ModelCard, OnnxModel
 from learned.torch_model import TorchModel, write_weights
 
 EPOCHS = 10
-FINDER_EPOCHS_SHARE = 0.5  # of the reader's epochs: it learns sooner
+FINDER_EPOCHS_SHARE = 1.0  # of the reader's epochs
 REFINER_EPOCHS_SHARE = 2.85  # and the refiner later: it is to be exact
 BATCH = 32
 NO_HANDS_SHARE = 0.6  # as many places without a hand are read in an epoch, other ones each time

@@ -14,8 +14,6 @@ from learned.hands.regions import turning
 
 TURNED_SHARE = 0.4  # of training images
 LARGEST_TURN_RAD = math.pi / 2
-SIDES = np.array([(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)])  # directions of left, top, right and bottom
-OUTWARDS = SIDES.sum(axis=1)
 
 
 def drawn_turns(count: int, rng: np.random.Generator) -> Array:
@@ -47,23 +45,3 @@ def turned_points(points: Array, turns: Array, size: Sequence[float] | Array = (
     turn = np.array([turning(angle) for angle in turns]).reshape(len(turns), 2, 2)
     moved: Array = np.einsum("nij,n...j->n...i", turn, points * np.asarray(size)) / np.asarray(size)
     return moved
-
-
-def turned_boxes(boxes: Array, points: Array, turns: Array) -> Array:
-    """Boxes (n, 4) of hands: left, top, right, bottom.
-
-    How far a box reaches beyond the hand's outermost points goes over from side to side. So quarter turns are exact.
-
-    Args:
-        points: (n, k, 2) of the hand before it is turned.
-    """
-    beyond = (boxes - _around(points)) * OUTWARDS
-    came_from = turned_points(np.tile(SIDES, (len(turns), 1, 1)), -turns)  # (n, 4, 2)
-    shares = np.maximum(came_from @ SIDES.T, 0.0) ** 2
-    answer: Array = _around(turned_points(points, turns)) + np.einsum("nij,nj->ni", shares, beyond) * OUTWARDS
-    return answer
-
-
-def _around(points: Array) -> Array:
-    """The boxes (n, 4) of points (n, k, 2)."""
-    return np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1)

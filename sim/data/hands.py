@@ -1,7 +1,8 @@
 """Frames of the overhead camera, and where every hand in them really is.
 
 Where the arm is parked, it is put into another pose of its work in every stretch of frames, mostly with a part between
-its fingers, so that detectors see it beside hands; where it hands a part over, it stays as it is.
+its fingers, so that detectors see it beside hands; where it hands a part over, it stays as it is. In frames to learn
+from, some hands are turned, so that they come from every side.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ from cell.interfaces.pose import Array
 from sim.data.folder import DataFolder
 from sim.data.recording import CAMERA, Moment, Source
 from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection, fingertip
+from sim.data.turned_hand import TurnedHand
 from sim.data.working_arm import WorkingArm
 from sim.lighting import AIM_M
 from sim.look import Light
 from sim.studio import ScenePoses, show_poses
 from sim.world import World
 
-FRAMES = 8  # of each recording
+FRAMES = 16  # of each recording
 RAISED_SHARE = 0.5  # of them are drawn evenly over the palm's height, the others evenly over time
 HEIGHT_STEP_M = 0.03
 EVERY_STRETCH = 45  # frames in which the arm stands still, where all are written
@@ -84,7 +86,7 @@ def write_hands(source: Source, folder: DataFolder, every: bool = False) -> None
     stretches = [range(index, index + 1) for index in chosen]
     if every:
         stretches = every_frame(count)
-    for seen in hand_frames(source, stretches):
+    for seen in hand_frames(source, stretches, turned=not every):
         file = folder.image(f"images/{source.name}-{seen.frame.sequence:06d}.jpg", seen.frame.image)
         row = {"file": file, "log": source.name, "frame": seen.frame.sequence, "time_s": round(seen.frame.time_s, 4)}
         told = {"hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px, "shadows_px": seen.shadows_px}
@@ -117,24 +119,30 @@ def shares_by_height(palms_m: Array) -> Array:
     return shares
 
 
-def hand_frames(source: Source, stretches: Sequence[range]) -> Iterator[HandFrame]:
-    """The frames of stretches of moments, given in order; in each stretch the arm stands still."""
+def hand_frames(source: Source, stretches: Sequence[range], *, turned: bool = False) -> Iterator[HandFrame]:
+    """The frames of stretches of moments, given in order; in each stretch the arm stands still.
+
+    Args:
+        turned: in some stretches, the hand that works is turned about its fingertips.
+    """
     assembly, bench = source.assembly, source.bench
     photographer = assembly.photographer(bench)
     projection = Projection(assembly.world, CAMERA, bench.overhead, assembly.look)
     arm = WorkingArm(assembly.world, bench.arm_look_rad, np.random.default_rng([assembly.seed, 3]))
     hands = _hands_of(source)
+    turns = TurnedHand(assembly.world, np.random.default_rng([assembly.seed, 6]))
     data = mujoco.MjData(assembly.world.model)
     for stretch in stretches:
         moments = [assembly.moments[index] for index in stretch]
         works = assembly.robot_works or any(arm.moved(assembly.moments[0], moment) for moment in moments)
-        pose = None if works else arm.draw(moments)
+        pose, turn_rad = None if works else arm.draw(moments), turns.draw() if turned else 0.0
         for index in stretch:
-            moment = assembly.moments[index]
-            exposure = replace(moment.exposure, moments=tuple(arm.put(one, pose) for one in moment.exposure.moments))
+            moment, held = assembly.moments[index], assembly.held[index]
+            part = hands[0].part(moment, held)
+            exposed = (turns.put(one, moment.fingertips_m, part, turn_rad) for one in moment.exposure.moments)
+            exposure = replace(moment.exposure, moments=tuple(arm.put(one, pose) for one in exposed))
             poses = exposure.moments[-1]
             show_poses(data, poses)
-            held = assembly.held[index]
             told = (hand.truth(moment, poses, held, projection, data) for hand in hands)
             seen = tuple(one for one in told if one is not None)
             tool_m = arm.fingertips_m(poses)
@@ -176,7 +184,7 @@ class _HandModel:
         self, moment: Moment, poses: ScenePoses, held: str | None, projection: Projection, data: mujoco.MjData
     ) -> HandTruth | None:
         """The hand at a moment; None where it is out of the image."""
-        part = self._part(moment, held)
+        part = self.part(moment, held)
         geoms = np.concatenate([self.geoms, part])
         box = projection.box(poses, geoms)
         if box is None:
@@ -209,9 +217,9 @@ class _HandModel:
         self, moment: Moment, poses: ScenePoses, held: str | None, projection: Projection, data: mujoco.MjData
     ) -> float:
         """How much of it shows at a moment."""
-        return self._visible(poses, np.concatenate([self.geoms, self._part(moment, held)]), projection, data)
+        return self._visible(poses, np.concatenate([self.geoms, self.part(moment, held)]), projection, data)
 
-    def _part(self, moment: Moment, held: str | None) -> NDArray[np.int64]:
+    def part(self, moment: Moment, held: str | None) -> NDArray[np.int64]:
         """Shapes of the held part."""
         if held is None or not self.acting:
             return np.empty(0, np.int64)

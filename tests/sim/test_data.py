@@ -202,6 +202,27 @@ def test_the_arm_stands_elsewhere_in_each_stretch_and_keeps_away_from_the_finger
             assert np.linalg.norm(place - np.array(acting.points_m["pinch"])) > 0.1
 
 
+def test_hands_to_learn_from_come_from_every_side_and_their_fingertips_stay() -> None:
+    stretches = [range(index, index + 1) for index in range(20, 320, 5)]
+    plain, turned = (list(hand_frames(source(), stretches, turned=turns)) for turns in (False, True))
+    angles = []
+    for before, after in zip(plain, turned, strict=True):
+        both = [next((hand for hand in one.hands if hand.acting), None) for one in (before, after)]
+        if both[0] is None or both[1] is None:
+            continue
+        first, then = both[0].points_m, both[1].points_m
+        assert np.allclose(first["pinch"], then["pinch"])
+        (x, y), (u, v) = (np.subtract(one["pinch"], one["wrist"])[:2] for one in (first, then))
+        angles.append(np.arctan2(x * v - y * u, x * u + y * v))
+        assert np.isclose(first["wrist"][2], then["wrist"][2])
+        if both[0].held_part is not None:
+            away_m = [np.linalg.norm(np.subtract(one["held"], one["pinch"])) for one in (first, then)]
+            assert np.isclose(away_m[0], away_m[1], atol=1e-4)
+    share = np.mean(np.abs(angles) > 0.01)
+    assert 0.1 < share < 0.4
+    assert min(angles) < -1.0 < 1.0 < max(angles)
+
+
 def test_shadows_of_hands_and_gripper_are_told_where_it_is_darker() -> None:
     stretches = [range(index, index + 1) for index in range(60, 260, 10)]
     low_lamps = simulated(load_configuration(), "hard", "careful").devices.simulation

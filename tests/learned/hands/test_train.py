@@ -1,7 +1,6 @@
 """The small tracker learns from a folder of frames, and what it learned can be loaded and asked."""
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from learned.hands.regions import AROUND_PX, CELL_PX, POINTS, Regions, centre_of
 from learned.hands.score import score_readings  # noqa: E402
 from learned.hands.slim import SlimReader, finder_file, refiner_file  # noqa: E402
 from learned.hands.train import train_hands  # noqa: E402
-from learned.hands.turns import turned_boxes, turned_images  # noqa: E402
+from learned.hands.turns import turned_images  # noqa: E402
 
 pytestmark = pytest.mark.torch
 
@@ -140,15 +139,6 @@ def test_hands_are_where_they_are_seen_in_turned_images(data: HandData, wider: i
         bright = image.astype(int).sum(axis=2) > 400
         assert known[0, row, column] == 1
         assert np.allclose(np.argwhere(bright).mean(axis=0)[::-1], [x, y], atol=2)
-
-
-@pytest.mark.parametrize("quarters", [-1, 0, 1])
-def test_boxes_of_quarter_turns_are_exact(quarters: int) -> None:
-    points = np.array([[(0.0, 0.1), (-0.1, -0.2), (0.05, 0.3)]])
-    box = np.array([[-0.15, -0.3, 0.25, 0.32]])
-    left, top, right, bottom = turned_boxes(box, points, np.array([quarters * math.pi / 2]))[0]
-    wanted = {0: (-0.15, -0.3, 0.25, 0.32), 1: (-0.32, -0.15, 0.3, 0.25), -1: (-0.3, -0.25, 0.32, 0.15)}[quarters]
-    assert (left, top, right, bottom) == pytest.approx(wanted)
 
 
 def test_the_mean_of_a_sharp_heatmap_is_its_place() -> None:

@@ -24,6 +24,7 @@ ROOM_FLOOR_M = -0.80
 WALL_M = 0.006
 BIN_RIM_M = 0.006
 PLATE_SHININESS = 0.5
+PLATE_TOUCH = (0.004, 1.0)  # solref: softer, and parts that fall 11 cm sink so deep that they are pushed out below
 RELIEF_M = 0.0004  # plate pieces beside a hole lie this much lower, so that bodies rest on the two long ones alone
 
 
@@ -107,6 +108,8 @@ def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench, rgb: pal
     foot = pose.position_m[2] - max(plate.thickness_m, _longest_peg_m(product) + 0.002)
     centre = ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, foot / 2 - pose.position_m[2])
     add_box(bracket, centre, (high[0] - low[0] - 0.01, high[1] - low[1] - 0.01, foot), palette.HOLE)
+    for geom in bracket.geoms:
+        geom.solref = PLATE_TOUCH
 
 
 def _add_corners(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.cell import SimCell
-from sim.clutter import full_set, sample_clutter
+from sim.clutter import ScenePart, full_set, sample_clutter
 from sim.settings import PhysicsSettings, SimSettings
 from sim.storage import person_set
 from sim.world import build_world
@@ -105,6 +106,22 @@ def test_seated_parts_rest_on_the_plate_and_stay(product: Product, bench: Bench)
     parts = np.concatenate([np.arange(part.qpos, part.qpos + 3) for part in world.bodies])
     assert np.abs(world.data.qpos - before)[parts].max() < 2e-4
     assert all(abs(world.part_pose(part).position_m[2] - z) < 2e-4 for part in world.bodies)
+
+
+def test_a_part_that_falls_on_the_plate_stays_above_it(product: Product, bench: Bench) -> None:
+    """Eleven centimetres: a person loses it over a hole."""
+    scene = [ScenePart(part, Pose((3.0, 3.0 + 0.3 * n, 0.1)), "person") for n, part in enumerate(product.parts)]
+    world = build_world(product, bench, scene)
+    world.set_arm(bench.arm_park_rad)
+    tilted = Pose((0, 0, 0.11), (math.cos(0.02), math.sin(0.02), 0.0, 0.0))
+    for body in world.bodies:
+        for number, (x, y) in enumerate(product.bracket.holes_m.values()):
+            beside = Pose((x + 0.003, y - 0.002, 0.0)) @ Pose.from_yaw((0, 0, 0), 1.57 * number)
+            world.place(body, bench.bracket.pose @ beside @ tilted)
+            for _ in range(60):
+                world.step_period()
+            assert world.part_pose(body).position_m[2] > bench.bracket.position_m[2] - 0.001
+        world.place(body, Pose((3.0, 2.0, 0.1)))
 
 
 def test_a_bracket_too_low_for_its_pegs_is_refused(product: Product, bench: Bench) -> None:

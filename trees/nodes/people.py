@@ -29,23 +29,39 @@ class PersonAction(Enum):
     idle = "idle"
 
 
+DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
+
+
 class WaitForAction(CellNode):
     """Wait until the person begins an action of one kind; each one counts once (Alg. 1 line 9)."""
 
     awaited = InputPort(PersonAction, "screw, assembly, transit or idle", name="kind")
     action = InputPort(SeenAction, "what the person does")
+    say_s = InputPort(float, "the display says what is waited for, once, after so long", default=15.0)
     persistent = ("_served_s",)
 
     _served_s = -math.inf
+    _began_s = 0.0
+    _said = False
+
+    def initialise(self) -> None:
+        self._began_s, self._said = self.services.observation.time_s, False
 
     def update(self) -> Status:
         seen, awaited = self.action.get_or(None), self.awaited.get().value
         if seen is None or seen.action.kind != awaited or seen.started_s <= self._served_s:
             self.feedback_message = f"waits for: {awaited}"
+            self._say(awaited)
             return Status.RUNNING
         self._served_s = seen.started_s
         self.feedback_message = ""
         return Status.SUCCESS
+
+    def _say(self, awaited: str) -> None:
+        """Once, so that what is told after it stays."""
+        if not self._said and self.services.observation.time_s - self._began_s >= self.say_s.get():
+            self._said = True
+            self.services.show(message=f"waiting until you {DONE_BY[awaited]}")
 
 
 class HandWatch(CellNode):

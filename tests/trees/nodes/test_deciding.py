@@ -85,6 +85,21 @@ def test_a_screw_is_served_once() -> None:
     assert answers == [Status.RUNNING, Status.SUCCESS, Status.RUNNING, Status.RUNNING, Status.SUCCESS]
 
 
+def test_who_lets_the_robot_wait_is_told_once_what_for() -> None:
+    at = services()
+    node = WaitForAction("wait")
+    node.setup(services=at)
+    node.awaited.entry.value = PersonAction.screw  # type: ignore[union-attr]
+    told = []
+    node.initialise()
+    for time_s in (0.0, 10.0, 15.0, 20.0):
+        see(at, time_s)
+        node.update()
+        told.append(at.display.message)
+        at.show(message="")
+    assert told == ["", "", "waiting until you turn a screw", ""]
+
+
 def test_the_arm_waits_for_a_near_hand_and_for_a_fresh_view() -> None:
     at = services()
     node = WaitForHandClear("clear")

@@ -89,23 +89,23 @@ def train_hands(
         command=command,
         seed=seed,
     )
-    checkpoint, closer_checkpoint = out.with_suffix(".checkpoint"), out.with_suffix(".refiner.checkpoint")
-    begun = checkpoint.exists() or closer_checkpoint.exists()  # then it goes on after what is made
+    reading = card.model_copy(update={"kind": READER_KIND})
+    begun = not _is_made(out, reading)  # interrupted, it goes on after what is made; the reader is the last
     if not (begun and _is_made(finder_file(out), card)):
         finder = fit_finder(training, out.with_suffix(".finder.checkpoint"))
         small = {"image": planes(training.data.small[:1])}
         write_weights(TorchModel(finder, Found._fields, card), finder_file(out), [small], dict, tolerance=TOLERANCE)
     closer = card.model_copy(update={"kind": REFINER_KIND})
     if not (begun and _is_made(refiner_file(out), closer)):
-        refiner = fit_refiner(training, closer_checkpoint)
+        refiner = fit_refiner(training, out.with_suffix(".refiner.checkpoint"))
         few = refiner_batch(training.data, _rows_of_hands(training.data)[:2], np.random.default_rng(seed))
         closeups = {name: few[name].numpy() for name in ("closeup", "place")}
         model = TorchModel(refiner, Refined._fields, closer)
         write_weights(model, refiner_file(out), [closeups], dict, any_rows=True, tolerance=TOLERANCE, short=True)
-    reader = fit_reader(training, len(types), checkpoint)
+    reader = fit_reader(training, len(types), out.with_suffix(".checkpoint"))
     batch = reader_batch(training.data, np.arange(2), np.random.default_rng(seed))
     region = {name: batch[name].numpy() for name in ("region", "around", "place")}
-    model = TorchModel(reader, Read._fields, card.model_copy(update={"kind": READER_KIND}))
+    model = TorchModel(reader, Read._fields, reading)
     return write_weights(model, out, [region], score, any_rows=True, tolerance=TOLERANCE)
 
 

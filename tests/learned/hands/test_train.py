@@ -3,7 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import cv2
 import numpy as np
@@ -13,6 +13,7 @@ torch = pytest.importorskip("torch")
 
 from cell.configuration import load_configuration, load_product  # noqa: E402
 from cell.interfaces.errors import InputError  # noqa: E402
+from learned.hands import train as training  # noqa: E402
 from learned.hands.augment import varied  # noqa: E402
 from learned.hands.closeups import CLOSE_PX  # noqa: E402
 from learned.hands.dataset import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
@@ -234,6 +235,29 @@ def test_training_writes_three_files_that_find_hands(folder: Path, tmp_path: Pat
         assert set(reading.points_px) >= set(POINTS[:5])
     other = SlimReader(SETUP, ("x", "y", "z"), out)
     assert all(reading.held_part is None for reading in other.read(image, [np.array([240.0, 180.0])]))
+
+
+def test_a_training_that_was_interrupted_goes_on_after_the_networks_that_are_made(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def train(again: Path) -> None:
+        train_hands([folder], SETUP, PRODUCT, again, seed=0, score=dict, epochs=1, quiet=True)
+
+    def interrupted(*_: object) -> NoReturn:
+        raise InterruptedError
+
+    out = tmp_path / "hands_slim.onnx"
+    for fit in ("fit_refiner", "fit_reader"):  # before the first checkpoint of either
+        with monkeypatch.context() as patch:
+            patch.setattr(training, fit, interrupted)
+            with pytest.raises(InterruptedError):
+                train(out)
+    for fit in ("fit_finder", "fit_refiner"):
+        monkeypatch.setattr(training, fit, interrupted)
+    train(out)
+    assert out.exists()
+    with pytest.raises(InterruptedError):  # whole: it is trained anew
+        train(out)
 
 
 def test_what_looks_like_a_hand_is_shown_as_none_unless_one_is_there(tmp_path: Path) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import IO
+
+from cell.commands.terminal import BESIDE
 
 GRACE_S = 2.0  # a terminal tells them of Ctrl-C by itself: a second one would break off how they end
 LONGEST_S = 20.0  # to end; what began in the background of a shell does not hear of SIGINT
@@ -31,7 +34,8 @@ class Children:
         with self._lock:
             if self._ended:
                 return -signal.SIGINT
-            process = subprocess.Popen(words, stdout=told, stderr=complaints or told)
+            beside = {**os.environ, BESIDE: "1"}
+            process = subprocess.Popen(words, stdout=told, stderr=complaints or told, env=beside)
             self._running.append(process)
         status = process.wait()
         with self._lock:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from copy import copy
@@ -26,7 +27,7 @@ from cell.commands.run import run
 from cell.commands.schema import schema
 from cell.commands.see import see
 from cell.commands.show import monitor, show
-from cell.commands.terminal import BAD_INPUT, CONFIGURATION, SAFE_STOP, ConfigOption, print_json
+from cell.commands.terminal import BAD_INPUT, BESIDE, CONFIGURATION, SAFE_STOP, ConfigOption, print_json
 from cell.commands.world import world
 from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
 
@@ -107,11 +108,11 @@ def main(arguments: list[str] | None = None) -> int:
     except CellError as error:
         return _complain(str(error), 1)
     except (typer.Abort, KeyboardInterrupt):  # the latter while typer gets ready
-        return _complain("interrupted", 1)
+        return _interrupted()
     except typer.TyperException as error:
         return _complain(error.format_message() + _usage(error), BAD_INPUT)
     if status == INTERRUPTED:
-        return _complain("interrupted", 1)
+        return _interrupted()
     return status if isinstance(status, int) else 0
 
 
@@ -138,6 +139,11 @@ def _usage(error: typer.TyperException) -> str:
     path, usage = context.command_path, context.get_usage().partition(": ")[2]
     usage = re.sub(r"\{(.*?)\}(\.\.\.)?", r"\1", usage)
     return f"\n  type: {' '.join(usage.split())}\n  {path} --help explains it"
+
+
+def _interrupted() -> int:
+    """Said once: a command that another one runs leaves it to that one, which Ctrl-C reaches, too."""
+    return 1 if BESIDE in os.environ else _complain("interrupted", 1)
 
 
 def _complain(text: str, status: int) -> int:

@@ -48,6 +48,7 @@ EntriesOption = Annotated[
 ]
 
 BAD_INPUT, SAFE_STOP = 2, 3  # exit statuses
+BESIDE = "CELL_BESIDE"  # set in the environment of a command that another one runs and waits for
 
 
 def console() -> Console:

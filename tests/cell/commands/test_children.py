@@ -11,6 +11,7 @@ import pytest
 
 from cell.commands import children
 from cell.commands.children import Children
+from cell.commands.terminal import BESIDE
 
 LIMIT_S = 120.0  # against waiting for ever
 
@@ -19,6 +20,11 @@ def test_what_a_command_says_and_its_status_are_kept(tmp_path: Path) -> None:
     with (tmp_path / "said.txt").open("w") as told:
         assert Children().run([sys.executable, "-c", "print('done'); raise SystemExit(3)"], told) == 3
     assert (tmp_path / "said.txt").read_text() == "done\n"
+
+
+def test_they_know_that_another_command_runs_them() -> None:
+    asks = f"import os; raise SystemExit(7 if {BESIDE!r} in os.environ else 0)"
+    assert Children().run([sys.executable, "-c", asks], None) == 7
 
 
 def test_those_that_run_are_interrupted_and_no_other_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.commands.run import TREE
-from cell.commands.terminal import CONFIGURATION
+from cell.commands.terminal import BESIDE, CONFIGURATION
 from tests import ROOT
 from tests.processes import finished
 from trees.views.picture import draws_text
@@ -204,6 +204,9 @@ def test_ctrl_c_before_a_command_has_begun_is_told_without_a_traceback(
     monkeypatch.setattr("cell.commands.main._with_command", interrupted)
     assert main(["nodes"]) == 1
     assert capsys.readouterr().err == "cell: interrupted\n"
+    monkeypatch.setenv(BESIDE, "1")  # the command that runs this one says it
+    assert main(["nodes"]) == 1
+    assert capsys.readouterr().err == ""
 
 
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:

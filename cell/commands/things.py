@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from cell.evaluating.things import Task
 
 STILLS, VIEWS = 14, 3  # images of a look of the plate, and of a tray
-LOOK_S, TRAY_S = 1.2, 0.45  # of processor time, to make these
+LOOK_S, TRAY_S = 1.4, 0.45  # of processor time, to make these
 HOLES_SHARE, PARTS_SHARE = 0.42, 0.4  # of the budget, for the data
 STILL_S, IMAGE_S, THING_S = 0.005, 0.018, 0.0021  # to learn from one once
 LOOKS = {"wide": (0.55, 0), "varied": (0.3, 300_000), "nominal": (0.15, 500_000)}  # share of the data, and first seed

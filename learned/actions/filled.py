@@ -44,7 +44,7 @@ class FilledHoles:
     def update(self, holes: Mapping[str, HoleView]) -> Iterator[Filled]:
         """Holes that are newly filled, at each new look up to the one that settles it, and not before they were empty.
 
-        Old looks count for nothing.
+        Old looks count for nothing, and a part that leans or lies there is not placed yet.
         """
         for position, view in holes.items():
             if view.seen_s <= self._seen_s.get(position, -1.0):
@@ -53,6 +53,8 @@ class FilledHoles:
             self._note_full(position, view)
             if view.part is None:
                 self._watched.add(position)
+                self._shows.pop(position, None)
+            elif not view.upright:
                 self._shows.pop(position, None)
             elif position in self._watched:
                 part, looks, settled = self._shows.get(position, (view.part, 0, False))

@@ -25,6 +25,7 @@ class HoleFindings:
         bare: holes that nothing hides; said: those of them with an answer; right: with part or emptiness right.
         filled, called_empty: all filled holes, hidden or not, and those that were called empty.
         upright_said, upright_right: filled holes with the right part, and those with the right posture.
+        astray, astray_told: those of them that do not stand upright, and those that were told not to.
         covered, covered_said, covered_wrong: holes that are hidden, those with an answer, and a wrong one.
         seconds: of processor time an image.
     """
@@ -36,6 +37,8 @@ class HoleFindings:
     called_empty: int = 0
     upright_said: int = 0
     upright_right: int = 0
+    astray: int = 0
+    astray_told: int = 0
     covered: int = 0
     covered_said: int = 0
     covered_wrong: int = 0
@@ -51,6 +54,8 @@ class HoleFindings:
             if right and reading is not None and hole.part is not None:
                 self.upright_said += 1
                 self.upright_right += reading.upright == hole.upright
+                self.astray += not hole.upright
+                self.astray_told += not hole.upright and not reading.upright
         elif hole.covered >= COVERED:
             self.covered += 1
             self.covered_said += reading is not None
@@ -65,6 +70,7 @@ class HoleFindings:
             ("right", self.right, self.bare),
             ("called_empty", self.called_empty, self.filled),
             ("upright", self.upright_right, self.upright_said),
+            ("astray_told", self.astray_told, self.astray),
             ("covered_said", self.covered_said, self.covered),
             ("covered_wrong", self.covered_wrong, self.covered),
         ):

@@ -29,6 +29,7 @@ OUTPUTS = ("kinds", "upright", "covered")
 COVERED, BARE = 0.15, 0.04  # share hidden from which a hole counts as covered, and up to which it does not
 MARGIN_PX = 12  # around what is cut out, for blur
 TEMPERATURES = np.geomspace(0.5, 4.0, 40)
+MISSED_COST = 2.0  # of a part astray that is called upright, in upright ones that are called astray
 LEAST_LEGAL, MOST_LEGAL = 0.5, 0.999  # below, something else may be likelier
 
 
@@ -97,11 +98,15 @@ def as_met_with(truth: NDArray[np.int64], seated: NDArray[np.bool_], astray_shar
 
 
 def least_upright(plates: Sequence[Plate], astray_share: float) -> float:
-    """The probability that is a half where as few parts are astray as are met with; training shows more of them."""
+    """The probability above which a part counts as upright.
+
+    As few parts are astray as are met with, where training shows more of them; and one that is taken for upright costs
+    more than a question about one that stands.
+    """
     own = float(np.mean([not hole.upright for plate in plates for hole in plate.holes if hole.part] or [False]))
     if not 0 < own < 1:
         return 0.5
-    met, shown = astray_share / (1 - astray_share), own / (1 - own)
+    met, shown = MISSED_COST * astray_share / (1 - astray_share), own / (1 - own)
     return met / (met + shown)
 
 

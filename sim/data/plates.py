@@ -16,6 +16,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.clutter import ScenePart
 from sim.data.actions import COVERED_BY
+from sim.data.fallen import FallenParts, tilted
 from sim.data.folder import DataFolder
 from sim.data.sight import Masks, Projection, told_pose, true_camera
 from sim.hand import DIGITS, GANTRY, add_hand
@@ -30,8 +31,8 @@ FAR_AWAY_M = (3.0, 3.0, 0.1)
 MORE_OF_EACH = 2  # parts beyond those of one product, so that any mixture can stand on the plate
 FILLED_SHARE, ASTRAY_SHARE = 0.55, 0.15  # of holes; of parts in them
 SEATED_M, SEATED_RAD = 0.0015, 0.02
-ASTRAY_M, ASTRAY_RAD = (0.006, 0.018), (0.15, 0.5)
-LYING_SHARE = 0.25  # of parts that are astray
+FALLEN_SHARE = 0.6  # of parts that are astray: they fell there; the others stand askew
+ASKEW_M, ASKEW_RAD = (0.0, 0.014), (0.1, 0.5)
 HAND_SHARE, ARM_SHARE, HOLDING_SHARE = 0.4, 0.35, 0.6
 OVER_M = (0.005, 0.14)  # of fingertips over the plate's upper side
 COVERED_HALF_M = 0.03  # half the width of the square around a hole whose hidden share is told
@@ -65,6 +66,7 @@ class Plate:
         astray_share: float = ASTRAY_SHARE,
     ) -> None:
         self._product, self._bench, self._reach, self._astray_share = product, bench, reach, astray_share
+        self._fallen = FallenParts(product, bench, settings.physics, seed)
         self._rng = np.random.default_rng([seed, 5])
         self.look = settings.look.draw(seed)
         more = [ScenePart(name, Pose(FAR_AWAY_M), "person") for name in product.parts for _ in range(MORE_OF_EACH)]
@@ -97,25 +99,37 @@ class Plate:
         mujoco.mj_forward(self.world.model, self.world.data)
         return still
 
-    def _fill(self, position: str, part: WorldPart) -> tuple[str, bool]:
+    def _fill(self, position: str, part: WorldPart) -> tuple[str | None, bool]:
+        """Put a part into a hole, well or not; what stays in its bin leaves the hole empty."""
+        hole, astray = self._hole(position), self._rng.random() < self._astray_share
+        rest = self._astray(part.part) if astray else self._seated()
+        if rest is None:
+            return None, True
+        self.world.place(part, hole @ rest)
+        return part.part, not astray
+
+    def _seated(self) -> Pose:
+        rng = self._rng
+        tilt = tilted(rng.normal(0, SEATED_RAD), rng.uniform(-math.pi, math.pi))
+        x, y = (float(value) for value in rng.normal(0, SEATED_M, 2))
+        return Pose((x, y, 0.0)) @ Pose.from_yaw((0, 0, 0), self._yaw()) @ tilt
+
+    def _astray(self, part: str) -> Pose | None:
+        """Fallen there, or standing askew as what is not pressed home; None for a type that cannot fall so."""
+        rng = self._rng
+        if rng.random() < FALLEN_SHARE:
+            return self._fallen.draw(part, rng)
+        angle, way, off = rng.uniform(*ASKEW_RAD), rng.uniform(-math.pi, math.pi), rng.uniform(*ASKEW_M)
+        high = self._product.parts[part].peg_length_m * math.cos(angle) * rng.uniform()
+        x, y, z = off * math.cos(way), off * math.sin(way), high
+        return Pose((x, y, z)) @ Pose.from_yaw((0, 0, 0), self._yaw()) @ tilted(angle, way)
+
+    def _yaw(self) -> float:
+        """People and robot like the directions of the plate."""
         rng, yaw = self._rng, self._rng.uniform(-math.pi, math.pi)
-        if rng.random() < 0.5:  # people and robot like the directions of the plate
+        if rng.random() < 0.5:
             yaw = round(yaw / (math.pi / 2)) * math.pi / 2 + rng.normal(0, 0.05)
-        hole = self._hole_m(position)
-        if rng.random() >= self._astray_share:
-            tilt = Pose.from_yaw((0, 0, 0), yaw) @ _tilted(rng.normal(0, SEATED_RAD), rng.uniform(-math.pi, math.pi))
-            x, y, z = (float(value) for value in hole + np.array([*rng.normal(0, SEATED_M, 2), 0.0]))
-            self.world.place(part, Pose((x, y, z), tilt.quaternion_wxyz))
-            return part.part, True
-        kind = self._product.parts[part.part]
-        way, off = rng.uniform(-math.pi, math.pi), rng.uniform(*ASTRAY_M)
-        lies = rng.random() < LYING_SHARE
-        angle = math.pi / 2 if lies else rng.uniform(*ASTRAY_RAD)
-        high = kind.size_m[1] / 2 if lies else kind.peg_length_m * math.cos(angle)
-        x, y, z = (float(value) for value in hole + off * np.array([math.cos(way), math.sin(way), high / off]))
-        turned = Pose.from_yaw((0, 0, 0), yaw) @ _tilted(angle, 0.0 if lies else way)
-        self.world.place(part, Pose((x, y, z), turned.quaternion_wxyz))
-        return part.part, False
+        return float(yaw)
 
     def _hand_over(self, left: list[WorldPart]) -> list[WorldPart]:
         """The hand somewhere over the plate, now and then with a part."""
@@ -158,8 +172,13 @@ class Plate:
         spot[2] += self._rng.uniform(*OVER_M)
         return np.asarray(spot, float)
 
+    def _hole(self, position: str) -> Pose:
+        """world_from_hole."""
+        x_m, y_m = self._product.bracket.holes_m[position]
+        return self._bench.bracket.pose @ Pose((x_m, y_m, 0.0))
+
     def _hole_m(self, position: str) -> Array:
-        return self._bench.bracket.pose.transform(np.array([*self._product.bracket.holes_m[position], 0.0]))
+        return np.array(self._hole(position).position_m)
 
 
 def write_plates(
@@ -176,8 +195,8 @@ def write_plates(
     """An image and a row of plates.jsonl for each frame; look and stills are drawn from the seed.
 
     Args:
-        frames: in a row of each still, which differ by the sensor's noise.
         reach: joints that bring the tool to a place with its fingers down and a heading; None where the arm cannot.
+        frames: in a row of each still, which differ by the sensor's noise.
         astray_share: of parts, that lie, lean or stand beside their hole.
     """
     plate = Plate(product, bench, settings, seed, reach, astray_share)
@@ -231,10 +250,3 @@ def _covered(hidden: NDArray[np.bool_], projection: Projection, poses: ScenePose
 
 def _holes_m(product: Product, bench: Bench) -> Sequence[Array]:
     return [bench.bracket.pose.transform(np.array([*xy, 0.0])) for xy in product.bracket.holes_m.values()]
-
-
-def _tilted(angle_rad: float, way_rad: float) -> Pose:
-    """A turn about the level axis of this heading."""
-    half = angle_rad / 2
-    turn = (math.cos(half), math.sin(half) * math.cos(way_rad), math.sin(half) * math.sin(way_rad), 0.0)
-    return Pose((0.0, 0.0, 0.0), turn)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import pickle
 from collections import Counter
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ from learned.holes.crops import hole_crops, squares_m
 from learned.holes.dataset import load_plates
 from learned.parts.dataset import load_scenes
 from sim.data.actions import MOST_OF, write_holes, write_segments
+from sim.data.fallen import FallenParts
 from sim.data.folder import DataFolder, DataPiece
 from sim.data.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
 from sim.data.objects import write_objects
@@ -35,6 +37,7 @@ from sim.data.splits import SPLITS, seeds
 from sim.data.tracks import as_tracked, hands_of
 from sim.data.variety import mixed_clutter, sometimes_steel
 from sim.person import Storage
+from sim.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
@@ -319,6 +322,21 @@ def test_stills_of_the_plate_tell_what_is_in_the_holes_and_what_hides_them(tmp_p
             middle = crop[:, 22:26, 22:26].mean()
             if hole.part is None and hole.covered == 0:
                 assert middle < np.median(crop)
+
+
+def test_parts_that_fell_onto_a_hole_rest_on_the_plate_and_lean_or_lie() -> None:
+    rng = np.random.default_rng(0)
+    fallen, again = (FallenParts(PRODUCT, BENCH, SIMULATION.physics, seed=3) for _ in range(2))
+    for part, kind in PRODUCT.parts.items():
+        rests = [fallen.draw(part, rng) for _ in range(4)]
+        for rest in rests:
+            assert rest is not None
+            way = rest.transform(np.array([0.0, 0.0, 1.0])) - np.array(rest.position_m)
+            assert way[2] < math.cos(SEATED_TILT_RAD)
+            assert math.hypot(*rest.position_m[:2]) < NEAR_HOLE_M
+            assert rest.position_m[2] < max(kind.size_m)
+    last = list(PRODUCT.parts)[-1]  # the same whichever type is asked for first
+    assert again.draw(last, np.random.default_rng(1)) == fallen.draw(last, np.random.default_rng(1))
 
 
 def test_as_many_parts_on_the_plate_are_astray_as_asked_for(tmp_path: Path) -> None:

@@ -264,6 +264,13 @@ def test_a_hole_is_newly_filled_when_new_looks_agree_after_it_was_empty_until_a_
     assert filled(empty, *again) == [2, 5]
 
 
+def test_a_part_that_leans_or_lies_there_fills_no_hole_until_it_is_pressed_home() -> None:
+    holes = FilledHoles(CLASSES, 2, 0.9)
+    looks = [(None, True), *[("o1", False)] * 3, *[("o1", True)] * 2]
+    views = [HoleView(part, 0.99, float(time_s), upright) for time_s, (part, upright) in enumerate(looks)]
+    assert [number for number, view in enumerate(views) for _ in holes.update({"p2": view})] == [5]
+
+
 def test_a_hole_that_was_full_all_along_is_not_newly_filled() -> None:
     """Who tries to take a part out and lets go of it again has placed nothing."""
 

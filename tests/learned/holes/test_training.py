@@ -97,14 +97,16 @@ def test_probabilities_are_chosen_for_as_many_astray_parts_as_are_met_with() -> 
 
 
 def test_a_part_is_told_to_be_astray_as_seldom_as_parts_are() -> None:
-    from learned.holes.train import least_upright
+    from learned.holes.train import MISSED_COST, least_upright
 
     def plates(astray: int) -> list[Any]:
         return [SimpleNamespace(holes=[SimpleNamespace(part="o1", upright=index >= astray) for index in range(100)])]
 
-    assert least_upright(plates(15), 0.15) == pytest.approx(0.5)
+    assert least_upright(plates(15), 0.15) == pytest.approx(MISSED_COST / (1 + MISSED_COST))
     told = least_upright(plates(40), 0.15)
-    assert told / (1 - told) == pytest.approx((0.15 / 0.85) / (0.4 / 0.6))  # odds of what is astray, by Bayes' rule
+    assert told / (1 - told) == pytest.approx(
+        MISSED_COST * (0.15 / 0.85) / (0.4 / 0.6)
+    )  # odds of what is astray, by Bayes' rule
     assert least_upright(plates(0), 0.15) == 0.5
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -165,7 +165,7 @@ class Plate:
 
     def _spot_m(self) -> Array:
         """Over a hole or between holes."""
-        holes = np.array([self._hole_m(position) for position in self._product.positions])
+        holes = np.array([self.hole_m(position) for position in self._product.positions])
         low, high = holes.min(axis=0), holes.max(axis=0)
         spot = self._rng.uniform(low, high)
         spot[:2] += self._rng.normal(0, 0.03, 2)
@@ -177,7 +177,8 @@ class Plate:
         x_m, y_m = self._product.bracket.holes_m[position]
         return self._bench.bracket.pose @ Pose((x_m, y_m, 0.0))
 
-    def _hole_m(self, position: str) -> Array:
+    def hole_m(self, position: str) -> Array:
+        """(3,) in the world frame."""
         return np.array(self._hole(position).position_m)
 
 
@@ -217,9 +218,9 @@ def write_plates(
                 "position": position,
                 "part": part,
                 "upright": upright,
-                "covered": round(_covered(hidden, projection, exposure.moments[0], hole), 3),
+                "covered": round(_covered(hidden, projection, exposure.moments[0], plate.hole_m(position)), 3),
             }
-            for (position, (part, upright)), hole in zip(still.holes.items(), _holes_m(product, bench), strict=True)
+            for position, (part, upright) in still.holes.items()
         ]
         for place, frame in enumerate(taken):
             name = f"seed{seed:06d}-{number:02d}" + (f"-{place:02d}" if frames > 1 else "")
@@ -246,7 +247,3 @@ def _covered(hidden: NDArray[np.bool_], projection: Projection, poses: ScenePose
     right, bottom = np.ceil(pixels.max(axis=0)).astype(int)
     seen = hidden[top:bottom, left:right]
     return float(seen.mean()) if seen.size else 1.0
-
-
-def _holes_m(product: Product, bench: Bench) -> Sequence[Array]:
-    return [bench.bracket.pose.transform(np.array([*xy, 0.0])) for xy in product.bracket.holes_m.values()]

@@ -89,7 +89,7 @@ def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench, rgb: pal
     bracket = world.add_body(name="bracket", pos=list(pose.position_m), quat=list(pose.quaternion_wxyz))
     plate = product.bracket
     holes = list(plate.holes_m.values())
-    radius = max(part.peg_diameter_m for part in product.parts.values()) / 2 + plate.hole_clearance_m
+    radius = product.hole_radius_m
     _check_bracket(product, bench, radius)
     low = [min(hole[axis] for hole in holes) - plate.margin_m for axis in (0, 1)]
     high = [max(hole[axis] for hole in holes) + plate.margin_m for axis in (0, 1)]

@@ -119,6 +119,11 @@ class Product(Model):
         """Position names in order: p1, p2, ..."""
         return tuple(self.bracket.holes_m)
 
+    @cached_property
+    def hole_radius_m(self) -> float:
+        """Of every hole: the widest peg fits with its clearance."""
+        return max(part.peg_diameter_m for part in self.parts.values()) / 2 + self.bracket.hole_clearance_m
+
     def title(self, part: str) -> str:
         """Like "gate valve (o1)"; what is no part type stays as it is."""
         return f"{self.parts[part].title} ({part})" if part in self.parts else part

@@ -79,8 +79,7 @@ class PlateModel(Rectangle):
         low, high = holes.min(axis=0) - plate.margin_m, holes.max(axis=0) + plate.margin_m
         edges = Rectangle.between(low, high, pose)
         middles = np.column_stack([holes, np.zeros(len(holes))])
-        radius = max(part.peg_diameter_m for part in product.parts.values()) / 2 + plate.hole_clearance_m
-        return PlateModel(**vars(edges), holes_m=pose.transform(middles), radius_m=radius)
+        return PlateModel(**vars(edges), holes_m=pose.transform(middles), radius_m=product.hole_radius_m)
 
 
 @dataclass(frozen=True)

@@ -73,8 +73,7 @@ class ClassicalHoleReader:
         holes = np.array([[*xy, 0.0] for xy in product.bracket.holes_m.values()])
         self._holes_m = dict(zip(product.positions, bracket.transform(holes)[:, :2], strict=True))
         self._scale = self._view.pixels_per_m(bench.bracket.position_m)
-        radius_m = max(part.peg_diameter_m for part in product.parts.values()) / 2 + product.bracket.hole_clearance_m
-        self._radius_px = radius_m * self._scale
+        self._radius_px = product.hole_radius_m * self._scale
         self._tops_m2 = top_areas_m2(list(product.parts.values()))
         self._window = self._plate_window(bracket.transform(_plate_corners(product)))
         self._masks = {position: self._hole_masks(position) for position in product.positions}

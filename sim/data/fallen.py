@@ -99,7 +99,7 @@ def _let_go(kind: PartType, rng: np.random.Generator) -> Pose:
 
 
 def _astray(rest: Pose) -> bool:
-    """Whether it counts as what is in or on the hole, and does not stand in it."""
+    """Whether it rests at the hole, and does not stand in it."""
     x_m, y_m, z_m = rest.position_m
     upright: Array = rest.transform(np.array([0.0, 0.0, 1.0])) - np.array(rest.position_m)
     near = math.hypot(x_m, y_m) < NEAR_HOLE_M and abs(z_m) < NEAR_HOLE_M

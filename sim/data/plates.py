@@ -18,6 +18,7 @@ from sim.clutter import ScenePart
 from sim.data.actions import COVERED_BY
 from sim.data.fallen import FallenParts, tilted
 from sim.data.folder import DataFolder
+from sim.data.openings import Openings
 from sim.data.sight import Masks, Projection, told_pose, true_camera
 from sim.hand import DIGITS, GANTRY, add_hand
 from sim.photographer import Exposure, Photographer, SensorSetup
@@ -74,6 +75,7 @@ class Plate:
         hand = partial(add_hand, bench=bench, person=self.look.person, habits=settings.person)
         self.world = build_world(product, bench, scene, settings.physics, hand, self.look)
         model = self.world.model
+        self._openings = Openings(self.world, product, bench)
         self._start = self.world.data.qpos.copy()
         self._gantry = [int(model.joint(name).qposadr[0]) for name in GANTRY]
         self._digits = [int(model.joint(name).qposadr[0]) for name in DIGITS]
@@ -92,6 +94,7 @@ class Plate:
         for position in self._product.positions:
             if rng.random() < FILLED_SHARE:
                 still.holes[position] = self._fill(position, left.pop())
+        self._tell_astray(still)
         if rng.random() < HAND_SHARE:
             still.held += self._hand_over(left)
         if rng.random() < ARM_SHARE:
@@ -107,6 +110,13 @@ class Plate:
             return None, True
         self.world.place(part, hole @ rest)
         return part.part, not astray
+
+    def _tell_astray(self, still: Still) -> None:
+        """What fell may lie beside its hole, or over another: what covers an opening is what is in the hole."""
+        for position, (part, seated) in still.holes.items():
+            if part is None or not seated:
+                over = self._openings.covered_by(position)
+                still.holes[position] = (None, True) if over is None else (over.part, False)
 
     def _seated(self) -> Pose:
         rng = self._rng

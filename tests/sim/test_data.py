@@ -30,7 +30,7 @@ from sim.data.folder import DataFolder, DataPiece
 from sim.data.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
 from sim.data.objects import write_objects
 from sim.data.placed import holes_of
-from sim.data.plates import write_plates
+from sim.data.plates import Plate, write_plates
 from sim.data.recording import Assembly, Source, record
 from sim.data.sight import GEOM_POSITIONS
 from sim.data.splits import SPLITS, seeds
@@ -337,6 +337,24 @@ def test_parts_that_fell_onto_a_hole_rest_on_the_plate_and_lean_or_lie() -> None
             assert rest.position_m[2] < max(kind.size_m)
     last = list(PRODUCT.parts)[-1]  # the same whichever type is asked for first
     assert again.draw(last, np.random.default_rng(1)) == fallen.draw(last, np.random.default_rng(1))
+
+
+def test_a_hole_holds_what_lies_over_it_also_what_fell_from_another() -> None:
+    plate = Plate(PRODUCT, BENCH, SIMULATION, 4, lambda *_: None, astray_share=1.0)
+    world, radius_m = plate.world, PRODUCT.hole_radius_m
+    seen = set()
+    for _ in range(60):
+        still = plate.shuffle()
+        placed = [one.body for one in world.bodies if one not in still.held]
+        points = world.data.geom_xpos[np.isin(world.model.geom_bodyid, placed)]
+        for position, (part, _) in still.holes.items():
+            middle_m = plate.hole_m(position)
+            over = np.hypot(*(points - middle_m)[:, :2].T) < 0.9 * radius_m
+            high = np.abs(points[:, 2] - middle_m[2]) < 0.1
+            if (over & high).any():  # the middle of one of a part's solids is over the opening
+                seen.add(part)
+                assert part is not None
+    assert seen == set(PRODUCT.parts)
 
 
 def test_as_many_parts_on_the_plate_are_astray_as_asked_for(tmp_path: Path) -> None:

@@ -32,6 +32,8 @@ LOAD_ERRORS = (
     ort_errors.RuntimeException,
 )
 
+Inputs = Mapping[str, NDArray[Any]]  # of a network, by name
+
 
 class ModelCard(Model):
     """What a weights file is and where it comes from.
@@ -102,7 +104,7 @@ class Network(Protocol):
     card: ModelCard
     outputs: list[str]
 
-    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    def run(self, inputs: Inputs) -> dict[str, NDArray[Any]]:
         """Outputs by name.
 
         Raises:
@@ -160,7 +162,7 @@ class OnnxModel:
         """
         self.card.require_vocabulary(self.path, {use: wanted})
 
-    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    def run(self, inputs: Inputs) -> dict[str, NDArray[Any]]:
         """Outputs by name.
 
         Raises:

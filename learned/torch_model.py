@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,12 @@ from pydantic import JsonValue
 from torch import nn
 
 from cell.interfaces.errors import ModelError
-from learned.onnx_model import ModelCard, OnnxModel, save_onnx
+from learned.eight_bits import quantised
+from learned.onnx_model import Inputs, ModelCard, OnnxModel, save_onnx
 from learned.short_weights import shorten
 
 TOLERANCE = 1e-5  # ONNX and torch agree within
 _OPSET = 20
-
-Inputs = Mapping[str, NDArray[Any]]
 
 
 class TorchModel:
@@ -53,6 +52,7 @@ def write_weights(
     tolerance: float = TOLERANCE,
     told: Mapping[str, JsonValue] | None = None,
     short: bool = False,
+    met_with: Sequence[Inputs] = (),
 ) -> dict[str, float]:
     """Export a network to `out`, compare the file with torch, score it, and write the scores onto its card.
 
@@ -63,6 +63,8 @@ def write_weights(
         tolerance: by which outputs of file and network may differ.
         told: what else the card's config says; read after `score`, which may fill it.
         short: keep weights as 16-bit numbers.
+        met_with: such inputs as the network will meet with; if there are any, it computes with 8-bit numbers for them,
+            which is not compared with torch.
 
     Returns:
         The scores.
@@ -82,6 +84,9 @@ def write_weights(
             difference = float(np.abs(value - expected[name]).max())
             if difference > tolerance:
                 raise ModelError(f"{out}: output {name} differs from torch by {difference:.1e}, more than {tolerance}")
+    if met_with:
+        program = quantised(program, met_with)
+        save_onnx(program, out, model.card)
     scores = score()
     config = {**model.card.config, **(told or {})}
     save_onnx(program, out, model.card.model_copy(update={"scores": scores, "config": config}))

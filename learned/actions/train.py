@@ -23,9 +23,9 @@ from learned.actions.networks import ActionNet, Lrcn, build
 from learned.actions.segments import CROP_PX, TRACK_FEATURES, SegmentReader
 from learned.actions.settings import TRAINABLE, ActionTraining
 from learned.fitting import Checkpoint, fit
-from learned.onnx_model import ModelCard, OnnxModel
+from learned.onnx_model import Inputs, ModelCard, OnnxModel
 from learned.scores import latencies
-from learned.torch_model import Inputs, TorchModel, write_weights
+from learned.torch_model import TorchModel, write_weights
 
 SPEED_STEPS = 5  # after which the time of a step is known
 

@@ -9,14 +9,13 @@ from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.calibration.landmarks import PlateModel
-from learned.calibration.solve import REACHES_M, Fit, Shot, fit_camera, holes_off_m
+from learned.calibration.solve import MOST_RMS_PX, REACHES_M, Fit, Shot, fit_camera, holes_off_m
 from learned.calibration.tray import tray_off_m
 
 EVERY_S, AGAIN_S = 60.0, 0.5  # between checks, and between looks of one check
 LOOKS = 3  # that must agree, and that a check takes
 MOST_LOOKS = 20  # hand and arm are often in the way; then the check waits for the next minute
 MOST_OFF_M = 0.010  # at the holes
-MOST_RMS_PX = 1.2  # a worse fit is none
 LEAST_SEEN = 0.6  # of the plate's edges
 NEAR_REACHES_M = REACHES_M[1:]  # of a search that finds the plate only where it is believed to be
 MARGIN_PX = 15.0  # around the plate: a hand this near may hide it

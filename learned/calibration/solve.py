@@ -21,6 +21,8 @@ REACHES_M = (0.03, 0.012, 0.005)  # of the search on the plate, round after roun
 PRIOR = np.array([0.015] * 3 + [0.02] * 3 + [0.006, 0.04])  # m, rad, share of the focal length, k1
 EDGE_PX, HOLE_PX = 0.5, 0.3  # standard deviations of sightings: of an edge, whose points err together, and of a hole
 WRIST_POINT_PX = 0.3  # of each point of an edge that the wrist camera sees, once all are found
+MOST_RMS_PX = 1.2  # a worse fit is none
+MOST_K1 = 0.5  # as a bench may say
 HUBER = 2.5  # in those
 ROUNDS = 12
 LEAST_EDGES = 12  # points of edges that an image needs
@@ -101,9 +103,19 @@ def fit_camera(
 def fit_wrist_camera(shots: Sequence[Shot], bench: Bench, product: Product) -> Fit:
     """As `fit_camera`, from views in which the walls of holes show: these pull the focal length aside.
 
-    So edges count for more in the end. From the first round on, that would lose cameras that hang far off.
+    So edges count for more in the end. From the first round on, that would lose cameras that hang far off. One that is
+    lost all the same fits badly; then the search begins at other turns, too.
     """
-    return fit_camera(shots, bench.wrist, bench, product, last_point_px=WRIST_POINT_PX)
+
+    def fit(turns: tuple[float, ...]) -> Fit:
+        return fit_camera(shots, bench.wrist, bench, product, _turned(turns), last_point_px=WRIST_POINT_PX)
+
+    best, others = fit((0.0, 0.0)), product_of((0.0, START_RAD, -START_RAD), repeat=2)
+    for turns in list(others)[1:]:
+        if best.rms_px <= MOST_RMS_PX:
+            break
+        best = max(best, fit(turns), key=lambda one: (one.rms_px <= MOST_RMS_PX, one.holes))
+    return best
 
 
 def fit_over_empty_plate(shots: Sequence[Shot], setup: CameraSetup, bench: Bench, product: Product) -> Fit:
@@ -118,10 +130,15 @@ def fit_over_empty_plate(shots: Sequence[Shot], setup: CameraSetup, bench: Bench
     for turns in product_of((0.0, START_RAD, -START_RAD), repeat=2):
         if best.holes == wanted:
             break
-        start = np.zeros(len(PRIOR))
-        start[3:5] = turns
-        best = max(best, fit_camera(shots, setup, bench, product, start), key=lambda fit: (fit.holes, -fit.far))
+        best = max(best, fit_camera(shots, setup, bench, product, _turned(turns)), key=lambda fit: (fit.holes, -fit.far))
     return best
+
+
+def _turned(turns: Sequence[float]) -> Array:
+    """A start at these turns about the two axes of the view."""
+    start = np.zeros(len(PRIOR))
+    start[3:5] = turns
+    return start
 
 
 def too_few_holes(fit: Fit, product: Product) -> bool:
@@ -146,7 +163,7 @@ def _camera(setup: CameraSetup, values: Array) -> tuple[CameraModel, Pose]:
         setup.width_px,
         setup.height_px,
         setup.focal_px * (1 + float(values[6])),
-        setup.distortion_k1 + float(values[7]),
+        min(max(setup.distortion_k1 + float(values[7]), -MOST_K1), MOST_K1),
         setup.distortion_k2,
     )
     return camera, setup.mount.pose @ Pose.from_matrix(turn)

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from cell.interfaces.product import Product
 from learned.exposure import POOR, mean_level, spoiled
 from learned.fitting import Checkpoint, fit_examples, short_numbers
-from learned.onnx_model import ModelCard
+from learned.onnx_model import Inputs, ModelCard
 from learned.parts.augment import sample
 from learned.parts.crops import CROP_PX, PLANES, crop_of
 from learned.parts.dataset import UNKNOWN, Label, Scene
@@ -28,6 +28,7 @@ from learned.torch_model import TorchModel, write_weights
 CENTRE_OUTPUTS, POSE_OUTPUTS = ("heat", "further", "features"), ("corrections", "kinds")
 CENTIMETRE = 100.0
 LEAST_AXIS_PX = 1.0  # an axis that is seen shorter points at the camera
+SHOWN = 64  # scenes that tell the range of every layer's 8-bit numbers
 WRONG_WAY_SHARE = 0.3  # of parts whose ends differ, seen the wrong way round
 
 
@@ -166,23 +167,39 @@ def _pose_loss(network: PoseNet, samples: Sequence[PoseSample]) -> Tensor:
     return total
 
 
-def write_centre(network: CentreNet, out: Path, card: ModelCard) -> None:
-    """Export; the file is compared with torch."""
+def write_centre(network: CentreNet, out: Path, card: ModelCard, met_with: Sequence[Inputs]) -> None:
+    """Export; the file is compared with torch, and then made to compute with 8-bit numbers."""
     model = TorchModel(CentreAnswer(network).eval(), CENTRE_OUTPUTS, card)
     width, height = INPUT_PX
     rng = np.random.default_rng(0)
     samples = [{"image": rng.uniform(-0.5, 0.5, (1, 3, height, width)).astype(np.float32)} for _ in range(2)]
-    write_weights(model, out, samples, lambda: dict(card.scores))
+    write_weights(model, out, samples, lambda: dict(card.scores), met_with=met_with)
 
 
-def write_pose(network: PoseNet, out: Path, card: ModelCard) -> None:
-    """Export; the file is compared with torch."""
+def write_pose(network: PoseNet, out: Path, card: ModelCard, met_with: Sequence[Inputs]) -> None:
+    """As `write_centre`."""
     model = TorchModel(network.eval(), POSE_OUTPUTS, card)
     width, height = CROP_PX
     rng = np.random.default_rng(0)
     shapes = [(count, PLANES, height, width) for count in (2, 1, 5)]
     samples = [{"crops": rng.uniform(-0.5, 0.5, shape).astype(np.float32)} for shape in shapes]
-    write_weights(model, out, samples, lambda: dict(card.scores), any_rows=True)
+    write_weights(model, out, samples, lambda: dict(card.scores), any_rows=True, met_with=met_with)
+
+
+def seen_by_centre(scenes: Sequence[Scene], product: Product, floor_m: float) -> list[Inputs]:
+    """The images of some scenes, each as the centre net takes it."""
+    types = tuple(product.parts)
+    return [{"image": sample(scene, types, floor_m, None).image[np.newaxis]} for scene in scenes]
+
+
+def seen_by_pose(scenes: Sequence[Scene], product: Product, floor_m: float, settings: PoseTraining) -> list[Inputs]:
+    """Crops of all things in some scenes, as the pose net learns from them."""
+    rng = np.random.default_rng(0)
+    return [
+        {"crops": pose_sample((scene, label), product, floor_m, settings, rng)[0][np.newaxis]}
+        for scene in scenes
+        for label in scene.labels
+    ]
 
 
 def train_parts(
@@ -217,10 +234,11 @@ def train_parts(
             seed=seed,
         )
 
+    shown = scenes[:: max(1, len(scenes) // SHOWN)]
     begun = [path.with_name(path.name + ".checkpoint") for path in (out, pose_file(out))]
     network = train_centre(scenes, product, floor_m, seed, centre, checkpoint=begun[0], quiet=quiet)
-    write_centre(network, out, card(CENTRE_KIND, centre))
+    write_centre(network, out, card(CENTRE_KIND, centre), seen_by_centre(shown, product, floor_m))
     refiner = train_pose(scenes, product, floor_m, seed, pose, checkpoint=begun[1], quiet=quiet)
-    write_pose(refiner, pose_file(out), card(POSE_KIND, pose))
+    write_pose(refiner, pose_file(out), card(POSE_KIND, pose), seen_by_pose(shown, product, floor_m, pose))
     begun[0].unlink(missing_ok=True)
     return facts

@@ -23,7 +23,9 @@ def calibrate(
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     look: Annotated[str | None, typer.Option(help="What the simulation looks like, and how its cameras hang.")] = None,
-    overhead_only: Annotated[bool, typer.Option("--overhead-only", help="Nothing moves.")] = False,
+    overhead_only: Annotated[
+        bool, typer.Option("--overhead-only", help="Nothing moves; the file's wrist camera stays.")
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it is there.")] = False,
     as_json: JsonOption = False,
 ) -> int:
@@ -31,11 +33,14 @@ def calibrate(
     from cell.calibrating import calibrate as calibration_of
     from cell.commands.weights import folder_for, told_in, writable
     from cell.configuration import load_configuration, load_product, simulated
+    from cell.interfaces.bench import Calibration
+    from cell.interfaces.yaml_file import load_yaml
 
     path = out or folder_for(config) / NAME
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another --out, or add --overwrite")
     writable(path, ".yaml", ".yml")
+    wrist = load_yaml(path, Calibration).wrist if overhead_only and path.exists() else None
     configuration = simulated(load_configuration(config), look, PERSON)
     product = load_product(configuration, config)
     say = console().print
@@ -45,7 +50,7 @@ def calibrate(
     )
     rows = {
         name: one.trouble
-        or f"{1e3 * one.off_m:.1f} mm off before, fit {one.fit.rms_px:.2f} px, {one.fit.edges} points of edges, "
+        or f"{1e3 * one.off_m:.1f} mm off by the bench file, fit {one.fit.rms_px:.2f} px, {one.fit.edges} points of edges, "
         f"{one.fit.holes} holes, {one.fit.images} images"
         for name, one in cameras.items()
     }
@@ -57,7 +62,7 @@ def calibrate(
     if found is None:
         say("nothing was written")
         return 1
-    _write(found, path)
+    _write(found.model_copy(update={"wrist": wrist}) if overhead_only else found, path)
     say(f"{path}: to use it, in {config}: calibration: {told_in(config, path)}", highlight=False)
     return 0
 

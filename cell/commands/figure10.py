@@ -28,7 +28,7 @@ def figure10(
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
-) -> None:
+) -> int:
     """Train each network on four fifths of the recordings and score it on the last, five times.
 
     Interrupted, it prints the table of what was measured; typed again, it goes on there.
@@ -48,6 +48,7 @@ def figure10(
     kept = RowFile(out, {"command": "figure10", **told, "seed": seed})
     done = {(row["fold"], row["kind"]) for row in kept.rows}
     wanted = [(fold, one) for fold in range(FOLDS) for one in kinds if (fold, one) not in done]
+    status = 0
     if wanted:
         whole = any(one in WHOLE_FRAMES for _, one in wanted)
         folder = out.with_suffix(".frames" if whole else ".data")
@@ -62,6 +63,8 @@ def figure10(
                 console().print(row, highlight=False)
         except KeyboardInterrupt:
             console().print(f"interrupted: {len(kept.rows)} of {FOLDS * len(kinds)} trainings are done")
+            status = 1
     console().print(page(kept.rows), highlight=False, soft_wrap=True)
     if as_json:
         print_json({**told, "rows": summary(kept.rows)})
+    return status

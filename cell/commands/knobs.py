@@ -37,7 +37,7 @@ def knobs(
     plot: Annotated[Path | None, typer.Option(help="Draw it into this PNG file.")] = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
-) -> None:
+) -> int:
     """Score a detector while one knob is turned and the rest of the look stays as it is.
 
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
@@ -66,7 +66,7 @@ def knobs(
         "physics": physics,
     }
     kept = RowFile(out, {"command": "knobs", **told})
-    _score(kept, turned, lambda cell: scored.score(Sample(cell, product, wanted, physics)))
+    whole = _score(kept, turned, lambda cell: scored.score(Sample(cell, product, wanted, physics)))
     rows = [row for row in kept.rows if row["value"] in tried.get(str(row["knob"]), ())]
     console().print(_table(rows, scored), highlight=False, soft_wrap=True)
     if plot is not None and rows:
@@ -75,12 +75,13 @@ def knobs(
         plot_knobs(rows, f"{scored.title} (line), {scored.beside} (dashes); look {look}", plot)
     if as_json:
         print_json({**told, "share": scored.title, "beside": scored.beside, "rows": rows})
+    return 0 if whole else 1
 
 
 def _score(
     kept: RowFile, turned: Sequence[tuple[str, Any, Configuration]], score: Callable[[Configuration], dict[str, Any]]
-) -> None:
-    """Add a row for each value that has none yet, until somebody interrupts."""
+) -> bool:
+    """Add a row for each value that has none yet; returns False where somebody interrupts."""
     done = {(row["knob"], row["value"]) for row in kept.rows}
     try:
         for name, value, cell in turned:
@@ -88,6 +89,8 @@ def _score(
                 kept.add({"knob": name, "value": value, **score(cell)})
     except KeyboardInterrupt:
         console().print(f"interrupted: {len(kept.rows)} of {len(turned)} values are done")
+        return False
+    return True
 
 
 def _values(text: str) -> tuple[str, tuple[Any, ...]]:

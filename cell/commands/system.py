@@ -49,7 +49,7 @@ def system(
     scheduler: SchedulerOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
-) -> None:
+) -> int:
     """Whole assemblies: how often actions are detected, guidance is right, and the product is, by number of goals.
 
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
@@ -68,20 +68,25 @@ def system(
     rows: list[dict[str, Any]] = [row for row in kept.rows if (row.get("goals"), row.get("seed")) in wanted]
     done = {(row["goals"], row["seed"]) for row in rows}
     left = [one for one in wanted if one not in done]
+    status = 0
     try:
         work = partial(evaluate_system, configuration, config, calibrated=cameras is Hung.calibrated)
         for row in mapped(work, left, workers, scheduler):
+            if row["end"] == "interrupted":  # the controller heard the signal; the seed is run again another time
+                raise KeyboardInterrupt
             kept.add(row)
             rows.append(row)
             console().print(row, highlight=False)
     except KeyboardInterrupt:
         console().print(f"interrupted after {len(rows)} of {len(wanted)} assemblies")
+        status = 1
     found = table_1(rows)
     for count, scores in found.items():
         title = f"{count} goals, look {look}, person {person}, perception {told['perception']}, cameras {cameras.value}"
         console().print(table(title, {name: _words(value) for name, value in scores.items()}))
     if as_json:
         print_json({**told, "first_seed": first_seed, "runs": runs, "goals": found})
+    return status
 
 
 def latency(

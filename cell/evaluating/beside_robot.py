@@ -34,5 +34,7 @@ def record_beside_robot(configuration: Configuration, product: Product, seed: in
         assert isinstance(camera, SimCamera)
         assert worker is not None
         camera.watch = film.keep
-        drive(files, without_pixels(cell), motion)
+        outcome = drive(files, without_pixels(cell), motion)
+        if outcome.end == "interrupted":  # the controller heard the signal, and ended the run safely
+            raise KeyboardInterrupt(outcome.reason)
         return film.assembly(seed, goal, cell.look, worker.events, worker.acts, robot_works=True)

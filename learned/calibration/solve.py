@@ -130,7 +130,9 @@ def fit_over_empty_plate(shots: Sequence[Shot], setup: CameraSetup, bench: Bench
     for turns in product_of((0.0, START_RAD, -START_RAD), repeat=2):
         if best.holes == wanted:
             break
-        best = max(best, fit_camera(shots, setup, bench, product, _turned(turns)), key=lambda fit: (fit.holes, -fit.far))
+        best = max(
+            best, fit_camera(shots, setup, bench, product, _turned(turns)), key=lambda fit: (fit.holes, -fit.far)
+        )
     return best
 
 

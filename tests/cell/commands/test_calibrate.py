@@ -6,12 +6,15 @@ import json
 from pathlib import Path
 
 import pytest
+import yaml
 
 from cell.commands.main import main
 from cell.commands.terminal import CONFIGURATION
 from cell.commands.weights import told_in
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
+from cell.interfaces.bench import Calibration, CameraCalibration
 from cell.interfaces.errors import InputError
+from cell.interfaces.yaml_file import load_yaml
 
 BENCH = load_configuration().bench
 
@@ -38,6 +41,17 @@ def test_the_file_is_taken_over_by_the_configuration_that_names_it(
     assert bench.overhead.mount != BENCH.overhead.mount
     assert bench.drawn.overhead.mount == BENCH.overhead.mount
     assert bench.wrist == BENCH.wrist
+
+
+def test_the_overhead_camera_alone_leaves_the_wrist_camera_in_the_file(tmp_path: Path) -> None:
+    out = tmp_path / "calibration.yaml"
+    mount = BENCH.wrist.mount
+    wrist = CameraCalibration(mount=mount, focal_px=BENCH.wrist.focal_px, rms_px=0.4)
+    out.write_text(yaml.safe_dump({"wrist": wrist.model_dump(mode="json", exclude_none=True)}))
+    assert main(["calibrate", "--overhead-only", "--overwrite", "--look", "nominal", "--out", str(out)]) == 0
+    found = load_yaml(out, Calibration)
+    assert found.overhead is not None
+    assert found.wrist == wrist
 
 
 def test_a_file_that_cannot_be_written_is_told_before_anything_moves(

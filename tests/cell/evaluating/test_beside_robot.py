@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,12 +13,14 @@ import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.evaluating.beside_robot import record_beside_robot
+from cell.interfaces.perception import Frame
 from sim.data.actions import write_segments
 from sim.data.folder import DataFolder
 from sim.data.hands import hand_frames
 from sim.data.placed import holes_of
-from sim.data.recording import Assembly, Source
+from sim.data.recording import Assembly, Film, Source
 from sim.data.sight import GEOM_POSITIONS
+from sim.photographer import Exposure
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)
@@ -26,6 +30,19 @@ SEED = 800_321
 @pytest.fixture(scope="module")
 def assembly() -> Assembly:
     return record_beside_robot(CONFIGURATION, PRODUCT, SEED)
+
+
+def test_a_signal_leaves_no_half_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The controller hears it and ends the run safely."""
+    keep = Film.keep
+
+    def signalled(film: Film, exposure: Exposure) -> Frame:
+        os.kill(os.getpid(), signal.SIGINT)
+        return keep(film, exposure)
+
+    monkeypatch.setattr(Film, "keep", signalled)
+    with pytest.raises(KeyboardInterrupt):
+        record_beside_robot(CONFIGURATION, PRODUCT, SEED)
 
 
 def pads(assembly: Assembly, number: int) -> np.ndarray:

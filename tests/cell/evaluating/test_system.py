@@ -65,9 +65,9 @@ def test_what_a_file_holds_is_not_run_again_and_an_interrupted_table_is_printed(
         "--out",
         str(out),
     ]
-    for _ in range(2):
+    for status in (1, 0):
         asked.append([])
-        assert main([*words, "--json"]) == 0
+        assert main([*words, "--json"]) == status
     assert asked[1] == [(3, 900_001), (1, 900_002), (3, 900_002)]
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert found["goals"]["3"]["assemblies"] == 3
@@ -75,6 +75,19 @@ def test_what_a_file_holds_is_not_run_again_and_an_interrupted_table_is_printed(
     assert len(asked) == 2
     out.write_text("{}\n")
     assert main(words) == 2
+
+
+def test_an_assembly_that_a_signal_ended_is_no_row_and_the_last_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The controller hears the signal, so none is raised here."""
+    ends = iter(["finished", "interrupted", "finished"])
+    monkeypatch.setattr(system, "evaluate_system", lambda *_, **__: row(3, 900_000) | {"end": next(ends)})
+    out = tmp_path / "rows.jsonl"
+    assert main(["eval", "system", "--look", "nominal", "--runs", "3", "--out", str(out)]) == 1
+    assert '"finished"' in out.read_text()
+    assert '"interrupted"' not in out.read_text()
+    assert next(ends) == "finished"
 
 
 def test_cameras_and_detectors_must_be_legal() -> None:

@@ -50,8 +50,8 @@ def calibrate(
     )
     rows = {
         name: one.trouble
-        or f"{1e3 * one.off_m:.1f} mm off by the bench file, fit {one.fit.rms_px:.2f} px, {one.fit.edges} points of edges, "
-        f"{one.fit.holes} holes, {one.fit.images} images"
+        or f"{1e3 * one.off_m:.1f} mm off by the bench file, fit {one.fit.rms_px:.2f} px, "
+        f"{one.fit.edges} points of edges, {one.fit.holes} holes, {one.fit.images} images"
         for name, one in cameras.items()
     }
     say(table("cameras", rows))

@@ -10,10 +10,17 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    ValidationError,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import InitErrorDetails
 
 from cell.interfaces.errors import InputError
@@ -47,7 +54,7 @@ class LookFile(Look):
 class LookRange(Model):
     """All looks between two: every value lies between those of `low` and `high`.
 
-    In a file it is written as a `LookFile` with ranges, or as the name of a preset or file alone.
+    In a file it is written as a `LookFile` with ranges.
 
     Attributes:
         name: of the preset or file.
@@ -62,10 +69,7 @@ class LookRange(Model):
 
     @model_validator(mode="before")
     @classmethod
-    def _read(cls, data: Any, info: ValidationInfo) -> Any:
-        folder = Path((info.context or {}).get("folder", "."))
-        if isinstance(data, str):
-            return dict(look_range(data, folder))
+    def _read(cls, data: Any) -> Any:
         if not isinstance(data, Mapping) or data.keys() <= cls.model_fields.keys():
             return data
         named = data.get("base", BASE)
@@ -132,6 +136,17 @@ def look_range(name: str, folder: Path = Path()) -> LookRange:
     if not path.is_file():
         raise InputError(f"no look {name!r}; legal: {', '.join(presets())}, each also as NAME:SECTION, or a look file")
     return load_yaml(path, LookRange).model_copy(update={"name": name})
+
+
+def _named(value: Any, info: ValidationInfo) -> Any:
+    if not isinstance(value, str):
+        return value
+    return look_range(value, Path((info.context or {}).get("folder", ".")))
+
+
+NamedLook = Annotated[
+    LookRange, BeforeValidator(_named), WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
+]
 
 
 def presets() -> list[str]:

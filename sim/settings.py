@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import Field, WithJsonSchema, model_validator
+from pydantic import Field, model_validator
 
 from cell.interfaces.model import Disagreement, Model
 from sim.hardware import HARDWARE, NamedHardware
-from sim.look_range import LookRange
+from sim.look_range import LookRange, NamedLook
 from sim.person import Person
 from sim.persons import PERSONS
-
-LOOK_AS_WRITTEN = {"anyOf": [{"type": "string"}, {"type": "object"}]}
 
 
 class PhysicsSettings(Model):
@@ -112,9 +108,7 @@ class SimSettings(Model):
 
     overlap: bool = True
     physics: PhysicsSettings = PhysicsSettings()
-    look: Annotated[LookRange, WithJsonSchema(LOOK_AS_WRITTEN)] = Field(
-        default=LookRange(), json_schema_extra={"default": "nominal"}
-    )
+    look: NamedLook = Field(default=LookRange(), json_schema_extra={"default": "nominal"})
     hardware: NamedHardware = Field(default=HARDWARE["ideal"], json_schema_extra={"default": "ideal"})
     clutter: ClutterSettings = ClutterSettings()
     person: Person = PERSONS["careful"]

@@ -12,7 +12,7 @@ import typer
 
 from cell.commands.budget import seconds as budget_s
 from cell.commands.detectors import Hung, HungOption, LookOption, PersonOption, TestSeedOption, how_to_use
-from cell.commands.made_data import make_data
+from cell.commands.made_data import make_data, require_usable
 from cell.commands.terminal import (
     CONFIGURATION,
     ConfigOption,
@@ -23,7 +23,7 @@ from cell.commands.terminal import (
     print_json,
     table,
 )
-from cell.commands.weights import need_torch, new_weights, writable
+from cell.commands.weights import OverwriteOption, need_torch, new_weights, writable, writing
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ def train(
     epochs: Annotated[int, typer.Option(min=1, help="Passes through the data, as far as the budget goes.")] = 14,
     share: Annotated[float, typer.Option(min=0.05, max=1, help="Of VGG16's channels, where it is used.")] = 1.0,
     out: Annotated[Path | None, typer.Option(help="File to write; beside --config by default.")] = None,
+    overwrite: OverwriteOption = False,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -97,16 +98,17 @@ def train(
         raise InputError(f"no action detector {kind!r} can be trained; legal: {', '.join(TRAINABLE)}")
     path, seconds = new_weights("actions", kind, config, out), budget_s(budget)
     command = _command(kind, data, validation, look, budget, epochs, share, seed)
-    if not data or validation is None:
-        data, validation = _recordings(path, look, config, seconds, frames=kind == "lrcn")
-        seconds *= 1 - DATA_SHARE
-    learned, kept = load_segments(data, task.classes), load_segments([validation], task.classes)
-    console().print(f"{len(learned)} segments to learn from, {len(kept)} for the scores")
     settings = ActionTraining(epochs=epochs, share=share)
-    scores = train_actions(
-        task, learned, kept, path, kind, settings=settings, budget_s=seconds, seed=seed, command=command, quiet=False
-    )
-    confusions = _note_confusions(path, kind, task.product, command)
+    fit = partial(train_actions, seed=seed, command=command, quiet=False)
+    confusions = path.with_name(f"{path.stem}_confusions.json")
+    with writing(path, confusions, overwrite=overwrite):
+        if not data or validation is None:
+            data, validation = _recordings(path, look, config, seconds, frames=kind == "lrcn")
+            seconds *= 1 - DATA_SHARE
+        learned, kept = load_segments(data, task.classes), load_segments([validation], task.classes)
+        console().print(f"{len(learned)} segments to learn from, {len(kept)} for the scores")
+        scores = fit(task, learned, kept, path, kind, settings=settings, budget_s=seconds)
+        _note_confusions(path, kind, task.product, command, confusions)
     console().print(table(f"weights in {path}; what is taken for what in {confusions.name}", scores))
     how_to_use("actions", kind, path, config)
     if as_json:
@@ -135,10 +137,10 @@ def evaluate(
     out: RowsOption = None,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
-) -> None:
+) -> int:
     """Let detectors of actions watch whole assemblies, tracker in the loop, and compare with the truth.
 
-    Interrupted, it prints the tables of what was run; with the same --out it goes on there.
+    Interrupted, it prints the tables of what was run and ends with status 1; with the same --out it goes on there.
     """
     from cell.configuration import load_configuration, load_product, simulated
     from cell.evaluating.actions import at_pace, evaluate_actions, evaluate_segments
@@ -154,7 +156,7 @@ def evaluate(
     if quick:
         scores = evaluate_segments(configuration, product, kinds[0], wanted, weights)
         print_json({**told, "first_seed": first_seed, "recordings": recordings, **scores})
-        return
+        return 0
     tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
     told |= {"tracker": tracker, "physics": physics, "cameras": cameras.value}
     of_weights = {} if weights is None else {kinds[0]: weights}
@@ -169,12 +171,13 @@ def evaluate(
     )
     rows = _watched(watch, wanted, kept)
     if not rows:
-        return
+        return 1
     title = f"look {look}, person {person}, seeds {wanted[0]}-{wanted[-1]} ({split})"
     source = f"cell eval actions --look {look} --person {person} --first-seed {first_seed}"
     found = _reported(product, kinds, rows, title, source, confusions)
     if as_json:
         print_json({**told, "first_seed": first_seed, "recordings": len(rows), "kinds": found})
+    return 0 if len(rows) == len(wanted) else 1
 
 
 def _require_possible(kinds: Sequence[str], weights: Path | None, confusions: Path | None, *, quick: bool) -> None:
@@ -183,8 +186,12 @@ def _require_possible(kinds: Sequence[str], weights: Path | None, confusions: Pa
     Raises:
         InputError: they do not, or what is to be written is there already.
     """
+    from learned.actions.settings import TRAINABLE
+
     if weights is not None and len(kinds) != 1:
         raise InputError("--weights are of one --kind")
+    if weights is not None and kinds[0] == "classical":
+        raise InputError(f"--weights {weights}: nothing reads them: they go with --kind {', '.join(TRAINABLE)}")
     if confusions is not None and writable(confusions, ".json", option="--confusions").exists():
         raise InputError(f"--confusions {confusions}: is there already; name another file, or remove it")
     if quick and (len(kinds) != 1 or kinds[0] == "classical"):
@@ -221,15 +228,28 @@ def _watched(watch: Callable[[list[int]], Mapping[str, Tally]], seeds: Sequence[
 
 
 def _require_apart(data: Sequence[Path], validation: Path | None) -> None:
-    """Check that scores are of other segments than those that are learned from."""
+    """Check that scores are of other segments than those that are learned from.
+
+    Raises:
+        InputError: they are of the same folder, or of the same log.
+    """
     if bool(data) != bool(validation):
         raise InputError("--data and --validation go together: scores on what was learned from say nothing")
-    if {folder.resolve() for folder in data} & {validation.resolve() if validation else None}:
-        raise InputError(f"--validation {validation}: is --data, too; scores on what was learned from say nothing")
+    if validation is None:
+        return
+    from cell.log.training.manifest import logs_by_hash
+
+    kept, why = logs_by_hash(validation), "scores on what was learned from say nothing"
+    for folder in data:
+        if folder.resolve() == validation.resolve():
+            raise InputError(f"--validation {validation}: is --data, too; {why}")
+        if both := kept.keys() & logs_by_hash(folder).keys():
+            log = kept[min(both)]
+            raise InputError(f"--validation {validation}: was made from {log}, as --data {folder} was; {why}")
 
 
-def _note_confusions(weights: Path, kind: str, product: Product, command: str) -> Path:
-    """Write what the card says of assemblies taken for others beside the weights, where the planner looks for it."""
+def _note_confusions(weights: Path, kind: str, product: Product, command: str, path: Path) -> None:
+    """Write what the card says of assemblies taken for others, as the planner reads it."""
     import numpy as np
 
     from learned.actions.classes import Classes
@@ -237,9 +257,7 @@ def _note_confusions(weights: Path, kind: str, product: Product, command: str) -
 
     told = OnnxModel.load(weights, f"actions.{kind}").card.config["confusion"]
     reports = Classes.of(product).reports(np.array(told["counts"]))  # type: ignore[call-overload, index]
-    path = weights.with_name(f"{weights.stem}_confusions.json")
     _save_confusions(path, product, reports, command)
-    return path
 
 
 def _save_confusions(path: Path, product: Product, reports: Sequence[Reported], source: str) -> None:
@@ -280,13 +298,12 @@ def _recordings(
     kept = max(2, int(VALIDATION_SHARE * count))
     validation = weights.with_suffix(".validation")
     flags = ["--thin", "--gaps", *(["--frames"] if frames else [])]
-    folders = []
+    wanted: dict[Path, tuple[dict[str, object], list[str]]] = {}
     for kind in kinds:
         of_kind = round(kind.share * count)
         by_physics = ["--physics"] * kind.physics
         for first in range(0, of_kind, PIECE):
             name = "-".join([Path(kind.look).stem, *(["physics"] * kind.physics), f"{first:06d}"])
-            folders.append(weights.with_suffix(".data") / name)
             options = {
                 "--look": kind.look,
                 "--recordings": min(PIECE, of_kind - first),
@@ -294,10 +311,12 @@ def _recordings(
                 "--steel-share": STEEL_SHARE,
                 "--config": config,
             }
-            make_data("actions", folders[-1], options, *flags, *by_physics)
-    options = {"--look": look or "varied", "--recordings": kept, "--first-seed": VALIDATION_SEED, "--config": config}
-    make_data("actions", validation, options, *flags)
-    return folders, validation
+            wanted[weights.with_suffix(".data") / name] = options, [*flags, *by_physics]
+    apart = {"--look": look or "varied", "--recordings": kept, "--first-seed": VALIDATION_SEED, "--config": config}
+    require_usable(*wanted, validation)
+    for folder, (options, words) in {**wanted, validation: (apart, flags)}.items():
+        make_data("actions", folder, options, *words)
+    return list(wanted), validation
 
 
 def _words(value: object) -> str:

@@ -219,7 +219,7 @@ def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str, training
         say(f"{place}: {step.command}: made before", highlight=False)
         return
     say(f"{place}: {step.command}", highlight=False)
-    words = [*step.words, "--config", str(config), "--out", str(out / step.files[0])]
+    words = [*step.words, "--overwrite", "--config", str(config), "--out", str(out / step.files[0])]
     began_s, said = time.monotonic(), (out / step.files[0]).with_suffix(".txt")
     with said.open("w") if quiet else nullcontext() as told:
         status = trainings.run([sys.executable, "-m", "cell", "train", *words], told)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from cell.commands.terminal import JsonOption, console, print_json, table
-from cell.interfaces.errors import InputError
+from cell.interfaces.errors import InputError, LogError
 
 
 def from_logs(
@@ -33,6 +34,7 @@ def from_logs(
     from cell.log.training.manifest import write_training_data
 
     command = shlex.join(["cell", "data", *(word for log in logs for word in ("--from", str(log))), "--out", str(out)])
+    _require_each_once(logs)
     manifest = write_training_data((read([log]) for log in logs), out, command)
     console().print(table(str(out), manifest["counts"]))
     for log in manifest["logs"]:
@@ -40,3 +42,20 @@ def from_logs(
             console().print(f"{log['name']}: no demonstration: {log['no_demonstration_because']}", highlight=False)
     if as_json:
         print_json(manifest)
+
+
+def _require_each_once(logs: Sequence[Path]) -> None:
+    """Check the names of logs before any is read, which takes long.
+
+    Raises:
+        LogError: one is not there, or is named twice.
+    """
+    from cell.log.reading.reader import files_of
+
+    named: set[Path] = set()
+    for file in (file for log in logs for file in files_of(log)):
+        if not file.is_file():
+            raise LogError(file, "cannot be read: there is no such file")
+        if file.resolve() in named:
+            raise LogError(file, "is named twice")
+        named.add(file.resolve())

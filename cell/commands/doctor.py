@@ -17,9 +17,10 @@ import can
 
 from cell.commands.weights import need_torch
 from cell.configuration import Configuration, load_configuration, load_product
-from cell.interfaces.errors import CellError, Problem
+from cell.interfaces.errors import CellError, Problem, SettingError
 from cell.interfaces.product import Product
 from cell.interfaces.yaml_file import place_of
+from cell.running.detectors import check_detectors, fitted
 from cell.running.rendering import chosen_backend, renders
 
 GL_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0 libosmesa6"
@@ -61,7 +62,7 @@ def examine(path: Path) -> list[Finding]:
     devices = _devices(configuration, product) if all(finding.ok for finding in (rendering, machine[-1])) else ()
     planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
     own = [Finding(f"configuration {path}", True), _bench(configuration, product, path)]
-    return [*machine, *devices, *own, *planners, *rest]
+    return [*machine, *devices, *own, _detectors(configuration, product), *planners, *rest]
 
 
 def _bench(configuration: Configuration, product: Product, path: Path) -> Finding:
@@ -163,6 +164,17 @@ def _font() -> Finding:
 
     what = "a font for pictures of trees (cell show --png)"
     return Finding(what, True) if draws_text() else Finding(what, False, f"apt-get install -y {FONT_PACKAGE}", False)
+
+
+def _detectors(configuration: Configuration, product: Product) -> Finding:
+    """The trained detectors, as a run makes them; that a product of one's own is seen by colour is a note."""
+    what = f"detectors {configuration.perception.words}"
+    try:
+        seen, told = fitted(configuration, product)
+        check_detectors(seen.bench, product, seen.perception)
+    except SettingError as error:
+        return Finding(what, False, f"{'; '.join(map(str, error.problems))}; cell train all makes weights")
+    return Finding(what, not told, told, needed=not told)
 
 
 def _weights(name: str, configuration: Configuration, product: Product) -> Finding:

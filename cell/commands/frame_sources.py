@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp")
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm")
-APART_S = 10.0  # between the pictures of a folder, which need not follow each other
+MISSING = 2  # frames: a sound video may have one less than it tells, and fewer, but as late ones, if its rate varies
 LEGAL = "an image, a folder of images, a video, a log (.mcap), camera:NUMBER, or sim:SEED"
 
 
@@ -32,7 +32,7 @@ class Source:
     Attributes:
         name: for files that are made of it.
         single: it is one picture.
-        follows: frames follow each other in time.
+        follows: frames follow each other in time; pictures need not, not even those of one folder.
         rate_hz: of frames in a video of it.
         files: of a folder of images, by the frame's number.
     """
@@ -68,7 +68,7 @@ def open_source(
     kind, _, number = text.partition(":")
     if kind in ("camera", "sim") and number:
         if not number.isdecimal():
-            raise InputError(f"{text}: {number!r} must be a number")
+            raise InputError(f"{text}: {number!r} must be a whole number from 0 on, as in {kind}:7")
         if kind == "camera":
             return _video(int(number), f"camera{number}", camera, world_from_camera)
         return _simulated(int(number), camera, configuration, product)
@@ -98,7 +98,7 @@ def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
     for number, file in enumerate(files):
         image = cv2.imread(str(file))
         if image is not None:
-            yield _frame(camera, number, APART_S * number, image, pose)
+            yield _frame(camera, number, 0.0, image, pose)
             continue
         unread.append(f"{file}: cannot be read as an image: damaged, or none of {', '.join(PICTURES)}")
         if len(unread) == len(files):
@@ -111,20 +111,23 @@ def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
     if not capture.isOpened():
         named = f"camera:{source}" if isinstance(source, int) else source
         raise InputError(f"{named}: cannot be opened as a {'camera' if isinstance(source, int) else 'video'}")
-    told = capture.get(cv2.CAP_PROP_FPS)
+    told, told_frames = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
     rate_hz = float(told) if np.isfinite(told) and 1 <= told <= 240 else 15.0
 
     def frames() -> Iterator[Frame]:
-        number = 0
+        number, last_s = 0, 0.0
         while True:
             there, image = capture.read()
             if not there:
                 break
+            last_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
             yield _frame(camera, number, number / rate_hz, image, pose)
             number += 1
         capture.release()
         if number == 0:
             raise InputError(f"{source}: holds no frames that can be read")
+        if told_frames - max(number, last_s * rate_hz + 1) >= MISSING:
+            sys.stderr.write(f"cell: {source}: ends early: {number} of {told_frames:.0f} frames could be read\n")
 
     return Source(name, False, True, rate_hz, frames())
 

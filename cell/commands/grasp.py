@@ -22,7 +22,7 @@ from cell.commands.terminal import (
     product_of,
     report_scores,
 )
-from cell.commands.weights import need_torch, new_weights, shipped_weights
+from cell.commands.weights import OverwriteOption, need_torch, new_weights, shipped_weights, writing
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 
@@ -81,18 +81,23 @@ def train(
     kind: Annotated[str, typer.Option(help="paper or pairwise.")] = "pairwise",
     data: Annotated[Path | None, typer.Option(help="Scenes to learn from; drawn ones by default.")] = None,
     out: Annotated[Path | None, typer.Option(help="File to write; beside --config by default.")] = None,
+    overwrite: OverwriteOption = False,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Train the planner that judges graspability in clutter; goes on where an interrupted training stopped."""
     need_torch()
+    from cell.interfaces.planning import crops_file
     from learned.grasp.dataset import read_scenes
     from learned.grasp.train import train_grasp
 
-    product = product_of(config)
+    product, rendered = product_of(config), kind == "paper"
     path = new_weights("grasp", kind, config, out)
-    with _camera(product, config) if kind == "paper" else nullcontext() as camera:
+    with (
+        writing(path, *[crops_file(path)] * rendered, overwrite=overwrite),
+        _camera(product, config) if rendered else nullcontext() as camera,
+    ):
         scores = train_grasp(
             product,
             path,

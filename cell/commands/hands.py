@@ -20,6 +20,7 @@ from cell.commands.terminal import (
     table,
 )
 from cell.commands.things import Cameras, CamerasOption
+from cell.commands.weights import OverwriteOption, need_torch, new_weights, writing
 from cell.interfaces.errors import InputError, ModelError
 
 if TYPE_CHECKING:
@@ -46,60 +47,61 @@ def train(
     ] = None,
     budget: Annotated[str, typer.Option(help="Processor time for data and training, as in 90s, 30m or 2h.")] = "30m",
     epochs: Annotated[int, typer.Option(min=1, help="How often each frame is seen.")] = 9,
+    overwrite: OverwriteOption = False,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Train the small hand tracker on simulated frames, and score it on frames that it never saw."""
     from cell.commands.budget import seconds
-    from cell.commands.made_data import make_data
-    from cell.commands.weights import need_torch, new_weights
     from cell.configuration import load_configuration, load_product
     from learned.hands.dataset import rows_of
+    from learned.hands.slim import finder_file, refiner_file
 
     need_torch()
-    budget_s = seconds(budget)
+    recordings = max(4, int(seconds(budget) / (DATA_S + EPOCH_S * epochs)))
     configuration = load_configuration(config)
     product = load_product(configuration, config)
     weights = new_weights("hands", "slim", config, out)
-    for folder in data or ():
-        rows_of(folder)  # a wrong one is told before minutes go into frames for the scores
-    recordings = max(4, int(budget_s / (DATA_S + EPOCH_S * epochs)))
-    validation = weights.with_suffix(".validation")
-    apart = {"--recordings": max(2, int(VALIDATION_SHARE * recordings)), "--first-seed": FIRST_VALIDATION_SEED}
-    make_data("hands", validation, {"--look": "varied", **apart, "--config": config})
-    folders = data or _made(recordings, weights, config)
-    from learned.hands.score import score_readings
-    from learned.hands.slim import SlimReader
-    from learned.hands.train import train_hands
+    with writing(weights, finder_file(weights), refiner_file(weights), overwrite=overwrite):
+        for folder in data or ():
+            rows_of(folder)  # a wrong one is told before minutes go into frames for the scores
+        folders, validation = _made(recordings, weights, config, data)
+        from learned.hands.score import score_readings
+        from learned.hands.slim import SlimReader
+        from learned.hands.train import train_hands
 
-    setup, types = configuration.bench.overhead, tuple(product.parts)
-    scores = train_hands(
-        folders,
-        setup,
-        product,
-        weights,
-        seed,
-        score=lambda: score_readings(SlimReader(setup, types, weights), configuration.bench, validation),
-        epochs=epochs,
-        command=_command(budget, epochs, seed, data or ()),
-    )
+        setup, types = configuration.bench.overhead, tuple(product.parts)
+        scores = train_hands(
+            folders,
+            setup,
+            product,
+            weights,
+            seed,
+            score=lambda: score_readings(SlimReader(setup, types, weights), configuration.bench, validation),
+            epochs=epochs,
+            command=_command(budget, epochs, seed, data or ()),
+        )
     report_scores(f"hand tracker in {weights}", scores, as_json=False)
     how_to_use("hands", "slim", weights, config)
     if as_json:
         print_json(scores)
 
 
-def _made(recordings: int, weights: Path, config: Path) -> list[Path]:
-    """Folders of data, one for each look."""
-    from cell.commands.made_data import make_data
+def _made(recordings: int, weights: Path, config: Path, given: Sequence[Path] | None) -> tuple[Sequence[Path], Path]:
+    """Folders of data to learn from, one for each look unless some are given, and one for the scores."""
+    from cell.commands.made_data import make_data, require_usable
 
-    folders = []
-    for look, (share, first_seed) in LOOKS.items():
-        folders.append(weights.with_suffix(f".{look}"))
+    validation = weights.with_suffix(".validation")
+    folders = {} if given else {look: weights.with_suffix(f".{look}") for look in LOOKS}
+    require_usable(validation, *folders.values())
+    apart = {"--recordings": max(2, int(VALIDATION_SHARE * recordings)), "--first-seed": FIRST_VALIDATION_SEED}
+    make_data("hands", validation, {"--look": "varied", **apart, "--config": config})
+    for look, folder in folders.items():
+        share, first_seed = LOOKS[look]
         of_look = {"--look": look, "--recordings": max(1, round(share * recordings)), "--first-seed": first_seed}
-        make_data("hands", folders[-1], {**of_look, "--config": config})
-    return folders
+        make_data("hands", folder, {**of_look, "--config": config})
+    return given or list(folders.values()), validation
 
 
 def _command(budget: str, epochs: int, seed: int, data: Sequence[Path]) -> str:
@@ -150,11 +152,14 @@ def evaluate(
 
     if only not in ONLY:
         raise InputError(f"--only {only}: there is no such choice; legal: {', '.join(ONLY)}")
+    chosen = [kind.strip() for kind in kinds.split(",")]
+    if weights is not None and "slim" not in chosen:
+        raise InputError(f"--weights {weights}: nothing reads them: they are those of --kinds slim, not {kinds}")
     configuration = simulated(load_configuration(config), look, person)
     product = load_product(configuration, config)
     _, wanted = seeds(first_seed, recordings)
     makers: dict[str, Callable[[Bench], HandTracker]] = {
-        kind.strip(): _maker(configuration, product, kind.strip(), weights) for kind in kinds.split(",")
+        kind: _maker(configuration, product, kind, weights) for kind in chosen
     }
     found = evaluate_hands(
         configuration, product, makers, wanted, stretches=stretches, physics=physics, only=only, cameras=cameras.value
@@ -171,13 +176,20 @@ def _maker(
 ) -> Callable[[Bench], HandTracker]:
     """Makes trackers of a kind, for a bench.
 
+    A run takes weights of another product, and what is held has no type; a score of that would mislead.
+
     Raises:
         SettingError: there is no such kind, or its weights cannot be used.
+        ModelError: its weights were trained for other parts.
     """
     from cell.running.detectors import Detectors
+    from learned.onnx_model import OnnxModel
 
     perception = configuration.perception.with_detector("hands", kind, weights if kind == "slim" else None)
     Detectors(configuration.bench, product, perception).make("hands")  # before minutes go into recordings
+    if kind == "slim":
+        path = perception.weights("hands")
+        OnnxModel.card_of(path).require_vocabulary(path, {"parts": tuple(product.parts)})
 
     def make(bench: Bench) -> HandTracker:
         tracker: HandTracker = Detectors(bench, product, perception).make("hands")

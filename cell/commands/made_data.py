@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import shlex
-import shutil
 import signal
 import sys
 import tempfile
@@ -16,6 +15,7 @@ from typing import IO
 from cell.commands.children import Children
 from cell.commands.terminal import console
 from cell.interfaces.errors import InputError
+from cell.interfaces.new_folder import MANIFEST, require_free
 
 RECIPE = "recipe.json"  # in the folder: what it was made by, and for
 
@@ -28,28 +28,37 @@ def make_data(what: str, folder: Path, options: Mapping[str, object], *flags: st
 
     Raises:
         InputError: the data could not be made; what the command said is in the message. Or the folder holds data of
-            other options, or of another product or bench.
+            other options, or of another product or bench, or something else.
     """
     config = options.get("--config")
     given = {name: value for name, value in options.items() if name != "--config"}
     recipe = {"data": what, **given, **dict.fromkeys(flags, True)}
     recipe |= {"made_for": fingerprint(config)} if isinstance(config, Path) else {}
-    if (folder / "manifest.json").exists():
+    require_usable(folder)
+    if (folder / MANIFEST).exists():
         _require(folder, json.loads(json.dumps(recipe)))
         console().print(f"data: {folder}, made before", highlight=False)
         return
     words = ["data", what, *flags, *(str(word) for option in options.items() for word in option)]
     console().print(f"cell {shlex.join([*words, '--out', str(folder)])}", highlight=False)
-    unfinished = folder.with_name(f"{folder.name}.unfinished")
-    shutil.rmtree(unfinished, ignore_errors=True)
-    command = [sys.executable, "-m", "cell", *words, "--out", str(unfinished)]
+    command = [sys.executable, "-m", "cell", *words, "--out", str(folder)]
     with tempfile.TemporaryFile("w+") as complaints:
         if status := _run(command, complaints):
             complaints.seek(0)
             said = (complaints.read().strip() or f"status {status}").splitlines()[-1]
             raise InputError(f"training data could not be made: {said}")
-    (unfinished / RECIPE).write_text(json.dumps(recipe, indent=1) + "\n", encoding="utf-8")
-    unfinished.rename(folder)
+    (folder / RECIPE).write_text(json.dumps(recipe, indent=1) + "\n", encoding="utf-8")
+
+
+def require_usable(*folders: Path) -> None:
+    """Check, before any data are made, that folders hold training data or can take them.
+
+    Raises:
+        InputError: one holds something else.
+    """
+    for folder in folders:
+        if not (folder / MANIFEST).exists():
+            require_free(folder)
 
 
 def _run(command: Sequence[str], complaints: IO[str]) -> int:

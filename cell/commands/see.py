@@ -14,15 +14,16 @@ from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, cons
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from cell.commands.frame_sources import Source
     from cell.configuration import Configuration
     from cell.interfaces.bench import Bench
     from cell.interfaces.observation import Image
-    from cell.interfaces.perception import Frame
+    from cell.interfaces.perception import BenchView, Frame, HandSample, HoleReader, HoleView
     from cell.interfaces.pose import Pose
     from cell.interfaces.product import Product
+    from cell.settings import Perception
     from cell.viewing.detections import PictureWriter
 
     Look = Callable[[Frame], tuple[object, Image]]
@@ -77,7 +78,8 @@ def see(
         raise InputError(f"{target}: is what is looked at; choose another by --out")
     most = frames or (MOST_FROM_CAMERA if source.startswith("camera:") else None)
     with PictureWriter(target, opened.rate_hz / every, overwrite=overwrite) as writer:
-        told = _seen(opened, most, every, writer, partial(_look, configuration, product, camera))
+        look_at = partial(_look, configuration, product, camera, opened.follows)
+        told = _seen(opened, most, every, writer, look_at)
     hands_in = sum(bool(one.get("hand")) for one in told)
     rows = {"frames": len(told)} | ({"with a hand that works": hands_in} if camera == "overhead" else {})
     console().print(table(str(target), rows))
@@ -88,7 +90,7 @@ def see(
 def _seen(
     opened: Source, most: int | None, every: int, writer: PictureWriter, look: Callable[[tuple[int, int]], Look]
 ) -> list[dict[str, Any]]:
-    """What is found in every frame; what is to be drawn is written.
+    """What is found in every frame; what is to be drawn is written. Frames that do not follow others stand alone.
 
     Args:
         look: at frames of a height and width [px].
@@ -99,7 +101,7 @@ def _seen(
     watching: Look | None = None
     size = (0, 0)
     for frame in islice(opened.frames, most):
-        if watching is None or frame.image.shape[:2] != size:
+        if watching is None or not opened.follows or frame.image.shape[:2] != size:
             size = (frame.image.shape[0], frame.image.shape[1])
             watching = look(size)
         view, image = watching(frame)
@@ -138,9 +140,39 @@ def _pose(bench: Bench, camera: str) -> Pose:
     return Kinematics().forward(np.array(bench.arm_look_rad)) @ bench.wrist.mount.pose
 
 
-def _look(configuration: Configuration, product: Product, camera: str, size: tuple[int, int]) -> Look:
-    """What is found in a frame of this size, and the frame with it drawn."""
-    from cell.running.detectors import Detectors, bench_watcher, part_finder
+class _Often:
+    """Reads the holes of single pictures: it looks at each as often as a reader wants to see a hole (HoleReader)."""
+
+    def __init__(self, reader: HoleReader, looks: int) -> None:
+        self._reader, self._looks = reader, looks
+
+    def read(self, frame: Frame, hand: HandSample | None) -> Mapping[str, HoleView]:
+        """Holes by position name, as far as this frame shows them."""
+        for _ in range(self._looks - 1):
+            self._reader.read(frame, hand)
+        return self._reader.read(frame, hand)
+
+
+def _watcher(bench: Bench, product: Product, perception: Perception, follows: bool) -> Callable[[Frame], BenchView]:
+    """What answers overhead frames of a film, or else the only frame that it is asked about."""
+    from cell.running.detectors import Detectors, bench_watcher
+    from learned.bench_watcher import DetectorChain
+    from learned.holes.reader import VOTES
+
+    if follows:
+        return bench_watcher(bench, product, perception)
+    made = Detectors(bench, product, perception)
+    holes = _Often(made.make("holes"), max(VOTES, perception.classical.settle_frames))
+    return DetectorChain(bench, product, made.make("hands"), holes, made.make("actions"))
+
+
+def _look(configuration: Configuration, product: Product, camera: str, follows: bool, size: tuple[int, int]) -> Look:
+    """What is found in a frame of this size, and the frame with it drawn.
+
+    Args:
+        follows: it will be asked about frames that follow each other, not about one alone.
+    """
+    from cell.running.detectors import Detectors, part_finder
     from cell.viewing.detections import drawn_bench, drawn_hands, drawn_parts
 
     bench, perception = configuration.bench, configuration.perception
@@ -153,7 +185,7 @@ def _look(configuration: Configuration, product: Product, camera: str, size: tup
         find = part_finder(bench, product, perception)
         return lambda frame: (view := find(frame), drawn_parts(frame, view, bench, product))
     if fits:
-        watch = bench_watcher(bench, product, perception)
+        watch = _watcher(bench, product, perception, follows)
         return lambda frame: (view := watch(frame), drawn_bench(frame, view, bench, product))
     same_view = {"width_px": size[1], "height_px": size[0], "focal_px": setup.focal_px * size[1] / setup.width_px}
     other = bench.model_copy(update={"overhead": setup.model_copy(update=same_view)})

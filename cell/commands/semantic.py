@@ -22,7 +22,7 @@ from cell.commands.terminal import (
     product_of,
     report_scores,
 )
-from cell.commands.weights import need_torch, new_weights, shipped_weights
+from cell.commands.weights import OverwriteOption, need_torch, new_weights, shipped_weights, writing
 from cell.interfaces.errors import InputError
 from cell.interfaces.product import Product
 
@@ -75,6 +75,7 @@ def train(
     out: Annotated[Path | None, typer.Option(help="File to write; beside --config by default.")] = None,
     ratio: Annotated[float, typer.Option(min=0.01, max=0.99, help="Share that is trained on.")] = TRAIN_RATIO,
     augment: Annotated[bool, typer.Option("--augment", help="Learn from sub-demonstrations too.")] = False,
+    overwrite: OverwriteOption = False,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -84,7 +85,9 @@ def train(
     from learned.semantic.train import train_semantic
 
     path = new_weights("semantic", kind, config, out)
-    scores = train_semantic(product_of(config), path, seed, kind, ratio=ratio, augment=augment, data=data)
+    product = product_of(config)
+    with writing(path, overwrite=overwrite):
+        scores = train_semantic(product, path, seed, kind, ratio=ratio, augment=augment, data=data)
     report_scores(f"weights in {path}", scores, as_json)
 
 

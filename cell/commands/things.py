@@ -20,7 +20,7 @@ from cell.commands.detectors import (
     WeightsOption,
     how_to_use,
 )
-from cell.commands.made_data import make_data
+from cell.commands.made_data import make_data, require_usable
 from cell.commands.terminal import (
     CONFIGURATION,
     ConfigOption,
@@ -28,6 +28,7 @@ from cell.commands.terminal import (
     SeedOption,
     report_scores,
 )
+from cell.commands.weights import OverwriteOption, need_torch, new_weights, writing
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,33 +63,34 @@ def train_holes(
     data: DataOption = None,
     budget: BudgetOption = "30m",
     epochs: EpochsOption = None,
+    overwrite: OverwriteOption = False,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Train the hole reader on stills of the plate, and calibrate what it says."""
     from cell.commands.budget import seconds
-    from cell.commands.weights import need_torch, new_weights
     from cell.configuration import load_configuration, load_product
 
     need_torch()
     budget_s, weights = seconds(budget), new_weights("holes", "plate", config, out)
-    looks = max(4, int(HOLES_SHARE * budget_s / LOOK_S))
-    drawn = {"--stills": STILLS, "--person": "varied", "--astray-share": ASTRAY_SHARE}
-    folders = data or _made("plates", looks, drawn, weights, config)
-    from learned.holes.dataset import load_plates
-    from learned.holes.settings import HoleTraining
-    from learned.holes.train import train_holes as train
+    with writing(weights, overwrite=overwrite):
+        looks = max(4, int(HOLES_SHARE * budget_s / LOOK_S))
+        drawn = {"--stills": STILLS, "--person": "varied", "--astray-share": ASTRAY_SHARE}
+        folders = data or _made("plates", looks, drawn, weights, config)
+        from learned.holes.dataset import load_plates
+        from learned.holes.settings import HoleTraining
+        from learned.holes.train import train_holes as train
 
-    plates = load_plates(folders)
-    by_budget = int((1 - HOLES_SHARE) * budget_s / (STILL_S * len(plates)))
-    settings = HoleTraining(epochs=epochs or min(30, max(2, by_budget)))
-    configuration = load_configuration(config)
-    product = load_product(configuration, config)
-    command = _command("holes", budget, settings.epochs, seed, data or ())
-    scores = train(plates, configuration.bench, product, weights, seed, settings, command=command, quiet=False)
-    report_scores(f"hole reader in {weights}", scores, as_json)
-    how_to_use("holes", "plate", weights, config)
+        plates = load_plates(folders)
+        by_budget = int((1 - HOLES_SHARE) * budget_s / (STILL_S * len(plates)))
+        settings = HoleTraining(epochs=epochs or min(30, max(2, by_budget)))
+        configuration = load_configuration(config)
+        product = load_product(configuration, config)
+        command = _command("holes", budget, settings.epochs, seed, data or ())
+        scores = train(plates, configuration.bench, product, weights, seed, settings, command=command, quiet=False)
+        report_scores(f"hole reader in {weights}", scores, as_json)
+        how_to_use("holes", "plate", weights, config)
 
 
 def train_parts(
@@ -99,28 +101,45 @@ def train_parts(
     epochs: EpochsOption = None,
     backbone: Annotated[str, typer.Option(help="Of rcnn: resnet101, resnet50, resnet18 or mobilenet.")] = "resnet101",
     steps: Annotated[int, typer.Option(min=1, help="Of rcnn, each of 4 images.")] = 2000,
+    overwrite: OverwriteOption = False,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Train the part detector's two networks on images of trays; goes on where a training stopped."""
     from cell.commands.budget import seconds
-    from cell.commands.weights import need_torch, new_weights
-    from cell.configuration import load_configuration, load_product
+    from learned.parts.detector import pose_file
 
     need_torch()
     if kind not in ("centre", "rcnn"):
         raise InputError(f"--kind {kind}: there is no such one; legal: centre, rcnn")
-    budget_s = seconds(budget)
     weights = new_weights("parts", kind, config, out) if kind == "centre" else rcnn.file_of(backbone, config, out)
-    trays = max(4, int(PARTS_SHARE * budget_s / TRAY_S))
+    trays = max(4, int(PARTS_SHARE * seconds(budget) / TRAY_S))
     drawn: dict[str, object] = {"--views": VIEWS, "--lying-share": LYING_SHARE}
-    folders = data or _made("objects", trays, drawn, weights, config, "--mixed")
-    if kind == "rcnn":
-        more = ["--kind", kind, "--backbone", backbone, "--steps", str(steps)]
-        command = _command("parts", budget, None, seed, data or (), *more)
-        rcnn.train(folders, config, weights, backbone, steps, seed, command, as_json)
-        return
+    with writing(weights, *[pose_file(weights)] * (kind == "centre"), overwrite=overwrite):
+        folders = data or _made("objects", trays, drawn, weights, config, "--mixed")
+        if kind == "rcnn":
+            more = ["--kind", kind, "--backbone", backbone, "--steps", str(steps)]
+            command = _command("parts", budget, None, seed, data or (), *more)
+            rcnn.train(folders, config, weights, backbone, steps, seed, command, as_json)
+            return
+        scores = _train_centre(folders, data or (), weights, budget, epochs, config, seed)
+        report_scores(f"part detector in {weights}", scores, as_json)
+        how_to_use("parts", "centre", weights, config)
+
+
+def _train_centre(
+    folders: Sequence[Path],
+    given: Sequence[Path],
+    weights: Path,
+    budget: str,
+    epochs: int | None,
+    config: Path,
+    seed: int,
+) -> dict[str, float]:
+    """Train both networks; of the folders to learn from, some or none were given."""
+    from cell.commands.budget import seconds
+    from cell.configuration import load_configuration, load_product
     from learned.parts.dataset import load_scenes
     from learned.parts.train import train_parts as train
 
@@ -129,12 +148,10 @@ def train_parts(
     scenes = load_scenes(folders, product)
     things = sum(len(scene.labels) for scene in scenes)
     an_epoch_s = IMAGE_S * len(scenes) + THING_S * things
-    times = epochs or min(20, max(1, int((1 - PARTS_SHARE) * budget_s / an_epoch_s)))
-    command = _command("parts", budget, times, seed, data or ())
+    times = epochs or min(20, max(1, int((1 - PARTS_SHARE) * seconds(budget) / an_epoch_s)))
+    command = _command("parts", budget, times, seed, given)
     floor_m = configuration.bench.tray.centre_m[2]
-    scores = train(scenes, product, floor_m, weights, seed, epochs=times, command=command, quiet=False)
-    report_scores(f"part detector in {weights}", scores, as_json)
-    how_to_use("parts", "centre", weights, config)
+    return train(scenes, product, floor_m, weights, seed, epochs=times, command=command, quiet=False)
 
 
 def evaluate_holes(
@@ -153,6 +170,7 @@ def evaluate_holes(
     from cell.evaluating.things import score_holes
     from sim.data.splits import seeds
 
+    _require_possible(kind, ("plate",), weights)
     _, wanted = seeds(first_seed, recordings)
     task = _task(look, kind, weights, cameras, steel, config, "varied")
     task.detectors(task.configuration.bench, "holes").make("holes")  # before minutes go into stills
@@ -175,6 +193,7 @@ def evaluate_parts(
     """Score a part detector on images of trays."""
     from sim.data.splits import seeds
 
+    _require_possible(kind, ("centre", "rcnn"), weights)
     _, wanted = seeds(first_seed, recordings)
     if kind == "rcnn":
         scores = rcnn.evaluate(look, first_seed, recordings, weights, mixed, steel, config)
@@ -204,6 +223,19 @@ def evaluate_cameras(
     report_scores(f"cameras, {look}", scores, as_json)
 
 
+def _require_possible(kind: str, trained: Sequence[str], weights: Path | None) -> None:
+    """Check that there is a kind of detector, and that it reads the weights that are named.
+
+    Raises:
+        InputError: there is none, or it reads none.
+    """
+    legal = ("classical", *trained)
+    if kind not in legal:
+        raise InputError(f"--kind {kind}: there is no such one; legal: {', '.join(legal)}")
+    if kind == "classical" and weights is not None:
+        raise InputError(f"--weights {weights}: nothing reads them: they go with --kind {' or '.join(trained)}")
+
+
 def _task(
     look: str, kind: str, weights: Path | None, cameras: Cameras, steel: bool, config: Path, person: str | None = None
 ) -> Task:
@@ -224,10 +256,10 @@ def _command(what: str, budget: str, epochs: int | None, seed: int, data: Sequen
 
 def _made(what: str, count: int, options: dict[str, object], weights: Path, config: Path, *flags: str) -> list[Path]:
     """Folders of data, one for each look."""
-    folders = []
-    for look, (share, first_seed) in LOOKS.items():
-        folders.append(weights.with_suffix(f".{what}-{look}"))
+    folders = [weights.with_suffix(f".{what}-{look}") for look in LOOKS]
+    require_usable(*folders)
+    for folder, (look, (share, first_seed)) in zip(folders, LOOKS.items(), strict=True):
         recordings = max(1, round(share * count))
         of_look = {"--look": look, "--recordings": recordings, "--first-seed": first_seed}
-        make_data(what, folders[-1], {**of_look, **options, "--steel-share": STEEL_SHARE, "--config": config}, *flags)
+        make_data(what, folder, {**of_look, **options, "--steel-share": STEEL_SHARE, "--config": config}, *flags)
     return folders

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, SeedOption, console, product_of, report_scores
+from cell.commands.weights import OverwriteOption, need_torch, new_weights, writing
 from cell.interfaces.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,14 +25,13 @@ RecordedOption = Annotated[
 def train_all(
     context: typer.Context,
     recorded: RecordedOption = None,
+    overwrite: OverwriteOption = False,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
 ) -> None:
     """Train the planners that the product of a configuration needs; `cell train all` trains its detectors, too."""
     if context.invoked_subcommand is not None:
         return
-    from cell.commands.weights import need_torch, new_weights
-
     product = product_of(config)
     habits = _demonstrations(recorded, product)
     learns_habits = habits >= FEWEST_DEMONSTRATIONS
@@ -47,21 +47,34 @@ def train_all(
             f"recorded assemblies ({habits} here) people's habits can be learned (--recorded)"
         )
     need_torch()
-    lines = {"grasp": _grasp(product, new_weights("grasp", "pairwise", config), seed)}
-    if learns_habits and recorded is not None:
-        lines["semantic"] = _semantic(product, new_weights("semantic", "factored", config), recorded, seed)
-    else:
-        lines["semantic"] = ["kind: bayes"]
-    if recorded is not None and (recorded / "segments.jsonl").exists():
-        from cell.commands.noise import train as train_noise
-
-        train_noise([recorded / "segments.jsonl"], None, config)
-        lines["semantic"].append("confusions: confusions.json")
+    lines = _trained(product, recorded, learns_habits, overwrite, config, seed)
     say("its detectors: cell train all --plan", highlight=False)
     say(f"in {config}:")
     say("planners:", highlight=False)
     for planner in ("semantic", "grasp"):
         say(f"  {planner}:", *(f"    {line}" for line in lines[planner]), sep="\n", highlight=False)
+
+
+def _trained(
+    product: Product, recorded: Path | None, learns_habits: bool, overwrite: bool, config: Path, seed: int
+) -> dict[str, list[str]]:
+    """Train the planners; returns the lines for the configuration, by planner."""
+    from cell.commands.noise import confusions_for
+    from cell.commands.noise import train as train_noise
+
+    weights = {"grasp": new_weights("grasp", "pairwise", config)}
+    if learns_habits:
+        weights["semantic"] = new_weights("semantic", "factored", config)
+    segments = [] if recorded is None else [path for path in [recorded / "segments.jsonl"] if path.exists()]
+    files = [*weights.values(), *(confusions_for(config) for _ in segments)]
+    with writing(*files, overwrite=overwrite, option="--config"):
+        lines = {"grasp": _grasp(product, weights["grasp"], seed), "semantic": ["kind: bayes"]}
+        if learns_habits and recorded is not None:
+            lines["semantic"] = _semantic(product, weights["semantic"], recorded, seed)
+        if segments:
+            train_noise(segments, None, True, config)
+            lines["semantic"].append("confusions: confusions.json")
+    return lines
 
 
 def _demonstrations(recorded: Path | None, product: Product) -> int:

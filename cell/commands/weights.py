@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Annotated
 
-from cell.interfaces.errors import InputError
+import typer
+
+from cell.interfaces.errors import CellError, InputError
 from cell.interfaces.files import shipped
 from cell.interfaces.planning import weights_file
+
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace the files that are there.")]
 
 
 def shipped_weights(planner: str, kind: str) -> Path:
@@ -49,6 +56,43 @@ def writable(path: Path, *suffixes: str, option: str = "--out") -> Path:
     except OSError as error:
         raise InputError(f"{option} {path}: cannot be written: {error.strerror or error}") from None
     return path
+
+
+@contextmanager
+def writing(weights: Path, *beside: Path, overwrite: bool, option: str = "--out") -> Iterator[None]:
+    """Around a training: it writes over nothing unasked, but goes on where it was interrupted.
+
+    While it lasts, and after it was interrupted, an empty file beside the weights says so.
+
+    Args:
+        beside: what it writes besides them.
+        option: which says where.
+
+    Raises:
+        InputError: a file is there already.
+    """
+    begun = weights.with_name(f"{weights.name}.unfinished")
+    goes_on = begun.exists()
+    require_new(weights, *beside, overwrite=overwrite or goes_on, option=option)
+    begun.touch()
+    try:
+        yield
+    except CellError:
+        if not goes_on:
+            begun.unlink(missing_ok=True)
+        raise
+    begun.unlink(missing_ok=True)
+
+
+def require_new(*files: Path, overwrite: bool, option: str = "--out") -> None:
+    """Check that no file is written over unasked.
+
+    Raises:
+        InputError: one is there already.
+    """
+    for file in files:
+        if file.is_file() and not overwrite:
+            raise InputError(f"{file}: exists already; choose another {option}, or add --overwrite")
 
 
 def told_in(config: Path, path: Path) -> Path:

@@ -270,21 +270,23 @@ def _write(wanted: Wanted, more: str, one: Callable[[int, DataFolder], float | N
     from rich.progress import track
 
     from cell.fleet.engine import mapped
+    from cell.interfaces.new_folder import whole_folder
     from sim.data.folder import DataFolder
     from sim.data.splits import seeds
 
     split, numbers = seeds(wanted.first_seed, wanted.recordings)
-    folder = DataFolder(wanted.out, wanted.command(more))
     began_s, simulated_s = time.process_time(), 0.0
-    if wanted.workers == 1 and wanted.scheduler is None:
-        lengths = (one(seed, folder) for seed in numbers)
-    else:
-        pieces = mapped(partial(_piece, one), ((seed,) for seed in numbers), wanted.workers, wanted.scheduler)
-        lengths = (_added(folder, *piece) for piece in pieces)
-    for length_s in track(lengths, description=wanted.what, console=console(), total=len(numbers)):
-        simulated_s += length_s or 0.0
-    facts = {"split": split, "first_seed": wanted.first_seed, "recordings": wanted.recordings}
-    manifest = folder.close({**facts, "simulated_s": round(simulated_s, 1)})
+    with whole_folder(wanted.out) as partial_folder:
+        folder = DataFolder(partial_folder, wanted.command(more))
+        if wanted.workers == 1 and wanted.scheduler is None:
+            lengths = (one(seed, folder) for seed in numbers)
+        else:
+            pieces = mapped(partial(_piece, one), ((seed,) for seed in numbers), wanted.workers, wanted.scheduler)
+            lengths = (_added(folder, *piece) for piece in pieces)
+        for length_s in track(lengths, description=wanted.what, console=console(), total=len(numbers)):
+            simulated_s += length_s or 0.0
+        facts = {"split": split, "first_seed": wanted.first_seed, "recordings": wanted.recordings}
+        manifest = folder.close({**facts, "simulated_s": round(simulated_s, 1)})
     spent = {"processor_s": round(time.process_time() - began_s, 1)}
     left_out = {"left out: physics diverged": len(folder.left_out)} if folder.left_out else {}
     console().print(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import cv2
@@ -35,15 +36,27 @@ class Video:
         """
         size = (bgr.shape[1], bgr.shape[0])
         if self._writer is None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._size = size
-            self._writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*"mp4v"), self._rate_hz, size)
-            if not self._writer.isOpened():
-                raise InputError(f"{self._name}: the video cannot be written; its name must end in .mp4")
+            self._size, self._writer = size, self._opened(size)
         if size != self._size:
             raise InputError(f"{self._name}: frames of several sizes do not go into one video; name a folder")
         self._writer.write(bgr)
         self._frames += 1
+
+    def _opened(self, size: tuple[int, int]) -> cv2.VideoWriter:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*"mp4v"), self._rate_hz, size)
+        if not writer.isOpened():
+            raise InputError(f"{self._name}: the video cannot be written: {self._obstacle()}")
+        return writer
+
+    def _obstacle(self) -> str:
+        """Why there is no file, which the encoder does not say."""
+        folder = self._path.parent
+        try:
+            with TemporaryFile(dir=folder):
+                return "its name must end in .mp4"
+        except OSError as error:
+            return f"no file can be made in {folder}: {error.strerror or error}"
 
     def close(self) -> int:
         """How many frames there are; 0 where there is no file.

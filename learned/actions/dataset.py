@@ -32,6 +32,8 @@ from learned.actions.segments import (
 from learned.actions.settings import WHOLE_FRAMES
 from learned.actions.variation import KEPT_PX, OtherCamera, Variation, cut_out, varied_track
 
+VERSION = 1  # of the files that can be read
+
 
 @dataclass(frozen=True)
 class Segments:
@@ -91,7 +93,7 @@ class Segments:
 
 
 def load_segments(folders: Sequence[Path], classes: Classes) -> Segments:
-    """Read folders; rows of recorded runs count where what was detected was confirmed by a hole, or names no part.
+    """Read folders; of recorded runs, assemblies are learned as a hole or a person tells them, and where one does.
 
     Raises:
         InputError: there are none, or a line is wrong.
@@ -197,28 +199,39 @@ class _Row:
 def _rows(folder: Path, classes: Classes) -> Iterator[_Row]:
     path = folder / "segments.jsonl"
     lines = read_text(path).splitlines()
-    if not lines or _parsed(path, 1, lines[0]).get("format") != "cell.segments":
+    header = _parsed(path, 1, lines[0]) if lines else {}
+    if header.get("format") != "cell.segments":
         problem = Problem(Place(path, 1), "no file of segments", "make one with: cell data actions, cell data --from")
         raise InputError(problem)
+    if header.get("version") != VERSION:
+        told = f"segments of version {header.get('version')}"
+        raise InputError(Problem(Place(path, 1), told, f"this program reads version {VERSION}"))
     for at, line in enumerate(lines[1:], start=2):
         row = _parsed(path, at, line)
         try:
             if (label := _label(row)) is not None:
                 yield _row(folder, row, line, label, classes)
-        except (KeyError, TypeError, ValueError) as error:
+        except KeyError as error:
+            raise InputError(Problem(Place(path, at), f"the key {error} is missing")) from error
+        except (TypeError, ValueError) as error:
             raise InputError(Problem(Place(path, at), f"no segment of this product: {error}")) from error
 
 
 def _label(row: dict[str, Any]) -> dict[str, Any] | None:
-    """The truth, or what was detected and confirmed; None where nobody knows."""
+    """The truth, or what was detected as the hole told it later, or a person; None where nobody knows.
+
+    Whether a label agrees with what was detected does not count: a person who corrects it may leave that as it was.
+    """
     if "truth" in row:
         truth: dict[str, Any] = row["truth"]
         return truth
-    detected: dict[str, Any] = row["detected"]
-    if detected["kind"] != "assembly":
-        return detected
-    confirmed = row["confirmed"]
-    return {**detected, "released": detected["finished"]} if confirmed and confirmed["agrees"] else None
+    detected, confirmed = row["detected"], row["confirmed"]
+    if confirmed is None:
+        return None if detected["kind"] == "assembly" else detected
+    if confirmed["part"] is None:  # the hole was empty: something else was done
+        return None
+    released = confirmed.get("released", detected["finished"])
+    return {"kind": "assembly", "part": confirmed["part"], "position": confirmed["position"], "released": released}
 
 
 def _row(folder: Path, row: dict[str, Any], line: str, label: dict[str, Any], classes: Classes) -> _Row:

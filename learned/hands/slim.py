@@ -62,11 +62,11 @@ class SlimReader:
 
     def __init__(self, setup: CameraSetup, types: tuple[str, ...], path: Path) -> None:
         self._regions = Regions.of(setup)
-        self._finder = OnnxModel.load(finder_file(path), FINDER_KIND)
-        self._seen = Ahead(self._see)
         self._reader = OnnxModel.load(path, READER_KIND)
         if "around" not in self._reader.inputs:
             raise ModelError(f"{path}: an older version trained it; train it again with: cell train hands")
+        self._finder = OnnxModel.load(finder_file(path), FINDER_KIND)
+        self._seen = Ahead(self._see)
         self._closer = CloserLook(self._regions, OnnxModel.load(refiner_file(path), REFINER_KIND))
         known = self._reader.card.vocabulary.get("parts", ())
         self._types: tuple[str | None, ...] = known if known == types else (None,) * len(known)

@@ -11,10 +11,10 @@ from typing import Any
 import cv2
 
 from cell.interfaces.errors import InputError
+from cell.interfaces.new_folder import MANIFEST, require_free
 from sim.sensor import Image
 
 VERSION = 1
-MANIFEST = "manifest.json"
 JPEG_QUALITY = 95  # of whole frames: hardly told from PNG, a fifth of its size
 
 
@@ -33,8 +33,7 @@ class DataFolder:
     """
 
     def __init__(self, path: Path, source: str) -> None:
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise InputError(f"{path}: is not an empty folder; choose a new one by --out")
+        require_free(path)
         self._path, self._source = path, source
         self.counts: Counter[str] = Counter()
         self.left_out: list[int] = []

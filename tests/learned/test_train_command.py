@@ -54,7 +54,11 @@ def test_without_recordings_the_grasp_planner_is_trained_and_bayes_chosen(
         "semantic": {"kind": "bayes"},
         "grasp": {"kind": "pairwise", "weights": "grasp_pairwise.onnx"},
     }
-    OnnxModel.load(config.with_name("grasp_pairwise.onnx"), "grasp.pairwise")
+    made = config.with_name("grasp_pairwise.onnx")
+    OnnxModel.load(made, "grasp.pairwise")
+    assert main(["train", "--config", str(config)]) == 2
+    assert f"{made}: exists already; choose another --config, or add --overwrite" in capsys.readouterr().err
+    assert main(["train", "--config", str(config), "--overwrite"]) == 0
     assert shipped_weights("grasp", "pairwise").read_bytes() == before
 
 

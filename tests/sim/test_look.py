@@ -98,6 +98,7 @@ BAD_FILES = {
     "base: varid\n": "1:7: base: no such preset; legal: nominal, hard, people, varied, wide, not 'varid'",
     "surfaces:\n  table_rgb: [1, 0]\n": "2:14: surfaces.table_rgb",
     "- 3\n": "1:1",
+    "hello, no look\n": "1:1: the file: input should be keys with values, not 'hello, no look'; legal here: light, ",
 }
 
 

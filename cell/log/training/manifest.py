@@ -22,7 +22,9 @@ from typing import Any
 
 import cv2
 
-from cell.interfaces.errors import InputError, LogError
+from cell.interfaces.errors import InputError, LogError, Place, Problem
+from cell.interfaces.files import read_text
+from cell.interfaces.new_folder import MANIFEST, whole_folder
 from cell.interfaces.product import Product
 from cell.log.reading.reader import Log
 from cell.log.replaying.logged_tree import logged_bench, logged_product
@@ -37,7 +39,6 @@ from learned.semantic.dataset import Demonstration, save_demonstrations
 from learned.semantic.goals import OpenGoals
 
 FORMAT, VERSION = "cell.training_data", 1
-MANIFEST = "manifest.json"
 # Label by label, who said so. "machine" was never seen by a person.
 LABELS = {
     "demonstrations.goal": "machine: all holes as read hold what the goal wants ('all holes'), or the planner's belief "
@@ -79,29 +80,35 @@ def write_training_data(logs: Iterable[Log], folder: Path, command: str) -> dict
         LogError: a log lacks its product, was recorded with another product than the first one, or is named twice.
         InputError: the folder is not empty or cannot be written.
     """
-    _check_empty(folder)
     collected = Collected()
     product: Product | None = None
     try:
-        for log in logs:
-            product = _same_product(log, product)
-            if {str(path) for path in log.parts or (log.path,)} & {
-                file for one in collected.logs for file in one["files"]
-            }:
-                raise LogError(log.path, "is named twice")
-            collected.goals = _learned(log, collected.goals or OpenGoals.of(product))
-            folder.mkdir(parents=True, exist_ok=True)
-            _collect(log, product, folder, collected)
-        if product is None:
-            raise InputError("no log was named; name one by --from LOG")
-        return _write(collected, product, folder, command)
+        with whole_folder(folder) as partial:
+            for log in logs:
+                product = _same_product(log, product)
+                collected.goals = _learned(log, collected.goals or OpenGoals.of(product))
+                _collect(log, product, partial, collected)
+            if product is None:
+                raise InputError("no log was named; name one by --from LOG")
+            return _write(collected, product, partial, command)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
 
-def _check_empty(folder: Path) -> None:
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: is not an empty folder; choose a new one by --out")
+def logs_by_hash(folder: Path) -> dict[str, str]:
+    """Files of the logs that a folder of training data was made of, by SHA-256; none where it was drawn.
+
+    Raises:
+        InputError: its manifest is damaged.
+    """
+    path = folder / MANIFEST
+    if not path.exists():
+        return {}
+    try:
+        logs = json.loads(read_text(path)).get("logs", ())
+        return {sha256: file for log in logs for file, sha256 in log["files"].items()}
+    except (ValueError, AttributeError, KeyError, TypeError) as error:
+        raise InputError(Problem(Place(path), f"is no manifest of training data: {error}")) from error
 
 
 def _same_product(log: Log, product: Product | None) -> Product:
@@ -121,6 +128,9 @@ def _learned(log: Log, goals: OpenGoals) -> OpenGoals:
 
 
 def _collect(log: Log, product: Product, folder: Path, collected: Collected) -> None:
+    files = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in log.parts or (log.path,)}
+    if {*files.values()} & {sha256 for one in collected.logs for sha256 in one["files"].values()}:
+        raise LogError(log.path, "is named twice, or is a copy of another")
     name = _unused_name(whole_path(log.path).stem, collected.logs)
     taken = demonstration_of(log, collected.goals.product if collected.goals else product)
     if taken.demonstration is not None:
@@ -138,7 +148,7 @@ def _collect(log: Log, product: Product, folder: Path, collected: Collected) -> 
     collected.logs.append(
         {
             "name": name,
-            "files": {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in log.parts or (log.path,)},
+            "files": files,
             "end": log.outcome.get("end", "cut off"),
             "duration_s": round(log.ticks[-1].time_s - log.ticks[0].time_s, 3) if log.ticks else 0.0,
             "perception": log.metadata.get("perception", "unknown"),

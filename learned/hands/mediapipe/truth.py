@@ -39,7 +39,8 @@ def load_truth(path: Path, folder: Path) -> Truth:
     except ValueError as error:
         raise InputError(f"{path}: is not JSON: {error}") from None
     if not isinstance(read, _Pairs) or not read:
-        raise InputError(f"{path}: must be an object: path of a photograph -> list of hands")
+        what = "names no photograph; legal is" if isinstance(read, _Pairs) else "must be"
+        raise InputError(f"{path}: {what} an object: path of a photograph -> list of hands")
     problems = [*_twice(read), *(what for name, hands in read if (what := _problem(folder, name, hands)))]
     if problems:
         raise InputError(*(f"{path}: {what}" for what in problems))

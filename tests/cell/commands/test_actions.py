@@ -13,6 +13,7 @@ import pytest
 from cell.commands import actions
 from cell.commands.main import main
 from cell.commands.terminal import CONFIGURATION
+from cell.evaluating.actions import Tally
 
 
 def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores_have_none(
@@ -65,7 +66,15 @@ def _colour(path: Path) -> float:
         (["train", "actions", "--kind", "vgg"], "no action detector 'vgg' can be trained; legal: slim, paper"),
         (["train", "actions", "--out", "."], "--out"),
         (["train", "actions", "--data", "d", "--validation", "d"], "is --data, too"),
+        (
+            ["train", "actions", "--data", "a", "--data", "b", "--validation", "c"],
+            "made from copied.mcap, as --data b",
+        ),
         (["eval", "actions", "--confusions", "there.json"], "there.json: is there already"),
+        (
+            ["eval", "actions", "--kind", "classical", "--weights", "x.onnx"],
+            "they go with --kind slim",
+        ),
         (["eval", "actions", "--confusions", "nowhere.txt"], "must end in .json"),
     ],
 )
@@ -75,6 +84,32 @@ def test_what_cannot_end_well_is_told_before_it_begins(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(actions, "make_data", lambda *_: pytest.fail("recordings are made"))
     (tmp_path / "there.json").write_text("mine")
+    for name, log, content in (("a", "sunday.mcap", "0a"), ("b", "monday.mcap", "1b"), ("c", "copied.mcap", "1b")):
+        (tmp_path / name).mkdir()
+        manifest = {"format": "cell.training_data", "logs": [{"files": {log: content}}]}
+        (tmp_path / name / "manifest.json").write_text(json.dumps(manifest))
     assert main(words) == 2
     assert told in " ".join(capsys.readouterr().err.split())
     assert (tmp_path / "there.json").read_text() == "mine"
+
+
+def test_an_interrupted_evaluation_tells_what_is_done_and_that_it_is_not_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    most = 0
+
+    def watch(_: object, __: object, ___: object, seeds: list[int], **____: object) -> dict[str, Tally]:
+        [seed] = seeds
+        if seed >= 900_000 + most:
+            raise KeyboardInterrupt
+        return {"slim": Tally(rows=[(0, 0, False)], latency_s=[0.01])}
+
+    monkeypatch.setattr("cell.evaluating.actions.evaluate_actions", watch)
+    words = ["eval", "actions", "--kind", "slim", "--recordings", "3", "--json", "--out", str(tmp_path / "rows.jsonl")]
+    for most, status in ((0, 1), (2, 1), (3, 0)):
+        assert main(words) == status
+        told = capsys.readouterr()
+        assert ("interrupted after" in told.err) == bool(status)
+        lines = [json.loads(line) for line in told.out.splitlines()]
+        assert [line["recordings"] for line in lines] == [most] * bool(most)
+    assert len((tmp_path / "rows.jsonl").read_text().splitlines()) == 1 + 3

@@ -90,6 +90,7 @@ def test_interrupted_it_goes_on_with_the_next_training(tmp_path: Path, trained: 
     (out / "holes_plate.onnx").unlink()
     assert main(["train", "all", "--out", str(out)]) == 0
     assert trained[-1][-1].endswith("holes_plate.onnx")
+    assert all("--overwrite" in words for words in trained)  # what an interrupted one left in the folder
 
 
 def test_ctrl_c_ends_it_with_a_word_on_how_to_go_on(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections import namedtuple
 from pathlib import Path
@@ -13,6 +14,7 @@ from cell.commands import doctor
 from cell.commands.doctor import examine
 from cell.commands.main import main
 from cell.interfaces.errors import InputError
+from cell.settings import WEIGHTS
 from tests import ROOT
 
 Usage = namedtuple("Usage", "total used free")
@@ -120,3 +122,32 @@ def test_without_rendering_no_device_is_opened(monkeypatch: pytest.MonkeyPatch, 
 def test_a_configuration_that_does_not_fit_the_machine_is_told(old: str, new: str, words: str, tmp_path: Path) -> None:
     bad = [finding for finding in examine(configuration(tmp_path, old, new)) if finding.needed and not finding.ok]
     assert [words in finding.remedy for finding in bad] == [True]
+
+
+@pytest.mark.parametrize("there", ["", "holes_plate.onnx parts_centre.onnx", "*[!d]er.onnx *[!r].onnx"])
+def test_weights_of_detectors_that_are_missing_make_the_machine_unfit(
+    there: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Not even the finder's alone may be missing, which stands beside those that the configuration names."""
+    monkeypatch.setattr(doctor, "_devices", lambda *_: ())
+    path = configuration(tmp_path, "  kind: learned", "  folder: ../t2\n  kind: learned")
+    for pattern in there.split():
+        (tmp_path / "t2").mkdir(exist_ok=True)
+        for file in WEIGHTS.glob(pattern):
+            shutil.copy(file, tmp_path / "t2")
+    assert main(["doctor", "--config", str(path)]) == 1
+    told = capsys.readouterr().out
+    assert "MISSING detectors learned\n" in told
+    assert "hands_slim" in told
+    assert "cannot read the weights" in told
+    assert "cell train all" in told
+
+
+def test_what_a_product_of_ones_own_is_seen_by_is_a_note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(doctor, "_devices", lambda *_: ())
+    path = configuration(tmp_path)
+    for file in (path, path.with_name("products.yaml")):
+        file.write_text(re.sub(r"\bo1\b", "ball", file.read_text()))
+    (finding,) = [one for one in examine(path) if one.what.startswith("detectors")]
+    assert (finding.ok, finding.needed) == (False, False)
+    assert "perception is classical" in finding.remedy

@@ -10,27 +10,32 @@ from subprocess import PIPE, Popen
 
 import pytest
 
+from cell.commands.children import Children
 from cell.commands.made_data import make_data
 from cell.commands.main import main
 from cell.interfaces.bench import Bench
 from cell.interfaces.errors import InputError
 from cell.interfaces.files import shipped
+from cell.interfaces.new_folder import UNFINISHED
 from cell.interfaces.product import Product
 from sim.data.folder import DataFolder, DataPiece
+from sim.data.objects import write_objects
 from sim.data.recording import Assembly, record
 from sim.settings import SimSettings
 
 
 def test_data_are_made_once_and_what_was_interrupted_is_made_anew(tmp_path: Path) -> None:
-    folder = tmp_path / "some"
-    unfinished = tmp_path / "some.unfinished"
-    unfinished.mkdir()
-    (unfinished / "half.jsonl").write_text("{")
+    folder, mine = tmp_path / "some", tmp_path / "some.unfinished" / "notes.txt"
+    (folder / UNFINISHED).mkdir(parents=True)
+    (folder / UNFINISHED / "half.jsonl").write_text("{")
+    mine.parent.mkdir()
+    mine.write_text("mine")
     options = {"--look": "nominal", "--recordings": 1, "--first-seed": 3}
     make_data("actions", folder, options, "--thin")
     assert (folder / "manifest.json").exists()
-    assert not unfinished.exists()
+    assert not (folder / UNFINISHED).exists()
     assert not (folder / "half.jsonl").exists()
+    assert mine.read_text() == "mine"
     made = (folder / "manifest.json").stat().st_mtime_ns
     make_data("actions", folder, options, "--thin")
     assert (folder / "manifest.json").stat().st_mtime_ns == made
@@ -46,6 +51,7 @@ def test_data_are_not_made_on_by_a_process_that_its_training_left_behind(tmp_pat
     makes = f"""
 import signal, sys
 from pathlib import Path
+from cell.commands.children import Children
 from cell.commands.made_data import make_data
 signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests may run where a shell has it ignored
 sys.executable = {str(maker)!r}
@@ -121,3 +127,44 @@ def test_a_share_of_lying_parts_without_mixed_trays_is_refused_instead_of_passed
     assert main(["data", "objects", "--lying-share", "0.5", "--recordings", "1", "--out", str(tmp_path / "new")]) == 2
     assert "--lying-share is for trays of --mixed" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("training", "folder"),
+    [
+        ("holes", "q.plates-nominal"),
+        ("parts", "q.objects-nominal"),
+        ("hands", "q.nominal"),
+        ("actions", "q.data/nominal-physics-000000"),
+    ],
+)
+def test_a_folder_of_somebody_is_told_before_any_data_are_made(
+    training: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Children, "run", lambda *_: pytest.fail("data are made"))
+    mine = tmp_path / folder / "notes.txt"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    assert main(["train", training, "--budget", "10m", "--out", str(tmp_path / "q.onnx")]) == 2
+    assert f"{tmp_path / folder}: is not an empty folder; remove it, or choose another" in capsys.readouterr().err
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [mine]
+
+
+def test_data_that_are_interrupted_leave_nothing_that_is_in_their_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["data", "objects", "--look", "nominal", "--recordings", "2", "--out", str(tmp_path / "new")]
+    taken = 0
+
+    def interrupted(*_: object) -> None:
+        nonlocal taken
+        taken += 1
+        if taken == 2:
+            raise KeyboardInterrupt
+        write_objects(*_)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("sim.data.objects.write_objects", interrupted)
+    assert main(words) == 1
+    assert not list(tmp_path.iterdir())
+    assert main(words) == 0
+    assert json.loads((tmp_path / "new" / "manifest.json").read_text())["recordings"] == 2

@@ -1,4 +1,4 @@
-"""Where no weights can be written is told before a training, not after it."""
+"""Where no weights can or may be written is told before a training, not after it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from cell.commands.main import main
 pytestmark = pytest.mark.torch
 
 TRAININGS = {
+    "actions": "actions.onnx",
     "hands": "hands.onnx",
     "holes": "holes.onnx",
     "parts": "parts.onnx",
@@ -38,3 +39,43 @@ def test_no_training_begins_that_could_not_be_kept(
         assert f"--out {out}: {why}" in capsys.readouterr().err
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert sorted(file.name for file in tmp_path.rglob("*")) == sorted(["folder", name, "notes.txt"])
+
+
+@pytest.mark.parametrize(
+    ("training", "file"),
+    [
+        *((training, name) for training, name in TRAININGS.items()),
+        ("actions", "actions_confusions.json"),
+        ("hands", "hands_refiner.onnx"),
+        ("parts", "parts_pose.onnx"),
+        ("grasp --kind paper", "grasp_crops.onnx"),
+    ],
+)
+def test_no_training_writes_over_a_file_unasked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], training: str, file: str
+) -> None:
+    (tmp_path / file).write_text("mine")
+    out = tmp_path / TRAININGS.get(training, "grasp.onnx")
+    assert main(["train", *training.split(), "--out", str(out)]) == 2
+    assert f"{tmp_path / file}: exists already; choose another --out, or add --overwrite" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [file]
+    assert (tmp_path / file).read_text() == "mine"
+
+
+def test_an_interrupted_training_goes_on_without_being_told_to_overwrite(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "mine.onnx"
+    calls = []
+
+    def train(_: object, path: Path, *__: object, **___: object) -> dict[str, float]:
+        calls.append(path.exists())
+        path.write_text("weights")
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return {}
+
+    monkeypatch.setattr("learned.semantic.train.train_semantic", train)
+    statuses = [main(["train", "semantic", "--out", str(out), *more]) for more in ([], [], [], ["--overwrite"])]
+    assert statuses == [1, 0, 2, 0]
+    assert calls == [False, True, True]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,8 @@ import pytest
 from cell.commands.main import main
 from cell.evaluating import things
 from cell.interfaces.files import shipped
+from cell.interfaces.planning import weights_file
+from cell.settings import WEIGHTS
 
 COMMANDS = {
     "actions": (["actions", "--quick"], "slim"),
@@ -50,8 +53,39 @@ def test_a_kind_that_is_not_there_is_told_before_anything_is_rendered(
 ) -> None:
     monkeypatch.setattr(things, "write_plates", None)
     monkeypatch.setattr(things, "write_objects", None)
+    legal = {"holes": "classical, plate", "parts": "classical, centre, rcnn"}[detector]
     assert main(["eval", detector, "--kind", "bogus"]) == 2
-    assert f"perception.{detector}: no detector of kind 'bogus'; legal: classical," in capsys.readouterr().err
+    assert f"--kind bogus: there is no such one; legal: {legal}\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["holes", "--kind"], ["parts", "--kind"], ["hands", "--kinds"]])
+def test_weights_that_nothing_reads_are_refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["eval", *words, "classical", "--weights", "x.onnx"]) == 2
+    assert "--weights x.onnx: nothing reads them: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("detector", COMMANDS)
+def test_weights_of_another_product_are_not_scored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], detector: str
+) -> None:
+    words, kind = COMMANDS[detector]
+    config = configured(tmp_path, "{kind: classical}")
+    for file in (config, tmp_path / "products.yaml"):
+        file.write_text(re.sub(r"\bo1\b", "ball", file.read_text()))
+    own = ["--weights", str(WEIGHTS / weights_file(detector, kind)), "--config", str(config)]
+    chosen = ["--kind", kind] if detector == "actions" else []
+    assert main(["eval", *words, *chosen, *own, "--recordings", "1"]) == 2
+    assert "trained for parts [o1; o2; o3], but the product has [ball; o2; o3]" in capsys.readouterr().err
+
+
+def test_weights_of_another_detector_are_told_as_what_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The finder beside them was missed first."""
+    weights = tmp_path / "hi.onnx"
+    weights.write_bytes((WEIGHTS / "holes_plate.onnx").read_bytes())
+    assert main(["eval", "hands", "--weights", str(weights)]) == 2
+    assert "hi.onnx: holds a 'holes.plate' model, but a 'hands.slim' model is wanted" in capsys.readouterr().err
 
 
 def test_a_tracker_that_is_chosen_by_name_has_the_configured_weights(
@@ -60,7 +94,7 @@ def test_a_tracker_that_is_chosen_by_name_has_the_configured_weights(
     config, image = configured(tmp_path, "{kind: learned, hands: {kind: slim, weights: mine.onnx}}"), tmp_path / "a.png"
     cv2.imwrite(str(image), np.zeros((360, 480, 3), np.uint8))
     assert main(["see", str(image), "--hands", "slim", "--config", str(config), "--out", str(tmp_path / "b.png")]) == 2
-    assert f"{tmp_path}/mine_finder.onnx" in "".join(capsys.readouterr().err.split())
+    assert f"{tmp_path}/mine.onnx" in "".join(capsys.readouterr().err.split())
 
 
 def test_photographs_without_networks_say_how_to_get_them(

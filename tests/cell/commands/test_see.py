@@ -9,10 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
+from cell.commands.frame_sources import _video
 from cell.commands.main import main
 from cell.commands.see import _chosen
 from cell.commands.terminal import BAD_INPUT
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
+from cell.interfaces.pose import Pose
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
 
 TIPS_M = (0.78, 0.2)
@@ -101,6 +103,27 @@ def test_a_folder_gives_a_folder_and_each_picture_stands_alone(
     assert answer["written"] == [f"many-seen/{number}.png" for number in range(3)]
 
 
+@pytest.mark.parametrize("kind", ["learned", "classical"])
+def test_a_picture_is_enough_to_see_its_holes_and_no_other_picture_counts(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What fills holes is seen in several frames of a film; the second of two equal pictures was called frozen."""
+    monkeypatch.chdir(tmp_path)
+    bare, filled = bench_canvas(), bench_canvas()
+    filled.parts([in_hole("o2", "p2")])
+    for name, canvas in (("a", bare), ("b", filled), ("c", filled)):
+        written(tmp_path / "many" / f"{name}.png", canvas.image(np.random.default_rng(3)))
+    written(tmp_path / "many" / "d.png", np.full((360, 480, 3), 90, np.uint8))
+    assert main(["see", "many", "--perception", kind, "--json"]) == 0
+    views = json.loads(capsys.readouterr().out.splitlines()[-1])["frames"]
+    assert [view["holes"]["p2"]["part"] for view in views[:3]] == [None, "o2", "o2"]
+    assert [len(view["holes"]) for view in views[:3]] == [6, 6, 6]
+    assert [view["health"] for view in views] == ["", "", "", "without contrast"]
+    assert main(["see", "many/b.png", "--perception", kind, "--json"]) == 0
+    (alone,) = json.loads(capsys.readouterr().out.splitlines()[-1])["frames"]
+    assert {**views[1], "sequence": 0} == {"file": "b.png", **alone}
+
+
 def test_a_photograph_that_cannot_be_read_is_left_out_of_a_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -154,6 +177,67 @@ def test_a_video_gives_a_video_of_the_frames_that_are_asked_for(
     assert made.get(cv2.CAP_PROP_FPS) == pytest.approx(7.5)
 
 
+def test_a_video_whose_end_is_missing_is_seen_as_far_as_it_goes_and_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    video = cv2.VideoWriter("whole.avi", cv2.VideoWriter.fourcc(*"MJPG"), 15.0, (96, 72))
+    for number in range(20):
+        video.write(np.random.default_rng(number).integers(0, 255, (72, 96, 3), np.uint8))
+    video.release()
+    content = Path("whole.avi").read_bytes()
+    Path("cut.avi").write_bytes(content[: 2 * len(content) // 3])
+    words = ["--perception", "classical", "--overwrite", "--out", "seen.mp4"]
+    assert main(["see", "whole.avi", *words]) == 0
+    assert "ends early" not in capfd.readouterr().err
+    assert main(["see", "cut.avi", *words, "--frames", "5"]) == 0
+    assert "ends early" not in capfd.readouterr().err, "all that was asked for is there"
+    assert main(["see", "cut.avi", *words]) == 0
+    assert re.search(r"cell: cut\.avi: ends early: 1\d of 20 frames could be read\n", capfd.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("told", "at_frames", "said"),
+    [
+        (12, range(10), True),
+        (11, range(10), False),
+        (0, range(10), False),
+        (-2e15, range(10), False),
+        (20, range(0, 20, 2), False),
+    ],
+)
+def test_what_a_container_only_guesses_is_no_missing_end(
+    told: float, at_frames: range, said: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Many count no frames: they tell how long they last, and frames may come at a varying rate."""
+
+    class Capture:
+        def __init__(self, _: object) -> None:
+            self.left, self.at = list(at_frames), 0
+
+        def isOpened(self) -> bool:
+            return True
+
+        def get(self, what: int) -> float:
+            return {cv2.CAP_PROP_FPS: 10.0, cv2.CAP_PROP_FRAME_COUNT: told, cv2.CAP_PROP_POS_MSEC: 100.0 * self.at}[
+                what
+            ]
+
+        def read(self) -> tuple[bool, Any]:
+            if not self.left:
+                self.at = 0
+                return False, None
+            self.at = self.left.pop(0)
+            return True, np.zeros((8, 8, 3), np.uint8)
+
+        def release(self) -> None:
+            pass
+
+    monkeypatch.setattr(cv2, "VideoCapture", Capture)
+    assert len(list(_video("a.mkv", "a", "overhead", Pose((0.0, 0.0, 1.0))).frames)) == 10
+    assert ("a.mkv: ends early" in capsys.readouterr().err) == said
+
+
 def test_pictures_of_another_size_are_searched_for_hands_alone(
     picture: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -173,7 +257,8 @@ def test_pictures_of_another_size_are_searched_for_hands_alone(
         (["text.png"], "cannot be read as an image"),
         (["text.mp4"], "cannot be opened as a video"),
         (["text.txt"], "of no known kind"),
-        (["camera:x"], "must be a number"),
+        (["camera:x"], "'x' must be a whole number from 0 on, as in camera:7"),
+        (["sim:-1"], "'-1' must be a whole number from 0 on, as in sim:7"),
         (["sim:1", "--camera", "wrist"], "overhead camera only"),
         (["bench.png", "--camera", "side"], "legal: overhead, wrist"),
         (["bench.png", "--perception", "best"], "legal: learned, classical"),

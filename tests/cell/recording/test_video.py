@@ -43,3 +43,15 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"b.mp4: the video cannot be written whole"):
         video.close()
     assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("/proc/a.mp4", "no file can be made in /proc: "), ("a.txt", "must end in")]
+)
+def test_what_hinders_the_encoder_is_told(
+    name: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"{name}: the video cannot be written: .*{said}"):
+        Video(Path(name), 15.0).add(noise(0))
+    assert list(tmp_path.iterdir()) == []

@@ -57,5 +57,6 @@ def _row(path: Path, number: int, rng: np.random.Generator, key: str) -> dict[st
     row = {"log": f"seed{number // 10}", "frame": number, **crops, "hands": hands}
     if key == "truth":
         return row | {"truth": {**label, "released": number % 2 == 0}, "guarded": False}
-    confirmed = {"agrees": number % 4 != 0} if placing and number % 8 else None
+    seen = {"part": part if number % 4 else None, "position": PRODUCT.positions[at], "agrees": number % 4 != 0}
+    confirmed = seen if placing and number % 8 else None
     return row | {"detected": {**label, "confidence": 0.9, "finished": placing}, "confirmed": confirmed}

@@ -44,10 +44,48 @@ def test_recorded_runs_teach_what_the_holes_confirmed(tmp_path: Path) -> None:
     assert len(load_segments([folder], CLASSES)) == len(sure) < len(rows)
 
 
+def labelled(folder: Path, **changes: object) -> tuple[list[str], list[bool]]:
+    """What is learned from one segment that was detected as o1 at p2: names of classes, and whether fingers opened."""
+    path = write_folder(folder, 1, 3, key="detected") / "segments.jsonl"
+    header, line = path.read_text().splitlines()
+    detected = {"kind": "assembly", "part": "o1", "position": "p2", "confidence": 0.9, "finished": True}
+    path.write_text(f"{header}\n{json.dumps(json.loads(line) | {'detected': detected} | changes)}\n")
+    found = load_segments([folder], CLASSES)
+    return [CLASSES.names[number] for number in found.classes], found.released.tolist()
+
+
+def test_a_label_by_hand_is_what_is_learned(tmp_path: Path) -> None:
+    for number, label in enumerate(
+        (
+            {"part": "o3", "position": "p2"},
+            {"part": "o3", "position": "p2", "seen_s": 1.0, "agrees": True},  # as it was before
+            {"part": "o3", "position": "p2", "seen_s": 1.0, "agrees": False},
+        )
+    ):
+        assert labelled(tmp_path / f"corrected{number}", confirmed=label) == (["o3 at p2"], [True])
+    right = {"part": "o1", "position": "p2", "agrees": False}
+    assert labelled(tmp_path / "right", confirmed=right) == (["o1 at p2"], [True])
+    missed: dict[str, object] = {"detected": {"kind": "transit", "finished": False}}
+    moved = {"part": "o1", "position": "p5"}
+    assert labelled(tmp_path / "missed", **missed, confirmed=moved) == (["o1 at p5"], [False])
+    assert labelled(tmp_path / "opened", **missed, confirmed=moved | {"released": True}) == (["o1 at p5"], [True])
+    with pytest.raises(InputError, match="no labelled segments"):
+        labelled(tmp_path / "empty", confirmed={"part": None, "position": "p2"})
+
+
+def test_a_key_that_is_missing_is_named_as_such(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"segments\.jsonl:2: the key 'position' is missing"):
+        labelled(tmp_path / "some", confirmed={"part": "o1"})
+
+
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
         (lambda lines: ['{"format": "cell.holes"}', *lines[1:]], "no file of segments"),
+        (
+            lambda lines: [lines[0].replace('"version": 1', '"version": 99'), *lines[1:]],
+            "segments.jsonl:1: segments of version 99; this program reads version 1",
+        ),
         (lambda lines: [lines[0], "{", *lines[2:]], "segments.jsonl:2"),
         (lambda lines: [line.replace('"part": "o', '"part": "x') for line in lines], "no segment of this product"),
         (lambda lines: [lines[0], *(line.replace("0000.png", "gone.png") for line in lines[1:])], "gone.png: no image"),

@@ -117,6 +117,7 @@ def test_photographs_are_compared_with_what_is_given(tmp_path: Path) -> None:
     ("content", "said"),
     [
         ("[]", "must be an object"),
+        ("{}", r"truth\.json: names no photograph; .*path of a photograph -> list of hands"),
         ("{", "is not JSON"),
         ('{"none.png": []}', "no such file"),
         ('{"a.png": [[[1, 2]]]}', "21 x"),

@@ -196,6 +196,12 @@ def test_confirmed_actions_are_read_from_segments_and_train_the_noise(
     told = "".join(capsys.readouterr().err.split())
     assert told.endswith("planners.semantic.confusions:../confusions.json")  # as a path in that file
     assert json.loads(out.read_text())["reports_n"] == 4
+    out.write_text("mine")
+    words = ["train", "noise", "--data", str(path), "--out", str(out), "--config", str(config)]
+    assert main(words) == 2
+    assert "confusions.json: exists already; choose another --out, or add --overwrite" in capsys.readouterr().err
+    assert out.read_text() == "mine"
+    assert main([*words, "--overwrite"]) == 0
     path.write_text('{"format": "cell.crops"}\n')
     with pytest.raises(InputError, match=r"segments\.jsonl:1: no file of segments"):
         confirmed_reports(path)

@@ -21,7 +21,7 @@ from cell.interfaces.pose import Pose
 from cell.log.reading.reader import Log
 from cell.log.replaying.logged_tree import logged_bench, logged_product
 from cell.log.training.demonstrations import demonstration_of
-from cell.log.training.manifest import write_training_data
+from cell.log.training.manifest import logs_by_hash, write_training_data
 from cell.log.training.segments import bench_views, carried_parts, segments
 from cell.log.training.tray_scenes import attempts, scene_records
 from learned.actions.classes import Classes
@@ -218,7 +218,8 @@ def test_other_products_and_full_folders_are_refused(tray_log: Log, folder: Path
     with pytest.raises(LogError, match="another product"):
         write_training_data([tray_log, other], tmp_path / "out", COMMAND)
     with pytest.raises(LogError, match="is named twice"):
-        write_training_data([tray_log, tray_log], tmp_path / "twice", COMMAND)
+        write_training_data([tray_log, tray_log], tmp_path / "out", COMMAND)
+    assert not (tmp_path / "out").exists(), "nothing is in the way of the next try"
     with pytest.raises(InputError, match="not an empty folder"):
         write_training_data([tray_log], folder, COMMAND)
 
@@ -232,8 +233,35 @@ def test_command_writes_and_asks_for_what_is_missing(
     assert main(["data", "--from", str(tray_log.path)]) == 2
     told = " ".join(capsys.readouterr().err.split())
     assert "or a data set: semantic, grasp, actions, hands, holes, plates, objects" in told
-    assert main(["data", "--from", str(tmp_path / "none.mcap"), "--out", str(tmp_path / "other")]) == 2
-    assert not (tmp_path / "other").exists()
+    bad, copied = tmp_path / "bad.mcap", tmp_path / "copied.mcap"
+    bad.write_bytes(b"bad")
+    copied.write_bytes(tray_log.path.read_bytes())
+    for other, why in (
+        (tmp_path / "none.mcap", "none.mcap: cannot be read"),
+        (bad, "bad.mcap: is no MCAP file"),
+        (tray_log.path, f"{tray_log.path.name}: is named twice"),
+        (copied, "copied.mcap: is named twice, or is a copy of another"),
+    ):
+        words = ["data", "--from", str(tray_log.path), "--from", str(other), "--out", str(tmp_path / "other")]
+        assert main(words) == 2
+        assert why in capsys.readouterr().err
+        assert not (tmp_path / "other").exists()
+
+
+def test_logs_that_are_not_there_are_told_before_any_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cell.commands.log_terminal.read", lambda _: pytest.fail("a log is read"))
+    (tmp_path / "some.mcap").write_bytes(b"some")
+    for other in ("none.mcap", "./some.mcap"):
+        words = ["data", "--from", str(tmp_path / "some.mcap"), "--from", f"{tmp_path}/{other}", "--out", "new"]
+        assert main(words) == 2
+
+
+def test_the_logs_of_a_folder_are_known_by_their_content(tray_log: Log, folder: Path, tmp_path: Path) -> None:
+    assert list(logs_by_hash(folder).values()) == [str(tray_log.path)]
+    assert logs_by_hash(tmp_path) == {}
+    (tmp_path / "manifest.json").write_text("{")
+    with pytest.raises(InputError, match=r"manifest\.json: is no manifest of training data"):
+        logs_by_hash(tmp_path)
 
 
 @pytest.mark.slow
@@ -241,10 +269,12 @@ def test_command_writes_and_asks_for_what_is_missing(
 def test_planners_are_trained_on_it(planner: str, tray_log: Log, tmp_path: Path) -> None:
     """In a process of its own: torch and the software OpenGL of this one crash together."""
     product = logged_product(tray_log)
-    logs = [
-        changed(tray_log, *(edge(part, position) for position, part in product.goal_placements(goal).items()))
-        for goal in product.goals
-    ]
+    logs = []
+    for goal in product.goals:
+        path = tmp_path / f"{goal}.mcap"
+        path.write_bytes(tray_log.path.read_bytes() + goal.encode())  # no copy of the others
+        edges = (edge(part, position) for position, part in product.goal_placements(goal).items())
+        logs.append(replace(changed(tray_log, *edges), path=path, parts=()))
     write_training_data(logs, tmp_path / "out", COMMAND)
     data = {"semantic": "demonstrations.jsonl", "grasp": "scenes.jsonl"}[planner]
     command = [sys.executable, "-m", "cell", "train", planner, "--data", str(tmp_path / "out" / data)]

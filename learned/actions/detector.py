@@ -15,7 +15,7 @@ from learned.actions.classes import Classes
 from learned.actions.dropped import DroppedParts
 from learned.actions.evaluate import Floats, known_features, posterior_of
 from learned.actions.events import EventSettings, Placement, PlacementEvents, SteadyKind
-from learned.actions.filled import FilledHoles, seen_empty
+from learned.actions.filled import FilledHoles, seen_unfilled
 from learned.actions.segments import SegmentReader
 from learned.actions.settings import WHOLE_FRAMES
 from learned.onnx_model import OnnxModel
@@ -55,7 +55,7 @@ class TrainedActionDetector:
         posterior, released = self.posterior(segment)
         self.last_posterior, self.last_released = posterior, released
         filled = list(self._filled.update(holes))
-        unfilled = seen_empty(self._classes, holes, now_s) | self._filled.long_full(now_s)
+        unfilled = seen_unfilled(self._classes, holes, now_s) | self._filled.long_full(now_s)
         hand = segment.hands[-1]
         dropped = self._dropped.update(now_s, hand, holes)
         holds = None if hand is None or hand.held_part is None else self._classes.parts.index(hand.held_part)

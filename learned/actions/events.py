@@ -3,8 +3,9 @@
 Two witnesses tell a placement: the hand, whose fingers open over a hole, and the hole, which is newly filled where the
 hand placed something. Either tells it when the hand leaves the hole: fingers that search a hole with the part between
 them look as if they had let go, and stay. A hole that shows the part after that needs no such proof. Where the two name
-different parts, the surer one counts; where that is in doubt, neither tells it. A hole that is seen to be empty, or was
-full all along, was not filled, whatever the hand did; nor does a hole tell a part that the hand is still seen to hold.
+different parts, the surer one counts; where that is in doubt, neither tells it. A hole that is seen to be empty, or to
+hold a part that leans, or that was full all along, was not filled, whatever the hand did; nor does a hole tell a part
+that the hand is still seen to hold.
 A part that fell from the hand into a hole that was empty is told by the hole alone.
 """
 
@@ -104,7 +105,8 @@ class PlacementEvents:
             posterior: (classes,).
             released: probability that the fingers have opened, if it is an assembly.
             filled: holes that are newly filled.
-            unfilled: positions that are seen to be empty, or were full all along: the hand has placed nothing there.
+            unfilled: positions that are seen to be empty or to hold a part that leans, or that were full all along: the
+                hand has placed nothing there.
             dropped: holes in which a part stands that the hand held over them, and that it has left.
             holds: part that the hand is seen to hold: where its fingers were not seen to open, it has not placed that.
         """

@@ -78,7 +78,8 @@ class FilledHoles:
             self._full_since_s.setdefault(position, view.seen_s)
 
 
-def seen_empty(classes: Classes, holes: Mapping[str, HoleView], time_s: float) -> frozenset[int]:
-    """Positions, by number, that are in plain view and empty."""
-    shown = {at for at, view in holes.items() if view.part is None and time_s - view.seen_s <= FRESH_S}
+def seen_unfilled(classes: Classes, holes: Mapping[str, HoleView], time_s: float) -> frozenset[int]:
+    """Positions, by number, in plain view that are empty, or in which a part leans or lies."""
+    fresh = {at: view for at, view in holes.items() if time_s - view.seen_s <= FRESH_S}
+    shown = {at for at, view in fresh.items() if view.part is None or not view.upright}
     return frozenset(number for number, position in enumerate(classes.positions) if position in shown)

@@ -12,7 +12,7 @@ from cell.interfaces.perception import HoleView
 from learned.actions.classes import Classes
 from learned.actions.evaluate import posterior_of
 from learned.actions.events import EventSettings, Floats, Placement, PlacementEvents, SteadyKind
-from learned.actions.filled import Filled, FilledHoles, seen_empty
+from learned.actions.filled import Filled, FilledHoles, seen_unfilled
 
 PRODUCT = load_product(load_configuration())
 CLASSES = Classes.of(PRODUCT)
@@ -289,10 +289,16 @@ def test_a_hole_that_was_full_all_along_is_not_newly_filled() -> None:
     assert told(stream, {14: Filled(0, 1, 0.98)}, there) == []
 
 
-def test_only_new_looks_show_that_a_hole_is_empty() -> None:
-    views = {"p1": HoleView(None, 0.99, 5.0), "p2": HoleView("o1", 0.99, 5.0), "p3": HoleView(None, 0.99, 4.0)}
-    assert seen_empty(CLASSES, views, 5.1) == {0}
-    assert seen_empty(CLASSES, views, 6.0) == set()
+def test_new_looks_show_that_a_hole_is_empty_or_that_its_part_leans() -> None:
+    views = {
+        "p1": HoleView(None, 0.99, 5.0),
+        "p2": HoleView("o1", 0.99, 5.0),
+        "p3": HoleView(None, 0.99, 4.0),
+        "p4": HoleView("o1", 0.99, 5.0, upright=False),
+        "p5": HoleView("o1", 0.99, 4.0, upright=False),
+    }
+    assert seen_unfilled(CLASSES, views, 5.1) == {0, 3}
+    assert seen_unfilled(CLASSES, views, 6.0) == set()
 
 
 def test_classes_are_as_likely_as_they_are_met_with_and_not_as_they_were_trained() -> None:

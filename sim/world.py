@@ -157,16 +157,30 @@ class World:
 
     def place(self, part: WorldPart, pose: Pose) -> None:
         """Put a part somewhere at rest, for building scenes."""
-        self.data.qpos[part.qpos : part.qpos + 7] = (*pose.position_m, *pose.quaternion_wxyz)
-        self.data.qvel[part.qvel : part.qvel + 6] = 0.0
+        self.put(part, pose)
         mujoco.mj_forward(self.model, self.data)
 
     def set_arm(self, positions_rad: Sequence[float] | Array) -> None:
         """Put the arm's joints somewhere at rest, for building scenes; a running SimArm does not expect it."""
+        self.put_arm(positions_rad)
+        mujoco.mj_forward(self.model, self.data)
+
+    def put(self, part: WorldPart, pose: Pose) -> None:
+        """As `place`, but no pose follows from it before `update_poses`."""
+        self.data.qpos[part.qpos : part.qpos + 7] = (*pose.position_m, *pose.quaternion_wxyz)
+        self.data.qvel[part.qvel : part.qvel + 6] = 0.0
+
+    def put_arm(self, positions_rad: Sequence[float] | Array) -> None:
+        """As `set_arm`, but no pose follows from it before `update_poses`."""
         self.data.qpos[self.arm_qpos] = positions_rad
         self.data.qvel[self.arm_qvel] = 0.0
         self.data.ctrl[self.arm_ctrl] = positions_rad
-        mujoco.mj_forward(self.model, self.data)
+
+    def update_poses(self) -> None:
+        """Of bodies, cameras and lights, by the joints; contacts and forces, which take ten times as long, stay."""
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
 
     def set_opening(self, opening_m: float) -> None:
         """Put the fingers somewhere at rest, for building scenes."""

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -84,22 +83,24 @@ class Plate:
     def shuffle(self) -> Still:
         """Put everything elsewhere."""
         self.world.data.qpos[:] = self._start
-        self.world.set_arm(self._bench.arm_park_rad)
+        self.world.put_arm(self._bench.arm_park_rad)
+        self.world.update_poses()
         rng, left = self._rng, list(self.world.bodies)
         for body in left:  # what is not used stays in its bin or far away
             if self.world.part_pose(body).position_m[0] > FAR_AWAY_M[0] - 1:
-                self.world.place(body, Pose((FAR_AWAY_M[0], 3.0 + 0.2 * left.index(body), 0.1)))
+                self.world.put(body, Pose((FAR_AWAY_M[0], 3.0 + 0.2 * left.index(body), 0.1)))
         still = Still(dict.fromkeys(self._product.positions, (None, True)), [])
         rng.shuffle(left)
         for position in self._product.positions:
             if rng.random() < FILLED_SHARE:
                 still.holes[position] = self._fill(position, left.pop())
+        self.world.update_poses()
         self._tell_astray(still)
         if rng.random() < HAND_SHARE:
             still.held += self._hand_over(left)
         if rng.random() < ARM_SHARE:
             still.held += self._arm_over(left)
-        mujoco.mj_forward(self.world.model, self.world.data)
+        self.world.update_poses()
         return still
 
     def _fill(self, position: str, part: WorldPart) -> tuple[str | None, bool]:
@@ -108,7 +109,7 @@ class Plate:
         rest = self._astray(part.part) if astray else self._seated()
         if rest is None:
             return None, True
-        self.world.place(part, hole @ rest)
+        self.world.put(part, hole @ rest)
         return part.part, not astray
 
     def _tell_astray(self, still: Still) -> None:
@@ -153,7 +154,7 @@ class Plate:
         length, width, height = self._product.parts[part.part].size_m
         data.qpos[self._digits] = min(length, width) / 2
         x, y, z = (float(value) for value in tips)
-        self.world.place(part, Pose.from_yaw((x, y, z - height / 2), float(rng.normal(0, 0.3))))
+        self.world.put(part, Pose.from_yaw((x, y, z - height / 2), float(rng.normal(0, 0.3))))
         return [part]
 
     def _arm_over(self, left: list[WorldPart]) -> list[WorldPart]:
@@ -163,14 +164,14 @@ class Plate:
         joints = self._reach(tool, yaw)
         if joints is None:
             return []
-        self.world.set_arm(joints)
+        self.world.put_arm(joints)
         if rng.random() >= HOLDING_SHARE:
             return []
         part = left.pop()
         _, width, height = self._product.parts[part.part].size_m
         self.world.set_opening(min(width, 0.08))
         x, y, z = (float(value) for value in tool)
-        self.world.place(part, Pose.from_yaw((x, y, z - height + 0.02), yaw + math.pi / 2))
+        self.world.put(part, Pose.from_yaw((x, y, z - height + 0.02), yaw + math.pi / 2))
         return [part]
 
     def _spot_m(self) -> Array:

@@ -77,13 +77,7 @@ def write_weights(
     if short:
         shorten(program)
     save_onnx(program, out, model.card)
-    written = OnnxModel.load(out, model.card.kind)
-    for inputs in samples:
-        expected = model.run(inputs)
-        for name, value in written.run(inputs).items():
-            difference = float(np.abs(value - expected[name]).max())
-            if difference > tolerance:
-                raise ModelError(f"{out}: output {name} differs from torch by {difference:.1e}, more than {tolerance}")
+    _compare(OnnxModel.load(out, model.card.kind), model, samples, tolerance)
     if met_with:
         program = quantised(program, met_with)
         save_onnx(program, out, model.card)
@@ -91,6 +85,16 @@ def write_weights(
     config = {**model.card.config, **(told or {})}
     save_onnx(program, out, model.card.model_copy(update={"scores": scores, "config": config}))
     return scores
+
+
+def _compare(written: OnnxModel, model: TorchModel, samples: Iterable[Inputs], tolerance: float) -> None:
+    for inputs in samples:
+        expected = model.run(inputs)
+        for name, value in written.run(inputs).items():
+            difference = float(np.abs(value - expected[name]).max())
+            if difference > tolerance:
+                what = f"output {name} differs from torch by {difference:.1e}, more than {tolerance}"
+                raise ModelError(f"{written.path}: {what}")
 
 
 def _export(model: TorchModel, inputs: Inputs, any_rows: bool) -> Any:

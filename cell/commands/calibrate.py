@@ -12,6 +12,7 @@ from cell.interfaces.errors import InputError
 from cell.interfaces.files import whole_or_none
 
 if TYPE_CHECKING:
+    from cell.calibrating import Calibrated
     from cell.interfaces.bench import Calibration
 
 NAME = "calibration.yaml"
@@ -48,13 +49,7 @@ def calibrate(
     found, cameras = calibration_of(
         configuration, product, seed, overhead_only, lambda text: say(text, highlight=False)
     )
-    rows = {
-        name: one.trouble
-        or f"{1e3 * one.off_m:.1f} mm off by the bench file, fit {one.fit.rms_px:.2f} px, "
-        f"{one.fit.edges} points of edges, {one.fit.holes} holes, {one.fit.images} images"
-        for name, one in cameras.items()
-    }
-    say(table("cameras", rows))
+    say(table("cameras", {name: one.trouble or _words(one) for name, one in cameras.items()}))
     if as_json:
         print_json(
             {"file": str(path), "good": found is not None, **{name: one.told() for name, one in cameras.items()}}
@@ -65,6 +60,12 @@ def calibrate(
     _write(found.model_copy(update={"wrist": wrist}) if overhead_only else found, path)
     say(f"{path}: to use it, in {config}: calibration: {told_in(config, path)}", highlight=False)
     return 0
+
+
+def _words(one: Calibrated) -> str:
+    fit = one.fit
+    off = f"{1e3 * one.off_m:.1f} mm off by the bench file, fit {fit.rms_px:.2f} px"
+    return f"{off}, {fit.edges} points of edges, {fit.holes} holes, {fit.images} images"
 
 
 def _write(found: Calibration, path: Path) -> None:

@@ -12,7 +12,6 @@ from cell.fleet.intervals import Interval, paired_mean, paired_share
 from cell.fleet.measures import BY_NAME, MEASURES, Measure
 from cell.interfaces.errors import InputError
 
-Row = Mapping[str, Any]
 Verdict = Literal["better", "worse", "differs", "no difference proved", "too few pairs"]
 LEVEL = 0.95
 SAME = ("seed", "goal_asked", "person", "look", "fault")  # two runs are a pair where these are alike

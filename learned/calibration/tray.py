@@ -12,7 +12,7 @@ from learned.calibration.landmarks import STEP_PX, Rectangle, profiles
 
 REACH_M = 0.035  # of the search on the tray, to both sides
 MOST_M = 0.025  # shift that is looked for
-LEAST_SEEN = 0.5  # of the points of each edge
+LEAST_RIM_SEEN = 0.5  # of the points of each edge
 LEAST_ALIKE = 0.9  # correlation of opposite edges
 LEAST_CLEARER = 0.1  # than that of any other shift farther than a rim's width
 RIM_M = 0.008
@@ -37,7 +37,7 @@ def tray_off_m(image: NDArray[np.uint8], world_from_camera: Pose, bench: Bench) 
     a_metre_px = camera.focal_px / depth_m
     found = profiles(grey, camera, world_from_camera, rim, REACH_M * a_metre_px)
     sides = rim.sides[found.chosen]
-    if any((sides == side).sum() < LEAST_SEEN * (rim.sides == side).sum() for side in range(4)):
+    if any((sides == side).sum() < LEAST_RIM_SEEN * (rim.sides == side).sum() for side in range(4)):
         return None
     lines = [np.median(found.slopes[sides == side], axis=0) for side in range(4)]
     lags = [_lag(lines[2 * axis + 1], lines[2 * axis], a_metre_px) for axis in (0, 1)]

@@ -11,13 +11,13 @@ from learned.grasp.scenes import Scene, observe
 from learned.grasp.settings import DetectionNoise
 from learned.grasp.training_settings import TrainingSettings
 
-_OWN_STREAM = 7  # apart from the streams that scenes are drawn from
+_NOISE_STREAM = 7  # apart from the streams that scenes are drawn from
 _LEAST = 0.05  # of the most noise, where the detector itself has none
 
 
 def observed_again(scenes: Sequence[Scene], seed: int, settings: TrainingSettings) -> Iterator[Scene]:
     """Every scene `settings.observations` times; the first time as it was detected already."""
-    rng = np.random.default_rng([seed, _OWN_STREAM])
+    rng = np.random.default_rng([seed, _NOISE_STREAM])
     for scene in scenes:
         yield scene
         for _ in range(settings.observations - 1):

@@ -12,12 +12,12 @@ from learned.grasp.training_settings import TrainingSettings
 
 SCENES_EACH = 20  # drawn of every random set of parts
 _SHORTEST_M, _LONGEST_M = np.array([0.025, 0.020, 0.015]), np.array([0.110, 0.079, 0.075])  # length, width, height
-_OWN_STREAM = 11  # apart from the streams that scenes are drawn from
+_SIZES_STREAM = 11  # apart from the streams that scenes are drawn from
 
 
 def with_random_parts(product: Product, seed: int, sets: int) -> Product:
     """The product with further part types after its own, as many of each set as it has types itself."""
-    rng = np.random.default_rng([seed, _OWN_STREAM])
+    rng = np.random.default_rng([seed, _SIZES_STREAM])
     shape = next(iter(product.parts.values()))
     parts = dict(product.parts)
     for number in range(sets):

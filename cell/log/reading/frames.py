@@ -37,20 +37,20 @@ class Frames:
     def newest(self, time_s: float) -> list[LoggedFrame]:
         """The newest image of every camera at a time."""
         found = []
-        for camera, messages in self._messages.items():
-            count = bisect_right(messages, round(time_s * 1e9), key=lambda message: message.time_ns)
+        for camera, written in self._messages.items():
+            count = bisect_right(written, round(time_s * 1e9), key=lambda message: message.time_ns)
             if count:
-                message = messages[count - 1]
+                message = written[count - 1]
                 found.append(LoggedFrame(camera, message.time_ns / 1e9, self._jpeg(message)))
         return found
 
     def at(self, camera: str, time_s: float) -> LoggedFrame | None:
         """The image that a camera took at this very time; None where it is not in the log."""
-        messages, time_ns = self._messages.get(camera, []), round(time_s * 1e9)
-        at = bisect_left(messages, time_ns, key=lambda message: message.time_ns)
-        if at == len(messages) or messages[at].time_ns != time_ns:
+        written, time_ns = self._messages.get(camera, []), round(time_s * 1e9)
+        at = bisect_left(written, time_ns, key=lambda message: message.time_ns)
+        if at == len(written) or written[at].time_ns != time_ns:
             return None
-        return LoggedFrame(camera, time_s, self._jpeg(messages[at]))
+        return LoggedFrame(camera, time_s, self._jpeg(written[at]))
 
     def save(self, time_s: float, folder: Path, stem: str) -> list[Path]:
         """Write the newest image of every camera as `stem`-camera.jpg."""

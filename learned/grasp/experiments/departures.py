@@ -5,7 +5,7 @@ from __future__ import annotations
 from learned.experiments import Cells, markdown, score_of, values_of
 
 TYPE, PART = "by_type_1", "object_accuracy_1"
-HEAD = ("the paper", "here", "effect, whole answers, 1 type")
+DEPARTURES_HEAD = ("the paper", "here", "effect, whole answers, 1 type")
 
 
 def departures_section(cells: Cells) -> str:
@@ -39,7 +39,7 @@ def departures_section(cells: Cells) -> str:
             "not measured",
         ),
     )
-    return f"## Departures from the paper\n{markdown(HEAD, rows)}"
+    return f"## Departures from the paper\n{markdown(DEPARTURES_HEAD, rows)}"
 
 
 def _change(cells: Cells, first: str, second: str, score: str = TYPE) -> str:

@@ -124,9 +124,9 @@ clean:
 
 # Rendering is tried, not guessed: whatever OpenGL is here may do.
 .venv/system: .venv/runtime
-	@if ! $(BIN)/python -m cell.running.rendering; then \
+	@if ! $(BIN)/python -m sim.rendering.available; then \
 	  if [ "$$(id -u)" = 0 ]; then $(APT) $(SYSTEM_PACKAGES) >/dev/null; \
-	    $(BIN)/python -m cell.running.rendering || { echo "nothing renders here, see: make doctor"; exit 2; }; \
+	    $(BIN)/python -m sim.rendering.available || { echo "nothing renders here, see: make doctor"; exit 2; }; \
 	  else echo "software OpenGL is missing: sudo apt-get install -y $(SYSTEM_PACKAGES)"; exit 2; fi; fi
 	@touch $@
 

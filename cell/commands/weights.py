@@ -12,8 +12,8 @@ from typing import Annotated
 
 import typer
 
-from cell.interfaces.errors import CellError, InputError
-from cell.interfaces.files import shipped
+from cell.errors import CellError, InputError
+from cell.files.files import shipped
 from cell.interfaces.planning import weights_file
 
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace the files that are there.")]

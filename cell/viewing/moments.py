@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import Frame
-from cell.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Level, Outcome, TickRecord
 
 MOST_FRAMES = 30
 MOST_KEPT = 4 * MOST_FRAMES  # moments; of more every other one is forgotten

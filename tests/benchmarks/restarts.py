@@ -28,14 +28,14 @@ from pathlib import Path
 from typing import Any
 
 from cell.configuration import for_shift
-from cell.evaluating.bare_host import without_pixels
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
-from cell.world.buses import CarriedBuses
-from cell.world.messages import Drawn
-from cell.world.opening import identity
-from cell.world.server import WorldServer
+from cell.wiring.no_render_host import without_pixels
 from sim.cell import SimCell
+from sim.process.buses import CarriedBuses
+from sim.process.messages import Drawn
+from sim.process.opening import identity
+from sim.process.server import WorldServer
 from tests.benchmarks.kill_moment import STATES, Moment, held_part
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product
-from cell.observer import TickRecord
-from sim.look_range import look_range
-from sim.look_sheet import look_sheet
-from sim.portrait import portrait
-from sim.world import World
+from cell.watching.observer import TickRecord
+from sim.data.look_sheet import look_sheet
+from sim.scene.look_range import look_range
+from sim.scene.world import World
+from tests.docs.portrait import portrait
 from tests.integration.cell_rig import ASSEMBLE, Diary, run_tree, with_person
 
 GOAL, SEED = "g0", 1

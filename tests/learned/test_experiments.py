@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.errors import InputError
-from learned import experiments
-from learned.experiments import Cell, Store, code_version, number, shown, shown_share, values_of
+from cell.errors import InputError
+from learned.lab import experiments
+from learned.lab.experiments import Cell, Store, code_version, number, shown, shown_share, values_of
 
 asked: list[int] = []
 

@@ -12,15 +12,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cell.configuration import load_configuration, load_faults
+from cell.errors import InputError
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.errors import InputError
-from cell.interfaces.judgement import SIGNALS, Action, Fault, FaultTable, Judgement, fault_table_markdown
+from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement, fault_table_markdown
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView, HandSample, PartsView
-from cell.interfaces.yaml_file import load_yaml
-from cell.running.acting import withhold
-from cell.running.checks import CHECKS
+from cell.running.device_writer import withhold
+from cell.running.fault_checks import CHECKS
 from cell.running.supervisor import Supervisor, make_supervisor
 from tests.integration.cell_rig import motion_planner
 
@@ -392,8 +392,8 @@ def near_hand(tick: int, path_s: float | None = None, **changes: object) -> Obse
 
 
 def path_out() -> JointTrajectory:
-    from skills.near_hand import way_out
-    from skills.planner import Load
+    from skills.motion.near_hand import way_out
+    from skills.motion.planner import Load
 
     planner = motion_planner()
     park_rad = np.array(planner.bench.arm_park_rad)

@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 from py_trees.common import Status
 
+from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.errors import InputError
 from trees.engine.controls import ReactiveSequence
 from trees.engine.node import Control, Decorator, Node
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.vocabulary import Hole, Part
+from trees.files.build.registry import Registry
 from trees.files.check import check, findings
 from trees.files.loader import load_tree
-from trees.files.registry import Registry
 
 Write = Callable[..., Path]
 

@@ -21,7 +21,7 @@ BACKLOG = 256  # messages that wait for one viewer; the oldest are dropped
 
 
 class LiveServer:
-    """A observer that serves what a recorder writes.
+    """An observer that serves what a recorder writes.
 
     Attributes:
         port: where it listens.

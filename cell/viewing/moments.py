@@ -32,7 +32,7 @@ class Moment:
 
 
 class Moments:
-    """A observer that notes when something worth a picture happened; the pictures are taken from the log at the end.
+    """An observer that notes when something worth a picture happened; the pictures are taken from the log at the end.
 
     It keeps no image, and of a long run only so many moments, evenly spread.
     """

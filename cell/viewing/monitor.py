@@ -86,7 +86,7 @@ class RefusedError(Exception):
 
 
 class Monitor:
-    """A observer that answers monitors after each tick.
+    """An observer that answers monitors after each tick.
 
     Args:
         with_hooks: let monitors put breakpoints and overrides on nodes.

@@ -19,7 +19,7 @@ ToolOnBench = Callable[[Observation], tuple[float, float]]
 
 
 class Fluency:
-    """A observer that adds up who acts and who waits, from the first action of either on.
+    """An observer that adds up who acts and who waits, from the first action of either on.
 
     Args:
         tool_m: where the tool is over the bench, (x, y), for an observation.

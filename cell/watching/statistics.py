@@ -45,7 +45,7 @@ class FailureCause:
 
 
 class RunStatistics:
-    """A observer that keeps the last belief and counts calls for help and refused plans.
+    """An observer that keeps the last belief and counts calls for help and refused plans.
 
     Attributes:
         goal_belief: as last shown to the person.

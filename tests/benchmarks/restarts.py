@@ -58,6 +58,8 @@ class Trial:
     message: str = ""
     doing: str = ""
     state: str = ""
+    _controller: subprocess.Popen[str] | None = field(default=None, init=False)
+    _killed: bool = field(default=False, init=False)
 
     def run(self) -> dict[str, Any]:
         """The row of the table."""
@@ -86,8 +88,6 @@ class Trial:
             show(display)
 
         cell.devices.panel.show = shown  # type: ignore[method-assign]
-        self._controller: subprocess.Popen[str] | None = None
-        self._killed = False
         address = self.folder / "world.sock"
         period_s = simulation.physics.control_period_s
         server = WorldServer(

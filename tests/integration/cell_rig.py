@@ -32,7 +32,7 @@ CAN = (CONFIGURATION.gripper_can.interface, CONFIGURATION.gripper_can.channel)
 
 @dataclass
 class Diary:
-    """A observer that keeps what decides a test.
+    """An observer that keeps what decides a test.
 
     Attributes:
         notes: (time_s, topic, fields) of every note that nodes made.

@@ -121,7 +121,7 @@ class TreeNode(behaviour.Behaviour):
 
     @classmethod
     def barrier(cls, child: int, below: Sequence[Results]) -> int | None:  # noqa: ARG003
-        """The elder child whose results keep `child` from ever being ticked, if one does."""
+        """The elder child that keeps `child` from ever being ticked, if one does; asked for 1, 2, ... in turn."""
         return None
 
     @classmethod

@@ -227,15 +227,15 @@ def test_an_arm_that_is_held_off_its_path_waits_for_a_person_and_gives_its_path_
     assert lasts_s is not None
     ticks = 10 + math.ceil(lasts_s / TICK_S)
     held = [supervisor.judge(off(sound(tick))) for tick in range(2, ticks)]
+    waiting = [supervisor.unacknowledged]
     assert held[-1].action is Action.HOLD
-    assert supervisor.unacknowledged
     seen = [sound(tick) if comes_back else off(sound(tick)) for tick in range(ticks, ticks + 50)]
     waits = [supervisor.judge(one) for one in seen]
     assert {judgement.action for judgement in waits} == {Action.HOLD}, "nothing moves before somebody said so"
     said = replace(off(sound(ticks + 50)), acknowledged=True)
     supervisor.judge(said)
     supervisor.judge_command(said, Command())
-    assert not supervisor.unacknowledged
+    assert [*waiting, supervisor.unacknowledged] == [True, False]
     later = [supervisor.judge(off(sound(tick))).action for tick in range(ticks + 51, ticks + 80)]
     assert later[-1] is Action.RUN, "it stands where it was pushed, and a new path begins there"
 

@@ -9,6 +9,7 @@ node cannot be reached past it: a guard under ForceSuccess or Inverter, in one o
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import accumulate
 
 from cell.errors import Problem
 from trees.engine.controls import ReactiveSequence
@@ -65,9 +66,13 @@ class _Finder:
     def _below(self, element: Element, guarded: bool) -> Iterator[tuple[Element, bool]]:
         """The children, and whether a guard stands above or before them."""
         children = called(self._library, element)
+        if guarded or element.broken:
+            yield from ((child, guarded) for child in children)
+            return
+        stopping = [0, *accumulate(self._stops(element, child) for child in children)]  # of the first n children
         for index, child in enumerate(children):
-            before = () if element.broken else (children[other] for other in self._class(element).asked_before(index))
-            yield child, guarded or any(self._stops(element, other) for other in before)
+            before = self._class(element).asked_before(index)
+            yield child, stopping[before.stop] > stopping[before.start]
 
     def _stops(self, element: Element, child: Element) -> bool:
         """Whether a child that does not agree stops the others at once; a WhileDoElse lets them be while it runs."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from learned.experiments import Experiment
-from learned.semantic.experiments import belief_page, plots, ratio_page
+from learned.semantic.experiments import belief_page, ratio_page
 from learned.semantic.experiments.belief import belief_cells
 from learned.semantic.experiments.habits import habit_cells
 from learned.semantic.experiments.ratios import ratio_cells
@@ -14,21 +14,19 @@ from learned.semantic.experiments.streams import stream_cells
 
 EXPERIMENTS = {
     "settings": Experiment(settings_cells, (ratio_page.settings_section,)),
-    "ratios": Experiment(ratio_cells, (ratio_page.ratio_section,), {"ratios": plots.plot_ratios}),
+    "ratios": Experiment(ratio_cells, (ratio_page.ratio_section,)),
     "belief": Experiment(
         belief_cells,
         (belief_page.noise_section, belief_page.acting_section, belief_page.unknown_section),
-        {"coverage": plots.plot_coverage},
     ),
-    "habits": Experiment(habit_cells, (belief_page.habit_section,), {"habits": plots.plot_habits}),
+    "habits": Experiment(habit_cells, (belief_page.habit_section,)),
     "streams": Experiment(stream_cells, (stream_section,)),
     "sizes": Experiment(size_cells, (ratio_page.size_section,)),
 }
 
 HEAD = (
     "# Experiments on semantic planners\n"
-    "Which planner to take, how to teach goals and how to certify a threshold is in [planners.md](planners.md). Here "
-    "are the tables behind it.\n\n"
+    "Which planner to take, how to teach goals and how to certify a threshold is in [planners.md](../planners.md).\n\n"
     "The goal and what remains to be done, inferred from the parts that are seen in place. All data are generated "
     "(`learned/semantic/scenarios.py`, `demonstrators.py`). `factored` is the default: learned slots and habits with "
     "exact inference under noise; `paper` the graph network and LSTM; `and_or` an AND/OR graph of the states that "

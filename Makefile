@@ -38,7 +38,7 @@ help:
 	@echo "make weights    all shipped weights again, into trained/ (3.5 hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
 	@echo "make readers    .venv-readers: LeRobot and Rerun, which open the exports of logs in 'make test-all' (0.6 GB)"
-	@echo "make pictures   docs: the pictures, and the page of all keys"
+	@echo "make pictures   docs: the pictures, the page of all keys, the pages of figures"
 	@echo "make constraints  newest versions of all packages into constraints.txt"
 	@echo "make doctor     what is missing on this machine"
 

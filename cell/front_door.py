@@ -74,7 +74,7 @@ def run(
         goal=goal,
         seed=seed,
         pace="real" if real_time else "fast",
-        log=None if log is None else Path(log),
+        log=_path(log),
         nodes=tuple(nodes),
         entries=dict(entries or {}),
     )
@@ -88,7 +88,7 @@ def replay(log: Name, tree: Name | None = None, configuration: Name | None = Non
         LogError: the log cannot be read, or lacks what a replay needs.
         InputError: a changed file cannot be used.
     """
-    changes = Changes(*(None if name is None else Path(name) for name in (tree, configuration)))
+    changes = Changes(_path(tree), _path(configuration))
     found: list[Difference] = []
 
     def watch(step: Step) -> None:
@@ -96,3 +96,7 @@ def replay(log: Name, tree: Name | None = None, configuration: Name | None = Non
 
     Replay(read_log(Path(log)), changes).run(watch=watch)
     return found
+
+
+def _path(name: Name | None) -> Path | None:
+    return None if name is None else Path(name)

@@ -117,7 +117,7 @@ def evaluate(
         list[Experiment] | None,
         typer.Option(help="Compare all planners instead; may be repeated; finished cells are kept under data/."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
+    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, or figures (.json).")] = None,
     config: ConfigOption = CONFIGURATION,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of the test scenes; by default 0, and that of the pages in experiments.")
@@ -159,7 +159,7 @@ def _experiment(
 ) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
-    need_torch(plots=True)
+    need_torch(experiments=True)
     import torch
 
     from learned.lab.experiments import Store, write_page

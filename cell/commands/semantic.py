@@ -97,7 +97,7 @@ def evaluate(
     experiment: Annotated[
         Experiment | None, typer.Option(help="Compare all kinds instead; finished cells are kept under data/.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
+    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, or figures (.json).")] = None,
     certify: Annotated[
         float | None, typer.Option(min=0.0001, max=0.5, help="Share of wrong acts to certify; needs --from.")
     ] = None,
@@ -167,7 +167,7 @@ def _certify(limit: float, logs: list[Path], product: Product, config: Path, see
 def _experiment(experiment: Experiment, out: Path | None, product: Product) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
-    need_torch(plots=True)
+    need_torch(experiments=True)
     from learned.lab.experiments import Store, write_page
     from learned.lab.semantic_page import EXPERIMENTS, HEAD
     from learned.semantic.graph import Layout

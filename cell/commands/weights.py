@@ -100,13 +100,13 @@ def told_in(config: Path, path: Path) -> Path:
     return Path(os.path.relpath(path.resolve(), config.resolve().parent))
 
 
-def need_torch(*, plots: bool = False) -> None:
+def need_torch(*, experiments: bool = False) -> None:
     """Check that training can run here, and that experiments can.
 
     Raises:
         InputError: packages are missing; the message says how to get them.
     """
-    needed = ("torch", "onnx", "onnxscript", *(("matplotlib", "scipy") if plots else ()))
+    needed = ("torch", "onnx", "onnxscript", *(("scipy",) if experiments else ()))
     missing = [name for name in needed if find_spec(name) is None]
     if missing:
         raise InputError(f"training needs {', '.join(missing)}; install with: make train-deps")

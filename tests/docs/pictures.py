@@ -1,6 +1,6 @@
-"""Makes what in docs/ is made by programs: `make pictures`. Plots of experiments come from `cell eval`.
+"""Makes what in docs/ is made by programs: `make pictures`.
 
-python -m tests.docs.pictures [docs/looks.png ...]
+python -m tests.docs.pictures [docs/parts.png ...]
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from functools import partial
 
 from cell.wiring.node_library import node_registry
 from tests import ROOT
-from tests.docs import architecture, reference
+from tests.docs import architecture, figures, reference
 from trees.views.picture import picture
 
 
@@ -24,25 +24,23 @@ MADE: dict[str, Callable[[], str]] = {
     "docs/architecture.svg": lambda: architecture.picture(ROOT),
     "docs/assemble.svg": _tree("assemble"),
     "docs/clear_and_grasp.svg": _tree("clear_and_grasp"),
+    **figures.made(),
 }
 PHOTOGRAPH = "docs/cell.png"
 PARTS = "docs/parts.png"
-LOOKS = "docs/looks.png"
 PAGE = "docs/page.png"
-SEEDS = {"nominal": 1, "varied": 14, "hard": 9}
 
 
 def main(names: list[str]) -> None:
     """Make these, or all."""
     from tests.docs.page_shot import shot
     from tests.docs.parts_sheet import sheet
-    from tests.docs.photograph import look_sheet_of, photograph, png
+    from tests.docs.photograph import photograph, png
 
     made: dict[str, Callable[[], bytes]] = {
         **{name: partial(_text, make) for name, make in MADE.items()},
         PHOTOGRAPH: lambda: png(photograph()),
         PARTS: lambda: png(sheet()),
-        LOOKS: lambda: png(look_sheet_of(SEEDS)),
         PAGE: shot,
     }
     if unknown := set(names) - set(made):

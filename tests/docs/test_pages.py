@@ -9,14 +9,15 @@ import pytest
 
 from tests import ROOT
 
-GENERATED = ("configuration.md", "semantic.md", "grasp.md")
+RESEARCH = sorted((ROOT / "docs" / "research").glob("*.md"))
+GENERATED = [ROOT / "docs" / "configuration.md", *RESEARCH]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
 FILE = re.compile(r"`((?:cell|trees|skills|learned|sim|config|tests|docs)/[\w/.]+\.\w+)`")
 OWN = ("config/cell.yaml", "trees/fetch_two.xml", "trees/mine.xml", "tests/trees/test_patient.py")  # of the reader
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *RESEARCH], ids=lambda page: f"{page.parent.name}/{page.name}")
 def test_links_and_files_that_a_page_names_exist(page: Path) -> None:
     text = page.read_text()
     links = [link for link in LINK.findall(text) if "://" not in link]
@@ -29,7 +30,7 @@ def test_lines_are_wrapped(page: Path) -> None:
     code = False
     for number, line in enumerate(page.read_text().splitlines(), 1):
         code ^= line.startswith("```")
-        if not code and not line.startswith(("|", "![", "    ")) and page.name not in GENERATED:
+        if not code and not line.startswith(("|", "![", "    ")) and page not in GENERATED:
             assert len(line) <= 120, f"{page.name}:{number}"
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from cell.configuration import load_configuration, load_faults
-from cell.interfaces.judgement import fault_table_markdown
+from cell.interfaces.faults import fault_table_markdown
 from cell.recording.schemas import TOPICS, schema
 from trees.engine import vocabulary
 from trees.engine.node import Control, Decorator, Node, TreeNode
@@ -78,8 +78,8 @@ def nodes() -> str:
         "## Controls and decorators", *_list((Control, Decorator)), "",
         "## Ports", *_list((InputPort, OutputPort, InOutPort)), "",
         *_table(Port), "",
-        "A node reads an input with `unset_ok` by `get_or(other)`. `cell check` refuses a tree in which no node can have",
-        "written another input.", "",
+        "A node reads an input with `unset_ok` by `get_or(other)`. `cell check` refuses a tree in which no node can",
+        "have written another input.", "",
         "## Names as types of ports",
         f"`{vocabulary.__name__}` has these types; the configuration says which names are legal.", "", *_list(own), "",
         "Tree files can write values of a class of your own if it has a classmethod `from_text(text)`, which raises",

@@ -11,7 +11,7 @@ from functools import partial
 
 from cell.wiring.node_library import node_registry
 from tests import ROOT
-from tests.docs import architecture, figures, reference
+from tests.docs import architecture, figures, reference, reference_pages
 from trees.views.picture import picture
 
 
@@ -21,6 +21,7 @@ def _tree(name: str) -> Callable[[], str]:
 
 MADE: dict[str, Callable[[], str]] = {
     reference.PAGE: reference.page,
+    **reference_pages.PAGES,
     "docs/architecture.svg": lambda: architecture.picture(ROOT),
     "docs/assemble.svg": _tree("assemble"),
     "docs/clear_and_grasp.svg": _tree("clear_and_grasp"),

@@ -15,7 +15,7 @@ from cell.configuration import load_configuration, load_faults
 from cell.errors import InputError
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement, fault_table_markdown
+from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView, HandSample, PartsView
@@ -372,12 +372,6 @@ def test_a_table_that_is_wrong_is_refused_with_its_place(tmp_path, line: str, co
     with pytest.raises(InputError, match=complaint) as caught:
         load_yaml(file, FaultTable)
     assert f"{file}:" in str(caught.value)
-
-
-def test_the_guide_shows_the_table_as_it_is() -> None:
-    from tests import ROOT
-
-    assert fault_table_markdown(TABLE) in (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
 
 
 OVER_RAD = (0.131, -1.315, 1.9, -2.155, -1.571, 0.131)  # over the bracket

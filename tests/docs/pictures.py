@@ -19,8 +19,12 @@ def _tree(name: str) -> Callable[[], str]:
     return lambda: picture(ROOT / "trees" / f"{name}.xml", node_registry())
 
 
+def _reference(name: str) -> str:
+    return reference.pages()[name]
+
+
 MADE: dict[str, Callable[[], str]] = {
-    reference.PAGE: reference.page,
+    **{name: partial(_reference, name) for name in reference.pages()},
     "docs/architecture.svg": lambda: architecture.picture(ROOT),
     "docs/assemble.svg": _tree("assemble"),
     "docs/clear_and_grasp.svg": _tree("clear_and_grasp"),
@@ -29,11 +33,14 @@ PHOTOGRAPH = "docs/cell.png"
 PARTS = "docs/parts.png"
 LOOKS = "docs/looks.png"
 PAGE = "docs/page.png"
+FILM = "docs/assembly.webp"
+README = "README.md"
 SEEDS = {"nominal": 1, "varied": 14, "hard": 9}
 
 
 def main(names: list[str]) -> None:
     """Make these, or all."""
+    from tests.docs.first_run import first_run, readme
     from tests.docs.page_shot import shot
     from tests.docs.parts_sheet import sheet
     from tests.docs.photograph import look_sheet_of, photograph, png
@@ -44,6 +51,8 @@ def main(names: list[str]) -> None:
         PARTS: lambda: png(sheet()),
         LOOKS: lambda: png(look_sheet_of(SEEDS)),
         PAGE: shot,
+        FILM: lambda: first_run().film,
+        README: lambda: readme().encode(),
     }
     if unknown := set(names) - set(made):
         sys.exit(f"nothing makes {', '.join(sorted(unknown))}; known: {', '.join(made)}")

@@ -1,0 +1,56 @@
+"""What MkDocs asks while it builds the site (`make site`): generated pages come into the nav, and files outside of docs/
+that a page links to come along.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[2]
+OUTSIDE = re.compile(r"\]\((?:\.\./)+((?!\.\./)[^)#]+)(#[^)]*)?\)")
+LISTED = re.compile(r"[\w/-]+/\*\.md")  # an entry of the nav
+
+
+def on_config(config: Any) -> Any:
+    """`folder/*.md` in the nav stands for the pages of that folder."""
+    config.nav = [_expanded(entry, Path(config.docs_dir)) for entry in config.nav]
+    return config
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Every file that a page links to outside of docs/: pages at the top, others under files/."""
+    for page in list(files.documentation_pages()):
+        for name, _ in OUTSIDE.findall(page.content_string):
+            if files.get_file_from_path(_place(name)) is None and (ROOT / name).is_file():
+                files.append(File.generated(config, _place(name), abs_src_path=str(ROOT / name)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:  # noqa: ARG001
+    """Links lead to those files, from wherever the page is."""
+    up = "../" * page.file.src_uri.count("/")
+    if page.file.generated_by is not None:
+        return re.sub(r"\]\(docs/", "](", markdown)
+    return OUTSIDE.sub(lambda link: f"]({up}{_place(link[1])}{link[2] or ''})", markdown)
+
+
+def _place(name: str) -> str:
+    return name if name.endswith(".md") and "/" not in name else f"files/{name}"
+
+
+def _expanded(entry: Any, docs: Path) -> Any:
+    if isinstance(entry, dict):
+        return {title: _expanded(inner, docs) for title, inner in entry.items()}
+    if isinstance(entry, list):
+        return [each for inner in entry for each in _pages(inner, docs)]
+    return entry
+
+
+def _pages(entry: Any, docs: Path) -> list[Any]:
+    if isinstance(entry, str) and LISTED.fullmatch(entry):
+        return [path.relative_to(docs).as_posix() for path in sorted(docs.glob(entry))]
+    return [_expanded(entry, docs)]

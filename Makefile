@@ -39,7 +39,7 @@ help:
 	@echo "make weights    all shipped weights again, into trained/ (3.5 hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
 	@echo "make readers    .venv-readers: LeRobot and Rerun, which open the exports of logs in 'make test-all' (0.6 GB)"
-	@echo "make pictures   docs: film and pictures, README's sample, and the pages of all keys"
+	@echo "make pictures   docs: film and pictures, README's sample, the pages of all keys and of figures"
 	@echo "make constraints  newest versions of all packages into constraints.txt"
 	@echo "make doctor     what is missing on this machine"
 
@@ -133,9 +133,9 @@ clean:
 
 # Rendering is tried, not guessed: whatever OpenGL is here may do.
 .venv/system: .venv/runtime
-	@if ! $(BIN)/python -m cell.running.rendering; then \
+	@if ! $(BIN)/python -m sim.rendering.available; then \
 	  if [ "$$(id -u)" = 0 ]; then $(APT) $(SYSTEM_PACKAGES) >/dev/null; \
-	    $(BIN)/python -m cell.running.rendering || { echo "nothing renders here, see: make doctor"; exit 2; }; \
+	    $(BIN)/python -m sim.rendering.available || { echo "nothing renders here, see: make doctor"; exit 2; }; \
 	  else echo "software OpenGL is missing: sudo apt-get install -y $(SYSTEM_PACKAGES)"; exit 2; fi; fi
 	@touch $@
 

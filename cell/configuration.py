@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from cell.errors import InputError, Problem, SettingError
+from cell.files.files import shipped
+from cell.files.model import Model
+from cell.files.yaml_file import load_yaml, place_of
 from cell.interfaces.bench import Bench, Calibration
-from cell.interfaces.errors import InputError, Problem, SettingError
-from cell.interfaces.files import shipped
-from cell.interfaces.judgement import FaultTable
-from cell.interfaces.model import Model
+from cell.interfaces.faults import FaultTable
 from cell.interfaces.planning import crops_file, weights_file
 from cell.interfaces.product import Product
-from cell.interfaces.yaml_file import load_yaml, place_of
 from cell.settings import (
     LEARNED_KINDS,
     WEIGHTS,
@@ -26,9 +26,10 @@ from cell.settings import (
     PlannerSettings,
     SemanticPlannerSettings,
 )
-from sim.look_range import look_range
-from sim.persons import load_person
-from skills.settings import CanSettings, MotionSettings, SignalSettings
+from sim.scene.look_range import look_range
+from sim.scene.person import load_person
+from skills.drivers.settings import CanSettings, SignalSettings
+from skills.motion.settings import MotionSettings
 from trees.guard import GuardSettings
 
 DEFAULT_CONFIGURATION = shipped("config", "cell.yaml")

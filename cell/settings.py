@@ -7,14 +7,14 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from cell.interfaces.files import shipped
-from cell.interfaces.model import Model
+from cell.files.files import shipped
+from cell.files.model import Model
+from cell.files.units import Duration
 from cell.interfaces.planning import weights_file
-from cell.interfaces.quantity import Duration
 from learned.classical.settings import PerceptionSettings as ClassicalSettings
-from learned.hands.mediapipe.files import ON_THE_BENCH, folder_in_use, model_folder, network_file
+from learned.hands.mediapipe.hands import ON_THE_BENCH, folder_in_use, model_folder, network_file
 from learned.semantic.settings import NewGoals
-from sim.settings import SimSettings
+from sim.scene.settings import SimSettings
 
 WEIGHTS = shipped("learned", "weights")
 LEARNED_KINDS = {"hands": "slim", "actions": "slim", "holes": "plate", "parts": "centre"}  # the trained defaults
@@ -103,7 +103,7 @@ class Perception(Model):
             return beside
         main = self.weights(detector)
         if (detector, kind) == ("hands", "slim"):
-            from learned.hands.slim import finder_file, refiner_file
+            from learned.hands.model import finder_file, refiner_file
 
             return {detector: main, f"{detector}.finder": finder_file(main), f"{detector}.refiner": refiner_file(main)}
         if (detector, kind) == ("hands", "mediapipe"):
@@ -111,7 +111,7 @@ class Perception(Model):
             landmark, palm = (network_file(folder, network, ON_THE_BENCH) for network in ("landmark", "palm"))
             return {detector: landmark, f"{detector}.palm": palm}
         if (detector, kind) == ("parts", "centre"):
-            from learned.parts.detector import pose_file
+            from learned.parts.model import pose_file
 
             return {detector: main, f"{detector}.pose": pose_file(main), **beside}
         return {detector: main}

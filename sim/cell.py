@@ -10,32 +10,30 @@ import numpy as np
 
 from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.command import Display
-from cell.interfaces.devices import Devices
+from cell.interfaces.devices import Devices, TruthEvent
 from cell.interfaces.product import Product
-from cell.interfaces.truth import TruthEvent
-from sim.arm import SimArm
-from sim.bare_sight import bare_sight
-from sim.camera import Delivery, SimCamera
-from sim.clock import Actor, Observer, SimClock
-from sim.clutter import ScenePart, full_set, sample_clutter
-from sim.contacts import ContactMonitor
-from sim.gripper_node import GripperNode
-from sim.hand import add_hand
-from sim.hardware import HARDWARE
-from sim.jobs import Jobs
-from sim.look import Look
-from sim.person import Storage
-from sim.photographer import Photographer, SensorSetup
-from sim.render_process import RenderProcess
-from sim.score import Score
-from sim.sensed_arm import SensedArm
-from sim.settings import SimSettings
-from sim.signal_node import SignalNode
-from sim.stock import Stock
-from sim.storage import lay_out
-from sim.tray_truth import resting_event, resting_parts
-from sim.worker import Around, Worker
-from sim.world import World, build_world
+from sim.devices.arm import SimArm
+from sim.devices.clock import Actor, Observer, SimClock
+from sim.devices.sensed_arm import SensedArm
+from sim.devices.signal_node import SignalNode
+from sim.devices.simulated_gripper import GripperNode
+from sim.rendering.camera import Delivery, SimCamera
+from sim.rendering.photographer import Photographer, SensorSetup
+from sim.rendering.render_process import RenderProcess
+from sim.scene.clutter import ScenePart, full_set, sample_clutter
+from sim.scene.hand import add_hand
+from sim.scene.jobs import Jobs
+from sim.scene.look import Look
+from sim.scene.person import Storage
+from sim.scene.settings import HARDWARE, SimSettings
+from sim.scene.storage import lay_out
+from sim.scene.world import World, build_world
+from sim.truth.contacts import ContactMonitor
+from sim.truth.ground_truth_perception import bare_sight
+from sim.truth.score import Score
+from sim.truth.tray_truth import resting_event, resting_parts
+from sim.worker.stock import Stock
+from sim.worker.worker import Around, Worker
 
 
 class EmptyPanel:

@@ -11,10 +11,9 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from cell.interfaces.resting import SIDES, UPRIGHT, side_up
-from skills.contact import Descend, SetDown
-from skills.grip import STROKE_M
-from skills.handling import (
+from cell.interfaces.resting_pose import SIDES, UPRIGHT, side_up
+from skills.grasping.contact import Descend, SetDown
+from skills.grasping.handling import (
     bracket_boxes,
     carry_over_bracket_m,
     joints_of,
@@ -24,11 +23,12 @@ from skills.handling import (
     tray_boxes,
     why_not_empty,
 )
-from skills.insertion import RESTS_M
-from skills.lying_grasp import MOST_LEAN_RAD, LyingHold, held_box, laid_out, lying_holds, solid_boxes, turns_left
+from skills.grasping.insertion import RESTS_M
+from skills.grasping.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
+from skills.motion.grip import STROKE_M
+from skills.motion.lying_grasp import MOST_LEAN_RAD, LyingHold, held_box, laid_out, lying_holds, solid_boxes, turns_left
+from skills.motion.planner import Load, MotionPlanner, at_height
 from skills.move_aside import free_centres
-from skills.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
-from skills.planner import Load, MotionPlanner, at_height
 
 HEADINGS = tuple(math.pi / 4 * turn for turn in range(8))  # of a part that is put down: the tool leans another way
 LEANING_M = 0.012  # a leaning finger's corner is so much lower than its middle

@@ -12,10 +12,18 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from skills.handling import choose_grasp, joints_of, put_phases, slips_m, take_phases, tray_boxes, why_not_empty
-from skills.phases import Phase, PhasedSkill
-from skills.planner import MotionPlanner
-from skills.settings import MotionSettings
+from skills.grasping.handling import (
+    choose_grasp,
+    joints_of,
+    put_phases,
+    slips_m,
+    take_phases,
+    tray_boxes,
+    why_not_empty,
+)
+from skills.grasping.phases import Phase, PhasedSkill
+from skills.motion.planner import MotionPlanner
+from skills.motion.settings import MotionSettings
 
 GRID_M = 0.01
 ENOUGH_M = 0.060  # more room than this is no better

@@ -8,16 +8,16 @@ from typing import Literal
 
 import numpy as np
 
-from cell.interfaces.judgement import HAND_TOO_NEAR
+from cell.interfaces.faults import HAND_TOO_NEAR
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
-from skills.grip import STROKE_M
-from skills.handling import bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
-from skills.kinematics import within_limits
-from skills.near_hand import way_out
-from skills.phases import Move, Phase, PhasedSkill
-from skills.planner import Load, MotionPlanner, Plan
+from skills.grasping.handling import bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
+from skills.grasping.phases import Move, Phase, PhasedSkill
+from skills.motion.grip import STROKE_M
+from skills.motion.kinematics import within_limits
+from skills.motion.near_hand import way_out
+from skills.motion.planner import Load, MotionPlanner, Plan
 
 NamedPose = Literal["park", "look"]
 

@@ -8,9 +8,7 @@ import numpy as np
 
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
-from skills.grasp_pose import hole_pose, place_poses
-from skills.grip import Grip, Hold
-from skills.handling import (
+from skills.grasping.handling import (
     bracket_boxes,
     carry_over_bracket_m,
     joints_of,
@@ -19,8 +17,10 @@ from skills.handling import (
     seen_in_holes,
     tray_boxes,
 )
-from skills.phases import Phase, PhasedSkill
-from skills.planner import Load, MotionPlanner
+from skills.grasping.phases import Phase, PhasedSkill
+from skills.motion.grasp_pose import hole_pose, place_poses
+from skills.motion.grip import Grip, Hold
+from skills.motion.planner import Load, MotionPlanner
 
 
 class Place(PhasedSkill):

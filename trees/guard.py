@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from cell.interfaces.model import Model
+from cell.files.model import Model
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from cell.interfaces.product import Product

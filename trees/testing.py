@@ -21,9 +21,9 @@ from trees.engine.blackboard import Entry
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node, Runtime, TreeNode
 from trees.engine.ports import Port
 from trees.engine.tree import Tree
+from trees.files.build.registry import BUILT_IN, Registry, is_leaf, tag_of
 from trees.files.loader import load_tree
-from trees.files.registry import BUILT_IN, Registry, is_leaf, tag_of
-from trees.files.words import hint
+from trees.files.parse.library import hint
 
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 WORDS = {status: letter for letter, status in LETTERS.items()}

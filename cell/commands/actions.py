@@ -24,14 +24,14 @@ from cell.commands.terminal import (
     table,
 )
 from cell.commands.weights import OverwriteOption, need_torch, new_weights, writable, writing
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from cell.evaluating.actions import Tally
-    from cell.evaluating.row_file import Row, RowFile
+    from cell.fleet.row_file import Row, RowFile
     from cell.interfaces.product import Product
+    from cell.lab.actions import Tally
     from learned.semantic.confusions import Reported
 
 
@@ -87,7 +87,7 @@ def train(
     """
     need_torch()
     from cell.configuration import load_configuration, load_product
-    from learned.actions.dataset import load_segments
+    from learned.actions.data import load_segments
     from learned.actions.settings import TRAINABLE, ActionTraining
     from learned.actions.train import Task, train_actions
 
@@ -143,8 +143,8 @@ def evaluate(
     Interrupted, it prints the tables of what was run and ends with status 1; with the same --out it goes on there.
     """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.actions import at_pace, evaluate_actions, evaluate_segments
-    from cell.evaluating.row_file import RowFile
+    from cell.fleet.row_file import RowFile
+    from cell.lab.actions import at_pace, evaluate_actions, evaluate_segments
     from sim.data.splits import seeds
 
     configuration = at_pace(simulated(load_configuration(config), look, person), pace)
@@ -202,8 +202,8 @@ def _reported(
     product: Product, kinds: Sequence[str], rows: Sequence[Row], title: str, source: str, confusions: Path | None
 ) -> dict[str, dict[str, object]]:
     """Print a table for each kind, write what the first one takes for what, and return all figures by kind."""
-    from cell.evaluating.actions import summed
-    from learned.actions.classes import Classes
+    from cell.lab.actions import summed
+    from learned.actions.settings import Classes
 
     tallies = summed(kinds, rows)
     if confusions is not None:
@@ -252,8 +252,8 @@ def _note_confusions(weights: Path, kind: str, product: Product, command: str, p
     """Write what the card says of assemblies taken for others, as the planner reads it."""
     import numpy as np
 
-    from learned.actions.classes import Classes
-    from learned.onnx_model import OnnxModel
+    from learned.actions.settings import Classes
+    from learned.inference.onnx_model import OnnxModel
 
     told = OnnxModel.load(weights, f"actions.{kind}").card.config["confusion"]
     reports = Classes.of(product).reports(np.array(told["counts"]))  # type: ignore[call-overload, index]

@@ -18,11 +18,11 @@ import typer
 
 from cell.commands.children import Children
 from cell.commands.terminal import CONFIGURATION, ConfigOption, console
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from cell.configuration import Configuration
-    from cell.evaluating.row_file import RowFile
+    from cell.fleet.row_file import RowFile
 
 FOLDER, ROWS = Path("trained"), "training.jsonl"
 PAPER_GRASP_S, PLANNER_S = 420.0, 60.0  # of processor time; these commands take no --budget
@@ -123,7 +123,7 @@ def steps_of_shipped() -> Iterator[Step]:
 
 
 def _command_of(path: Path) -> str:
-    from learned.onnx_model import OnnxModel
+    from learned.inference.onnx_model import OnnxModel
 
     if path.suffix == ".onnx":
         return OnnxModel.card_of(path).command
@@ -195,7 +195,7 @@ def _rows(out: Path, config: Path) -> RowFile:
         InputError: they are of another product, or damaged.
     """
     from cell.commands.made_data import fingerprint
-    from cell.evaluating.row_file import RowFile
+    from cell.fleet.row_file import RowFile
 
     try:
         return RowFile(out / ROWS, {"command": "train all", "made_for": fingerprint(config)})
@@ -244,7 +244,7 @@ def _note_latencies(configuration: Configuration, config: Path, out: Path) -> No
     """Measure how long answers take, as a run in lock-step wants to know, and write that onto the cards."""
     from cell.commands.system import latencies_ms
     from cell.configuration import simulated
-    from cell.evaluating.latency import answers_ms, note_latencies
+    from cell.lab.latency import answers_ms, note_latencies
     from cell.settings import Perception
 
     trained = configuration.model_copy(update={"perception": Perception(kind="learned", folder=out.resolve())})

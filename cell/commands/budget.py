@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 UNITS_S = {"s": 1, "m": 60, "h": 3600}
 

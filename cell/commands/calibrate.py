@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
-from cell.interfaces.errors import InputError
-from cell.interfaces.files import whole_or_none
+from cell.errors import InputError
+from cell.files.files import whole_or_none
 
 if TYPE_CHECKING:
-    from cell.calibrating import Calibrated
     from cell.interfaces.bench import Calibration
+    from cell.runs.calibrating import Calibrated
 
 NAME = "calibration.yaml"
 PERSON = "absent"  # in a simulation; at a real bench, whoever types this sees to it
@@ -31,11 +31,11 @@ def calibrate(
     as_json: JsonOption = False,
 ) -> int:
     """Find out where the cameras hang. The arm moves over the empty bracket: keep away from it."""
-    from cell.calibrating import calibrate as calibration_of
     from cell.commands.weights import folder_for, told_in, writable
     from cell.configuration import load_configuration, load_product, simulated
+    from cell.files.yaml_file import load_yaml
     from cell.interfaces.bench import Calibration
-    from cell.interfaces.yaml_file import load_yaml
+    from cell.runs.calibrating import calibrate as calibration_of
 
     path = out or folder_for(config) / NAME
     if path.exists() and not overwrite:

@@ -12,11 +12,11 @@ import typer
 from cell.commands.entries import entries_of
 from cell.commands.show import NodesOption
 from cell.commands.terminal import BAD_INPUT, BesideOption, EntriesOption, print_json
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.interfaces.errors import Problem
-    from trees.files.registry import Registry
+    from cell.errors import Problem
+    from trees.files.build.registry import Registry
 
 
 def check(
@@ -56,7 +56,7 @@ def check(
 
 def _registry(config: Path | None, own_nodes: Iterable[str]) -> Registry:
     """The nodes that there are; with a configuration, ports take only names that it has."""
-    from cell.running.node_library import node_registry
+    from cell.wiring.node_library import node_registry
 
     if config is None:
         return node_registry(more=own_nodes)

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from cell.commands.terminal import JsonOption, console, print_json, table
-from cell.interfaces.errors import InputError, LogError
+from cell.errors import InputError, LogError
 
 
 def from_logs(
@@ -50,7 +50,7 @@ def _require_each_once(logs: Sequence[Path]) -> None:
     Raises:
         LogError: one is not there, or is named twice.
     """
-    from cell.log.reading.reader import files_of
+    from cell.log.read.reader import files_of
 
     named: set[Path] = set()
     for file in (file for log in logs for file in files_of(log)):

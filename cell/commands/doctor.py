@@ -17,11 +17,11 @@ import can
 
 from cell.commands.weights import need_torch
 from cell.configuration import Configuration, load_configuration, load_product
-from cell.interfaces.errors import CellError, Problem, SettingError
+from cell.errors import CellError, Problem, SettingError
+from cell.files.yaml_file import place_of
 from cell.interfaces.product import Product
-from cell.interfaces.yaml_file import place_of
-from cell.running.detectors import check_detectors, fitted
-from cell.running.rendering import chosen_backend, renders
+from cell.wiring.detectors import check_detectors, fitted
+from sim.rendering.available import chosen_backend, renders
 
 GL_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0 libosmesa6"
 FREE_GB = 1.0  # a log takes about 0.02 GB a minute
@@ -67,7 +67,7 @@ def examine(path: Path) -> list[Finding]:
 
 def _bench(configuration: Configuration, product: Product, path: Path) -> Finding:
     """Whether everything that stands on the simulated bench has a place of its own; a run would begin all the same."""
-    from sim.overlapping import overlapping
+    from sim.scene.storage import overlapping
 
     found = overlapping(product, configuration.bench)
     wrong = [str(Problem(place_of(path, where), what)) for where, what in found]
@@ -178,8 +178,8 @@ def _detectors(configuration: Configuration, product: Product) -> Finding:
 
 
 def _weights(name: str, configuration: Configuration, product: Product) -> Finding:
-    from learned.grasp.planner import load_grasp_planner
-    from learned.semantic.planner import load_semantic_planner
+    from learned.grasp.model import load_grasp_planner
+    from learned.semantic.model import load_semantic_planner
 
     loaders: dict[str, Callable[..., object]] = {"semantic": load_semantic_planner, "grasp": load_grasp_planner}
     planner = getattr(configuration.planners, name)

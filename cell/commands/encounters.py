@@ -22,7 +22,7 @@ from cell.commands.terminal import (
     print_json,
 )
 from cell.configuration import DEFAULT_TREE
-from cell.evaluating.row_file import Row, RowFile
+from cell.fleet.row_file import Row, RowFile
 
 GIVEN_UP = 5  # seeds without an encounter, after which no more are tried
 
@@ -49,10 +49,9 @@ def encounters(
     as_json: JsonOption = False,
 ) -> int:
     """Assemble beside a person who gets in the way, and count contacts; status 1 where one was fast or avoidable."""
-    from cell.evaluating.assembly import ALGORITHM_1
-    from cell.evaluating.encounters import encounter, summary
-    from cell.evaluating.throughput import throughput_ratio, timed_pair
     from cell.fleet.engine import mapped
+    from cell.lab.assembly import ALGORITHM_1, throughput_ratio, timed_pair
+    from cell.lab.encounters import encounter, summary
 
     path = Path(config)
     experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": pixels, "config": str(config)}

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")
 

@@ -20,10 +20,10 @@ from cell.commands.terminal import (
     console,
     print_json,
 )
-from cell.evaluating.row_file import Row, RowFile
+from cell.fleet.row_file import Row, RowFile
 
 if TYPE_CHECKING:
-    from cell.evaluating.faults import Pairs
+    from cell.lab.faults import Pairs
 
 
 def faults(
@@ -47,7 +47,7 @@ def faults(
     as_json: JsonOption = False,
 ) -> int:
     """Put every fault into every state of a pick and place, and say how it ended; status 1 where not as promised."""
-    from cell.evaluating.faults import chosen, left, merged, totals
+    from cell.lab.faults import chosen, left, merged, totals
 
     if assemblies:
         seeds = range(first_seed, first_seed + assemblies)
@@ -86,8 +86,8 @@ def _try(
     scheduler: str | None,
 ) -> None:
     """Tell how each fault ended in each state, by seed; with pixels each is a run of its own, else one run splits."""
-    from cell.evaluating.faults import fast_list, fast_rows, fault_try
     from cell.fleet.engine import mapped
+    from cell.lab.faults import fast_list, fast_rows, fault_try
 
     if pixels:
         runs = [(path, fault, state, seed) for seed in pairs for state, names in pairs[seed].items() for fault in names]
@@ -113,8 +113,8 @@ def _assemblies(
     workers: int,
     scheduler: str | None,
 ) -> int:
-    from cell.evaluating.troubled import counted, troubled_assembly
     from cell.fleet.engine import mapped
+    from cell.lab.random_faults import counted, troubled_assembly
 
     screen = console()
     kept = RowFile(out, {"command": "faults", "faults": faults, "pixels": pixels, "config": str(path)})

@@ -10,7 +10,7 @@ import typer
 from cell.commands.made_data import make_data
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json
 from cell.commands.weights import need_torch
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 
 def figure10(
@@ -35,11 +35,11 @@ def figure10(
     """
     need_torch()
     from cell.configuration import load_configuration, load_product
-    from cell.evaluating.row_file import RowFile
-    from learned.actions.baselines import FOLDS, KINDS, measure_folds, page, summary
-    from learned.actions.dataset import load_segments
+    from cell.fleet.row_file import RowFile
+    from learned.actions.data import load_segments
     from learned.actions.settings import WHOLE_FRAMES, ActionTraining
     from learned.actions.train import Task
+    from learned.lab.action_baselines import FOLDS, KINDS, measure_folds, page, summary
 
     kinds = kind or list(KINDS)
     if unknown := [one for one in kinds if one not in KINDS]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SchedulerOption, console, print_json
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from cell.fleet.spec import Task
@@ -75,7 +75,7 @@ def compare(
     from cell.fleet.compare_text import lines, page
     from cell.fleet.spec import Seeds, Sweep, count, tasks
     from cell.fleet.table import read_table
-    from cell.log.telling.html_page import write_page
+    from cell.log.report.html_page import write_page
 
     limits = [comparing.Limit.parse(text) for text in fail_if or ()]
     if len(trees) != (2 if against is None else 1):

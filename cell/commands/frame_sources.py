@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from cell.interfaces.errors import InputError, LogError
+from cell.errors import InputError, LogError
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 
@@ -134,7 +134,7 @@ def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
 
 def _log(path: Path, camera: str, pose: Pose) -> Source:
     from cell.commands.log_terminal import read
-    from cell.log.reading.frames import CAMERA, Frames
+    from cell.log.read.frames import CAMERA, Frames
 
     log = read([path])
     times_s = [message.time_ns / 1e9 for message in log.messages if message.topic == f"{CAMERA}{camera}"]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from learned.semantic.goals import OpenGoals

@@ -23,7 +23,7 @@ from cell.commands.terminal import (
     report_scores,
 )
 from cell.commands.weights import OverwriteOption, need_torch, new_weights, shipped_weights, writing
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.product import Product
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Experiment(StrEnum):
 
 
 def data(
-    out: Annotated[Path, typer.Option(help="New file (JSON lines, learned/grasp/dataset.py).")],
+    out: Annotated[Path, typer.Option(help="New file (JSON lines, learned/grasp/data.py).")],
     scenes: Annotated[int, typer.Option(min=1, help="Number of scenes.")] = 1000,
     clutter: Annotated[Clutter, typer.Option(help="How close parts stand.")] = Clutter.DENSE,
     config: ConfigOption = CONFIGURATION,
@@ -62,7 +62,7 @@ def data(
         raise InputError(f"--out {out}: is there already; name a new file")
     from rich.progress import track
 
-    from learned.grasp.dataset import write_scenes
+    from learned.grasp.data import write_scenes
     from learned.grasp.scenes import draw_scenes
     from learned.grasp.settings import TRAY_SCENES, SceneSettings
 
@@ -89,7 +89,7 @@ def train(
     """Train the planner that judges graspability in clutter; goes on where an interrupted training stopped."""
     need_torch()
     from cell.interfaces.planning import crops_file
-    from learned.grasp.dataset import read_scenes
+    from learned.grasp.data import read_scenes
     from learned.grasp.train import train_grasp
 
     product, rendered = product_of(config), kind == "paper"
@@ -117,7 +117,7 @@ def evaluate(
         list[Experiment] | None,
         typer.Option(help="Compare all planners instead; may be repeated; finished cells are kept under data/."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
+    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, or figures (.json).")] = None,
     config: ConfigOption = CONFIGURATION,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of the test scenes; by default 0, and that of the pages in experiments.")
@@ -135,7 +135,7 @@ def evaluate(
     from cell.interfaces.planning import crops_file
     from learned.grasp.crops import load_crops
     from learned.grasp.evaluate import embedded, evaluate_grasp
-    from learned.grasp.planner import load_grasp_planner
+    from learned.grasp.model import load_grasp_planner
 
     path = weights or shipped_weights("grasp", kind)
     planner = load_grasp_planner(kind, path, product)
@@ -149,7 +149,7 @@ def evaluate(
 
 def _camera(product: Product, config: Path) -> AbstractContextManager[TrayCamera]:
     from cell.configuration import load_configuration
-    from cell.evaluating.tray_camera import tray_camera
+    from cell.lab.tray_camera import tray_camera
 
     return tray_camera(product, load_configuration(config).bench)
 
@@ -159,13 +159,13 @@ def _experiment(
 ) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
-    need_torch(plots=True)
+    need_torch(experiments=True)
     import torch
 
-    from learned.experiments import Store, write_page
-    from learned.grasp.experiments.cells import TEST_SEED
-    from learned.grasp.experiments.page import HEAD
-    from learned.grasp.experiments.page import experiments as tables
+    from learned.lab.experiments import Store, write_page
+    from learned.lab.grasp_cells import TEST_SEED
+    from learned.lab.grasp_page import HEAD
+    from learned.lab.grasp_page import experiments as tables
 
     typed = " ".join(f"--experiment {experiment.value}" for experiment in experiments)
     test_seed = TEST_SEED if seed is None else seed

@@ -21,7 +21,7 @@ from cell.commands.terminal import (
 )
 from cell.commands.things import Cameras, CamerasOption
 from cell.commands.weights import OverwriteOption, need_torch, new_weights, writing
-from cell.interfaces.errors import InputError, ModelError
+from cell.errors import InputError, ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -55,8 +55,8 @@ def train(
     """Train the small hand tracker on simulated frames, and score it on frames that it never saw."""
     from cell.commands.budget import seconds
     from cell.configuration import load_configuration, load_product
-    from learned.hands.dataset import rows_of
-    from learned.hands.slim import finder_file, refiner_file
+    from learned.hands.data import rows_of
+    from learned.hands.model import finder_file, refiner_file
 
     need_torch()
     recordings = max(4, int(seconds(budget) / (DATA_S + EPOCH_S * epochs)))
@@ -67,8 +67,8 @@ def train(
         for folder in data or ():
             rows_of(folder)  # a wrong one is told before minutes go into frames for the scores
         folders, validation = _made(recordings, weights, config, data)
-        from learned.hands.score import score_readings
-        from learned.hands.slim import SlimReader
+        from learned.hands.evaluate import score_readings
+        from learned.hands.model import SlimReader
         from learned.hands.train import train_hands
 
         setup, types = configuration.bench.overhead, tuple(product.parts)
@@ -147,7 +147,7 @@ def evaluate(
         _photographs(photos, truth, size, as_json)
         return
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.hands import ONLY, evaluate_hands
+    from cell.lab.hands import ONLY, evaluate_hands
     from sim.data.splits import seeds
 
     if only not in ONLY:
@@ -182,8 +182,8 @@ def _maker(
         SettingError: there is no such kind, or its weights cannot be used.
         ModelError: its weights were trained for other parts.
     """
-    from cell.running.detectors import Detectors
-    from learned.onnx_model import OnnxModel
+    from cell.wiring.detectors import Detectors
+    from learned.inference.onnx_model import OnnxModel
 
     perception = configuration.perception.with_detector("hands", kind, weights if kind == "slim" else None)
     Detectors(configuration.bench, product, perception).make("hands")  # before minutes go into recordings
@@ -211,10 +211,8 @@ def _rows(scores: dict[str, object]) -> dict[str, object]:
 def _photographs(photos: Path | None, truth: Path | None, size: str, as_json: bool) -> None:
     if photos is None or truth is None:
         raise InputError("--photos DIR and --truth FILE belong together")
-    from learned.hands.mediapipe.files import FETCH, SIZES, model_folder
-    from learned.hands.mediapipe.hands import MediaPipeHands
-    from learned.hands.mediapipe.photographs import compare_photographs
-    from learned.hands.mediapipe.truth import load_truth
+    from learned.hands.mediapipe.hands import FETCH, SIZES, MediaPipeHands, model_folder
+    from learned.lab.photographs import compare_photographs, load_truth
 
     if size not in SIZES:
         raise InputError(f"--size {size}: there is no such size; legal: {', '.join(SIZES)}")
@@ -239,7 +237,7 @@ def fetch(
 ) -> None:
     """Fetch MediaPipe's hand networks with pip, and keep them as ONNX in the user's cache, with their licence."""
     from learned.hands.mediapipe.fetch import fetch as fetch_networks
-    from learned.hands.mediapipe.files import model_folder
+    from learned.hands.mediapipe.hands import model_folder
 
     folder = model_folder()
     files = fetch_networks(folder, wheel)

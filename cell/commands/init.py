@@ -10,7 +10,7 @@ import typer
 
 from cell.commands.schema import modeline, schemas
 from cell.commands.terminal import console
-from cell.interfaces.files import shipped, write_new
+from cell.files.files import shipped, write_new
 
 SHIPPED = {
     "config": ("cell.yaml", "products.yaml", "products_steel.yaml"),

@@ -10,12 +10,12 @@ import typer
 
 from cell.commands.detectors import LookOption, PersonOption, TestSeedOption
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, RowsOption, console, print_json
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from cell.configuration import Configuration
-    from cell.evaluating.knobs import Scored
-    from cell.evaluating.row_file import RowFile
+    from cell.fleet.row_file import RowFile
+    from cell.lab.knobs import Scored
 
 KNOB = "--knob light.ambient=0.1,0.5"
 
@@ -43,8 +43,8 @@ def knobs(
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
     """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.knobs import SCORED, Sample, at
-    from cell.evaluating.row_file import RowFile
+    from cell.fleet.row_file import RowFile
+    from cell.lab.knobs import SCORED, Sample, at
     from sim.data.splits import seeds
 
     if detector not in SCORED:
@@ -70,7 +70,7 @@ def knobs(
     rows = [row for row in kept.rows if row["value"] in tried.get(str(row["knob"]), ())]
     console().print(_table(rows, scored), highlight=False, soft_wrap=True)
     if plot is not None and rows:
-        from cell.evaluating.knob_plot import plot_knobs
+        from cell.lab.knobs import plot_knobs
 
         plot_knobs(rows, f"{scored.title} (line), {scored.beside} (dashes); look {look}", plot)
     if as_json:

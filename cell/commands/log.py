@@ -27,7 +27,7 @@ from cell.commands.log_terminal import (
     tell_lack,
     tell_nothing,
 )
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 LOSSY = 3
 LONGEST_VALUE = 200
@@ -57,8 +57,8 @@ def report(
     as_json: JsonOption = False,
 ) -> None:
     """Write one HTML page about a run; it needs no network. Of a run in parts that lasts hours, the shift alone."""
-    from cell.log.telling.overview import is_long, write_overview
-    from cell.log.telling.report import write_report
+    from cell.log.report.overview import is_long, write_overview
+    from cell.log.report.report import write_report
 
     page, stream = spared(out or beside(log, ".html"), log, overwrite), streamed(log)
     if is_long(stream.parts):
@@ -75,8 +75,8 @@ def report(
 @log_app.command()
 def info(log: LogArgument, as_json: JsonOption = False) -> None:
     """Say what is in a log."""
-    from cell.log.telling import query as question
-    from cell.log.telling.text import info_lines
+    from cell.log.report import query as question
+    from cell.log.report.text import info_lines
 
     answer = question.info(stream := streamed(log))
     tell_lack(log, stream)
@@ -95,8 +95,8 @@ def ticks(
     as_json: JsonOption = False,
 ) -> None:
     """List ticks with what was noted, commanded and shown; with --json one object a line."""
-    from cell.log.telling import query as question
-    from cell.log.telling.text import tick_lines
+    from cell.log.report import query as question
+    from cell.log.report.text import tick_lines
 
     stream = streamed(log, from_s, until_s)
     found = question.ticks(stream, from_s, until_s, everything)
@@ -116,13 +116,13 @@ def query(
     as_json: JsonOption = False,
 ) -> None:
     """Find status changes of nodes, or messages by topic and key; with --json one object a line."""
-    from cell.log.telling import query as question
+    from cell.log.report import query as question
 
     legal = ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED", "INVALID")
     if status is not None and status not in legal:
         raise InputError(f"--status {status} is no status; legal: {', '.join(legal)}")
     asked = question.Query(node, status, key, topic, from_s, until_s)
-    from cell.log.telling.text import short
+    from cell.log.report.text import short
 
     stream = streamed(log, from_s, until_s)
     tell_entries(question.query(stream, asked), as_json, lambda entry: short(entry, LONGEST_VALUE))
@@ -137,7 +137,7 @@ def nodes(
     as_json: JsonOption = False,
 ) -> None:
     """Say of every node of the tree how often it was ticked, how long it ran and how it ended."""
-    from cell.log.telling.node_statistics import node_statistics, statistics_lines
+    from cell.log.report.node_statistics import node_statistics, statistics_lines
 
     found = node_statistics(stream := streamed(log), from_s, until_s)
     tell_lack(log, stream)
@@ -161,7 +161,7 @@ def diff(
     as_json: JsonOption = False,
 ) -> int:
     """Compare what two logs saw and decided, tick by tick; 0 where all is the same, 1 where it differs."""
-    from cell.log.telling import query as question
+    from cell.log.report import query as question
 
     if html is not None:
         spared(html, (one, other), overwrite)
@@ -169,7 +169,7 @@ def diff(
     unfinished = "; ".join(log.unfinished for log in logs if log.unfinished)
     names, found = (one.name, other.name) if one.name != other.name else ("A", "B"), question.diff(*logs)
     if html is not None:
-        from cell.log.telling.diff_page import write_diff
+        from cell.log.report.diff_page import write_diff
 
         write_diff(*logs, found, names, html)
     return tell_comparison(found, unfinished, as_json, names)
@@ -182,7 +182,7 @@ def recover(
     as_json: JsonOption = False,
 ) -> int:
     """Salvage a truncated or damaged log into a complete file; 0 where nothing is lost, 3 where something is."""
-    from cell.log.reading import recover as recovery
+    from cell.log.read import salvage as recovery
 
     target = out or log.with_suffix(".recovered.mcap")
     loss = recovery.recover(log, target)
@@ -206,7 +206,7 @@ def export_log(
 
     For lerobot several logs may be named: each is an episode.
     """
-    from cell.log.telling.export import export
+    from cell.log.report.export import export
 
     if to is ExportFormat.lerobot:
         from cell.log.training.lerobot import write_lerobot
@@ -248,7 +248,7 @@ def list_runs(
     import sys
 
     from cell.fleet import index
-    from cell.fleet.summary import summaries, summary_lines
+    from cell.fleet.index import summaries, summary_lines
 
     if not folder.is_dir():
         raise InputError(f"{folder}: is no folder")
@@ -297,7 +297,7 @@ def sheet(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make the contact sheet of a run from its log."""
-    from cell.log.telling.contact_sheet import write_sheet
+    from cell.log.report.contact_sheet import write_sheet
     from cell.viewing.moments import Moments
 
     target = spared(out or beside(log, ".png"), log, overwrite or out is None)  # there runs put theirs
@@ -322,7 +322,7 @@ def snapshots(
     as_json: JsonOption = False,
 ) -> None:
     """Write the pictures that a tree marked by TakeSnapshot as JPEG files."""
-    from cell.log.telling.snapshots import save_snapshots
+    from cell.log.report.contact_sheet import save_snapshots
 
     files = save_snapshots(read(log), out)
     if as_json:
@@ -342,8 +342,8 @@ def to_test(
     as_json: JsonOption = False,
 ) -> int:
     """Turn a log into a regression case under 1 MB; `make test` replays those in tests/cases. 1 if it differs now."""
-    from cell.log.replaying.case import check_case, write_case
-    from cell.log.telling.text import difference_lines
+    from cell.log.replay.case import check_case, write_case
+    from cell.log.report.text import difference_lines
 
     case = out / f"{name or beside(log, '').name}.mcap"
     size = write_case(read(log), case, until_s)

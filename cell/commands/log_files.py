@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from cell.commands.log_terminal import JsonOption, LogArgument, say, streamed, tell_json
-from cell.interfaces.errors import LogError
-from cell.interfaces.files import write_new
+from cell.errors import LogError
+from cell.files.files import write_new
 
 
 def files(

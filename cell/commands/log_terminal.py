@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.log.reading.reader import Log, LogStream
-    from cell.log.replaying.compare import Comparison
+    from cell.log.read.reader import Log, LogStream
+    from cell.log.replay.compare import Comparison
 
 DIFFERS = 1
 OWN_PAGE = b'<meta name="generator" content="cell">'
@@ -50,7 +50,7 @@ UntilOption = Annotated[float, typer.Option("--until", help="Up to this time, in
 
 def read(paths: Sequence[Path]) -> Log:
     """A log; what it lacks is said on standard error."""
-    from cell.log.reading.reader import read_log
+    from cell.log.read.reader import read_log
 
     log = read_log(paths[0] if len(paths) == 1 else paths)
     if log.unfinished:
@@ -60,8 +60,8 @@ def read(paths: Sequence[Path]) -> Log:
 
 def streamed(paths: Sequence[Path], from_s: float = 0.0, until_s: float = math.inf) -> LogStream:
     """A log file by file, however long it is: the parts that hold a span of the run's clock."""
-    from cell.log.reading.indexed import FOREVER_S, parts_within
-    from cell.log.reading.reader import LogStream, files_of
+    from cell.log.read.indexed import FOREVER_S, parts_within
+    from cell.log.read.reader import LogStream, files_of
 
     files = files_of(paths[0]) if len(paths) == 1 else list(paths)
     return LogStream(parts_within(files, min(from_s, FOREVER_S), min(until_s, FOREVER_S)))
@@ -69,7 +69,7 @@ def streamed(paths: Sequence[Path], from_s: float = 0.0, until_s: float = math.i
 
 def tell_lack(paths: Sequence[Path], stream: LogStream) -> None:
     """What a log lacks that was read to its end, or the parts of it that were: on standard error."""
-    from cell.log.reading.reader import files_of
+    from cell.log.read.reader import files_of
 
     files = files_of(paths[0]) if len(paths) == 1 else list(paths)
     for lack in (stream.unfinished,) if list(stream.parts) == files else stream.gaps:
@@ -101,7 +101,7 @@ def _own_page(path: Path) -> bool:
 
 def beside(paths: Sequence[Path], suffix: str) -> Path:
     """A file beside a log, named as the log is; as the part is where a later part was named alone."""
-    from cell.log.reading.reader import files_of
+    from cell.log.read.reader import files_of
     from cell.recording.parts import whole_path
 
     alone = len(paths) == 1 and files_of(paths[0]) == [paths[0]]
@@ -122,7 +122,7 @@ def tell_comparison(
         ticks_of_run: how many should have been compared; None where only a piece was asked for.
         altered: what the run saw was changed in its log.
     """
-    from cell.log.telling.text import difference_lines
+    from cell.log.report.text import difference_lines
 
     whole = ticks_of_run is None or comparison.ticks >= ticks_of_run
     if altered:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, console
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 
 def looks(
@@ -21,7 +21,7 @@ def looks(
 ) -> None:
     """Say which looks there are, or draw some seeds of them."""
     from cell.configuration import load_configuration, load_product
-    from sim.look_range import look_range, presets
+    from sim.scene.look_range import look_range, presets
 
     chosen = [look_range(name) for name in names or presets()]
     if png is None:
@@ -30,7 +30,7 @@ def looks(
         return
     if png.is_dir() or not png.parent.is_dir():
         raise InputError(f"{png}: cannot be written: it must be a file in a folder that exists")
-    from sim.look_sheet import look_sheet, write_png
+    from sim.data.look_sheet import look_sheet, write_png
 
     configuration = load_configuration(config)
     product = load_product(configuration, config)

@@ -14,8 +14,8 @@ from typing import IO
 
 from cell.commands.children import Children
 from cell.commands.terminal import console
-from cell.interfaces.errors import InputError
-from cell.interfaces.new_folder import MANIFEST, require_free
+from cell.errors import InputError
+from cell.files.files import MANIFEST, require_free
 
 RECIPE = "recipe.json"  # in the folder: what it was made by, and for
 

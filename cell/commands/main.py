@@ -29,7 +29,7 @@ from cell.commands.see import see
 from cell.commands.show import monitor, show
 from cell.commands.terminal import BAD_INPUT, BESIDE, CONFIGURATION, SAFE_STOP, ConfigOption, print_json
 from cell.commands.world import world
-from cell.interfaces.errors import CellError, DeviceFault, InputError, LogError, ModelError
+from cell.errors import CellError, DeviceFault, InputError, LogError, ModelError
 
 INTERRUPTED = 130  # what typer makes of Ctrl-C
 

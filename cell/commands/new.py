@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from cell.commands.terminal import console
-from cell.interfaces.errors import InputError
-from cell.interfaces.files import write_new
+from cell.errors import InputError
+from cell.files.files import write_new
 
 new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a leaf of your own, with its test.")
 
@@ -29,7 +29,7 @@ TREE_TEST = '''"""Tests of trees/{file}.xml without the cell."""
 
 from pathlib import Path
 
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from trees.testing import TreeBench, assert_ticks
 
 
@@ -62,7 +62,7 @@ LEAF_TEST = '''"""Tests of the node {name} alone."""
 
 from py_trees.common import Status
 
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from trees.testing import alone
 
 

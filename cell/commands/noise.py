@@ -9,7 +9,7 @@ import typer
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, console, product_of
 from cell.commands.weights import OverwriteOption, folder_for, require_new, told_in
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 
 def train(

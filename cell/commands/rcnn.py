@@ -10,7 +10,7 @@ from pathlib import Path
 from cell.commands.made_data import make_data
 from cell.commands.terminal import console, report_scores
 from cell.commands.weights import folder_for, need_torch, writable
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from learned.parts.settings import BACKBONES
 
 
@@ -30,7 +30,7 @@ def train(
 ) -> None:
     """Train on all images of some folders; interrupted and begun again, it goes on from its checkpoint."""
     from cell.commands.terminal import product_of
-    from learned.parts.dataset import load_scenes
+    from learned.parts.data import load_scenes
     from learned.parts.rcnn import RcnnTraining, train_rcnn, write_rcnn
 
     product, settings = product_of(config), RcnnTraining(backbone, steps)
@@ -54,7 +54,7 @@ def evaluate(
     if weights is None:
         raise InputError("--kind rcnn needs --weights FILE; none are shipped (cell train parts --kind rcnn)")
     from cell.commands.terminal import product_of
-    from learned.parts.dataset import load_scenes
+    from learned.parts.data import load_scenes
     from learned.parts.rcnn import load_rcnn, score_rcnn
 
     product = product_of(config)

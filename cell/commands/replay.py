@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cell.commands.log_terminal import FromOption, JsonOption, LogArgument, UntilOption, read, say, tell_comparison
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.log.reading.reader import Log
-    from cell.log.replaying.replay import Step
+    from cell.log.read.reader import Log
+    from cell.log.replay.replay import Step
 
 LONGEST_VALUE = 200
 
@@ -35,7 +35,7 @@ def replay(
     as_json: JsonOption = False,
 ) -> int:
     """Tick a log again and compare every decision; 0 where all are the same, 1 where they differ."""
-    from cell.log.replaying.replay import Changes, Replay
+    from cell.log.replay.replay import Changes, Replay
 
     recorded = read(log)
     again = Replay(recorded, Changes(tree, config, _weights(weights or [])))
@@ -58,7 +58,7 @@ def _weights(options: Iterable[str]) -> dict[str, Path]:
 
 def _shower(log: Log, folder: Path | None) -> Callable[[Step], bool]:
     """Shows a step and, at a terminal, waits for Enter; q ends."""
-    from cell.log.reading.frames import Frames
+    from cell.log.read.frames import Frames
 
     frames, interactive = Frames(log), sys.stdin.isatty()
 
@@ -79,7 +79,7 @@ def _shower(log: Log, folder: Path | None) -> Callable[[Step], bool]:
 
 
 def _step_text(step: Step) -> list[str]:
-    from cell.log.telling.text import change_lines, command_text, difference_lines, note_text, short
+    from cell.log.report.text import change_lines, command_text, difference_lines, note_text, short
 
     tick, now = step.logged, step.now
     seen = tick.observation.bench

@@ -25,7 +25,7 @@ from cell.commands.terminal import (
     table,
 )
 from cell.commands.world import WorldOption
-from cell.interfaces.files import own_or_shipped
+from cell.files.files import own_or_shipped
 
 TREE = own_or_shipped("trees", "ahead.xml", "assemble.xml")
 SHIFT_TREE = own_or_shipped("trees", "shift.xml")
@@ -90,8 +90,8 @@ def run(
     as_json: JsonOption = False,
 ) -> int:
     """Assemble one product, or a shift of them."""
-    from cell import run as running
-    from cell.run_options import RunOptions
+    from cell.runs import run as running
+    from cell.runs.options import RunOptions
     from cell.viewing.typed_orders import typed_lines
 
     screen = console()

@@ -9,11 +9,11 @@ import typer
 
 from cell.commands.detectors import LookOption, TestSeedOption
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json, table
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.evaluating.weights import Comparison
     from cell.interfaces.product import Product
+    from cell.lab.weights import Comparison
 
 SIZES_ALONE = "pairwise"  # knows no part by its name
 
@@ -36,9 +36,9 @@ def evaluate_weights(
     The weights of both folders are scored on the same images, trays and orders, drawn from `--first-seed` on.
     """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.row_file import RowFile
-    from cell.evaluating.weights import NETWORKS, Sample, compared, score_weights
+    from cell.fleet.row_file import RowFile
     from cell.interfaces.planning import weights_file
+    from cell.lab.weights import NETWORKS, Sample, compared, score_weights
     from cell.settings import WEIGHTS
 
     legal = dict.fromkeys(name for name, _ in NETWORKS)
@@ -78,7 +78,7 @@ def evaluate_weights(
 
 
 def _require(path: Path, kind: str, product: Product) -> None:
-    from learned.onnx_model import OnnxModel
+    from learned.inference.onnx_model import OnnxModel
 
     known = OnnxModel.card_of(path).vocabulary.get("parts", ())
     if kind != SIZES_ALONE and known != tuple(product.parts):

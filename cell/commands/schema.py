@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from cell.commands.terminal import console
-from cell.interfaces.errors import InputError, Place, Problem
+from cell.errors import InputError, Place, Problem
 
 MARK = "made by cell schema; do not edit"
 
@@ -45,11 +45,11 @@ def modeline(path: str) -> str:
 def schemas() -> dict[str, str]:
     """Texts of the schemas by file name, one for each kind of YAML file."""
     from cell.configuration import Configuration
-    from cell.interfaces.judgement import FaultTable
-    from cell.interfaces.model import Model
+    from cell.files.model import Model
+    from cell.interfaces.faults import FaultTable
     from cell.interfaces.product import Product
-    from sim.look_range import LookFile
-    from sim.person import Person
+    from sim.scene.look_range import LookFile
+    from sim.scene.person import Person
 
     look = _with_ranges(LookFile.model_json_schema())
     cell = Configuration.model_json_schema()

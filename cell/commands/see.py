@@ -11,7 +11,7 @@ import typer
 
 from cell.commands.frame_sources import LEGAL
 from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json, table
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -57,8 +57,8 @@ def see(
     """
     from cell.commands.frame_sources import open_source
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.running.detectors import fitted
     from cell.viewing.detections import PICTURE_SUFFIXES, VIDEO_SUFFIX, PictureWriter
+    from cell.wiring.detectors import fitted
 
     if camera not in CAMERAS:
         raise InputError(f"--camera {camera}: there is no such camera; legal: {', '.join(CAMERAS)}")
@@ -135,7 +135,7 @@ def _pose(bench: Bench, camera: str) -> Pose:
         return bench.overhead.mount.pose
     import numpy as np
 
-    from skills.kinematics import Kinematics
+    from skills.motion.kinematics import Kinematics
 
     return Kinematics().forward(np.array(bench.arm_look_rad)) @ bench.wrist.mount.pose
 
@@ -155,9 +155,9 @@ class _Often:
 
 def _watcher(bench: Bench, product: Product, perception: Perception, follows: bool) -> Callable[[Frame], BenchView]:
     """What answers overhead frames of a film, or else the only frame that it is asked about."""
-    from cell.running.detectors import Detectors, bench_watcher
+    from cell.wiring.detectors import Detectors, bench_watcher
     from learned.bench_watcher import DetectorChain
-    from learned.holes.reader import VOTES
+    from learned.holes.model import VOTES
 
     if follows:
         return bench_watcher(bench, product, perception)
@@ -172,8 +172,8 @@ def _look(configuration: Configuration, product: Product, camera: str, follows: 
     Args:
         follows: it will be asked about frames that follow each other, not about one alone.
     """
-    from cell.running.detectors import Detectors, part_finder
     from cell.viewing.detections import drawn_bench, drawn_hands, drawn_parts
+    from cell.wiring.detectors import Detectors, part_finder
 
     bench, perception = configuration.bench, configuration.perception
     setup = bench.overhead if camera == "overhead" else bench.wrist

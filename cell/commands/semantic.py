@@ -23,7 +23,7 @@ from cell.commands.terminal import (
     report_scores,
 )
 from cell.commands.weights import OverwriteOption, need_torch, new_weights, shipped_weights, writing
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.product import Product
 
 KEPT = Path("data") / "semantic"  # finished cells of experiments, a file for each product
@@ -43,7 +43,7 @@ class Experiment(StrEnum):
 
 
 def data(
-    out: Annotated[Path, typer.Option(help="New file (JSON lines, learned/semantic/dataset.py).")],
+    out: Annotated[Path, typer.Option(help="New file (JSON lines, learned/semantic/data.py).")],
     scenarios: Annotated[
         bool, typer.Option("--scenarios", help="The paper's scenarios: every partial state, and what followed it.")
     ] = False,
@@ -53,7 +53,7 @@ def data(
     seed: SeedOption = 0,
 ) -> None:
     """Generate demonstrations: whole assemblies, or the paper's scenarios."""
-    from learned.semantic.dataset import save_demonstrations
+    from learned.semantic.data import save_demonstrations
     from learned.semantic.demonstrators import generated_demonstrations, scenario_demonstrations
 
     product = product_of(config)
@@ -97,7 +97,7 @@ def evaluate(
     experiment: Annotated[
         Experiment | None, typer.Option(help="Compare all kinds instead; finished cells are kept under data/.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, plots beside it.")] = None,
+    out: Annotated[Path | None, typer.Option(help="With --experiment: page to write, or figures (.json).")] = None,
     certify: Annotated[
         float | None, typer.Option(min=0.0001, max=0.5, help="Share of wrong acts to certify; needs --from.")
     ] = None,
@@ -119,7 +119,7 @@ def evaluate(
     if out is not None:
         raise InputError("--out is for --experiment; scores of one planner go to the terminal, or --json")
     from learned.semantic.evaluate import evaluate_semantic
-    from learned.semantic.planner import load_semantic_planner
+    from learned.semantic.model import load_semantic_planner
 
     planner = load_semantic_planner(kind, weights or shipped_weights("semantic", kind), product)
     report_scores("semantic", evaluate_semantic(planner, product, seed), as_json)
@@ -132,10 +132,10 @@ def _certify(limit: float, logs: list[Path], product: Product, config: Path, see
     from cell.commands.log_terminal import read
     from cell.configuration import load_configuration
     from cell.interfaces.planning import AssemblyState
-    from cell.log.telling.summary import beliefs
+    from cell.log.report.summary import beliefs
     from cell.log.training.demonstrations import finished_bracket
-    from cell.running.services import load_planners
-    from learned.semantic.certify import case_of, certificate, least_limit
+    from cell.wiring.services import load_planners
+    from learned.lab.semantic_certify import case_of, certificate, least_limit
 
     planner = load_planners(load_configuration(config), product).semantic
     rng, cases = np.random.default_rng(seed), []
@@ -167,9 +167,9 @@ def _certify(limit: float, logs: list[Path], product: Product, config: Path, see
 def _experiment(experiment: Experiment, out: Path | None, product: Product) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
-    need_torch(plots=True)
-    from learned.experiments import Store, write_page
-    from learned.semantic.experiments.page import EXPERIMENTS, HEAD
+    need_torch(experiments=True)
+    from learned.lab.experiments import Store, write_page
+    from learned.lab.semantic_page import EXPERIMENTS, HEAD
     from learned.semantic.graph import Layout
 
     chosen = {name: some for name, some in EXPERIMENTS.items() if experiment in (Experiment.ALL, name)}

@@ -12,10 +12,10 @@ import typer
 
 from cell.commands.log_terminal import OverwriteOption, a_time, spared
 from cell.commands.terminal import console
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.log.telling.tree_at import TreeAt
+    from cell.log.report.tree_at import TreeAt
 
 MONITOR_PORT = 1667
 LOGS = (".mcap",)
@@ -76,7 +76,7 @@ def monitor(
 
 
 def _show_file(file: Path, svg: Path | None, png: Path | None, own_nodes: Iterable[str]) -> None:
-    from cell.running.node_library import node_registry
+    from cell.wiring.node_library import node_registry
 
     registry = node_registry(more=own_nodes)
     if svg is None and png is None:
@@ -91,7 +91,7 @@ def _show_file(file: Path, svg: Path | None, png: Path | None, own_nodes: Iterab
 
 def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:
     from cell.commands.log_terminal import streamed, tell_lack
-    from cell.log.telling.tree_at import tree_at
+    from cell.log.report.tree_at import tree_at
 
     stream = streamed([log])
     shown = tree_at(stream, at_s, own_nodes)
@@ -102,7 +102,7 @@ def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:
 
 
 def _monitored(port: int) -> TreeAt:
-    from cell.log.telling.tree_at import TreeAt
+    from cell.log.report.tree_at import TreeAt
     from cell.viewing.live_view import MonitorClient
 
     client = MonitorClient(port)

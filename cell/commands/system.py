@@ -20,7 +20,7 @@ from cell.commands.terminal import (
     print_json,
     table,
 )
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,9 +55,9 @@ def system(
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
     """
     from cell.configuration import detected_by, load_configuration, simulated
-    from cell.evaluating.row_file import RowFile
-    from cell.evaluating.system import evaluate_system, table_1
     from cell.fleet.engine import mapped
+    from cell.fleet.row_file import RowFile
+    from cell.lab.system import evaluate_system, table_1
 
     if perception not in (None, *KINDS):
         raise InputError(f"--perception {perception}: legal: {', '.join(KINDS)}")
@@ -110,7 +110,7 @@ def latency(
     In lock-step simulation answers come as late as the model cards tell (`perception.latency_s`).
     """
     from cell.configuration import detected_by, load_configuration, simulated
-    from cell.evaluating.latency import answers_ms, note_latencies
+    from cell.lab.latency import answers_ms, note_latencies
 
     configuration: Configuration = detected_by(simulated(load_configuration(config), look), perception)
     if untrained is None:
@@ -137,8 +137,8 @@ def latencies_ms(
 
     from cell.commands.frame_sources import open_source
     from cell.configuration import load_product
-    from cell.evaluating.latency import finding_s, watching_s
-    from cell.evaluating.things import tray_frames
+    from cell.lab.holes_and_parts import tray_frames
+    from cell.lab.latency import finding_s, watching_s
 
     product, overhead = load_product(configuration, config), configuration.bench.overhead
     source = open_source(f"sim:{first_seed}", "overhead", configuration, product, overhead.mount.pose)
@@ -163,7 +163,7 @@ def _untrained_ms(
     from cell.commands.weights import need_torch
     from cell.configuration import load_product
     from cell.interfaces.planning import weights_file
-    from cell.running.detectors import TRAINED
+    from cell.wiring.detectors import TRAINED
 
     if kind not in TRAINED["actions"]:
         raise InputError(f"--untrained {kind}: there is no such one; legal: {', '.join(TRAINED['actions'])}")

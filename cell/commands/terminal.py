@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cell.interfaces.files import own_or_shipped
+from cell.files.files import own_or_shipped
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -29,10 +29,10 @@ from cell.commands.terminal import (
     report_scores,
 )
 from cell.commands.weights import OverwriteOption, need_torch, new_weights, writing
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
-    from cell.evaluating.things import Task
+    from cell.lab.holes_and_parts import Task
 
 STILLS, VIEWS = 14, 3  # images of a look of the plate, and of a tray
 LOOK_S, TRAY_S = 1.4, 0.45  # of processor time, to make these
@@ -78,7 +78,7 @@ def train_holes(
         looks = max(4, int(HOLES_SHARE * budget_s / LOOK_S))
         drawn = {"--stills": STILLS, "--person": "varied", "--astray-share": ASTRAY_SHARE}
         folders = data or _made("plates", looks, drawn, weights, config)
-        from learned.holes.dataset import load_plates
+        from learned.holes.data import load_plates
         from learned.holes.settings import HoleTraining
         from learned.holes.train import train_holes as train
 
@@ -108,7 +108,7 @@ def train_parts(
 ) -> None:
     """Train the part detector's two networks on images of trays; goes on where a training stopped."""
     from cell.commands.budget import seconds
-    from learned.parts.detector import pose_file
+    from learned.parts.model import pose_file
 
     need_torch()
     if kind not in ("centre", "rcnn"):
@@ -140,7 +140,7 @@ def _train_centre(
     """Train both networks; of the folders to learn from, some or none were given."""
     from cell.commands.budget import seconds
     from cell.configuration import load_configuration, load_product
-    from learned.parts.dataset import load_scenes
+    from learned.parts.data import load_scenes
     from learned.parts.train import train_parts as train
 
     configuration = load_configuration(config)
@@ -167,7 +167,7 @@ def evaluate_holes(
     as_json: JsonOption = False,
 ) -> None:
     """Score a hole reader on stills: any parts in the holes, hand or arm over them or not."""
-    from cell.evaluating.things import score_holes
+    from cell.lab.holes_and_parts import score_holes
     from sim.data.splits import seeds
 
     _require_possible(kind, ("plate",), weights)
@@ -199,7 +199,7 @@ def evaluate_parts(
         scores = rcnn.evaluate(look, first_seed, recordings, weights, mixed, steel, config)
         report_scores(f"parts, {kind}, {look}", scores, as_json)
         return
-    from cell.evaluating.things import score_parts
+    from cell.lab.holes_and_parts import score_parts
 
     task = _task(look, kind, weights, cameras, steel, config)
     task.detectors(task.configuration.bench, "parts").make("parts")  # before minutes go into trays
@@ -215,7 +215,7 @@ def evaluate_cameras(
     as_json: JsonOption = False,
 ) -> None:
     """Score calibration: how far the cameras see holes, and points in the tray, off before and after it."""
-    from cell.evaluating.things import score_calibration
+    from cell.lab.holes_and_parts import score_calibration
     from sim.data.splits import seeds
 
     _, wanted = seeds(first_seed, recordings)
@@ -240,7 +240,7 @@ def _task(
     look: str, kind: str, weights: Path | None, cameras: Cameras, steel: bool, config: Path, person: str | None = None
 ) -> Task:
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.evaluating.things import Task
+    from cell.lab.holes_and_parts import Task
 
     configuration = simulated(load_configuration(config), look, person)
     product = load_product(configuration, config)

@@ -9,7 +9,7 @@ import typer
 
 from cell.commands.terminal import CONFIGURATION, ConfigOption, SeedOption, console, product_of, report_scores
 from cell.commands.weights import OverwriteOption, need_torch, new_weights, writing
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from cell.interfaces.product import Product
@@ -83,7 +83,7 @@ def _demonstrations(recorded: Path | None, product: Product) -> int:
     Raises:
         InputError: the folder is none of `cell data`, or the file is wrong.
     """
-    from learned.semantic.dataset import load_demonstrations
+    from learned.semantic.data import load_demonstrations
 
     if recorded is None:
         return 0

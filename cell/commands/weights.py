@@ -12,8 +12,8 @@ from typing import Annotated
 
 import typer
 
-from cell.interfaces.errors import CellError, InputError
-from cell.interfaces.files import shipped
+from cell.errors import CellError, InputError
+from cell.files.files import shipped
 from cell.interfaces.planning import weights_file
 
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace the files that are there.")]
@@ -100,13 +100,13 @@ def told_in(config: Path, path: Path) -> Path:
     return Path(os.path.relpath(path.resolve(), config.resolve().parent))
 
 
-def need_torch(*, plots: bool = False) -> None:
+def need_torch(*, experiments: bool = False) -> None:
     """Check that training can run here, and that experiments can.
 
     Raises:
         InputError: packages are missing; the message says how to get them.
     """
-    needed = ("torch", "onnx", "onnxscript", *(("matplotlib", "scipy") if plots else ()))
+    needed = ("torch", "onnx", "onnxscript", *(("scipy",) if experiments else ()))
     missing = [name for name in needed if find_spec(name) is None]
     if missing:
         raise InputError(f"training needs {', '.join(missing)}; install with: make train-deps")

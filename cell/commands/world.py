@@ -27,7 +27,7 @@ def world(
 ) -> None:
     """Simulate a cell for controllers that come and go: `cell run --world ADDRESS`; Ctrl-C ends it."""
     from cell.configuration import for_shift, load_configuration, load_product, located, simulated
-    from cell.world.opening import open_world
+    from sim.process.opening import open_world
 
     configuration = simulated(load_configuration(config), look, person)
     if shift:

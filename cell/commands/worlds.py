@@ -21,7 +21,7 @@ from cell.commands.terminal import (
     print_json,
     table,
 )
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 if TYPE_CHECKING:
     from sim.data.folder import DataFolder, DataPiece
@@ -157,9 +157,9 @@ def plates(
     """Images of the plate with any parts in its holes and hand or arm over it, and what is in each hole."""
     from cell.configuration import load_configuration, load_product, simulated
     from sim.data.plates import write_plates
-    from sim.data.variety import sometimes_steel
-    from skills.grasp_pose import tool_down
-    from skills.kinematics import Kinematics
+    from sim.data.splits import sometimes_steel
+    from skills.motion.grasp_pose import tool_down
+    from skills.motion.kinematics import Kinematics
 
     configuration = simulated(load_configuration(config), look, person)
     product = load_product(configuration, config)
@@ -198,7 +198,7 @@ def objects(
     """Images of trays from the wrist camera, with type, pose and box of each part."""
     from cell.configuration import load_configuration, load_product, simulated
     from sim.data.objects import write_objects
-    from sim.data.variety import LYING_SHARE, mixed_clutter, sometimes_steel
+    from sim.data.splits import LYING_SHARE, mixed_clutter, sometimes_steel
 
     if lying_share is not None and not mixed:
         raise InputError("--lying-share is for trays of --mixed; in others every part stands as the configuration says")
@@ -231,7 +231,7 @@ def _from_assemblies(
     from sim.data.actions import write_holes, write_segments
     from sim.data.hands import write_hands
     from sim.data.recording import Source, record
-    from sim.data.variety import sometimes_steel
+    from sim.data.splits import sometimes_steel
 
     configuration = simulated(load_configuration(wanted.config), wanted.look, wanted.person)
     product, bench = load_product(configuration, wanted.config), configuration.bench
@@ -246,7 +246,7 @@ def _from_assemblies(
         gc.collect()  # what recordings were made of is in cycles: left alone, hundreds of worlds stay, 15 MB each
         kinds = sometimes_steel(product, steel_share, seed)
         if beside_robot:
-            from cell.evaluating.beside_robot import record_beside_robot
+            from cell.lab.beside_robot import record_beside_robot
 
             assembly = record_beside_robot(configuration, kinds, seed)
         else:
@@ -269,8 +269,8 @@ def _steel(share: float) -> str:
 def _write(wanted: Wanted, more: str, one: Callable[[int, DataFolder], float | None]) -> None:
     from rich.progress import track
 
+    from cell.files.files import whole_folder
     from cell.fleet.engine import mapped
-    from cell.interfaces.new_folder import whole_folder
     from sim.data.folder import DataFolder
     from sim.data.splits import seeds
 

@@ -1,1 +1,1 @@
-"""Many runs: sweeps on one machine or a cluster, tables of runs, trees compared."""
+"""Many runs: one store, one scheduler, comparisons."""

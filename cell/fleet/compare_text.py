@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.fleet.compare import Finding, differing, overall
-from cell.log.telling.html_page import rendered
+from cell.log.report.html_page import rendered
 
 Row = Mapping[str, Any]
 TEMPLATE = Path(__file__).with_name("compare.html.j2")

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 Row = dict[str, Any]
 

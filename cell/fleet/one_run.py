@@ -16,8 +16,8 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any, TypeVar
 
+from cell.errors import CellError
 from cell.fleet.spec import Task
-from cell.interfaces.errors import CellError
 
 Row = dict[str, Any]
 T = TypeVar("T")
@@ -77,8 +77,8 @@ def run_here(task: Task) -> Row:
 def _run(task: Task, folder: Path) -> dict[str, Any]:
     from rich.console import Console
 
-    from cell.run import run
-    from cell.run_options import RunOptions
+    from cell.runs.options import RunOptions
+    from cell.runs.run import run
 
     for name, content in task.files:
         target = folder / name

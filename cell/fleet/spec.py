@@ -12,11 +12,11 @@ from pathlib import Path
 from pydantic import Field
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, load_configuration, load_product, simulated
-from cell.interfaces.errors import InputError
-from cell.interfaces.model import Model
-from cell.interfaces.yaml_file import load_yaml
-from cell.running.injection import Injection
-from cell.running.node_library import node_registry
+from cell.errors import InputError
+from cell.faults.injection import Injection
+from cell.files.model import Model
+from cell.files.yaml_file import load_yaml
+from cell.wiring.node_library import node_registry
 from trees.files.loader import load_tree
 
 MOST_RUNS = 10_000_000

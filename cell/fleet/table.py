@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from collections.abc import Iterable, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from cell.fleet.extra import needed
-from cell.interfaces.errors import InputError
-from cell.interfaces.files import whole_or_none
+from cell.errors import InputError
+from cell.files.files import whole_or_none
+
+INSTALL = 'pip install "cell[fleet]", in a clone: .venv/bin/pip install -e ".[fleet]"'
+
+
+def needed(module: str, why: str) -> Any:
+    """The module.
+
+    Raises:
+        InputError: its package is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        package = module.partition(".")[0]
+        raise InputError(f"{why} needs the package {package}, which is not installed: {INSTALL}") from None
+
 
 Row = Mapping[str, Any]
 BATCH = 5000  # rows in memory

@@ -1,1 +1,1 @@
-"""Types, errors, clock and device protocols; every package may import it, and it imports none of them."""
+"""The types that all packages share, and the protocols of devices."""

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from pydantic import Field, PrivateAttr, model_validator
 
+from cell.files.model import Disagreement, Model
+from cell.files.units import Gap, Joints, Length, Point, Quaternion
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.model import Disagreement, Model
 from cell.interfaces.pose import Pose
-from cell.interfaces.quantity import Gap, Joints, Length, Point, Quaternion
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 

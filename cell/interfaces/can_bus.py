@@ -6,7 +6,7 @@ from typing import Any
 
 import can
 
-from cell.interfaces.errors import SettingError
+from cell.errors import SettingError
 
 ECHOING = ("virtual", "socketcan", "kvaser", "vector", "ixxat", "nixnet", "etas")
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol, TypeVar
 
 from cell.interfaces.clock import Clock
@@ -11,7 +11,38 @@ from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame
-from cell.interfaces.truth import TruthEvent
+
+
+@dataclass(frozen=True)
+class TruthEvent:
+    """Something that happened at the bench.
+
+    Attributes:
+        kind: "action" (of the hand: begins or ends), "act" (of the person, a mistake or a habit), "contact" (of
+            person and robot), "resting" (of a part in the tray as the run begins).
+        fields: what else is known, with units in the names.
+    """
+
+    time_s: float
+    kind: str
+    fields: Mapping[str, object] = field(default_factory=dict)
+
+
+class Signals(Protocol):
+    """Inputs and outputs by their names in the configuration."""
+
+    def read(self) -> Mapping[str, bool]:
+        """All inputs as last told, and all outputs as last set; raises DeviceFault when the module is silent."""
+        ...
+
+    def write(self, name: str, value: bool) -> None:
+        """Set an output; it keeps its value until it is set again, also after the run."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the bus."""
+        ...
+
 
 Answer = TypeVar("Answer")
 

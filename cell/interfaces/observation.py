@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.judgement import HAND_TOO_NEAR
+from cell.interfaces.faults import HAND_TOO_NEAR
 from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import BenchView, PartsView
 

@@ -8,8 +8,8 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from cell.interfaces.model import Disagreement, Location, Model
-from cell.interfaces.quantity import Coordinate, Length, Rgb
+from cell.files.model import Disagreement, Location, Model
+from cell.files.units import Coordinate, Length, Rgb
 from cell.interfaces.solid import AXES, Solid, span_m
 
 RESERVED = ("none of these", "random")  # the unknown goal of a belief; any goal, as an option

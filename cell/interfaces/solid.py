@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from cell.interfaces.model import Model
+from cell.files.model import Model
+from cell.files.units import Length, Point
 from cell.interfaces.pose import Array
-from cell.interfaces.quantity import Length, Point
 
 AXES = "xyz"
 RING = 16  # points on each edge of a cylinder, and on each of a ball's circles

@@ -1,1 +1,1 @@
-"""Logs that exist: reading, replaying, telling what happened, training data; `cell.commands` imports it."""
+"""What is done with logs."""

@@ -1,1 +1,1 @@
-"""Writes the MCAP log of a run; `cell.run`, `cell.viewing` and `cell.log` may import it."""
+"""Writes the log of a run (MCAP)."""

@@ -2,16 +2,46 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 import socket
 import subprocess
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-import cell
+from cell.files.files import INSTALLED
+
+INPUTS = ("/observation", "/bench", "/parts")
+NAME = "inputs_sha256"  # of the digest in the metadata `outcome`
+
+
+class InputDigest:
+    """SHA-256 over topic and content of every message that holds an input, in the order of writing."""
+
+    def __init__(self) -> None:
+        self._sha256 = hashlib.sha256()
+
+    def add(self, topic: str, content: bytes) -> None:
+        """One more message; topics that hold no input are passed over."""
+        if topic in INPUTS:
+            self._sha256.update(f"{topic} {len(content)}\n".encode())
+            self._sha256.update(content)
+
+    def text(self) -> str:
+        """The digest so far, in hexadecimal digits."""
+        return self._sha256.hexdigest()
+
+
+def inputs_sha256(messages: Iterable[tuple[str, bytes]]) -> str:
+    """The digest of messages, given as (topic, content)."""
+    digest = InputDigest()
+    for topic, content in messages:
+        digest.add(topic, content)
+    return digest.text()
+
 
 # Everything that a decision or a motion hangs on.
 PACKAGES = (
@@ -41,7 +71,7 @@ def versions() -> dict[str, str]:
 
 def code_version() -> dict[str, str]:
     """The commit of the checkout that runs, and whether its files were changed; unknown where it is no checkout."""
-    root = Path(cell.__file__).resolve().parents[1]
+    root = INSTALLED.resolve()
     commit = _git(root, "rev-parse", "HEAD")
     if commit is None or not (root / ".git").exists():
         return {"commit": UNKNOWN, "clean": UNKNOWN}

@@ -11,12 +11,12 @@ import foxglove
 from foxglove import messages
 from foxglove.channels import CompressedImageChannel, LogChannel
 
-from cell.interfaces.errors import InputError, Place, Problem
+from cell.errors import InputError, Place, Problem
+from cell.interfaces.devices import TruthEvent
 from cell.interfaces.observation import NOBODY, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
-from cell.interfaces.truth import TruthEvent
-from cell.observer import Level, Outcome, TickRecord
-from cell.recording import digest, joint_samples
+from cell.recording import identity as digest
+from cell.recording import joint_samples
 from cell.recording.file import Heading as Heading  # who opens a recorder needs it
 from cell.recording.images import ImageEncoder
 from cell.recording.json_schema import without_nulls
@@ -26,7 +26,8 @@ from cell.recording.scene_frames import timestamp
 from cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, judged, plain, schema, tick_json
 from cell.recording.snapshot import Snapshot
 from cell.settings import LogSettings
-from skills.can_gripper import CanFrame
+from cell.watching.observer import Level, Outcome, TickRecord
+from skills.drivers.can_gripper import CanFrame
 
 USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals")  # fields that most ticks leave out
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}

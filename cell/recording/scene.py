@@ -26,11 +26,21 @@ from cell.interfaces.observation import ArmState, GripperState, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.observer import TickRecord
 from cell.recording.scene_bodies import assembly_scene, bench_scene, parts_scene, robot_scene
-from cell.recording.scene_frames import BRACKET, TRAY, WORLD, RobotFrames, still_frames, timestamp, transform
-from cell.recording.scene_overlays import HoleMarks, hand_overlay, parts_overlay
-from skills.planner import MotionPlanner
+from cell.recording.scene_frames import (
+    BRACKET,
+    TRAY,
+    WORLD,
+    HoleMarks,
+    RobotFrames,
+    hand_overlay,
+    parts_overlay,
+    still_frames,
+    timestamp,
+    transform,
+)
+from cell.watching.observer import TickRecord
+from skills.motion.planner import MotionPlanner
 
 FRAMES_OF_ROBOT, FRAMES_OF_BENCH, FRAME_OF_CAMERA = "/tf/robot", "/tf/bench", "/tf/camera_{}"
 SCENE_OF_ROBOT, SCENE_OF_BENCH = "/scene/robot", "/scene/bench"

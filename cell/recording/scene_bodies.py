@@ -11,8 +11,8 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.recording.scene_frames import BRACKET, FINGER_SIDES, WORLD, pose_message, timestamp
-from skills.collision import standing_boxes
-from skills.outline import Shape
+from skills.motion.collision import standing_boxes
+from skills.motion.outline import Shape
 
 STEEL, WOOD, ROBOT, TOOL_COLOUR, INK = (
     (0.55, 0.58, 0.62, 1.0),

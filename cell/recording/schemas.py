@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 
 from cell.interfaces.command import Command, Display, GripperCommand
-from cell.interfaces.judgement import Judgement
+from cell.interfaces.faults import Judgement
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import BenchView, PartsView
 from cell.recording.json_schema import FLAG, INTEGER, NUMBER, OBJECT, TEXT, Schema, array, fields_of, record

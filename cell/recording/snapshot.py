@@ -8,8 +8,8 @@ from typing import Any
 from py_trees.common import Status
 
 from cell.interfaces.command import Display
-from cell.observer import TickRecord
 from cell.recording.schemas import plain, plain_or_text
+from cell.watching.observer import TickRecord
 
 
 class Snapshot:

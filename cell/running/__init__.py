@@ -1,1 +1,1 @@
-"""The loop of observe, tick, act and record, with detectors and reload; `cell.run` and `cell.log` may import it."""
+"""One tick: observe, judge, tick, act; nothing here outlives the loop."""

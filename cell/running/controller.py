@@ -12,24 +12,20 @@ from typing import Protocol
 from py_trees.common import Status
 
 from cell.interfaces.command import Command
-from cell.interfaces.devices import Devices, Gripper
-from cell.interfaces.journal import ListJournal
-from cell.interfaces.judgement import Action, Judgement
+from cell.interfaces.devices import Devices, Gripper, Signals
+from cell.interfaces.faults import Action, Judgement
+from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
-from cell.interfaces.signals import Signals
-from cell.observer import End, Observer, Outcome, SentCommand, TickRecord
-from cell.running.acting import DeviceActor
-from cell.running.announcing import Announcer
-from cell.running.audience import Audience
+from cell.running.device_reader import DeviceReader, OwnBody, describe
+from cell.running.device_writer import DeviceActor
 from cell.running.inference import Executor
+from cell.running.observers import Announcer, Audience
 from cell.running.operator import OperatorChannel
-from cell.running.own_body import OwnBody
-from cell.running.reading import DeviceReader, describe
-from cell.running.safe_stop import await_rest, condition, failure, stop_orders
-from cell.running.signals import Interrupted, StopSignals
+from cell.running.safe_stop import Interrupted, StopSignals, await_rest, condition, failure, stop_orders
 from cell.running.supervisor import Supervisor
 from cell.settings import ControllerSettings
+from cell.watching.observer import End, Observer, Outcome, SentCommand, TickRecord
 from trees.engine.node import StatusChange
 
 STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked

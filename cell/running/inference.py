@@ -12,8 +12,8 @@ from multiprocessing.queues import Queue
 from multiprocessing.synchronize import Event
 from typing import Generic, Protocol, TypeVar
 
+from cell.errors import DeviceFault
 from cell.interfaces.clock import Clock
-from cell.interfaces.errors import DeviceFault
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")

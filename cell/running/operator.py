@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import get_args
 
+from cell.errors import InputError
 from cell.interfaces.command import Display
-from cell.interfaces.errors import InputError
 from cell.interfaces.operator import LETTERS_MAX, OperatorOrder, OperatorState, OrderKind, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 

@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cell.interfaces.command import Command
-from cell.interfaces.judgement import Action, Fault, FaultTable, Judgement
+from cell.interfaces.faults import Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
-from cell.running.checks import CHECKS, Check, Memory, Sign, person_checks
-from skills.planner import MotionPlanner
+from cell.running.fault_checks import CHECKS, Check, Memory, Sign, person_checks
+from skills.motion.planner import MotionPlanner
 
 NO_SIGN = Sign("")
 PAUSED = "operator_pause"

@@ -8,14 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from cell.errors import InputError
 from cell.interfaces.bench import Bench
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.errors import InputError
 from cell.interfaces.observation import Image
 from cell.interfaces.perception import BenchView, Frame, HandSample, PartDetection, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.recording.video import Video
+from cell.recording.images import Video
 
 Colour = tuple[int, int, int]
 WORKS, RESTS, WHITE, GREY, RED = (255, 220, 0), (255, 140, 0), (255, 255, 255), (190, 190, 190), (255, 60, 60)

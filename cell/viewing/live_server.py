@@ -10,10 +10,10 @@ from queue import Empty, SimpleQueue
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.perception import Frame
-from cell.observer import Level, Outcome, TickRecord
 from cell.recording.scene import SceneLog
+from cell.watching.observer import Level, Outcome, TickRecord
 
 DEFAULT_PORT = 8765  # where viewers look first
 LOOPBACK = "127.0.0.1"
@@ -21,7 +21,7 @@ BACKLOG = 256  # messages that wait for one viewer; the oldest are dropped
 
 
 class LiveServer:
-    """A observer that serves what a recorder writes.
+    """An observer that serves what a recorder writes.
 
     Attributes:
         port: where it listens.

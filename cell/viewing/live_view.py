@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import secrets
+import select
 import struct
-from collections.abc import Mapping, Sequence
+import sys
+import termios
+import tty
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 from xml.etree import ElementTree
 
@@ -16,10 +22,42 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from cell.interfaces.errors import InputError
-from cell.viewing.keys import keys
+from cell.errors import InputError
 from cell.viewing.stepping import Stepper
 from cell.viewing.tree_lines import fitted, lines_of
+
+
+class Keys:
+    """What was pressed since it was last asked.
+
+    Args:
+        descriptor: of the terminal; None where there is none.
+    """
+
+    def __init__(self, descriptor: int | None) -> None:
+        self._descriptor = descriptor
+
+    def pressed(self, within_s: float) -> str:
+        """The keys of the next moments; empty where there is no terminal, after the same time."""
+        waits = [] if self._descriptor is None else [self._descriptor]
+        ready, _, _ = select.select(waits, [], [], within_s)
+        return os.read(self._descriptor, 64).decode(errors="ignore") if ready and self._descriptor is not None else ""
+
+
+@contextmanager
+def keys() -> Iterator[Keys]:
+    """Take single keys from standard input for a while."""
+    if not sys.stdin.isatty():
+        yield Keys(None)
+        return
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    try:
+        yield Keys(descriptor)
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
 
 HEADER = struct.Struct("<BBI")
 STATUS = struct.Struct("<HB")

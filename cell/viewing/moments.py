@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import Frame
-from cell.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Level, Outcome, TickRecord
 
 MOST_FRAMES = 30
 MOST_KEPT = 4 * MOST_FRAMES  # moments; of more every other one is forgotten
@@ -32,7 +32,7 @@ class Moment:
 
 
 class Moments:
-    """A observer that notes when something worth a picture happened; the pictures are taken from the log at the end.
+    """An observer that notes when something worth a picture happened; the pictures are taken from the log at the end.
 
     It keeps no image, and of a long run only so many moments, evenly spread.
     """

@@ -10,24 +10,66 @@ import json
 import struct
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 import msgpack
 import zmq
 from pydantic import ValidationError
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.perception import Frame
-from cell.observer import Level, Outcome, TickRecord
 from cell.recording.schemas import plain
-from cell.viewing.hook_owners import Owners, key_of
 from cell.viewing.stepping import WAITS
+from cell.watching.observer import Level, Outcome, TickRecord
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.literals import shown
 from trees.engine.tree import Tree
-from trees.files.registry import Registry
+from trees.files.build.registry import Registry
 from trees.views.groot2 import StatusBoard, blackboards, tree_xml
+
+Key = tuple[Any, Any]
+
+
+class Owners:
+    """Which view set which hook, and when each was last heard of."""
+
+    def __init__(self) -> None:
+        self._heard_s: dict[int, float] = {}
+        self._owner: dict[Key, int] = {}
+        self._known: set[Key] = set()
+
+    def heard(self, session: int, view: bool) -> None:
+        """A request came; a view is one that asks what only views ask."""
+        if view or session in self._heard_s:
+            self._heard_s[session] = time.monotonic()
+
+    def inserted(self, session: int, hooks: Iterable[Mapping[str, Any]]) -> None:
+        """All hooks that there are after a client set some: those that are new are its own."""
+        keys = {key_of(hook) for hook in hooks}
+        self._owner = {key: owner for key, owner in self._owner.items() if key in keys}
+        if session in self._heard_s:
+            self._owner |= dict.fromkeys(keys - self._known, session)
+        self._known = keys
+
+    def gone(self, silent_s: float) -> Collection[Key]:
+        """Hooks of views that were not heard of for so long; they are forgotten with this."""
+        now_s = time.monotonic()
+        silent = {session for session, heard_s in self._heard_s.items() if now_s - heard_s > silent_s}
+        if not silent:
+            return ()
+        found = {key for key, owner in self._owner.items() if owner in silent}
+        for session in silent:
+            del self._heard_s[session]
+        self._owner = {key: owner for key, owner in self._owner.items() if key not in found}
+        self._known -= found
+        return found
+
+
+def key_of(hook: Mapping[str, Any]) -> Key:
+    """What tells a hook from the others."""
+    return hook["uid"], hook["position"]
+
 
 DEFAULT_PORT = 1667
 PROTOCOL = 2
@@ -44,7 +86,7 @@ class RefusedError(Exception):
 
 
 class Monitor:
-    """A observer that answers monitors after each tick.
+    """An observer that answers monitors after each tick.
 
     Args:
         with_hooks: let monitors put breakpoints and overrides on nodes.

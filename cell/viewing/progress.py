@@ -14,7 +14,7 @@ from rich.text import Text
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
 from cell.interfaces.perception import Frame
-from cell.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Level, Outcome, TickRecord
 
 REFRESH_S = 0.1  # of wall time
 LOOK_BACK_TICKS = 50  # the tick rate is a mean over these

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 from xml.etree import ElementTree
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 RUNNING = 1
 PRE = 0

@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.operator import ORDERS, OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.perception import ActionKind
-from learned.actions.classes import KINDS, Classes
-from learned.actions.dataset import Segments, asked
+from learned.actions.data import Segments, asked
 from learned.actions.segments import SegmentReader
+from learned.actions.settings import KINDS, Classes
 from learned.actions.variation import Variation
-from learned.onnx_model import ModelCard, Network
+from learned.inference.onnx_model import ModelCard, Network
 
 BATCH = 64
 FIRST_FEATURES = 6  # of cards that do not say how many

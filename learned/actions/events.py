@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.model import Model
-from learned.actions.classes import KINDS, Classes
-from learned.actions.filled import Filled
+from cell.files.model import Model
+from learned.actions.hole_events import Filled
+from learned.actions.settings import KINDS, Classes
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

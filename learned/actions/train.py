@@ -12,20 +12,19 @@ import torch
 from pydantic import JsonValue
 from torch import Tensor, nn
 
+from cell.errors import InputError
 from cell.interfaces.bench import Bench
-from cell.interfaces.errors import InputError
 from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.product import Product
-from learned.actions.classes import Classes
-from learned.actions.dataset import Segments, asked
+from learned.actions.data import Segments, asked
 from learned.actions.evaluate import answers, class_scores, confusion, times_s
-from learned.actions.networks import ActionNet, Lrcn, build
+from learned.actions.network import ActionNet, Lrcn, build
 from learned.actions.segments import CROP_PX, TRACK_FEATURES, SegmentReader
-from learned.actions.settings import TRAINABLE, ActionTraining
-from learned.fitting import Checkpoint, fit
-from learned.onnx_model import Inputs, ModelCard, OnnxModel
-from learned.scores import latencies
-from learned.torch_model import TorchModel, write_weights
+from learned.actions.settings import TRAINABLE, ActionTraining, Classes
+from learned.inference.onnx_model import Inputs, ModelCard, OnnxModel
+from learned.inference.scores import latencies
+from learned.training.torch_model import TorchModel, write_weights
+from learned.training.training_loop import Checkpoint, fit
 
 SPEED_STEPS = 5  # after which the time of a step is known
 

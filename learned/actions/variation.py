@@ -8,7 +8,7 @@ import numpy as np
 
 from cell.interfaces.pose import Array
 from learned.actions.segments import CROP_PX, HEIGHT, OPENING, PALM, TIPS, Images, SegmentReader
-from learned.exposure import levelled, spoiled
+from learned.inference.exposure import levelled, spoiled
 
 DRIFT_KNOTS = 6  # of what drifts within a segment: it goes straight between them
 WORSE_TIMES = 3.0  # in the look `hard`, a tenth of the segments are 20 mm off or more

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.errors import DeviceFault
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.errors import DeviceFault
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array, Pose
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.errors import SettingError
+from cell.errors import SettingError
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 

@@ -18,8 +18,8 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Edge, Frame
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.ahead import Ahead
 from learned.classical.box_model import View
+from learned.inference.prefetch import Ahead
 
 DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
 LEAST_CONTRAST = 6.0  # standard deviation of grey levels

@@ -32,7 +32,7 @@ class LyingFit:
 
     Attributes:
         part: its type.
-        up: the side that is up, as in `cell.interfaces.resting`.
+        up: the side that is up, as in `cell.interfaces.resting_pose`.
         world_from_part: its frame.
         agreement: what its silhouette and what stands out have in common, as a share of both together.
     """

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from cell.interfaces.resting import SIDES, rest_on
+from cell.interfaces.resting_pose import SIDES, rest_on
 
 Mask = NDArray[np.uint8]
 

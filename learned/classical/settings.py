@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from cell.interfaces.model import Model
-from cell.interfaces.quantity import Rgb
+from cell.files.model import Model
+from cell.files.units import Rgb
 
 
 class PerceptionSettings(Model):

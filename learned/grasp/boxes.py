@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product

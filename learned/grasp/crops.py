@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.errors import ModelError
 from cell.interfaces.bench import Bench
 from cell.interfaces.camera_model import CameraModel
-from cell.interfaces.errors import ModelError
 from cell.interfaces.perception import Frame, PartDetection, PartDetector
 from cell.interfaces.pose import Array, Pose
 from learned.grasp.boxes import Boxes
-from learned.onnx_model import Network, OnnxModel
+from learned.inference.onnx_model import Network, OnnxModel
 
 CROP_PX, STEP_M = 48, 0.003  # 14 cm: the part with the room of fingers and palm
 CHANNELS = 5  # colours, and how far the line of sight leans along the part's x and y axis

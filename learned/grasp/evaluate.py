@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.product import Product
@@ -19,8 +19,8 @@ from learned.grasp.physics import touching
 from learned.grasp.scenes import Scene, Split, draw_scenes, observe
 from learned.grasp.settings import SceneSettings
 from learned.grasp.solution import solve, solves
-from learned.onnx_model import Network
-from learned.scores import ScoreCounter
+from learned.inference.onnx_model import Network
+from learned.inference.scores import ScoreCounter
 
 Look = Callable[[list[Scene]], list[Scene]]
 REQUIRED_TYPES = (1, 2, 3)

@@ -16,9 +16,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from learned.fitting import Checkpoint, fit
 from learned.grasp.crops import CHANNELS, CROP_PX, STEP_M, Crops
 from learned.grasp.scenes import Scene, data_hash
+from learned.training.training_loop import Checkpoint, fit
 
 MAP_PX, CELL_M = CROP_PX // 2, 2 * STEP_M
 Maps = NDArray[

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Boxes, rectangle_gaps_m
 from learned.grasp.solution import Solution

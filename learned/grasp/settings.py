@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from cell.interfaces.model import Model
+from cell.files.model import Model
 
 RelationFilter = Literal["boxes", "distance"]
 
@@ -19,17 +19,17 @@ class GripperOutline(Model):
     """What must be free around the gripper when it comes down and closes; the defaults are what it truly occupies.
 
     Attributes:
-        pad_size_m: thickness in the closing direction, width, length of a pad (`PAD_SIZE_M` in sim/robot.py); the
-            links above are as thick and narrower.
-        palm_size_m: extent in the closing direction, and along the fingers' width (`add_gripper` in sim/robot.py).
+        pad_size_m: thickness in the closing direction, width, length of a pad (sim/scene/robot.py);
+            the links above are as thick and narrower.
+        palm_size_m: extent in the closing direction, and along the fingers' width (sim/scene/robot.py).
         palm_above_tip_m: from the fingertips to the palm's lower side (`TCP_FROM_TOOL0_M + FINGERTIP_BEYOND_TCP_M -
-            PALM_END_M` in sim/robot.py).
+            PALM_END_M` in sim/scene/robot.py).
         stroke_m: widest opening (datasheet of the 2F-85).
         clearance_m: gap between each finger and the body when it comes down: the narrowest that the skills try
-            (`least_finger_clearance_m` in skills/settings.py).
+            (`least_finger_clearance_m` in skills/motion/settings.py).
         grasp_depth_m: fingertips reach this far below the body's top ...
-        bottom_gap_m: ... but stay this far above its bottom (both in skills/settings.py).
-        fitting_m: the uppermost part of a body's height, a fitting that can be seen but not touched (sim/parts.py).
+        bottom_gap_m: ... but stay this far above its bottom (both in skills/motion/settings.py).
+        fitting_m: the uppermost part of a body's height, a fitting that can be seen but not touched.
         margin_m: least gap between a finger and a neighbour.
         below_gap_m: a neighbour must end this far below fingertips or palm to be passed over.
         one_way: parts are grasped across their width and in the middle alone.
@@ -57,7 +57,7 @@ WITH_MARGINS = GripperOutline(palm_size_m=(0.104, 0.076), fitting_m=0.0, margin_
 class DetectionNoise(Model):
     """Standard deviations of what the part detector answers; the defaults are the classical one's in simulation.
 
-    Measured (docs/results.md, perception): position off by .2 to .6 mm in the median and .5 to .9 mm at 95 %, heading
+    Measured (docs/research/results.md): position off by .2 to .6 mm in the median and .5 to .9 mm at 95 %, heading
     by .05 to .2 and .1 to .6 degrees; heights and sizes are the product's own.
 
     Attributes:
@@ -99,8 +99,8 @@ class SceneSettings(Model):
 
 
 TRAY_SCENES = SceneSettings(neighbour_share=0.6, nearest_gap_m=0.004, farthest_gap_m=0.030, crowding=1)
-"""As loose as the simulator's tray (sim/settings.py): one part in seventy cannot be grasped at once. The default scenes
-are dense, so that two parts in five cannot."""
+"""As loose as the simulator's tray (sim/scene/settings.py): one part in seventy cannot be grasped at once. The default
+scenes are dense, so that two parts in five cannot."""
 
 PAPER_SCENES = SceneSettings(
     nearest_gap_m=0.004, farthest_gap_m=0.030, crowding=3, by_quantity=True, outline=GripperOutline(one_way=True)

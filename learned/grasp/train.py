@@ -15,27 +15,26 @@ from rich.console import Console
 from rich.progress import track
 from torch import Tensor, nn
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.planning import crops_file
 from cell.interfaces.product import Product
-from learned.fitting import Checkpoint, fit
 from learned.grasp.crops import CHANNELS, CROP_PX, CROPS_KIND, TrayCamera, load_crops
 from learned.grasp.evaluate import Look, embedded, evaluate_grasp, evaluate_scenes
 from learned.grasp.footprints import FootprintNet, fit_footprints
 from learned.grasp.graph import MAX_PARTS, feature_count
 from learned.grasp.language import words_of
-from learned.grasp.observing import observed_again
+from learned.grasp.model import load_grasp_planner
+from learned.grasp.noise_augmentation import SCENES_EACH, observed_again, random_scenes, with_random_parts
 from learned.grasp.pairs import PAIR_FEATURES
 from learned.grasp.pairwise import PairNet, pair_data
 from learned.grasp.paper import PaperNet, graph_data
-from learned.grasp.planner import load_grasp_planner
 from learned.grasp.relations import RelationNet, relation_data, relation_features
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
 from learned.grasp.settings import TRAY_SCENES
-from learned.grasp.sizes import SCENES_EACH, random_scenes, with_random_parts
 from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
-from learned.onnx_model import ModelCard, Network
-from learned.torch_model import TorchModel, write_weights
+from learned.inference.onnx_model import ModelCard, Network
+from learned.training.torch_model import TorchModel, write_weights
+from learned.training.training_loop import Checkpoint, fit
 
 OUTPUTS = {"pairwise": ("logits",), "paper": ("verdict", "words")}
 _LOOSE_SEED = 500_000  # apart from the seeds of the other scenes

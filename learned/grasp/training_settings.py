@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from cell.interfaces.model import Model
+from cell.files.model import Model
 from learned.grasp.graph import Attention, EdgeKind
 from learned.grasp.settings import DetectionNoise, RelationFilter, SceneSettings
 

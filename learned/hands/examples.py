@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cell.interfaces.pose import Array
-from learned.hands.augment import varied
-from learned.hands.closeups import Closeup, middle_of, to_the_right_rad
-from learned.hands.dataset import EDGE_PX, HandData
-from learned.hands.networks import FINDER_CELLS
+from learned.hands.augment import turned_points, varied
+from learned.hands.data import EDGE_PX, HandData
+from learned.hands.network import FINDER_CELLS
+from learned.hands.refinement import Closeup, middle_of, to_the_right_rad
 from learned.hands.regions import PATCH_PX, POINTS, REGION_PX, planes
-from learned.hands.turns import turned_points
 
 SHIFT_PX = (PATCH_PX - REGION_PX) // 2  # of a region about its hand, in training
 SHIFT_OF_NONE = 0.3  # of that, about what is no hand: else it might show one in its middle

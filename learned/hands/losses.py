@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from learned.fitting import short_numbers
-from learned.hands.networks import HEAT_PX, Reader, split_facts
+from learned.hands.network import HEAT_PX, Reader, split_facts
 from learned.hands.refiner import Maps, Refiner
+from learned.training.training_loop import short_numbers
 
 HEAT_SPREAD = 1.0  # cells, of the target of a heatmap
 FOCAL_NEAR, FOCAL_EASY = 4, 2  # powers of the focal loss of CornerNet (Law 2018)

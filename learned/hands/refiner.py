@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from learned.hands.closeups import REFINED
-from learned.hands.networks import PAIRS, attended, conv, log_distances, normalised, soft_argmax
+from learned.hands.network import PAIRS, attended, conv, log_distances, normalised, soft_argmax
+from learned.hands.refinement import REFINED
 
 USUAL_RATIO, USUAL_ERROR = 0.1, 0.01  # of the logarithm of the size
 WIDTHS, FINE, HIDDEN = (32, 72, 120, 168), 72, 128

@@ -12,12 +12,12 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame, HandSample, Preparing
 from cell.interfaces.pose import Array
-from learned.ahead import Image
 from learned.classical.box_model import View
 from learned.hands.height import PalmLength, heights_m, learn_length
-from learned.hands.own_robot import OwnRobot
 from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Regions
+from learned.hands.robot_mask import OwnRobot
+from learned.inference.prefetch import Image
 
 NEW_CONFIDENCE, LEAST_CONFIDENCE = 0.5, 0.5  # of a hand that was not seen before, and of one that was
 LOST_S = 0.25  # after which a hand that comes back is a new one

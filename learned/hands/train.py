@@ -11,21 +11,20 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from cell.errors import ModelError
 from cell.interfaces.bench import CameraSetup
-from cell.interfaces.errors import ModelError
 from cell.interfaces.product import Product
-from learned.fitting import Checkpoint, fit, short_numbers
-from learned.hands.augment import varied
-from learned.hands.dataset import HandData, load_hands
+from learned.hands.augment import drawn_turns, turned_images, varied
+from learned.hands.data import HandData, load_hands
 from learned.hands.examples import FINDER_NOISE, finder_targets, reader_batch, refiner_batch
 from learned.hands.losses import finder_loss, reader_loss, refiner_loss
-from learned.hands.networks import Finder, Found, Read, Reader
+from learned.hands.model import FINDER_KIND, READER_KIND, REFINER_KIND, finder_file, refiner_file
+from learned.hands.network import Finder, Found, Read, Reader
 from learned.hands.refiner import Refined, Refiner
 from learned.hands.regions import planes
-from learned.hands.slim import FINDER_KIND, READER_KIND, REFINER_KIND, finder_file, refiner_file
-from learned.hands.turns import drawn_turns, turned_images
-from learned.onnx_model import ModelCard, OnnxModel
-from learned.torch_model import TorchModel, write_weights
+from learned.inference.onnx_model import ModelCard, OnnxModel
+from learned.training.torch_model import TorchModel, write_weights
+from learned.training.training_loop import Checkpoint, fit, short_numbers
 
 EPOCHS = 10
 FINDER_EPOCHS_SHARE = 1.0  # of the reader's epochs

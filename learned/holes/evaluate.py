@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from learned.holes.dataset import Hole, Plate
-from learned.holes.reader import Reading
-from learned.scores import wilson
+from learned.holes.data import Hole, Plate
+from learned.holes.model import Reading
+from learned.inference.scores import wilson
 
 BARE, COVERED = 0.04, 0.15  # share hidden up to which an answer is due, and from which none is
 

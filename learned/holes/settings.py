@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from learned.schedule import Schedule
+from learned.training.schedule import Schedule
 
 
 class HoleTraining(Schedule):

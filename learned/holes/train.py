@@ -14,16 +14,15 @@ from torch import Tensor, nn
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.exposure import SOFT, levelled, mean_level, spoiled
-from learned.fitting import Checkpoint, fit_examples
-from learned.holes.crops import CROP_PX, hole_crops, squares_m
-from learned.holes.dataset import Plate
+from learned.holes.data import Plate
+from learned.holes.model import CROP_PX, KIND, LEAST_EMPTY, LEAST_FILLED, LEAST_UPRIGHT, hole_crops, squares_m
 from learned.holes.network import HoleAnswer, HoleNet
-from learned.holes.reader import KIND, LEAST_EMPTY, LEAST_FILLED, LEAST_UPRIGHT
 from learned.holes.settings import HoleTraining
-from learned.onnx_model import ModelCard
-from learned.stills import data_hash, split
-from learned.torch_model import TorchModel, write_weights
+from learned.inference.exposure import SOFT, levelled, mean_level, spoiled
+from learned.inference.onnx_model import ModelCard
+from learned.training.still_dataset import data_hash, split
+from learned.training.torch_model import TorchModel, write_weights
+from learned.training.training_loop import Checkpoint, fit_examples
 
 OUTPUTS = ("kinds", "upright", "covered")
 COVERED, BARE = 0.15, 0.04  # share hidden from which a hole counts as covered, and up to which it does not

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
-from learned.exposure import POOR, levelled, spoiled
-from learned.parts.dataset import UNKNOWN, Label, Scene
+from learned.inference.exposure import POOR, levelled, spoiled
+from learned.parts.data import UNKNOWN, Label, Scene
 from learned.parts.maps import (
     AXIS,
     BOX,

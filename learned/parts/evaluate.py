@@ -11,7 +11,7 @@ import numpy as np
 
 from cell.interfaces.perception import Frame, PartDetection, PartDetector
 from cell.interfaces.product import Product
-from learned.parts.dataset import UNKNOWN, Label, Scene
+from learned.parts.data import UNKNOWN, Label, Scene
 from learned.parts.maps import overlap
 
 IOU = tuple(0.5 + 0.05 * step for step in range(10))

@@ -19,18 +19,18 @@ from torchvision.models.detection import FasterRCNN, fasterrcnn_mobilenet_v3_lar
 from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 
-from cell.interfaces.errors import ModelError
-from cell.interfaces.files import write_whole
+from cell.errors import ModelError
+from cell.files.files import write_whole
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from learned.exposure import POOR, levelled, spoiled
-from learned.fitting import Checkpoint, fit
-from learned.onnx_model import ModelCard
-from learned.parts.dataset import UNKNOWN, Scene
+from learned.inference.exposure import POOR, levelled, spoiled
+from learned.inference.onnx_model import ModelCard
+from learned.parts.data import UNKNOWN, Scene
 from learned.parts.evaluate import LEAST_SHOWN, Findings, judge
 from learned.parts.maps import INPUT_PX, network_input
-from learned.stills import data_hash
+from learned.training.still_dataset import data_hash
+from learned.training.training_loop import Checkpoint, fit
 
 ANCHORS_PX, RATIOS = ((32,), (64,), (128,), (256,), (512,)), (0.5, 1.0, 2.0)  # as the paper and torchvision
 LEAST_SCORE = 0.05

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from learned.schedule import Schedule
+from learned.training.schedule import Schedule
 
 BACKBONES = ("resnet101", "resnet50", "resnet18", "mobilenet")  # of Faster R-CNN, the paper's first
 

@@ -11,19 +11,18 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from cell.interfaces.product import Product
-from learned.exposure import POOR, mean_level, spoiled
-from learned.fitting import Checkpoint, fit_examples, short_numbers
-from learned.onnx_model import Inputs, ModelCard
+from learned.inference.exposure import POOR, mean_level, spoiled
+from learned.inference.onnx_model import Inputs, ModelCard
 from learned.parts.augment import sample
-from learned.parts.crops import CROP_PX, PLANES, crop_of
-from learned.parts.dataset import UNKNOWN, Label, Scene
-from learned.parts.detector import CENTRE_KIND, POSE_KIND, pose_file
-from learned.parts.maps import HEIGHT, INPUT_PX, UPRIGHT
-from learned.parts.networks import CentreAnswer, CentreNet, PoseNet
+from learned.parts.data import UNKNOWN, Label, Scene
+from learned.parts.maps import CROP_PX, HEIGHT, INPUT_PX, PLANES, UPRIGHT, crop_of
+from learned.parts.model import CENTRE_KIND, POSE_KIND, pose_file
+from learned.parts.network import CentreAnswer, CentreNet, PoseNet
 from learned.parts.settings import CentreTraining, PoseTraining
-from learned.schedule import Schedule
-from learned.stills import data_hash
-from learned.torch_model import TorchModel, write_weights
+from learned.training.schedule import Schedule
+from learned.training.still_dataset import data_hash
+from learned.training.torch_model import TorchModel, write_weights
+from learned.training.training_loop import Checkpoint, fit_examples, short_numbers
 
 CENTRE_OUTPUTS, POSE_OUTPUTS = ("heat", "further", "features"), ("corrections", "kinds")
 CENTIMETRE = 100.0

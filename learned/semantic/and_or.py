@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from cell.interfaces.errors import ModelError
-from cell.interfaces.files import write_whole
-from cell.interfaces.model import Model
-from learned.onnx_model import ModelCard
+from cell.errors import ModelError
+from cell.files.files import write_whole
+from cell.files.model import Model
+from learned.inference.onnx_model import ModelCard
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
 from learned.semantic.scenarios import Scenarios
 

@@ -16,9 +16,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from pydantic import Field, ValidationError
 
-from cell.interfaces.errors import InputError, Place, Problem
-from cell.interfaces.files import read_text, whole_or_none
-from cell.interfaces.model import Model
+from cell.errors import InputError, Place, Problem
+from cell.files.files import read_text, whole_or_none
+from cell.files.model import Model
 from learned.semantic.graph import Bools, Floats, Ints, Layout
 from learned.semantic.scenarios import DETECTION_ERROR, action_pairs
 

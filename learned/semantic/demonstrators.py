@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from cell.interfaces.model import Model
+from cell.files.model import Model
 from cell.interfaces.product import Product
-from learned.semantic.dataset import Demonstration, PlacementRecord, demonstrations_of
+from learned.semantic.data import Demonstration, PlacementRecord, demonstrations_of
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
 from learned.semantic.scenarios import Scenarios, scenarios
 

@@ -10,7 +10,7 @@ from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.semantic.demonstrators import Demonstrators, runs
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
-from learned.semantic.planner import AndOrPlanner, FactoredPlanner, PaperPlanner
+from learned.semantic.model import AndOrPlanner, FactoredPlanner, PaperPlanner
 from learned.semantic.scenarios import (
     TRAIN_RATIO,
     Scenarios,

@@ -15,11 +15,11 @@ import numpy as np
 import yaml
 from pydantic import Field, ValidationError
 
-from cell.interfaces.errors import InputError
-from cell.interfaces.files import whole_or_none
-from cell.interfaces.model import Model
+from cell.errors import InputError
+from cell.files.files import whole_or_none
+from cell.files.model import Model
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.product import Product
-from cell.interfaces.yaml_file import load_yaml
 from learned.semantic.graph import Floats
 from learned.semantic.settings import NewGoals
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.product import Product
 

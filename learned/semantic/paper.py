@@ -9,7 +9,7 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from cell.interfaces.model import Model
+from cell.files.model import Model
 from learned.semantic.graph import Direction, Layout
 
 

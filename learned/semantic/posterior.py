@@ -8,7 +8,7 @@ from math import comb, factorial, perm, prod
 
 import numpy as np
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from learned.semantic.graph import Floats, Layout
 from learned.semantic.noise import Noise
 

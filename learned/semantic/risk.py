@@ -14,7 +14,7 @@ from cell.interfaces.planning import UNKNOWN_GOAL
 from learned.semantic.confusions import Confusions
 from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
-from learned.semantic.planner import BayesPlanner, FactoredPlanner
+from learned.semantic.model import BayesPlanner, FactoredPlanner
 from learned.semantic.scenarios import Scenarios, misdetect
 
 STATES = 90  # drawn states: some 30 ms

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from cell.interfaces.model import Model
+from cell.files.model import Model
 
 
 class NewGoals(Model):

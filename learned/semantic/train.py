@@ -12,20 +12,20 @@ import torch
 from pydantic import JsonValue
 from torch import Tensor, nn
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.product import Product
-from learned.fitting import Checkpoint, fit
-from learned.onnx_model import ModelCard
+from learned.inference.onnx_model import ModelCard
 from learned.semantic.and_or import AndOrGraph
-from learned.semantic.dataset import load_demonstrations, states_of
+from learned.semantic.data import load_demonstrations, states_of
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.factored import FactoredAnswer, FactoredNetwork, FactoredSettings
 from learned.semantic.graph import EMPTY, Layout, one_hot
 from learned.semantic.losses import Counts, factored_loss, goal_prior, paper_loss
+from learned.semantic.model import load_semantic_planner
 from learned.semantic.paper import PaperAnswer, PaperNetwork, PaperSettings
-from learned.semantic.planner import load_semantic_planner
 from learned.semantic.scenarios import TRAIN_RATIO, Scenarios, misdetect, scenarios, split, sub_demonstrations
-from learned.torch_model import TorchModel, write_weights
+from learned.training.torch_model import TorchModel, write_weights
+from learned.training.training_loop import Checkpoint, fit
 
 Settings = PaperSettings | FactoredSettings
 OUTPUTS = {"paper": PaperAnswer._fields, "factored": FactoredAnswer._fields}

@@ -10,10 +10,10 @@ import numpy as np
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType, Product
-from sim.clutter import ScenePart
-from sim.settings import PhysicsSettings
-from sim.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
-from sim.world import WorldPart, build_world
+from sim.scene.clutter import ScenePart
+from sim.scene.settings import PhysicsSettings
+from sim.scene.world import WorldPart, build_world
+from sim.worker.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
 FAR_AWAY_M, APART_M = (3.0, 3.0, 0.1), 0.3
 FALLS = 3  # of each type

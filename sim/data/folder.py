@@ -10,9 +10,9 @@ from typing import Any
 
 import cv2
 
-from cell.interfaces.errors import InputError
-from cell.interfaces.new_folder import MANIFEST, require_free
-from sim.sensor import Image
+from cell.errors import InputError
+from cell.files.files import MANIFEST, require_free
+from sim.rendering.sensor import Image
 
 VERSION = 1
 JPEG_QUALITY = 95  # of whole frames: hardly told from PNG, a fifth of its size

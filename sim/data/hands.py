@@ -21,10 +21,10 @@ from sim.data.recording import CAMERA, Moment, Source
 from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection, fingertip
 from sim.data.turned_hand import TurnedHand
 from sim.data.working_arm import WorkingArm
-from sim.lighting import AIM_M
-from sim.look import Light
-from sim.studio import ScenePoses, show_poses
-from sim.world import World
+from sim.rendering.studio import ScenePoses, show_poses
+from sim.scene.lighting import AIM_M
+from sim.scene.look import Light
+from sim.scene.world import World
 
 FRAMES = 16  # of each recording
 RAISED_SHARE = 0.5  # of them are drawn evenly over the palm's height, the others evenly over time

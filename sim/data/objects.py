@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
-from sim.clutter import full_set, sample_clutter
 from sim.data.folder import DataFolder
 from sim.data.sight import Masks, Projection, box_of, told_pose, true_camera
-from sim.look import Look
-from sim.photographer import Exposure, Photographer, SensorSetup
-from sim.settings import SimSettings
-from sim.studio import ScenePoses, visible_poses
-from sim.tray_truth import resting_parts
-from sim.world import World, build_world
+from sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from sim.rendering.studio import ScenePoses, visible_poses
+from sim.scene.clutter import full_set, sample_clutter
+from sim.scene.look import Look
+from sim.scene.settings import SimSettings
+from sim.scene.world import World, build_world
+from sim.truth.tray_truth import resting_parts
 
 CAMERA = "wrist"
 LEAST_PX = 30  # of a part that counts as seen

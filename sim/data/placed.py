@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cell.interfaces.devices import TruthEvent
 from cell.interfaces.pose import Array
-from cell.interfaces.truth import TruthEvent
-from sim.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
+from sim.worker.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
 if TYPE_CHECKING:
     from sim.data.recording import Assembly, Moment, Source

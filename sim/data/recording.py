@@ -10,26 +10,26 @@ from itertools import pairwise
 import numpy as np
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.devices import TruthEvent
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from cell.interfaces.truth import TruthEvent
-from sim.arm import servo_lag_s
-from sim.camera import Delivery, SimCamera
-from sim.clock import SimClock
 from sim.data.placed import with_slips
-from sim.diary import ActionEvent
-from sim.hand import Hand, add_hand
-from sim.handing import Giver, parts_in_tray
-from sim.kinematic import LONGEST_S, TAIL_S, KinematicBench
-from sim.labels import Label, guarded, labels
-from sim.look import Look
-from sim.photographer import Exposure, Photographer, SensorSetup
-from sim.settings import SimSettings
-from sim.storage import lay_out
-from sim.studio import visible_poses
-from sim.worker import Worker
-from sim.world import World, build_world
+from sim.data.without_physics import LONGEST_S, TAIL_S, KinematicBench
+from sim.devices.arm import servo_lag_s
+from sim.devices.clock import SimClock
+from sim.rendering.camera import Delivery, SimCamera
+from sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from sim.rendering.studio import visible_poses
+from sim.scene.hand import Hand, add_hand
+from sim.scene.look import Look
+from sim.scene.settings import SimSettings
+from sim.scene.storage import lay_out
+from sim.scene.world import World, build_world
+from sim.truth.labels import Label, guarded, labels
+from sim.worker.event_log import ActionEvent
+from sim.worker.handing import Giver, parts_in_tray
+from sim.worker.worker import Worker
 
 CAMERA = "overhead"
 REACH_M = 0.10  # a held part's origin is so near to the fingertips

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.pose import Array, Pose
-from sim.hand import FOREARM_SKIN_GROUP
-from sim.lens import Lens
-from sim.look import Look
-from sim.studio import VISIBLE, ScenePoses, show_poses
-from sim.world import CAMERA_FROM_MUJOCO, World
+from sim.rendering.studio import VISIBLE, ScenePoses, show_poses
+from sim.scene.hand import FOREARM_SKIN_GROUP
+from sim.scene.lens import Lens
+from sim.scene.look import Look
+from sim.scene.world import CAMERA_FROM_MUJOCO, World
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 GEOM_POSITIONS, GEOM_TURNS = VISIBLE.index("geom_xpos"), VISIBLE.index("geom_xmat")

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from sim.clutter import ScenePart
-from sim.look import NOMINAL
-from sim.settings import PhysicsSettings
-from sim.studio import Studio
-from sim.world import WorldPart, build_world
+from sim.rendering.studio import Studio
+from sim.scene.clutter import ScenePart
+from sim.scene.look import NOMINAL
+from sim.scene.settings import PhysicsSettings
+from sim.scene.world import WorldPart, build_world
 
 CAMERA = "wrist"
 MOST_ALIKE = 8  # parts of one type in a tray

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
 from sim.data.sight import GEOM_POSITIONS, GEOM_TURNS
-from sim.studio import ScenePoses
-from sim.world import World
+from sim.rendering.studio import ScenePoses
+from sim.scene.world import World
 
 TURNED_SHARE = 0.25  # of frames
 LARGEST_TURN_RAD = 2.0  # from where people's hands point by themselves

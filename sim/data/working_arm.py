@@ -15,8 +15,8 @@ from cell.interfaces.bench import JOINTS
 from cell.interfaces.pose import Array
 from sim.data.recording import Moment
 from sim.data.sight import GEOM_POSITIONS, GEOM_TURNS
-from sim.studio import ScenePoses
-from sim.world import World, WorldPart
+from sim.rendering.studio import ScenePoses
+from sim.scene.world import World, WorldPart
 
 PARKED_SHARE = 0.3  # of stretches in which the arm is out of the way
 ARM_TRIES = 20

@@ -9,11 +9,11 @@ from typing import Any
 
 from cell.configuration import Configuration, load_faults
 from cell.interfaces.devices import Devices
-from cell.run import drive
-from cell.run_options import Files
-from cell.running.node_library import node_registry
 from cell.running.operator import OperatorChannel
-from cell.running.services import load_planners
+from cell.runs.options import Files
+from cell.runs.run import drive
+from cell.wiring.node_library import node_registry
+from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from tests.integration.cell_rig import CONFIGURATION, PRODUCT, Diary, motion_planner
 from trees.files.loader import load_tree

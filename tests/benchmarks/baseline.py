@@ -24,10 +24,10 @@ from pathlib import Path
 from rich.console import Console
 
 from cell.configuration import load_configuration, load_product
-from cell.evaluating.placements import Told, matched
-from cell.evaluating.row_file import RowFile
-from cell.interfaces.errors import InputError
-from cell.log.reading.indexed import IndexedLog
+from cell.errors import InputError
+from cell.fleet.row_file import RowFile
+from cell.lab.actions import Told, matched
+from cell.log.read.indexed import IndexedLog
 from tests import ROOT
 from tests.benchmarks.assembly import Run, assemble, verdict
 from tests.benchmarks.overlap import configuration

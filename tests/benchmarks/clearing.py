@@ -17,7 +17,7 @@ from learned.grasp.scenes import draw_scenes, standing_boxes
 from learned.grasp.settings import PAPER_SCENES, GripperOutline
 from learned.grasp.solution import nearest_first, solve
 from sim.cell import SimCell
-from sim.clutter import ScenePart, sample_clutter, standing
+from sim.scene.clutter import ScenePart, sample_clutter, standing
 from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Diary, lifted, robot_alone, run_tree
 

@@ -9,10 +9,10 @@ import argparse
 
 from cell.commands.weights import shipped_weights
 from learned.grasp.evaluate import evaluate_scenes
-from learned.grasp.planner import load_grasp_planner
-from learned.grasp.reference import AveragingPlanner
+from learned.grasp.model import load_grasp_planner
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import SceneSettings
+from learned.lab.grasp_baselines import AveragingPlanner
 from tests.integration.cell_rig import CONFIGURATION, PRODUCT
 
 

@@ -23,10 +23,10 @@ from typing import Any
 from rich.console import Console
 from websockets.exceptions import ConnectionClosed
 
-from cell.log.reading.reader import read_log
+from cell.log.read.reader import read_log
 from cell.recording.recorder import McapRecorder
-from cell.run import run
-from cell.run_options import RunOptions
+from cell.runs.options import RunOptions
+from cell.runs.run import run
 from cell.viewing.live_server import LiveServer
 from tests.cell.viewing.viewer import live_viewer
 

@@ -20,17 +20,17 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-import cell.run
+import cell.runs.run
 from cell.interfaces.observation import JointSamples
 from cell.interfaces.perception import Frame
-from cell.observer import Level, TickRecord
 from cell.recording import joint_samples
 from cell.recording.recorder import McapRecorder
-from cell.run import run
-from cell.run_options import RunOptions
 from cell.running.controller import Controller
-from sim.arm import SimArm
-from skills.can_gripper import CanFrame
+from cell.runs.options import RunOptions
+from cell.runs.run import run
+from cell.watching.observer import Level, TickRecord
+from sim.devices.arm import SimArm
+from skills.drivers.can_gripper import CanFrame
 
 Cost = dict[str, float]
 KEYS = (
@@ -112,14 +112,14 @@ def measured(name: str, recorder: type[McapRecorder], goal: str, seed: int) -> C
         return found
 
     SimArm.samples = counted  # type: ignore[method-assign]
-    setattr(cell.run, "McapRecorder", recorder)  # noqa: B010 - the name that `run` looks up
+    setattr(cell.runs.run, "McapRecorder", recorder)  # noqa: B010 - the name that `run` looks up
     try:
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "log.mcap"
             outcome = run(RunOptions(goal=goal, seed=seed, log=log), Console(quiet=True)).outcome
             size_mb = log.stat().st_size / 1e6
     finally:
-        setattr(cell.run, "McapRecorder", McapRecorder)  # noqa: B010
+        setattr(cell.runs.run, "McapRecorder", McapRecorder)  # noqa: B010
         for owner, method, original in originals:
             setattr(owner, method, original)
     values = (

@@ -23,20 +23,20 @@ from typing import Any
 import cv2
 from rich.console import Console
 
-import cell.run
+import cell.runs.run
 from cell.configuration import SHIFT_PART_S, load_configuration, load_product
 from cell.interfaces.perception import Frame
-from cell.observer import Outcome, TickRecord
 from cell.recording.file import Heading
 from cell.recording.recorder import McapRecorder
 from cell.recording.scene import CellModel
-from cell.run import run
-from cell.run_options import RunOptions
-from cell.running.statistics import RunStatistics
+from cell.runs.options import RunOptions
+from cell.runs.run import run
 from cell.settings import LogSettings
 from cell.viewing.moments import Moments
-from skills.can_gripper import CanFrame
-from skills.planner import MotionPlanner
+from cell.watching.observer import Outcome, TickRecord
+from cell.watching.statistics import RunStatistics
+from skills.drivers.can_gripper import CanFrame
+from skills.motion.planner import MotionPlanner
 
 MB, HOUR_S = 1e6, 3600.0
 JPEG = (cv2.IMWRITE_JPEG_QUALITY, LogSettings().jpeg_quality)
@@ -139,7 +139,7 @@ def one_bracket(folder: Path, seed: int) -> Kept:
             kept.tick(record)
             super().tick(record)
 
-    cell.run.McapRecorder = Keeping  # type: ignore[attr-defined]
+    cell.runs.run.McapRecorder = Keeping  # type: ignore[attr-defined]
     options = RunOptions(seed=seed, log=folder / "one.mcap", one_process=True)
     outcome = run(options, Console(quiet=True)).outcome
     size = (folder / "one.mcap").stat().st_size

@@ -18,9 +18,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from learned.experiments import Values
-from learned.semantic.confusions import PATTERNS, Confusions, Pattern
-from learned.semantic.experiments.streams import (
+from learned.lab.experiments import Values
+from learned.lab.semantic_streams import (
     BRACKETS,
     DOUBT,
     ERROR,
@@ -30,9 +29,10 @@ from learned.semantic.experiments.streams import (
     first_meetings,
     unlisted,
 )
+from learned.semantic.confusions import PATTERNS, Confusions, Pattern
 from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import Ints, Layout
-from learned.semantic.planner import BayesPlanner
+from learned.semantic.model import BayesPlanner
 from learned.semantic.risk import act_probability
 from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import PRODUCT

@@ -19,16 +19,15 @@ from cell.configuration import Configuration, load_configuration, load_product, 
 from cell.interfaces.perception import BenchView, Frame, PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.bench_watcher import DetectorChain
-from learned.classical.detectors import classical_bench_watcher
+from learned.bench_watcher import DetectorChain, classical_bench_watcher
 from learned.classical.part_detector import ClassicalPartDetector
-from sim.camera import SimCamera
 from sim.cell import SimCell
-from sim.clutter import ScenePart, sample_clutter, standing
-from sim.diary import ActionEvent
-from sim.world import WorldPart
-from skills.grasp_pose import tool_down
-from skills.kinematics import Kinematics
+from sim.rendering.camera import SimCamera
+from sim.scene.clutter import ScenePart, sample_clutter, standing
+from sim.scene.world import WorldPart
+from sim.worker.event_log import ActionEvent
+from skills.motion.grasp_pose import tool_down
+from skills.motion.kinematics import Kinematics
 
 LONGEST_RUN_S = 200.0
 FOUND_M = 0.005

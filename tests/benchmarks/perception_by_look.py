@@ -9,7 +9,7 @@ import argparse
 
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.interfaces.product import Product
-from sim.look import Look
+from sim.scene.look import Look
 from tests.benchmarks.perception_accuracy import RunErrors, parts_in_clutter, quantile, worker_run
 
 SECTIONS = [f"hard:{section}" for section in Look.model_fields]

@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cell.configuration import load_configuration, load_product
-from cell.log.reading.reader import read_log
+from cell.log.read.reader import read_log
 
 LONGEST_S = 600.0
 FAULT_AFTER_S = 20.0
@@ -33,7 +33,7 @@ DISTURBANCES = {2: "gripper silent", 4: "SIGTERM", 5: "SIGKILL"}
 # The gripper node falls silent in mid-run; everything else is `cell run`.
 SILENT = f"""
 import sys
-from sim.gripper_node import GripperNode
+from sim.devices.simulated_gripper import GripperNode
 update = GripperNode.update
 def update_or_fall_silent(self, time_s, dt_s):
     if time_s > {FAULT_AFTER_S}:

@@ -28,14 +28,14 @@ from pathlib import Path
 from typing import Any
 
 from cell.configuration import for_shift
-from cell.evaluating.bare_host import without_pixels
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
-from cell.world.buses import CarriedBuses
-from cell.world.messages import Drawn
-from cell.world.opening import identity
-from cell.world.server import WorldServer
+from cell.wiring.no_render_host import without_pixels
 from sim.cell import SimCell
+from sim.process.buses import CarriedBuses
+from sim.process.messages import Drawn
+from sim.process.opening import identity
+from sim.process.server import WorldServer
 from tests.benchmarks.kill_moment import STATES, Moment, held_part
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
 
@@ -58,6 +58,8 @@ class Trial:
     message: str = ""
     doing: str = ""
     state: str = ""
+    _controller: subprocess.Popen[str] | None = field(default=None, init=False)
+    _killed: bool = field(default=False, init=False)
 
     def run(self) -> dict[str, Any]:
         """The row of the table."""
@@ -86,8 +88,6 @@ class Trial:
             show(display)
 
         cell.devices.panel.show = shown  # type: ignore[method-assign]
-        self._controller: subprocess.Popen[str] | None = None
-        self._killed = False
         address = self.folder / "world.sock"
         period_s = simulation.physics.control_period_s
         server = WorldServer(

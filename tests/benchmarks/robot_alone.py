@@ -16,7 +16,7 @@ from rich.table import Table
 
 from cell.configuration import Configuration
 from cell.settings import WEIGHTS
-from sim.clutter import sample_clutter
+from sim.scene.clutter import sample_clutter
 from tests.benchmarks import clearing
 from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, COMMISSION, CONFIGURATION, PRODUCT, robot_alone, run_tree

@@ -18,10 +18,10 @@ from pathlib import Path
 from rich.console import Console
 
 from cell.commands.main import main as cell_main
-from cell.interfaces.errors import LogError
-from cell.log.reading.reader import read_log
-from cell.observer import TickRecord
+from cell.errors import LogError
+from cell.log.read.reader import read_log
 from cell.recording.recorder import McapRecorder
+from cell.watching.observer import TickRecord
 
 
 def main() -> None:

@@ -22,9 +22,9 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from sim.kinematic import KinematicBench, Recording
-from sim.labels import guarded, labels
-from sim.persons import load_person
+from sim.data.without_physics import KinematicBench, Recording
+from sim.scene.person import load_person
+from sim.truth.labels import guarded, labels
 
 TEST_SEED = 900_000  # seeds of training, validation and test never meet
 VALIDATION_SEED = 800_000

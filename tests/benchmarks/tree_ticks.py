@@ -23,8 +23,8 @@ from cell.interfaces.clock import ManualClock
 from cell.recording.schemas import tick_json
 from trees.engine.node import Node
 from trees.engine.tree import Tree
+from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
-from trees.files.registry import Registry
 
 ROUNDS = 25
 ROUND_S = 0.02

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from cell.configuration import DEFAULT_TREE, for_shift
-from cell.evaluating.bare_host import without_pixels
 from cell.running.operator import OperatorChannel
+from cell.wiring.no_render_host import without_pixels
 from sim.cell import SimCell
-from sim.jobs import RANDOM_GOAL
+from sim.scene.jobs import RANDOM_GOAL
 from tests.benchmarks.asking import assembled, tell_each
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT
 

@@ -11,9 +11,9 @@ import pytest
 from rich.console import Console
 
 from cell.configuration import DEFAULT_CONFIGURATION
-from cell.log.reading.reader import Log, read_log
-from cell.run import run
-from cell.run_options import RunOptions
+from cell.log.read.reader import Log, read_log
+from cell.runs.options import RunOptions
+from cell.runs.run import run
 from tests import ROOT
 
 COMMISSION = ROOT / "trees" / "commission.xml"

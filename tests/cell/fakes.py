@@ -15,13 +15,13 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.observation import ArmMode, ArmState, GripperState, JointSamples, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
-from cell.observer import Level, Observer, Outcome, TickRecord
-from cell.running.checks import CHECKS
 from cell.running.controller import Controller
+from cell.running.fault_checks import CHECKS
 from cell.running.inference import LockStep
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import Supervisor
 from cell.settings import ControllerSettings
+from cell.watching.observer import Level, Observer, Outcome, TickRecord
 from trees.engine.node import StatusChange
 
 PARKED = (0.0,) * 6

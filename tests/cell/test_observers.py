@@ -13,7 +13,7 @@ from rich.console import Console
 from cell.interfaces.command import Command, Display
 from cell.interfaces.operator import Answer, Question
 from cell.interfaces.perception import Action
-from cell.log.telling.contact_sheet import (
+from cell.log.report.contact_sheet import (
     CAPTION_PX,
     COLUMNS,
     THUMBNAIL_PX,
@@ -21,12 +21,12 @@ from cell.log.telling.contact_sheet import (
     compose,
     write_sheet,
 )
-from cell.observer import Outcome
 from cell.recording.recorder import Heading, McapRecorder
-from cell.running.statistics import RunStatistics
 from cell.settings import LogSettings
 from cell.viewing.moments import MOST_FRAMES, MOST_KEPT, Moments
 from cell.viewing.progress import LiveProgress
+from cell.watching.observer import Outcome
+from cell.watching.statistics import RunStatistics
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
 

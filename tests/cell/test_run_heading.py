@@ -6,9 +6,9 @@ import hashlib
 from pathlib import Path
 
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_faults, load_product
-from cell.run_heading import heading
-from cell.run_options import Files, RunOptions
-from cell.running.services import load_planners
+from cell.runs.heading import heading
+from cell.runs.options import Files, RunOptions
+from cell.wiring.services import load_planners
 
 NODE = '''
 from py_trees.common import Status

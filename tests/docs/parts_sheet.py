@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.configuration import load_configuration
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.interfaces.yaml_file import load_yaml
-from sim.clutter import ScenePart, full_set, sample_clutter
-from sim.foreign import UNKNOWN
-from sim.portrait import View, picture
-from sim.posture import TURNS, stance, whole
-from sim.settings import ClutterSettings
-from sim.tray_truth import resting_parts
-from sim.world import World, build_world
+from sim.scene.clutter import ScenePart, full_set, sample_clutter
+from sim.scene.posture import TURNS, stance, whole
+from sim.scene.settings import ClutterSettings
+from sim.scene.unknown_objects import UNKNOWN
+from sim.scene.world import World, build_world
+from sim.truth.tray_truth import resting_parts
 from tests import ROOT
+from tests.docs.portrait import View, picture
 
 Image = NDArray[np.uint8]
 

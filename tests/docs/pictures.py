@@ -1,6 +1,6 @@
-"""Makes what in docs/ is made by programs: `make pictures`. Plots of experiments come from `cell eval`.
+"""Makes what in docs/ is made by programs: `make pictures`.
 
-python -m tests.docs.pictures [docs/looks.png ...]
+python -m tests.docs.pictures [docs/parts.png ...]
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from tests import ROOT
-from tests.docs import architecture, reference
+from tests.docs import architecture, figures, reference
 from trees.views.picture import picture
 
 
@@ -28,14 +28,13 @@ MADE: dict[str, Callable[[], str]] = {
     "docs/architecture.svg": lambda: architecture.picture(ROOT),
     "docs/assemble.svg": _tree("assemble"),
     "docs/clear_and_grasp.svg": _tree("clear_and_grasp"),
+    **figures.made(),
 }
 PHOTOGRAPH = "docs/cell.png"
 PARTS = "docs/parts.png"
-LOOKS = "docs/looks.png"
 PAGE = "docs/page.png"
 FILM = "docs/assembly.webp"
 README = "README.md"
-SEEDS = {"nominal": 1, "varied": 14, "hard": 9}
 
 
 def main(names: list[str]) -> None:
@@ -43,13 +42,12 @@ def main(names: list[str]) -> None:
     from tests.docs.first_run import first_run, readme
     from tests.docs.page_shot import shot
     from tests.docs.parts_sheet import sheet
-    from tests.docs.photograph import look_sheet_of, photograph, png
+    from tests.docs.photograph import photograph, png
 
     made: dict[str, Callable[[], bytes]] = {
         **{name: partial(_text, make) for name, make in MADE.items()},
         PHOTOGRAPH: lambda: png(photograph()),
         PARTS: lambda: png(sheet()),
-        LOOKS: lambda: png(look_sheet_of(SEEDS)),
         PAGE: shot,
         FILM: lambda: first_run().film,
         README: lambda: readme().encode(),

@@ -11,11 +11,11 @@ from typing import Any
 import orjson
 
 from cell.configuration import Configuration
-from cell.interfaces.judgement import FaultTable
-from cell.interfaces.model import Model
+from cell.files.model import Model
+from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
-from sim.look_range import LookFile
-from sim.person import Person
+from sim.scene.look_range import LookFile
+from sim.scene.person import Person
 
 FILES: dict[str, type[Model]] = {
     "config/cell.yaml": Configuration,

@@ -13,8 +13,8 @@ import yaml
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.clock import Clock
 from cell.interfaces.devices import Arm, Camera, Panel
-from learned.grasp.planner import load_grasp_planner
-from learned.semantic.planner import load_semantic_planner
+from learned.grasp.model import load_grasp_planner
+from learned.semantic.model import load_semantic_planner
 from tests import ROOT
 from tests.docs.guide import Reader, Step, steps
 

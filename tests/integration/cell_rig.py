@@ -10,14 +10,14 @@ from pathlib import Path
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.interfaces.perception import Frame
 from cell.interfaces.product import Product
-from cell.observer import Level, Outcome, TickRecord
-from cell.run import drive
-from cell.run_options import Files
-from cell.running.node_library import node_registry
-from cell.running.services import load_planners
+from cell.runs.options import Files
+from cell.runs.run import drive
+from cell.watching.observer import Level, Outcome, TickRecord
+from cell.wiring.node_library import node_registry
+from cell.wiring.services import load_planners
 from sim.cell import SimCell
-from sim.clutter import ScenePart
-from skills.planner import MotionPlanner
+from sim.scene.clutter import ScenePart
+from skills.motion.planner import MotionPlanner
 from tests import ROOT
 from trees.files.loader import load_tree
 
@@ -32,7 +32,7 @@ CAN = (CONFIGURATION.gripper_can.interface, CONFIGURATION.gripper_can.channel)
 
 @dataclass
 class Diary:
-    """A observer that keeps what decides a test.
+    """An observer that keeps what decides a test.
 
     Attributes:
         notes: (time_s, topic, fields) of every note that nodes made.

@@ -13,12 +13,12 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.skill import SkillStatus
-from sim.world import World
-from skills.grasp_pose import grasps, opening_for
-from skills.grip import Hold
-from skills.handling import joints_of
-from skills.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
-from skills.planner import Load, MotionPlanner, at_height
+from sim.scene.world import World
+from skills.grasping.handling import joints_of
+from skills.grasping.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
+from skills.motion.grasp_pose import grasps, opening_for
+from skills.motion.grip import Hold
+from skills.motion.planner import Load, MotionPlanner, at_height
 from tests.integration.robot_alone import RobotAlone
 
 ABOVE_M = 0.16  # TCP height that passes over everything in the tray

@@ -24,8 +24,8 @@ from cell.interfaces.command import Display
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.pose import Pose
 from sim.cell import SimCell
-from sim.clutter import ScenePart, full_set, sample_clutter
-from skills.grasp_pose import hole_pose
+from sim.scene.clutter import ScenePart, full_set, sample_clutter
+from skills.motion.grasp_pose import hole_pose
 from tests import ROOT
 from tests.integration.cell_rig import (
     BENCH,

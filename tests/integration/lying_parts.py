@@ -15,20 +15,20 @@ from pathlib import Path
 import numpy as np
 
 from cell.configuration import load_configuration
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.command import Command, GripperCommand
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.interfaces.resting import SIDES, side_up
+from cell.interfaces.resting_pose import SIDES, side_up
 from cell.interfaces.skill import SkillStatus
-from cell.interfaces.yaml_file import load_yaml
-from cell.running.detectors import part_finder
-from learned.scores import wilson
-from sim.photographer import Exposure, Photographer, SensorSetup
-from sim.studio import visible_poses
-from sim.world import WorldPart
+from cell.wiring.detectors import part_finder
+from learned.inference.scores import wilson
+from sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from sim.rendering.studio import visible_poses
+from sim.scene.world import WorldPart
 from skills.lying import SetUpright
-from skills.lying_grasp import laid_out
+from skills.motion.lying_grasp import laid_out
 from skills.move_to import MoveTo
 from tests.integration.robot_alone import CONFIG, RobotAlone, tray_poses
 

@@ -10,6 +10,7 @@ from types import TracebackType
 import numpy as np
 
 from cell.configuration import load_configuration
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Bench
 from cell.interfaces.can_bus import open_bus
 from cell.interfaces.command import Command
@@ -18,16 +19,15 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.interfaces.skill import Progress, Skill, SkillStatus
-from cell.interfaces.yaml_file import load_yaml
-from sim.arm import SimArm
-from sim.clock import Observer, SimClock
-from sim.clutter import standing
-from sim.gripper_node import GripperNode
-from sim.settings import PhysicsSettings
-from sim.world import World, WorldPart, build_world
-from skills.can_gripper import CanGripper
-from skills.planner import MotionPlanner
-from skills.settings import CanSettings
+from sim.devices.arm import SimArm
+from sim.devices.clock import Observer, SimClock
+from sim.devices.simulated_gripper import GripperNode
+from sim.scene.clutter import standing
+from sim.scene.settings import PhysicsSettings
+from sim.scene.world import World, WorldPart, build_world
+from skills.drivers.can_gripper import CanGripper
+from skills.drivers.settings import CanSettings
+from skills.motion.planner import MotionPlanner
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 TICK_S = 0.040

@@ -12,7 +12,7 @@ import pytest
 from py_trees.common import Status
 
 from cell.interfaces.pose import Pose
-from sim.clutter import ScenePart, standing
+from sim.scene.clutter import ScenePart, standing
 from tests import ROOT
 from tests.integration.cell_rig import (
     ASSEMBLE,

@@ -11,12 +11,12 @@ import pytest
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import SkillStatus
-from skills.fingers import MoveFingers
-from skills.grasp_pose import tool_down
+from skills.grasping.phases import MoveFingers
+from skills.grasping.straight import MoveUntilContact, StraightMove
+from skills.motion.grasp_pose import tool_down
 from skills.move_to import MoveTo, MoveToJoints, MoveToPose
 from skills.pick import Pick
 from skills.put_down import PutDown
-from skills.straight import MoveUntilContact, StraightMove
 from tests.integration.robot_alone import RobotAlone
 
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from skills.grasp_pose import tool_down
-from skills.trajectory import joint_move
+from skills.motion.grasp_pose import tool_down
+from skills.motion.trajectory import joint_move
 from tests.integration.robot_alone import RobotAlone
 from tests.skills import gripper_contract
 

@@ -11,16 +11,15 @@ import pytest
 from cell.interfaces.command import Command
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
-from cell.interfaces.resting import SIDES, UPRIGHT, side_up
+from cell.interfaces.resting_pose import SIDES, UPRIGHT, side_up
 from cell.interfaces.skill import SkillStatus
-from sim.clutter import ScenePart, standing
-from sim.world import WorldPart
+from sim.scene.clutter import ScenePart, standing
+from sim.scene.world import WorldPart
 from skills.lying import PickLying, SetUpright
-from skills.lying_grasp import laid_out
+from skills.motion.lying_grasp import laid_out
 from skills.move_to import MoveTo
 from skills.place import Place
-from skills.put_back import PutBack
-from skills.put_down import PutDown
+from skills.put_down import PutBack, PutDown
 from tests import ROOT
 from tests.integration.cell_rig import BENCH, PRODUCT, robot_alone, run_tree
 from tests.integration.lying_parts import Bench

@@ -17,9 +17,9 @@ import numpy as np
 from mcap.reader import make_reader
 
 from cell.configuration import DEFAULT_CONFIGURATION
-from cell.observer import TickRecord
+from cell.watching.observer import TickRecord
 from sim.cell import SimCell
-from sim.render_process import RenderProcess
+from sim.rendering.render_process import RenderProcess
 from tests.integration.cell_rig import ASSEMBLE, BENCH, CAN, PRODUCT, SIMULATION, Diary, run_tree
 
 DURATION_S = 14.0

@@ -14,9 +14,9 @@ from cell.interfaces.grasping import places_m
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import SkillStatus
-from sim.world import WorldPart
-from skills.grasp_pose import hole_pose
-from skills.grip import Grip, Hold
+from sim.scene.world import WorldPart
+from skills.motion.grasp_pose import hole_pose
+from skills.motion.grip import Grip, Hold
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
 from skills.pick import Pick
@@ -91,7 +91,7 @@ def pick_beside_the_middle_and_place(
     robot: RobotAlone, monkeypatch: pytest.MonkeyPatch, hold: Hold, number: int, rng: np.random.Generator
 ) -> str | None:
     """As `pick_and_place`, a part being held in one way alone; seen as well as the detector sees."""
-    monkeypatch.setattr("skills.handling.ways_to_hold", lambda *_: iter([(hold, False)]))
+    monkeypatch.setattr("skills.grasping.handling.ways_to_hold", lambda *_: iter([(hold, False)]))
     monkeypatch.setattr("tests.integration.test_pick_and_place.SIGMA_M", 0.0005)
     monkeypatch.setattr("tests.integration.test_pick_and_place.SIGMA_RAD", math.radians(0.3))
     position = robot.product.positions[int(rng.integers(6))]

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from cell.errors import DeviceFault
 from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.errors import DeviceFault
 from sim.cell import SimCell
-from sim.settings import SimSignals
-from sim.signal_node import SignalNode
-from skills.can_signals import CanSignals
-from skills.settings import SignalSettings
+from sim.devices.signal_node import SignalNode
+from sim.scene.settings import SimSignals
+from skills.drivers.can_signals import CanSignals
+from skills.drivers.settings import SignalSettings
 from tests.integration.cell_rig import BENCH, CAN, CONFIGURATION, PRODUCT, SIMULATION, run_tree
 
 TREE = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>

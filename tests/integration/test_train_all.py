@@ -9,8 +9,8 @@ import yaml
 
 from cell.commands.main import main
 from cell.configuration import load_configuration, load_product
-from cell.interfaces.files import shipped
-from cell.running.detectors import fitting
+from cell.files.files import shipped
+from cell.wiring.detectors import fitting
 
 pytestmark = pytest.mark.slow  # torch is only in the processes that it starts
 ELBOW = {

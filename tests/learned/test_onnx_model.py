@@ -9,8 +9,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from cell.interfaces.errors import ModelError
-from learned.onnx_model import ModelCard, OnnxModel, save_onnx
+from cell.errors import ModelError
+from learned.inference.onnx_model import ModelCard, OnnxModel, save_onnx
 
 CARD = ModelCard(
     kind="test.root",

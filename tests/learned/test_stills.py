@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.errors import InputError
-from learned.stills import Still, labelled_rows, load_stills
+from cell.errors import InputError
+from learned.training.still_dataset import Still, labelled_rows, load_stills
 
 
 def unlabelled(still: Still, _row: dict[str, Any]) -> Still:

@@ -12,9 +12,9 @@ import yaml
 
 from cell.commands.main import main
 from cell.commands.weights import shipped_weights
-from cell.interfaces.files import shipped
-from learned.onnx_model import OnnxModel
-from learned.semantic.planner import BayesPlanner, FactoredPlanner, load_semantic_planner
+from cell.files.files import shipped
+from learned.inference.onnx_model import OnnxModel
+from learned.semantic.model import BayesPlanner, FactoredPlanner, load_semantic_planner
 from tests.learned.products import DEFAULT, HARDER
 
 

@@ -11,8 +11,8 @@ import yaml
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
 from sim.cell import SimCell
-from sim.clutter import ScenePart
-from sim.settings import SimSettings
+from sim.scene.clutter import ScenePart
+from sim.scene.settings import SimSettings
 from tests.sim.rig import Rig
 
 CONFIG = Path(__file__).parents[2] / "config"

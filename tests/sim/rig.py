@@ -13,7 +13,7 @@ from cantools.database.can import Database
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
 from sim.cell import SimCell
-from sim.gripper_node import DATABASE
+from sim.devices.simulated_gripper import DATABASE
 
 TICK_S = 0.04
 OPEN_M = 0.085

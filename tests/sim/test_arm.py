@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.errors import DeviceFault
 from cell.interfaces.pose import Array
-from sim.arm import KEPT_SAMPLES, PACE_ACCELERATION_RAD_S2
-from sim.settings import PhysicsSettings
+from sim.devices.arm import KEPT_SAMPLES, PACE_ACCELERATION_RAD_S2
+from sim.scene.settings import PhysicsSettings
 from tests.sim.conftest import MakeRig
 from tests.sim.rig import Rig
 

@@ -10,12 +10,12 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from sim.camera import SimCamera
-from sim.clutter import standing
-from sim.look import Camera
-from sim.photographer import Photographer, SensorSetup
-from sim.studio import Studio
-from sim.world import World, build_world
+from sim.rendering.camera import SimCamera
+from sim.rendering.photographer import Photographer, SensorSetup
+from sim.rendering.studio import Studio
+from sim.scene.clutter import standing
+from sim.scene.look import Camera
+from sim.scene.world import World, build_world
 from tests.sim.conftest import MakeRig
 
 CameraName = Literal["overhead", "wrist"]

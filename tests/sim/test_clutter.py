@@ -7,17 +7,17 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from cell.errors import InputError
 from cell.interfaces.bench import Bench
-from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.solid import span_m
-from sim.clutter import ScenePart, full_set, gap, rectangle, sample_clutter, standing
-from sim.foreign import UNKNOWN, draw_foreign
-from sim.posture import stance, whole
-from sim.settings import ClutterSettings
-from sim.tray_truth import resting_parts
-from sim.world import World, build_world
+from sim.scene.clutter import ScenePart, full_set, gap, rectangle, sample_clutter, standing
+from sim.scene.posture import stance, whole
+from sim.scene.settings import ClutterSettings
+from sim.scene.unknown_objects import UNKNOWN, draw_foreign
+from sim.scene.world import World, build_world
+from sim.truth.tray_truth import resting_parts
 
 
 def footprints(product: Product, scene: tuple[ScenePart, ...]) -> list[Array]:

@@ -14,11 +14,11 @@ from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.cell import SimCell
-from sim.clutter import standing
-from sim.contacts import ContactMonitor
-from sim.person import BesideRobot, Person
-from sim.settings import SimSettings
-from sim.worker import Worker
+from sim.scene.clutter import standing
+from sim.scene.person import BesideRobot, Person
+from sim.scene.settings import SimSettings
+from sim.truth.contacts import ContactMonitor
+from sim.worker.worker import Worker
 from tests.sim.rig import Rig, downwards
 
 SWEEP_RAD = (0.75, 0.0, 0.0, 0.0, 0.0, 0.0)  # of the base: the tool goes from the tray to the bracket

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.hand_window import last_at_hole, window_px
 from cell.interfaces.perception import SEGMENT_FRAMES
-from learned.holes.crops import hole_crops, squares_m
-from learned.holes.dataset import load_plates
-from learned.parts.dataset import load_scenes
+from learned.holes.data import load_plates
+from learned.holes.model import hole_crops, squares_m
+from learned.parts.data import load_scenes
 from sim.data.actions import MOST_OF, write_holes, write_segments
 from sim.data.fallen import FallenParts
 from sim.data.folder import DataFolder, DataPiece
@@ -33,11 +33,10 @@ from sim.data.placed import holes_of
 from sim.data.plates import Plate, write_plates
 from sim.data.recording import Assembly, Source, record
 from sim.data.sight import GEOM_POSITIONS
-from sim.data.splits import SPLITS, seeds
+from sim.data.splits import SPLITS, mixed_clutter, seeds, sometimes_steel
 from sim.data.tracks import as_tracked, hands_of
-from sim.data.variety import mixed_clutter, sometimes_steel
-from sim.person import Storage
-from sim.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
+from sim.scene.person import Storage
+from sim.worker.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD
 
 CONFIGURATION = simulated(load_configuration(), "nominal", "careful")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

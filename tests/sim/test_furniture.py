@@ -8,8 +8,8 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from sim.clutter import standing
-from sim.world import build_world
+from sim.scene.clutter import standing
+from sim.scene.world import build_world
 
 SUNK_M = 0.001
 HEIGHTS_M = (0.05, 0.15, 0.30)

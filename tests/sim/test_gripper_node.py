@@ -7,7 +7,7 @@ import pytest
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
-from sim.clutter import standing
+from sim.scene.clutter import standing
 from tests.sim.conftest import MakeRig
 from tests.sim.rig import Rig, downwards
 

@@ -7,8 +7,8 @@ import pytest
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
-from sim.hand import DIGIT_RANGE_M, DIGITS, PUSH_N, add_hand
-from sim.world import build_world
+from sim.scene.hand import DIGIT_RANGE_M, DIGITS, PUSH_N, add_hand
+from sim.scene.world import build_world
 
 SLACK_M = 0.005
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cell.interfaces.pose import Array
-from sim.hand_motion import MotionSettings, min_jerk, plan_reach
+from sim.scene.hand_motion import MotionSettings, min_jerk, plan_reach
 
 START_M = np.array([1.0, 0.4, 0.1])
 END_M = np.array([0.7, -0.1, 0.2])

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.errors import DeviceFault
 from cell.interfaces.product import Product
 from sim.cell import SimCell
-from sim.sensed_arm import SensedArm
-from sim.settings import SimSettings
-from skills.checked_arm import CheckedArm
+from sim.devices.sensed_arm import SensedArm
+from sim.scene.settings import SimSettings
+from skills.drivers.checked_arm import CheckedArm
 
 PERIOD_S = 0.008
 

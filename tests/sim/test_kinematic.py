@@ -7,12 +7,11 @@ import time
 import numpy as np
 import pytest
 
-from cell.interfaces.truth import TruthEvent
-from sim.diary import ActionEvent
-from sim.kinematic import KinematicBench, Recording
-from sim.labels import guarded, labels
-from sim.person import Lapses, Person, Storage
-from sim.persons import PERSONS
+from cell.interfaces.devices import TruthEvent
+from sim.data.without_physics import KinematicBench, Recording
+from sim.scene.person import PERSONS, Lapses, Person, Storage
+from sim.truth.labels import guarded, labels
+from sim.worker.event_log import ActionEvent
 from tests.sim.worker_bench import bench, product
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cell.interfaces.errors import InputError
-from cell.interfaces.model import Location
-from sim.look import NOMINAL, Look
-from sim.look_range import LookRange, leaves, look_range, presets
+from cell.errors import InputError
+from cell.files.model import Location
+from sim.scene.look import NOMINAL, Look
+from sim.scene.look_range import LookRange, leaves, look_range, presets
 
 DIRECTIONS = ("azimuth_rad", "elevation_rad", "lean_side_m", "glove_hsv.0", "left_hand", "glove")
 

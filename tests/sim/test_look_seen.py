@@ -11,13 +11,13 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
 from sim.cell import SimCell
-from sim.hand import add_hand
-from sim.look import Look
-from sim.look_range import leaves, look_range
-from sim.sensor import Image, Sensor
-from sim.settings import SimSettings
-from sim.studio import Studio
-from sim.world import build_world
+from sim.rendering.sensor import Image, Sensor
+from sim.rendering.studio import Studio
+from sim.scene.hand import add_hand
+from sim.scene.look import Look
+from sim.scene.look_range import leaves, look_range
+from sim.scene.settings import SimSettings
+from sim.scene.world import build_world
 
 EVERYTHING: dict[str, dict[str, object]] = {
     "light": {"lamps_n": 3},

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.portrait import portrait
-from sim.studio import Studio
+from sim.rendering.studio import Studio
+from tests.docs.portrait import portrait
 from tests.sim.conftest import MakeRig
 
 

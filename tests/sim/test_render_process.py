@@ -14,19 +14,19 @@ from contextlib import closing, suppress
 import numpy as np
 import pytest
 
+from cell.errors import DeviceFault, InputError
 from cell.interfaces.bench import Bench
-from cell.interfaces.errors import DeviceFault, InputError
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from sim.camera import SimCamera
 from sim.cell import SimCell
-from sim.look import Camera
-from sim.photographer import Exposure, Photographer, SensorSetup
-from sim.render_process import HURRIED, SLOTS, RenderProcess
-from sim.settings import SimSettings
-from sim.studio import visible_poses
-from sim.world import World, build_world
+from sim.rendering.camera import SimCamera
+from sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from sim.rendering.render_process import HURRIED, SLOTS, RenderProcess
+from sim.rendering.studio import visible_poses
+from sim.scene.look import Camera
+from sim.scene.settings import SimSettings
+from sim.scene.world import World, build_world
 from tests import ROOT
 
 FRAMES = 2 * SLOTS + 1
@@ -145,9 +145,9 @@ def test_a_detector_begins_before_it_is_asked(world: World, bench: Bench, proces
 COPIED = """
 import signal, sys
 from cell.configuration import load_configuration, load_product
-from sim.job_process import _may_fork
-from sim.render_process import RenderProcess
-from sim.world import build_world
+from sim.rendering.job_process import _may_fork
+from sim.rendering.render_process import RenderProcess
+from sim.scene.world import build_world
 from tests.sim.test_render_process import sensors
 configuration = load_configuration()
 world = build_world(load_product(configuration), configuration.bench)
@@ -209,10 +209,10 @@ def test_all_that_wait_for_a_process_that_died_are_told(world: World, bench: Ben
 DIES_AT_ONCE = """
 import multiprocessing.spawn, threading
 from cell.configuration import load_configuration, load_product
-from cell.interfaces.errors import DeviceFault
-from sim.camera import SimCamera
-from sim.render_process import RenderProcess
-from sim.world import build_world
+from cell.errors import DeviceFault
+from sim.rendering.camera import SimCamera
+from sim.rendering.render_process import RenderProcess
+from sim.scene.world import build_world
 from tests.sim.test_render_process import missing, sensors
 configuration = load_configuration()
 world = build_world(load_product(configuration), configuration.bench)

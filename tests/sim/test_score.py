@@ -9,9 +9,9 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from sim.jobs import Job
-from sim.score import Score
-from sim.world import World, WorldPart, build_world
+from sim.scene.jobs import Job
+from sim.scene.world import World, WorldPart, build_world
+from sim.truth.score import Score
 from tests.sim.worker_bench import product
 
 PRODUCT = product()

@@ -11,13 +11,13 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from sim.camera import Delivery, SimCamera
-from sim.lens import Lens
-from sim.look import NOMINAL, Camera, Look, MountError, Mounts
-from sim.photographer import Exposure, Photographer, SensorSetup
-from sim.sensor import Image, Sensor
-from sim.studio import Studio
-from sim.world import World, build_world
+from sim.rendering.camera import Delivery, SimCamera
+from sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from sim.rendering.sensor import Image, Sensor
+from sim.rendering.studio import Studio
+from sim.scene.lens import Lens
+from sim.scene.look import NOMINAL, Camera, Look, MountError, Mounts
+from sim.scene.world import World, build_world
 
 PERIOD_S = 0.008
 CLEAN = {"noise_levels": 0.0, "brightness_jitter": 0.0, "blur_px": 0.0}

@@ -14,11 +14,11 @@ from cell.interfaces.operator import Answer, OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 from cell.interfaces.pose import Array, Pose
 from sim.cell import SimCell
-from sim.jobs import NOT_LISTED, Jobs
-from sim.person import Person, ShiftHabits
-from sim.score import Placement
-from sim.settings import SimSettings
-from sim.worker import Worker
+from sim.scene.jobs import NOT_LISTED, Jobs
+from sim.scene.person import Person, ShiftHabits
+from sim.scene.settings import SimSettings
+from sim.truth.score import Placement
+from sim.worker.worker import Worker
 from tests.sim.worker_bench import bench, product
 
 QUICK = ShiftHabits(answers_s=0.5, places_asked=0.0, fills_at_once=1.0)

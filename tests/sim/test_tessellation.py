@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
-from sim import world as worlds
-from sim.studio import Studio
-from sim.tessellation import cylinder
-from sim.world import World, build_world
+from sim.rendering.studio import Studio
+from sim.scene import world as worlds
+from sim.scene.parts import cylinder
+from sim.scene.world import World, build_world
 
 
 def plain(product: Product, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> World:

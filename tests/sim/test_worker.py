@@ -7,10 +7,10 @@ import pytest
 
 from cell.interfaces.command import Display
 from cell.interfaces.pose import Pose
-from sim.clutter import ScenePart
-from sim.hand import CONAFFINITY, FOREARM_GROUP, Hand
-from sim.person import Grip, Person, ScrewHabits
-from sim.storage import person_set
+from sim.scene.clutter import ScenePart
+from sim.scene.hand import CONAFFINITY, FOREARM_GROUP, Hand
+from sim.scene.person import Grip, Person, ScrewHabits
+from sim.scene.storage import person_set
 from tests.sim.worker_bench import Shift, bench, product, world_of, world_with_hand
 
 GOALS = tuple(product().goals)

@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cell.errors import InputError
 from cell.interfaces.bench import Bench
-from cell.interfaces.errors import InputError
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.cell import SimCell
-from sim.clutter import ScenePart, full_set, sample_clutter
-from sim.settings import PhysicsSettings, SimSettings
-from sim.storage import person_set
-from sim.world import build_world
+from sim.scene.clutter import ScenePart, full_set, sample_clutter
+from sim.scene.settings import PhysicsSettings, SimSettings
+from sim.scene.storage import person_set
+from sim.scene.world import build_world
 
 ROOT = Path(__file__).parents[2]
 

@@ -11,12 +11,12 @@ import yaml
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
-from sim.clutter import ScenePart
-from sim.hand import add_hand
-from sim.person import Person
-from sim.storage import lay_out
-from sim.worker import Worker
-from sim.world import World, build_world
+from sim.scene.clutter import ScenePart
+from sim.scene.hand import add_hand
+from sim.scene.person import Person
+from sim.scene.storage import lay_out
+from sim.scene.world import World, build_world
+from sim.worker.worker import Worker
 
 PERIOD_S = 0.008
 CONFIG = Path(__file__).parents[2] / "config"

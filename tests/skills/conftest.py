@@ -7,8 +7,8 @@ import pytest
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
-from skills.kinematics import Kinematics
-from skills.planner import MotionPlanner
+from skills.motion.kinematics import Kinematics
+from skills.motion.planner import MotionPlanner
 
 
 @pytest.fixture(scope="session")

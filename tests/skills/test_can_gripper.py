@@ -15,13 +15,13 @@ from cantools.database.can import Database
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cell.errors import DeviceFault, SettingError
 from cell.interfaces.can_bus import open_bus
 from cell.interfaces.command import GripperCommand
-from cell.interfaces.errors import DeviceFault, SettingError
 from cell.interfaces.observation import ObjectStatus
-from skills.can_gripper import CanFrame, CanGripper
-from skills.gripper_database import SHIPPED, load_gripper_database
-from skills.settings import CanSettings
+from skills.drivers.can_gripper import CanFrame, CanGripper
+from skills.drivers.gripper_database import SHIPPED, load_gripper_database
+from skills.drivers.settings import CanSettings
 from tests.skills import gripper_contract
 from tests.skills.scripted_node import NodeClock, ScriptedNode
 

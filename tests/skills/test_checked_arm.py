@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from cell.errors import DeviceFault
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.errors import DeviceFault
-from skills.checked_arm import SPEED_LIMITS_RAD_S, CheckedArm
+from skills.drivers.checked_arm import SPEED_LIMITS_RAD_S, CheckedArm
 from tests.cell.fakes import FakeArm
 
 

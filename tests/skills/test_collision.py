@@ -8,11 +8,11 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from skills.collision import Box, CollisionChecker, body_box, resampled
-from skills.grasp_pose import held_boxes, tool_down
-from skills.grip import Grip, Hold
-from skills.kinematics import Kinematics
-from skills.settings import MotionSettings
+from skills.motion.collision import Box, CollisionChecker, body_box, resampled
+from skills.motion.grasp_pose import held_boxes, tool_down
+from skills.motion.grip import Grip, Hold
+from skills.motion.kinematics import Kinematics
+from skills.motion.settings import MotionSettings
 
 SETTINGS = MotionSettings()
 

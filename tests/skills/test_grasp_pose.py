@@ -12,7 +12,7 @@ from cell.interfaces.grasping import OFF_MIDDLE_M, places_m
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import PartType, Product
-from skills.grasp_pose import (
+from skills.motion.grasp_pose import (
     fingers_clear,
     fingertips_m,
     footprint,
@@ -24,8 +24,8 @@ from skills.grasp_pose import (
     hole_pose,
     place_poses,
 )
-from skills.grip import STROKE_M, Grip, Hold, possible_grips
-from skills.settings import MotionSettings
+from skills.motion.grip import STROKE_M, Grip, Hold, possible_grips
+from skills.motion.settings import MotionSettings
 
 SETTINGS = MotionSettings()
 TYPES = ("o1", "o2", "o3")

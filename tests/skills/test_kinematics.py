@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cell.interfaces.pose import Array, Pose
-from skills.grasp_pose import tool_down
-from skills.kinematics import JOINT_LIMITS_RAD, Kinematics, within_limits, wrapped
+from skills.motion.grasp_pose import tool_down
+from skills.motion.kinematics import JOINT_LIMITS_RAD, Kinematics, within_limits, wrapped
 
 
 def random_target(rng: np.random.Generator) -> Pose:

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import HandSample
 from cell.interfaces.pose import Array
-from skills.person_space import PersonSpace
-from skills.planner import Load, joined
-from skills.separation import Separation, nearest
-from skills.trajectory import joint_move
+from skills.motion.person_space import PersonSpace
+from skills.motion.planner import Load, joined
+from skills.motion.separation import Separation, nearest
+from skills.motion.trajectory import joint_move
 from tests.integration.cell_rig import BENCH, motion_planner
 
 PLANNER = motion_planner()

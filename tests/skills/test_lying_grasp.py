@@ -9,11 +9,11 @@ import pytest
 
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.product import PartType
-from cell.interfaces.resting import SIDES, UPRIGHT, axis_of, rest_on
-from skills.grip import STROKE_M
+from cell.interfaces.resting_pose import SIDES, UPRIGHT, axis_of, rest_on
 from skills.lying import better
-from skills.lying_grasp import LyingHold, held_box, laid_out, lying_holds, turns_left
-from skills.settings import MotionSettings
+from skills.motion.grip import STROKE_M
+from skills.motion.lying_grasp import LyingHold, held_box, laid_out, lying_holds, turns_left
+from skills.motion.settings import MotionSettings
 
 PRODUCT = load_product(load_configuration())
 SETTINGS = MotionSettings()

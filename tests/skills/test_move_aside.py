@@ -11,9 +11,9 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from skills.grasp_pose import footprint, gap_m
+from skills.motion.grasp_pose import footprint, gap_m
+from skills.motion.settings import MotionSettings
 from skills.move_aside import free_spots
-from skills.settings import MotionSettings
 
 SETTINGS = MotionSettings()
 

@@ -9,8 +9,8 @@ from operator import matmul
 import numpy as np
 import pytest
 
-from skills.outline import BASE, chain
-from skills.planner import MotionPlanner
+from skills.motion.outline import BASE, chain
+from skills.motion.planner import MotionPlanner
 
 
 def test_the_chain_leads_from_base_to_wrist(planner: MotionPlanner) -> None:

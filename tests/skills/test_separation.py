@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.perception import HandSample
-from skills.arm_outline import HELD_RADIUS_M
-from skills.collision import CollisionChecker
-from skills.person_space import EDGES, PersonSpace
-from skills.separation import reach
-from skills.trajectory import joint_move
+from skills.motion.arm_outline import HELD_RADIUS_M
+from skills.motion.collision import CollisionChecker
+from skills.motion.person_space import EDGES, PersonSpace
+from skills.motion.separation import reach
+from skills.motion.trajectory import joint_move
 from tests.integration.cell_rig import BENCH, motion_planner, robot_alone
 
 MONITOR = motion_planner().separation

@@ -15,19 +15,19 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from cell.interfaces.skill import SkillStatus
-from skills.contact import tool_height_m
-from skills.grasp_pose import hole_pose
-from skills.grip import Grip, Hold
-from skills.handling import present_hold
-from skills.lying_grasp import lying_holds
+from skills.grasping.contact import tool_height_m
+from skills.grasping.handling import present_hold
+from skills.grasping.phases import PhasedSkill, SetGripper
+from skills.grasping.straight import MoveUntilContact
+from skills.motion.grasp_pose import hole_pose
+from skills.motion.grip import Grip, Hold
+from skills.motion.lying_grasp import lying_holds
+from skills.motion.planner import MotionPlanner
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
-from skills.phases import PhasedSkill, SetGripper
 from skills.pick import Pick
 from skills.place import Place
-from skills.planner import MotionPlanner
-from skills.put_back import PutBack
-from skills.straight import MoveUntilContact
+from skills.put_down import PutBack
 from tests.skills.ideal_robot import IdealRobot
 
 DATASHEET_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])

@@ -9,10 +9,10 @@ import pytest
 
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array
-from skills.grasp_pose import tool_down
-from skills.kinematics import Kinematics
-from skills.settings import MotionSettings
-from skills.trajectory import joint_move, joint_speeds, line_move
+from skills.motion.grasp_pose import tool_down
+from skills.motion.kinematics import Kinematics
+from skills.motion.settings import MotionSettings
+from skills.motion.trajectory import joint_move, joint_speeds, line_move
 
 SETTINGS = MotionSettings()
 DATASHEET_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])

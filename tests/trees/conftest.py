@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
+from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.errors import InputError
 from trees.engine.node import Node
 from trees.engine.tree import Tree
-from trees.files.library import read_library
+from trees.files.build.registry import Registry
+from trees.files.checks.structure import check_structure
 from trees.files.loader import build, load_tree
-from trees.files.registry import Registry
-from trees.files.structure import check_structure
+from trees.files.parse.library import read_library
 
 Load = Callable[..., Tree]
 

@@ -16,17 +16,17 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.errors import InputError
-from cell.running.node_library import node_registry
 from cell.viewing.monitor import Monitor
+from cell.wiring.node_library import node_registry
 from tests import ROOT
 from trees.engine.blackboard import Scope
-from trees.engine.errors import NodeError
 from trees.engine.script import ScriptError, parse_script
+from trees.engine.status import NodeError
+from trees.files.build.registry import Registry
 from trees.files.check import Circumstances, findings
 from trees.files.loader import load_tree
-from trees.files.registry import Registry
 
 LIMIT_S = 1.0  # of processor time
 SOURCES = (*sorted((ROOT / "trees" / "jobs").glob("*.xml")), ROOT / "trees" / "commission.xml")

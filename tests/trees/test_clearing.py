@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import HOLDING, seen_parts, services
 from trees.files.loader import load_tree

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from tests.trees.nodes.rig import PRODUCT
 from trees.engine.literals import LiteralError, converted, from_text
 from trees.files.check import findings
-from trees.framed_pose import FramedPose
+from trees.nodes.poses import FramedPose
 
 
 def test_a_pose_is_a_frame_metres_and_degrees() -> None:

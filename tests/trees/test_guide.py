@@ -12,7 +12,7 @@ from types import ModuleType
 
 import pytest
 
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from tests import ROOT
 from trees.files.check import check
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import services
 from trees.engine.node import RUNNING

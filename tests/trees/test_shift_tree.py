@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from tests import ROOT
 from trees.testing import TreeBench
 

@@ -33,7 +33,8 @@ class _InOrder(Control):
 
     @classmethod
     def barrier(cls, child: int, below: Children[Results]) -> int | None:
-        return next((n for n, ends in enumerate(below[:child]) if not ends & {cls.continue_on, SKIPPED}), None)
+        # Children are asked one after the other, up to the first that is barred: only the one before it can bar it.
+        return None if below[child - 1] & {cls.continue_on, SKIPPED} else child - 1
 
 
 class _Ordered(_InOrder):

@@ -12,10 +12,10 @@ from typing import Any
 from py_trees.common import Status
 from pydantic import Field
 
-from cell.interfaces.model import Model
-from trees.engine.errors import NodeError
+from cell.files.model import Model
 from trees.engine.literals import STATUS_WORDS
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, TreeNode
+from trees.engine.status import NodeError
 from trees.engine.tree import Tree
 
 

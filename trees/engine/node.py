@@ -12,7 +12,6 @@ from py_trees import behaviour, composites, decorators
 from py_trees.common import Status
 
 from cell.interfaces.clock import Clock, ManualClock
-from trees.engine.errors import NodeError as NodeError  # node modules import it from here
 from trees.engine.ports import Port
 from trees.engine.status import ANY, EITHER, Results
 from trees.engine.status import FAILURE as FAILURE
@@ -20,6 +19,7 @@ from trees.engine.status import IDLE as IDLE
 from trees.engine.status import RUNNING as RUNNING
 from trees.engine.status import SKIPPED as SKIPPED
 from trees.engine.status import SUCCESS as SUCCESS
+from trees.engine.status import NodeError as NodeError  # node modules import it from here
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class TreeNode(behaviour.Behaviour):
 
     @classmethod
     def barrier(cls, child: int, below: Sequence[Results]) -> int | None:  # noqa: ARG003
-        """The elder child whose results keep `child` from ever being ticked, if one does."""
+        """The elder child that keeps `child` from ever being ticked, if one does; asked for 1, 2, ... in turn."""
         return None
 
     @classmethod

@@ -7,10 +7,9 @@ from collections.abc import Sequence as Children
 
 from py_trees.common import Status
 
-from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.ports import InputPort
-from trees.engine.status import ANY, NEVER, Results
+from trees.engine.status import ANY, NEVER, NodeError, Results
 
 
 class _AtOnce(Control):

@@ -5,6 +5,15 @@ from __future__ import annotations
 from py_trees import display
 from py_trees.common import Status
 
+from cell.errors import CellError
+
+
+class NodeError(CellError):
+    """A node cannot do its work in this tick: it fails, and this is its feedback message.
+
+    Examples: an input port reads an entry that nothing has written yet, a script divides by zero.
+    """
+
 
 def _fifth_status() -> Status:
     """A member that py_trees' class does not spell out, made as `enum.Flag` makes its combined ones."""

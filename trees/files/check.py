@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cell.interfaces.errors import Problem
+from cell.errors import Problem
 from trees.engine.tree import Tree
-from trees.files.library import read_library
+from trees.files.build.registry import Registry
+from trees.files.checks.stubs import with_stubs
 from trees.files.loader import build, find_doubts, find_mistakes, in_order, unused_entries
-from trees.files.registry import Registry
-from trees.files.stubs import with_stubs
+from trees.files.parse.library import read_library
 
 
 class Findings(NamedTuple):

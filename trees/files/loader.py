@@ -7,19 +7,17 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from cell.interfaces.errors import InputError, Place, Problem
+from cell.errors import InputError, Place, Problem
 from trees.engine.blackboard import Scope
 from trees.engine.node import Runtime
 from trees.engine.tree import Tree
-from trees.files.builder import Builder
-from trees.files.claims import check_claims
-from trees.files.dataflow import check_dataflow
-from trees.files.library import PROBLEM_LIMIT, Library, read_library
-from trees.files.order import check_order
-from trees.files.reach import check_reach
-from trees.files.registry import Registry
-from trees.files.structure import check_structure, count_levels
-from trees.files.words import hint
+from trees.files.build.builder import Builder
+from trees.files.build.registry import Registry
+from trees.files.checks.dataflow import check_dataflow
+from trees.files.checks.order import check_order
+from trees.files.checks.reach import check_claims, check_reach
+from trees.files.checks.structure import check_structure, count_levels
+from trees.files.parse.library import PROBLEM_LIMIT, Library, hint, read_library
 
 # Python frames that a level of a tree takes at most in a tick, and those that its callers may need.
 FRAMES_A_LEVEL = 4

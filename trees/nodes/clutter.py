@@ -8,8 +8,8 @@ from dataclasses import replace
 from py_trees.common import Status
 
 from cell.interfaces.perception import PartDetection, PartsView
-from trees.engine.errors import NodeError
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import NodeError
 from trees.engine.vocabulary import Part
 from trees.nodes.services import CellNode
 

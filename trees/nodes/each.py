@@ -12,9 +12,9 @@ from py_trees.common import Status
 
 from cell.interfaces.perception import PartsView
 from trees.engine.decorators import reset_if_done
-from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator, TreeNode
 from trees.engine.ports import InputPort, OutputPort, Port, further_of
+from trees.engine.status import NodeError
 from trees.engine.vocabulary import Hole, Part
 from trees.nodes.services import Services
 

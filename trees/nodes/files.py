@@ -8,8 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from cell.interfaces.journal import Journal
-from trees.engine.errors import NodeError
+from cell.interfaces.notes import Journal
+from trees.engine.status import NodeError
 
 SIZE_LIMIT = 100_000  # characters: it goes into the log
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from py_trees.common import Status
 
-from cell.interfaces.judgement import HAND_TOO_NEAR
+from cell.interfaces.faults import HAND_TOO_NEAR
 from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Array
 from cell.interfaces.skill import Skill, SkillStatus
@@ -97,7 +97,7 @@ class GiveWay(SkillNode):
 
     def _room_m(self, seen: Observation, joints_rad: Array | None) -> float:
         """From the hands to the arm, as it stands or where it would; infinite where no hand is."""
-        from skills.near_hand import separation_of
+        from skills.motion.near_hand import separation_of
 
         found = separation_of(self.services.motion.separation, seen, None, joints_rad)
         return math.inf if found is None else found.distance_m

@@ -11,8 +11,8 @@ from py_trees.common import Status
 
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.skill import Skill
-from trees.engine.errors import NodeError
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import NodeError
 from trees.engine.vocabulary import Part
 from trees.nodes.clutter import lies_on_its_side
 from trees.nodes.services import CellNode

@@ -11,12 +11,12 @@ from py_trees.common import Status
 
 from trees.engine.blackboard import UNSET
 from trees.engine.decorators import reset_if_done
-from trees.engine.errors import NodeError
 from trees.engine.literals import shown
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InOutPort, InputPort, OutputPort, Port, further_of
-from trees.framed_pose import FARTHEST_M, FramedPose
+from trees.engine.status import NodeError
 from trees.nodes.each import rows_of
+from trees.nodes.poses import FARTHEST_M, FramedPose
 from trees.nodes.services import CellNode
 
 FORMAT = "cell.blackboard"

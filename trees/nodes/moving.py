@@ -11,8 +11,8 @@ from py_trees.common import Status
 
 from cell.interfaces.perception import PartsView
 from cell.interfaces.skill import Skill
-from trees.engine.errors import NodeError
 from trees.engine.ports import InputPort
+from trees.engine.status import NodeError
 from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
@@ -70,7 +70,7 @@ class IdentifyHeldPart(CellNode):
     instant = True
 
     def update(self) -> Status:
-        from skills.held_part import held_type
+        from skills.pick import held_type
 
         services, motion = self.services, self.services.motion
         taken_here = services.held_part is not None and (motion.hold is not None or motion.lying is not None)
@@ -143,7 +143,7 @@ class ReturnToTray(SkillNode):
     """Put the part in the gripper back into the tray; one that was taken as it lay is set upright, if it can be."""
 
     def make_skill(self) -> Skill:
-        from skills.put_back import PutBack
+        from skills.put_down import PutBack
 
         if self.services.held_part is None:
             raise NodeError("nothing was picked yet, so the part in the gripper has no known type")

@@ -10,24 +10,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cell.errors import ModelError
 from cell.interfaces.bench import Bench
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import Command, Display
-from cell.interfaces.errors import ModelError
-from cell.interfaces.journal import Journal
-from cell.interfaces.left_off import LeftOff
+from cell.interfaces.notes import Journal
 from cell.interfaces.observation import Observation
 from cell.interfaces.operator import Question, QuestionKind
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
+from cell.interfaces.resume import LeftOff
 from trees.engine.node import Node
 from trees.guard import Guard
 from trees.nodes.files import Files, WorkingFolder
 
 # Skills load kinematics and collision checking; who only checks or shows a tree file does not wait for them.
 if TYPE_CHECKING:
-    from skills.planner import MotionPlanner
+    from skills.motion.planner import MotionPlanner
 
 IN_VAIN_N, SAME_SPOT_M = 12, 0.015  # failed grasps that are remembered; parts so near to each other are the same
 GRASPABLE = 0.5  # probability from which a plan says that a part can be grasped
@@ -181,7 +181,7 @@ class Services:
         return None
 
     def why_not_graspable(self, parts: PartsView, required: int) -> str | None:
-        from skills.handling import why_not_graspable
+        from skills.grasping.handling import why_not_graspable
 
         seen = parts.seen
         others = seen[:required] + seen[required + 1 :]

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from py_trees.common import Status
 
-from cell.interfaces.left_off import LeftOff
+from cell.errors import InputError
 from cell.interfaces.operator import Question
 from cell.interfaces.planning import AssemblyState
+from cell.interfaces.resume import LeftOff
+from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.status import NodeError
 from trees.nodes.services import CellNode
 
 SETTLED_S = 1.0  # holes must look empty for so long
@@ -156,3 +159,29 @@ def filled_holes(node: CellNode) -> list[str] | None:
     if view is None or any(name not in view.holes for name in positions):
         return None
     return [name for name in positions if view.holes[name].part is not None]
+
+
+class TeachGoal(CellNode):
+    """Note what is assembled as a goal; fails while the cameras see anything else in a hole than is believed."""
+
+    name_given = InputPort(str, "how the goal is to be called", name="goal")
+    state = InputPort(AssemblyState, "what is placed so far")
+
+    def update(self) -> Status:
+        services, placed, seen = self.services, self.state.get().placed, self.services.observation.bench
+        for position in services.product.positions:
+            hole = seen.holes.get(position) if seen is not None else None
+            if hole is None or hole.part is None or hole.part != placed.get(position) or not hole.upright:
+                self.feedback_message = f"{position} is not sure: {placed.get(position, 'nothing')} is believed there"
+                return FAILURE
+        if services.teach is None:
+            raise NodeError("goals are kept nowhere: set planners.semantic.goals in the configuration")
+        parts = tuple(placed[position] for position in services.product.positions)
+        try:
+            name = services.teach(self.name_given.get(), parts)
+        except InputError as error:
+            raise NodeError(str(error)) from None
+        self.feedback_message = f"goal {name}: {' '.join(parts)}"
+        services.show(message=f"learned goal {name}")
+        services.journal.note("belief", goal=name, parts=list(parts), source="shown")
+        return SUCCESS

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from py_trees.common import Status
 
-from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InputPort
+from trees.engine.status import NodeError
 from trees.engine.vocabulary import OutputSignal, Signal
 from trees.nodes.services import CellNode
 

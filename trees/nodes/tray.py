@@ -9,12 +9,11 @@ from py_trees.common import Status
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Skill
-from trees.engine.errors import NodeError
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import NodeError
 from trees.engine.vocabulary import Part
-from trees.framed_pose import FramedPose
-from trees.nodes.poses import near_bracket, world_pose
+from trees.nodes.poses import FramedPose, near_bracket, world_pose
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
 

@@ -13,7 +13,7 @@ from py_trees.common import Status
 from trees.engine.blackboard import UNSET
 from trees.engine.node import SKIPPED, StatusChange, TreeNode
 from trees.engine.tree import Tree
-from trees.files.registry import Registry
+from trees.files.build.registry import Registry
 from trees.views.palette import model_lines
 
 CODES = {Status.INVALID: 0, Status.RUNNING: 1, Status.SUCCESS: 2, Status.FAILURE: 3, SKIPPED: 4}

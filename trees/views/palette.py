@@ -12,7 +12,7 @@ from trees.engine.blackboard import UNSET
 from trees.engine.literals import type_name
 from trees.engine.node import TreeNode
 from trees.engine.ports import Port
-from trees.files.registry import BUILT_IN, Registry, meaning_of
+from trees.files.build.registry import BUILT_IN, Registry, meaning_of
 
 ORDER = ("Action", "Condition", "Control", "Decorator", "SubTree")
 WIDTH = 110

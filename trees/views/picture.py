@@ -9,11 +9,10 @@ from typing import TypeVar
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from trees.engine.decorators import SubTree
-from trees.files.registry import Registry
-from trees.files.structure import node_tag
-from trees.files.xml_file import Element
+from trees.files.build.registry import Registry
+from trees.files.parse.xml_file import Element, node_tag
 from trees.views.show import connections, read_checked, reading_order
 
 ROW_PX = 46

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 from trees.engine.tree import Tree
-from trees.files.library import Library, read_library
+from trees.files.build.registry import Registry
+from trees.files.checks.structure import check_structure
 from trees.files.loader import in_order
-from trees.files.registry import Registry
-from trees.files.structure import check_structure, node_tag
-from trees.files.xml_file import Element
+from trees.files.parse.library import Library, read_library
+from trees.files.parse.xml_file import Element, node_tag
 
 MARKS = {IDLE: " ", RUNNING: "*", SUCCESS: "+", FAILURE: "x", SKIPPED: "-"}
 

@@ -1,1 +1,1 @@
-"""Turns logs into training data; only `cell.commands` imports it."""
+"""Makes training data from logs."""

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from cell.interfaces.product import Product
-from cell.log.reading.reader import Log
-from cell.log.telling.summary import Placed, beliefs, placements
+from cell.log.read.reader import Log
+from cell.log.report.summary import Placed, beliefs, placements
 from cell.recording.parts import whole_path
-from learned.semantic.dataset import Demonstration, PlacementRecord
+from learned.semantic.data import Demonstration, PlacementRecord
 
 SURE = 0.9  # least belief in the goal of a run that was not finished
 NOTHING = "nothing"  # as the story of a log calls an empty hole

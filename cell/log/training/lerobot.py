@@ -18,13 +18,13 @@ import cv2
 import numpy as np
 import orjson
 
+from cell.errors import InputError, LogError
+from cell.files.files import whole_or_none
 from cell.interfaces.bench import JOINTS
-from cell.interfaces.errors import InputError, LogError
-from cell.interfaces.files import whole_or_none
 from cell.interfaces.pose import Array
-from cell.log.reading.frames import CAMERA, Frames
-from cell.log.reading.reader import Log
-from cell.recording.video import Video
+from cell.log.read.frames import CAMERA, Frames
+from cell.log.read.reader import Log
+from cell.recording.images import Video
 
 VERSION, CHUNK = "v3.0", 1000
 VIDEO = "observation.images.overhead"

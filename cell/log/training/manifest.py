@@ -22,20 +22,18 @@ from typing import Any
 
 import cv2
 
-from cell.interfaces.errors import InputError, LogError, Place, Problem
-from cell.interfaces.files import read_text
-from cell.interfaces.new_folder import MANIFEST, whole_folder
+from cell.errors import InputError, LogError, Place, Problem
+from cell.files.files import MANIFEST, read_text, whole_folder
 from cell.interfaces.product import Product
-from cell.log.reading.reader import Log
-from cell.log.replaying.logged_tree import logged_bench, logged_product
-from cell.log.training.crops import Cropper
+from cell.log.read.reader import Log
+from cell.log.replay.logged_tree import logged_bench, logged_product
 from cell.log.training.demonstrations import SURE, demonstration_of, finished_bracket
-from cell.log.training.segments import STRIDE_FRAMES, bench_views, segments
+from cell.log.training.segments import STRIDE_FRAMES, Cropper, bench_views, segments
 from cell.log.training.tray_scenes import attempts, looks, scene_records
 from cell.recording.parts import whole_path
 from learned.actions.segments import holes_on_bench
-from learned.grasp.dataset import SceneRecord, write_records
-from learned.semantic.dataset import Demonstration, save_demonstrations
+from learned.grasp.data import SceneRecord, write_records
+from learned.semantic.data import Demonstration, save_demonstrations
 from learned.semantic.goals import OpenGoals
 
 FORMAT, VERSION = "cell.training_data", 1

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from cell.interfaces.perception import PartDetection, PartsView
-from cell.log.reading.reader import Log
-from learned.grasp.dataset import DetectionRecord, SceneRecord, StandingRecord
+from cell.log.read.reader import Log
+from learned.grasp.data import DetectionRecord, SceneRecord, StandingRecord
 
 GRASP, PICK, ENDS = "grasp", "PickPart", ("success", "failure")
 SAME_PLACE_M, SAME_HEADING_RAD = 0.010, math.radians(10)  # between looks at a part that nobody moved

@@ -10,9 +10,9 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame, PendingFrame
 from cell.interfaces.product import Product
-from cell.observer import Level, Outcome, TickRecord
 from cell.viewing.page.server import PageServer
 from cell.viewing.page.state import PageState
+from cell.watching.observer import Level, Outcome, TickRecord
 from trees.engine.tree import Tree
 
 DEFAULT_PORT = 8780

@@ -27,7 +27,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.observation import Image
 from cell.interfaces.operator import OperatorOrder, OrderKind
 

@@ -9,11 +9,11 @@ from typing import Any
 
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import Display
-from cell.interfaces.judgement import ACKNOWLEDGE, USUAL
+from cell.interfaces.faults import ACKNOWLEDGE, USUAL
 from cell.interfaces.perception import BenchView
 from cell.interfaces.product import Product
-from cell.observer import Level, Outcome, TickRecord
 from cell.recording.schemas import plain
+from cell.watching.observer import Level, Outcome, TickRecord
 from trees.engine.node import StatusChange
 from trees.engine.tree import Tree
 

@@ -15,7 +15,7 @@ import tflite
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 
 OPSET = 17
 SAME = 0  # padding

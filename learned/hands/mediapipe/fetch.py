@@ -10,9 +10,9 @@ import zipfile
 from importlib.util import find_spec
 from pathlib import Path
 
-from cell.interfaces.errors import InputError
-from learned.hands.mediapipe.files import LANDMARK_KIND, PALM_KIND, SIZES, network_file
-from learned.onnx_model import ModelCard, save_onnx
+from cell.errors import InputError
+from learned.hands.mediapipe.hands import LANDMARK_KIND, PALM_KIND, SIZES, network_file
+from learned.inference.onnx_model import ModelCard, save_onnx
 
 WHEEL = "mediapipe==0.10.21"
 FOR = ("--python-version", "3.11", "--implementation", "cp", "--abi", "cp311", "--platform", "manylinux_2_28_x86_64")

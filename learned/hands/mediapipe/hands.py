@@ -2,17 +2,42 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from cell.interfaces.pose import Array
-from learned.hands.mediapipe.files import LANDMARK_KIND, PALM_KIND, Size, network_file
 from learned.hands.mediapipe.landmarks import LEAST_PRESENCE, Landmarks, read_landmarks
 from learned.hands.mediapipe.palms import Roi, find_palms, overlaps
 from learned.hands.regions import Image
-from learned.onnx_model import OnnxModel
+from learned.inference.onnx_model import OnnxModel
+
+Size = Literal["lite", "full"]
+Network = Literal["palm", "landmark"]
+SIZES: tuple[Size, ...] = ("lite", "full")
+PALM_KIND, LANDMARK_KIND = "hands.mediapipe_palm", "hands.mediapipe_landmark"
+ON_THE_BENCH: Size = "lite"
+FETCH = "make hands, or: cell hands fetch"
+
+
+def model_folder() -> Path:
+    """The user's folder of fetched networks: below XDG_CACHE_HOME, or ~/.cache."""
+    cache = os.environ.get("XDG_CACHE_HOME")
+    return (Path(cache) if cache else Path.home() / ".cache") / "cell" / "mediapipe"
+
+
+def network_file(folder: Path, network: Network, size: Size) -> Path:
+    """File of one network in a folder."""
+    return folder / f"{network}_{size}.onnx"
+
+
+def folder_in_use(path: Path) -> Path:
+    """The folder whose networks are used: that of `path` where they are there, else the user's cache."""
+    return path.parent if path.name.startswith("landmark") and path.is_file() else model_folder()
+
 
 MOST_HANDS = 2
 SAME_OVERLAP = 0.5  # of two squares about one hand

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
-from learned.hands.mediapipe.palms import Roi, wrapped
-from learned.hands.mediapipe.warp import square
+from learned.hands.mediapipe.palms import Roi, square, wrapped
 from learned.hands.regions import Image
-from learned.onnx_model import OnnxModel
+from learned.inference.onnx_model import OnnxModel
 
 INPUT_PX = 224
 LEAST_PRESENCE = 0.5

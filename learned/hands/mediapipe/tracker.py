@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from cell.errors import ModelError
 from cell.interfaces.bench import Bench, CameraSetup
-from cell.interfaces.errors import ModelError
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.hands.mediapipe.files import FETCH, ON_THE_BENCH, folder_in_use
-from learned.hands.mediapipe.hands import MediaPipeHands
+from learned.hands.mediapipe.hands import FETCH, ON_THE_BENCH, MediaPipeHands, folder_in_use
 from learned.hands.mediapipe.landmarks import (
     INDEX_BASE,
     INDEX_TIP,

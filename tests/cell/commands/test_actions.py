@@ -13,7 +13,7 @@ import pytest
 from cell.commands import actions
 from cell.commands.main import main
 from cell.commands.terminal import CONFIGURATION
-from cell.evaluating.actions import Tally
+from cell.lab.actions import Tally
 
 
 def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores_have_none(
@@ -104,7 +104,7 @@ def test_an_interrupted_evaluation_tells_what_is_done_and_that_it_is_not_all(
             raise KeyboardInterrupt
         return {"slim": Tally(rows=[(0, 0, False)], latency_s=[0.01])}
 
-    monkeypatch.setattr("cell.evaluating.actions.evaluate_actions", watch)
+    monkeypatch.setattr("cell.lab.actions.evaluate_actions", watch)
     words = ["eval", "actions", "--kind", "slim", "--recordings", "3", "--json", "--out", str(tmp_path / "rows.jsonl")]
     for most, status in ((0, 1), (2, 1), (3, 0)):
         assert main(words) == status

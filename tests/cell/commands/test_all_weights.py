@@ -13,8 +13,8 @@ from cell.commands.all_weights import ROWS, steps_of_shipped
 from cell.commands.children import Children
 from cell.commands.main import main
 from cell.configuration import load_configuration
-from cell.evaluating import weights
-from cell.interfaces.files import shipped
+from cell.files.files import shipped
+from cell.lab import weights
 from cell.settings import WEIGHTS
 
 MOST_S = 2 * 3600

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from cell.commands.main import main
 from cell.commands.terminal import CONFIGURATION
-from cell.interfaces.errors import InputError
-from skills.settings import MotionSettings
+from cell.errors import InputError
+from skills.motion.settings import MotionSettings
 
 PRODUCT = CONFIGURATION.with_name("products.yaml")
 NAN, INF = math.nan, math.inf
@@ -75,7 +75,7 @@ CELL: list[tuple[str, Any]] = [
     ("perception.classical.hand_area_m2", INF),
     ("devices.factory", "json:loads"),
     ("devices.factory", "os:getcwd"),
-    ("devices.factory", "sim.jobs:RANDOM_GOAL"),
+    ("devices.factory", "sim.scene.jobs:RANDOM_GOAL"),
     ("devices.simulation.physics.step_s", 1),
     ("devices.simulation.physics.settle_s", INF),
     ("devices.simulation.clutter.nearest_gap_m", 0.5),

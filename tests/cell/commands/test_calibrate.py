@@ -12,9 +12,9 @@ from cell.commands.main import main
 from cell.commands.terminal import CONFIGURATION
 from cell.commands.weights import told_in
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
+from cell.errors import InputError
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Calibration, CameraCalibration
-from cell.interfaces.errors import InputError
-from cell.interfaces.yaml_file import load_yaml
 
 BENCH = load_configuration().bench
 

@@ -13,7 +13,7 @@ import pytest
 from cell.commands import doctor
 from cell.commands.doctor import examine
 from cell.commands.main import main
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.settings import WEIGHTS
 from tests import ROOT
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cell.commands.main import main
-from cell.evaluating.latency import answers_ms
+from cell.lab.latency import answers_ms
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import pytest
 
 from cell.commands.log_files import check_name
 from cell.commands.main import main
-from cell.interfaces.errors import LogError
-from cell.log.reading.reader import LogStream
-from sim.look import Look
-from sim.look_range import look_range
+from cell.errors import LogError
+from cell.log.read.reader import LogStream
+from sim.scene.look import Look
+from sim.scene.look_range import look_range
 from tests import ROOT
 
 LOG = ROOT / "tests" / "cases" / "assembly-g0-seed5.mcap"

@@ -13,15 +13,14 @@ import pytest
 from cell.commands.children import Children
 from cell.commands.made_data import make_data
 from cell.commands.main import main
+from cell.errors import InputError
+from cell.files.files import UNFINISHED, shipped
 from cell.interfaces.bench import Bench
-from cell.interfaces.errors import InputError
-from cell.interfaces.files import shipped
-from cell.interfaces.new_folder import UNFINISHED
 from cell.interfaces.product import Product
 from sim.data.folder import DataFolder, DataPiece
 from sim.data.objects import write_objects
 from sim.data.recording import Assembly, record
-from sim.settings import SimSettings
+from sim.scene.settings import SimSettings
 
 
 def test_data_are_made_once_and_what_was_interrupted_is_made_anew(tmp_path: Path) -> None:

@@ -188,7 +188,7 @@ def test_check_does_not_load_kinematics() -> None:
 
 def test_a_run_never_imports_torch() -> None:
     script = (
-        "import sys, cell.run, cell.commands.main, cell.commands.doctor, sim.cell; "
+        "import sys, cell.runs.run, cell.commands.main, cell.commands.doctor, sim.cell; "
         "sys.exit(' '.join(name for name in ('torch', 'triton', 'torchvision') if name in sys.modules) or 0)"
     )
     result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from cell.commands.main import main
-from cell.evaluating import things
-from cell.interfaces.files import shipped
+from cell.files.files import shipped
 from cell.interfaces.planning import weights_file
+from cell.lab import holes_and_parts as things
 from cell.settings import WEIGHTS
 
 COMMANDS = {

@@ -12,11 +12,11 @@ import onnx
 import pytest
 
 from cell.commands.main import main
-from cell.evaluating import weights
-from cell.evaluating.weights import APART, CHANCE, SAME, Figure, compared
-from cell.interfaces.files import shipped
+from cell.files.files import shipped
+from cell.lab import weights
+from cell.lab.weights import APART, CHANCE, SAME, Figure, compared
 from cell.settings import WEIGHTS
-from learned.onnx_model import OnnxModel, save_onnx
+from learned.inference.onnx_model import OnnxModel, save_onnx
 
 
 def share(value: float, n: int) -> Mapping[str, Figure]:

@@ -12,7 +12,7 @@ from jsonschema import Draft202012Validator
 from cell.commands.main import main
 from cell.commands.schema import schemas
 from cell.configuration import Configuration
-from sim.look_range import LookFile
+from sim.scene.look_range import LookFile
 from tests import ROOT
 
 CONFIG = ROOT / "config"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cell.commands.weights import writing
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 
 def train(*files: Path, error: BaseException | None = None, made: Path | None = None, overwrite: bool = False) -> None:

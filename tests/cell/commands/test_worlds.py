@@ -6,7 +6,7 @@ import gc
 from pathlib import Path
 
 from cell.commands.main import main
-from sim.worker import Worker
+from sim.worker.worker import Worker
 
 
 def test_what_recordings_are_made_of_does_not_stay(tmp_path: Path) -> None:

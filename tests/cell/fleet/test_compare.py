@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from cell.commands.main import main
+from cell.errors import InputError
 from cell.fleet.compare import Limit, differing, findings, overall, pair
 from cell.fleet.compare_text import as_json, lines, page
 from cell.fleet.table import read_table, write_table
-from cell.interfaces.errors import InputError
 
 Rows = list[dict[str, Any]]
 

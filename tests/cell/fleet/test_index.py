@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
+from cell.errors import InputError
 from cell.fleet.index import FAILURES, add_run, ask, refresh
-from cell.interfaces.errors import InputError
-from cell.log.reading.heading import run_row
-from cell.log.reading.reader import Log
-from cell.observer import Outcome
+from cell.log.read.heading import run_row
+from cell.log.read.reader import Log
 from cell.recording.recorder import Heading, McapRecorder
 from cell.settings import LogSettings
+from cell.watching.observer import Outcome
 from tests.processes import finished
 
 

@@ -6,7 +6,7 @@ import os
 import signal
 from pathlib import Path
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 
 
 def squared(number: int, kill_once: str) -> int:

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from cell.interfaces.files import own_or_shipped, shipped, whole_or_none
+from cell.files.files import own_or_shipped, shipped, whole_or_none
 
 
 def test_folders_of_the_user_do_not_hide_what_is_shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.interfaces.errors import InputError
-from cell.interfaces.new_folder import UNFINISHED, whole_folder
+from cell.errors import InputError
+from cell.files.files import UNFINISHED, whole_folder
 
 
 def fill(path: Path, error: type[BaseException] | None = None) -> None:

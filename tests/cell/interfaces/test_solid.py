@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.interfaces.errors import InputError, Problem
+from cell.errors import InputError, Problem
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from cell.interfaces.solid import Solid, span_m
-from cell.interfaces.yaml_file import load_yaml
 
 CONFIG = Path(__file__).parents[3] / "config"
 SOLIDS = [

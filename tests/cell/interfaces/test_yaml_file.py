@@ -8,10 +8,10 @@ import pytest
 from pydantic import Field
 
 from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration, load_product
-from cell.interfaces.errors import InputError, Problem
-from cell.interfaces.model import Model
+from cell.errors import InputError, Problem
+from cell.files.model import Model
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.product import Product
-from cell.interfaces.yaml_file import load_yaml
 
 PRODUCT = DEFAULT_CONFIGURATION.with_name("products.yaml")
 

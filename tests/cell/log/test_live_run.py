@@ -14,10 +14,10 @@ from rich.console import Console
 from websockets.exceptions import ConnectionClosed
 
 from cell.commands.main import main
-from cell.log.reading.reader import Log, read_log
-from cell.log.telling.query import diff
-from cell.run import run
-from cell.run_options import RunOptions
+from cell.log.read.reader import Log, read_log
+from cell.log.report.query import diff
+from cell.runs.options import RunOptions
+from cell.runs.run import run
 from tests.cell.conftest import ALGORITHM_1, changed_configuration
 from tests.cell.viewing.viewer import live_viewer
 

@@ -16,9 +16,9 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from cell.commands.main import main
-from cell.interfaces.errors import InputError
-from cell.log.reading.reader import Log
-from cell.log.telling.for_rerun import write_for_rerun
+from cell.errors import InputError
+from cell.log.read.reader import Log
+from cell.log.report.for_rerun import write_for_rerun
 from cell.log.training.lerobot import VIDEO, write_lerobot
 from tests import ROOT
 

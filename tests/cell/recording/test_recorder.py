@@ -19,16 +19,16 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from py_trees.common import Status
 
+from cell.errors import InputError
 from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
-from cell.interfaces.errors import InputError
-from cell.interfaces.journal import Topic
+from cell.interfaces.notes import Topic
 from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
 from cell.interfaces.pose import Pose
-from cell.observer import Outcome, SentCommand, TickRecord
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.schemas import plain
 from cell.settings import LogSettings
-from skills.can_gripper import CanFrame
+from cell.watching.observer import Outcome, SentCommand, TickRecord
+from skills.drivers.can_gripper import CanFrame
 from tests import ROOT
 from tests.cell.fakes import frame, idle_view
 from trees.engine.node import StatusChange

@@ -13,11 +13,11 @@ from cell.interfaces.command import Command, Display
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
 from cell.interfaces.pose import Pose
-from cell.observer import SentCommand, TickRecord
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
 from cell.settings import LogSettings
-from skills.planner import MotionPlanner
+from cell.watching.observer import SentCommand, TickRecord
+from skills.motion.planner import MotionPlanner
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME
 from tests.cell.viewing.viewer import decoded, topics, world_from

@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 
 from cell.interfaces.perception import Action, BenchView, HandSample, HoleView
-from cell.log.reading.reader import Log
+from cell.log.read.reader import Log
 from cell.recording.json_schema import fields_of, with_nulls, without_nulls
 from cell.recording.schemas import TOPICS, plain, schema
 

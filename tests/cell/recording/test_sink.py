@@ -11,16 +11,16 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cell.log.reading.reader import read_log
-from cell.observer import Level, TickRecord
+from cell.log.read.reader import read_log
 from cell.recording import sink as log_sink
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.sink import LogSink
-from cell.run import run
-from cell.run_options import RunOptions
+from cell.runs.options import RunOptions
+from cell.runs.run import run
 from cell.settings import LogSettings
 from cell.viewing.progress import LiveProgress
-from sim.worker import Worker
+from cell.watching.observer import Level, TickRecord
+from sim.worker.worker import Worker
 from tests.cell.conftest import changed_configuration
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME, record

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import InputError
-from cell.recording.video import Video
+from cell.errors import InputError
+from cell.recording.images import Video
 
 
 def noise(number: int) -> np.ndarray:

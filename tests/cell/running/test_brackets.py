@@ -7,12 +7,12 @@ from typing import Any
 
 from cell.configuration import for_shift, load_configuration
 from cell.interfaces.command import Command, Display
-from cell.interfaces.journal import Topic
+from cell.interfaces.notes import Topic
 from cell.interfaces.observation import Observation
-from cell.observer import Outcome, SentCommand, TickRecord
 from cell.recording.recorder import Heading, McapRecorder
-from cell.running.brackets import BracketTally
 from cell.settings import LogSettings
+from cell.watching.brackets import BracketTally
+from cell.watching.observer import Outcome, SentCommand, TickRecord
 from tests.trees.nodes.rig import EMPTY_GRIPPER, STANDING
 
 Note = tuple[Topic, dict[str, object]]

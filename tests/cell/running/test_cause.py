@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cell.running.cause import FailureCause
+from cell.watching.statistics import FailureCause
 from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, StatusChange
 
 

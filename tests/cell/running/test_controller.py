@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
+from cell.errors import DeviceFault
 from cell.interfaces.command import Display, GripperCommand, JointTrajectory
-from cell.interfaces.errors import DeviceFault
-from cell.observer import EXIT_STATUS, Outcome
 from cell.settings import ControllerSettings
+from cell.watching.observer import EXIT_STATUS, Outcome
 from tests.cell.fakes import Rig, frame
 
 

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
+from cell.errors import InputError, ModelError, SettingError
 from cell.interfaces.bench import Bench, CameraCalibration
-from cell.interfaces.errors import InputError, ModelError, SettingError
 from cell.interfaces.perception import Frame, HandSample, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.running import detectors
-from cell.running.detectors import (
+from cell.settings import LEARNED_KINDS, Perception
+from cell.wiring import detectors
+from cell.wiring.detectors import (
     BESIDE_S,
     TRAINED,
     UNKNOWN_LATENCY_S,
@@ -26,14 +27,13 @@ from cell.running.detectors import (
     latency_s,
     part_finder,
 )
-from cell.settings import LEARNED_KINDS, Perception
 from learned.classical.action_detector import ClassicalActionDetector
 from learned.classical.hand_tracker import ClassicalHandTracker
-from learned.onnx_model import OnnxModel
-from sim.clutter import ScenePart, sample_clutter
+from learned.inference.onnx_model import OnnxModel
 from sim.data.trays import TrayCamera
-from sim.posture import whole
-from sim.settings import ClutterSettings
+from sim.scene.clutter import ScenePart, sample_clutter
+from sim.scene.posture import whole
+from sim.scene.settings import ClutterSettings
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

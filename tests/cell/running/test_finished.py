@@ -9,8 +9,8 @@ import pytest
 from cell.interfaces.command import Command
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, HoleView
-from cell.observer import End, Outcome, SentCommand, TickRecord
-from cell.running.finished import FinishedBrackets
+from cell.watching.brackets import FinishedBrackets
+from cell.watching.observer import End, Outcome, SentCommand, TickRecord
 from learned.semantic.goals import OpenGoals
 from tests.learned.products import DEFAULT
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.judgement import Action as Judged
-from cell.interfaces.judgement import Judgement
+from cell.interfaces.faults import Action as Judged
+from cell.interfaces.faults import Judgement
 from cell.interfaces.perception import Action, HandSample
-from cell.observer import SentCommand, TickRecord
-from cell.running.fluency import Fluency
+from cell.watching.fluency import Fluency
+from cell.watching.observer import SentCommand, TickRecord
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
 

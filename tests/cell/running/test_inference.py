@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from cell.errors import DeviceFault
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.errors import DeviceFault
 from cell.running.inference import BACKLOG, Executor, LockStep, WorkerProcess
 
 PATIENCE_S = 30.0

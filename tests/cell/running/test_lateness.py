@@ -7,11 +7,11 @@ import sys
 import pytest
 
 from cell.interfaces.command import Command
-from cell.interfaces.judgement import Action, Judgement
+from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.observation import Observation
-from cell.observer import Level, SentCommand, TickRecord
-from cell.running.announcing import Announcer
-from cell.running.lateness import BIN_S, Lateness, Quantiles
+from cell.running.observers import Announcer
+from cell.watching.lateness import BIN_S, Lateness, Quantiles
+from cell.watching.observer import Level, SentCommand, TickRecord
 from tests.cell.running.test_finished import ARM, GRIPPER
 
 PERIOD_S = 0.04

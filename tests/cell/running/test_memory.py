@@ -9,14 +9,14 @@ from collections.abc import Callable
 from py_trees.common import Status
 
 from cell.interfaces.command import Command, Display
+from cell.interfaces.devices import TruthEvent
 from cell.interfaces.observation import Observation
-from cell.interfaces.truth import TruthEvent
-from cell.observer import Observer, SentCommand, TickRecord
-from cell.running.fluency import Fluency
-from cell.running.lateness import Lateness
-from cell.running.statistics import RunStatistics
 from cell.viewing.moments import Moments
-from sim.diary import Diary
+from cell.watching.fluency import Fluency
+from cell.watching.lateness import Lateness
+from cell.watching.observer import Observer, SentCommand, TickRecord
+from cell.watching.statistics import RunStatistics
+from sim.worker.event_log import Diary
 from tests.cell.running.test_brackets import Note
 from tests.cell.running.test_finished import ARM, GRIPPER
 from trees.engine.node import StatusChange

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.interfaces.errors import InputError
-from cell.running.node_library import node_registry
+from cell.errors import InputError
+from cell.wiring.node_library import node_registry
 
 OWN = """
 from py_trees.common import Status

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from py_trees.common import Status
 
+from cell.errors import InputError
 from cell.interfaces.command import Display
-from cell.interfaces.errors import InputError
-from cell.interfaces.judgement import Action
+from cell.interfaces.faults import Action
 from cell.interfaces.operator import Answer, OperatorOrder, Question
 from cell.running.operator import KEPT, WAITING, OperatorChannel
 from cell.running.supervisor import Supervisor

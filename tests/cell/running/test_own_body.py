@@ -11,10 +11,9 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus
 from cell.interfaces.perception import BenchView, Frame, PendingFrame
 from cell.interfaces.pose import Pose
+from cell.running.device_reader import NEAR_S, DeviceReader, OwnBody
 from cell.running.inference import LockStep
-from cell.running.own_body import NEAR_S, OwnBody
-from cell.running.reading import DeviceReader
-from skills.planner import MotionPlanner
+from skills.motion.planner import MotionPlanner
 from tests.cell.fakes import FakeArm, FakeCamera, FakeGripper, FakePanel, frame, idle_view, no_parts
 
 CONFIGURATION = load_configuration()

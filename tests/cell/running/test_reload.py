@@ -13,25 +13,25 @@ from py_trees.common import Status
 from rich.console import Console
 
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.journal import ListJournal
+from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import GripperState, ObjectStatus, Observation
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Progress, Skill, SkillStatus
-from cell.log.reading.reader import read_log
-from cell.log.replaying.replay import Replay
-from cell.observer import TickRecord
-from cell.run import run
-from cell.run_options import RunOptions
-from cell.running.node_library import node_registry
-from cell.running.reload import WatchedTree, take_over
-from cell.running.statistics import RunStatistics
+from cell.log.read.reader import read_log
+from cell.log.replay.replay import Replay
+from cell.runs.options import RunOptions
+from cell.runs.run import run
+from cell.watching.observer import TickRecord
+from cell.watching.statistics import RunStatistics
+from cell.wiring.node_library import node_registry
+from cell.wiring.reload import WatchedTree, take_over
 from tests import ROOT
 from tests.cell.fakes import FakeObserver, FakeServices, Rig
 from tests.trees.nodes.rig import services
 from trees.engine.node import Node
 from trees.engine.tree import Tree
+from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
-from trees.files.registry import Registry
 from trees.nodes.skill_node import SkillNode
 
 
@@ -253,7 +253,7 @@ def test_an_edit_takes_over_in_the_simulated_cell(tmp_path: Path, monkeypatch: p
     path, log = tmp_path / "tree.xml", tmp_path / "log.mcap"
     path.write_text(WHOLE.format('<Sleep msec="4000"/>'))
     monkeypatch.setattr(EditingStatistics, "path", path, raising=False)
-    monkeypatch.setattr("cell.run.RunStatistics", EditingStatistics)
+    monkeypatch.setattr("cell.runs.run.RunStatistics", EditingStatistics)
     result = run(RunOptions(tree=path, seed=1, goal="g0", log=log, watch=True), Console(file=StringIO()))
     assert result.outcome.end == "failed"
     assert result.outcome.ticks < 20
@@ -296,7 +296,7 @@ def test_an_assembly_goes_on_with_its_graph_when_its_tree_is_edited(
     for name in ("assemble.xml", "clear_and_grasp.xml"):
         (tmp_path / name).write_text((ROOT / "trees" / name).read_text())
     monkeypatch.setattr(ImpatientStatistics, "folder", tmp_path, raising=False)
-    monkeypatch.setattr("cell.run.RunStatistics", ImpatientStatistics)
+    monkeypatch.setattr("cell.runs.run.RunStatistics", ImpatientStatistics)
     log, told = tmp_path / "log.mcap", StringIO()
     options = RunOptions(tree=tmp_path / "assemble.xml", seed=3, goal="g1", log=log, watch=True)
     result = run(options, Console(file=told, width=200))

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from py_trees.common import Status
 
-from cell.interfaces.errors import DeviceFault
+from cell.errors import DeviceFault
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
-from cell.observer import Outcome, TickRecord
 from cell.running import controller as controller_module
+from cell.watching.observer import Outcome, TickRecord
 from tests.cell.fakes import FakeObserver, FakeTree, Rig
 
 

@@ -12,15 +12,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cell.configuration import load_configuration, load_faults
+from cell.errors import InputError
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.errors import InputError
-from cell.interfaces.judgement import SIGNALS, Action, Fault, FaultTable, Judgement, fault_table_markdown
+from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement, fault_table_markdown
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView, HandSample, PartsView
-from cell.interfaces.yaml_file import load_yaml
-from cell.running.acting import withhold
-from cell.running.checks import CHECKS
+from cell.running.device_writer import withhold
+from cell.running.fault_checks import CHECKS
 from cell.running.supervisor import Supervisor, make_supervisor
 from tests.integration.cell_rig import motion_planner
 
@@ -227,15 +227,15 @@ def test_an_arm_that_is_held_off_its_path_waits_for_a_person_and_gives_its_path_
     assert lasts_s is not None
     ticks = 10 + math.ceil(lasts_s / TICK_S)
     held = [supervisor.judge(off(sound(tick))) for tick in range(2, ticks)]
+    waiting = [supervisor.unacknowledged]
     assert held[-1].action is Action.HOLD
-    assert supervisor.unacknowledged
     seen = [sound(tick) if comes_back else off(sound(tick)) for tick in range(ticks, ticks + 50)]
     waits = [supervisor.judge(one) for one in seen]
     assert {judgement.action for judgement in waits} == {Action.HOLD}, "nothing moves before somebody said so"
     said = replace(off(sound(ticks + 50)), acknowledged=True)
     supervisor.judge(said)
     supervisor.judge_command(said, Command())
-    assert not supervisor.unacknowledged
+    assert [*waiting, supervisor.unacknowledged] == [True, False]
     later = [supervisor.judge(off(sound(tick))).action for tick in range(ticks + 51, ticks + 80)]
     assert later[-1] is Action.RUN, "it stands where it was pushed, and a new path begins there"
 
@@ -392,8 +392,8 @@ def near_hand(tick: int, path_s: float | None = None, **changes: object) -> Obse
 
 
 def path_out() -> JointTrajectory:
-    from skills.near_hand import way_out
-    from skills.planner import Load
+    from skills.motion.near_hand import way_out
+    from skills.motion.planner import Load
 
     planner = motion_planner()
     park_rad = np.array(planner.bench.arm_park_rad)

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from cell.log.reading.reader import Log
-from cell.run_viewers import LAYOUT
+from cell.log.read.reader import Log
+from cell.runs.viewers import LAYOUT
 from tests import ROOT
 from tests.cell.viewing.viewer import topics
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
 from cell.settings import LogSettings

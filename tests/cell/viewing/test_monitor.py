@@ -20,22 +20,21 @@ from btview.client import Groot2Client
 from py_trees.common import Status
 from rich.console import Console
 
+from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
-from cell.interfaces.errors import InputError
-from cell.observer import SentCommand, TickRecord
-from cell.running.node_library import node_registry
-from cell.viewing.keys import Keys
-from cell.viewing.live_view import MonitorClient, view
+from cell.viewing.live_view import Keys, MonitorClient, view
 from cell.viewing.monitor import Monitor
 from cell.viewing.stepping import Stepper
+from cell.watching.observer import SentCommand, TickRecord
+from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.cell.fakes import Rig
 from trees.engine.node import Node
 from trees.engine.ports import InputPort
 from trees.engine.tree import Tree
+from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
-from trees.files.registry import Registry
 from trees.views.groot2 import tree_xml
 
 T = TypeVar("T")

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 from cell.viewing.typed_orders import TypedOrders, order_of, typed_lines

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from cell.interfaces.perception import SEGMENT_FRAMES, Action, Frame, HandSample, HoleView, Segment
-from learned.actions.classes import Classes
-from learned.actions.detector import TrainedActionDetector
-from learned.onnx_model import ModelCard
+from learned.actions.model import TrainedActionDetector
+from learned.actions.settings import Classes
+from learned.inference.onnx_model import ModelCard
 from tests.learned.actions.drawn import BENCH, HOLES_M, PRODUCT
 
 CLASSES = Classes.of(PRODUCT)

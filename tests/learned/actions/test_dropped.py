@@ -6,9 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from cell.interfaces.perception import HandSample, HoleView
-from learned.actions.classes import Classes
-from learned.actions.dropped import DroppedParts
-from learned.actions.filled import Filled
+from learned.actions.hole_events import DroppedParts, Filled
+from learned.actions.settings import Classes
 from tests.learned.actions.drawn import HOLES_M, PRODUCT
 
 CLASSES = Classes.of(PRODUCT)

@@ -9,11 +9,11 @@ from pathlib import Path
 from cell.configuration import load_configuration, load_product, simulated
 from cell.interfaces.planning import weights_file
 from cell.settings import WEIGHTS
-from learned.actions.classes import Classes
-from learned.actions.dataset import load_segments
+from learned.actions.data import load_segments
 from learned.actions.evaluate import answers, class_scores, confusion
 from learned.actions.segments import SegmentReader
-from learned.onnx_model import OnnxModel
+from learned.actions.settings import Classes
+from learned.inference.onnx_model import OnnxModel
 from sim.data.actions import write_segments
 from sim.data.folder import DataFolder
 from sim.data.recording import Source, record
@@ -48,8 +48,8 @@ def test_the_shipped_file_is_small_and_needs_no_torch() -> None:
     program = (
         "import sys; from cell.settings import WEIGHTS;"
         "from cell.configuration import load_configuration, load_product;"
-        "from learned.actions.detector import load_actions; c = load_configuration();"
+        "from learned.actions.model import load_actions; c = load_configuration();"
         "load_actions(c.bench, load_product(c), WEIGHTS / 'actions_slim.onnx');"
-        "assert not {'torch', 'sim.world', 'mujoco'} & set(sys.modules)"
+        "assert not {'torch', 'sim.scene.world', 'mujoco'} & set(sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

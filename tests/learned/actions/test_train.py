@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import InputError, ModelError
+from cell.errors import InputError, ModelError
 from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segment
-from learned.actions.classes import Classes
+from learned.actions.settings import Classes
 from tests.learned.actions.drawn import BENCH, HOLES_M, PRODUCT, write_folder
 
 pytestmark = pytest.mark.torch
@@ -28,8 +28,8 @@ def placing(at: int) -> Segment:
 
 
 def test_slim_learns_and_its_file_answers_in_a_detector(tmp_path: Path) -> None:
-    from learned.actions.dataset import load_segments
-    from learned.actions.detector import load_actions
+    from learned.actions.data import load_segments
+    from learned.actions.model import load_actions
     from learned.actions.settings import ActionTraining
     from learned.actions.train import Task, train_actions
 
@@ -51,8 +51,8 @@ def test_slim_learns_and_its_file_answers_in_a_detector(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["paper", "cnn_lstm", "hand", "lrcn", "track"])
 def test_every_network_is_trained_and_exported_within_its_budget(tmp_path: Path, kind: str) -> None:
-    from learned.actions.dataset import load_segments
-    from learned.actions.detector import load_actions
+    from learned.actions.data import load_segments
+    from learned.actions.model import load_actions
     from learned.actions.settings import ActionTraining
     from learned.actions.train import Task, train_actions
 
@@ -67,7 +67,7 @@ def test_every_network_is_trained_and_exported_within_its_budget(tmp_path: Path,
 
 
 def test_whole_frames_are_asked_for_where_they_are_missing(tmp_path: Path) -> None:
-    from learned.actions.dataset import load_segments
+    from learned.actions.data import load_segments
     from learned.actions.train import Task, train_actions
 
     learned = load_segments([write_folder(tmp_path / "train", 8, 1)], CLASSES)
@@ -76,7 +76,7 @@ def test_whole_frames_are_asked_for_where_they_are_missing(tmp_path: Path) -> No
 
 
 def test_unknown_kinds_are_refused(tmp_path: Path) -> None:
-    from learned.actions.dataset import load_segments
+    from learned.actions.data import load_segments
     from learned.actions.train import Task, train_actions
 
     learned = load_segments([write_folder(tmp_path / "train", 8, 1)], CLASSES)
@@ -85,10 +85,10 @@ def test_unknown_kinds_are_refused(tmp_path: Path) -> None:
 
 
 def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(tmp_path: Path) -> None:
-    from learned.actions.baselines import KINDS, measure_folds, page, summary
-    from learned.actions.dataset import load_segments
+    from learned.actions.data import load_segments
     from learned.actions.settings import ActionTraining
     from learned.actions.train import Task
+    from learned.lab.action_baselines import KINDS, measure_folds, page, summary
 
     segments = load_segments([write_folder(tmp_path / "data", 40, 1, whole=True)], CLASSES)
     apart = [segments.without(fold, 2) for fold in range(2)]
@@ -112,8 +112,8 @@ def test_splits_keep_recordings_apart_and_a_measured_one_is_not_measured_again(t
 def test_weights_by_chance_answer_and_paper_has_all_channels_of_vgg16(tmp_path: Path) -> None:
     from torch import nn
 
-    from learned.actions.detector import load_actions
-    from learned.actions.networks import Vgg16
+    from learned.actions.model import load_actions
+    from learned.actions.network import Vgg16
     from learned.actions.train import Task, write_untrained
 
     out = tmp_path / "actions_slim.onnx"

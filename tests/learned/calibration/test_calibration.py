@@ -12,19 +12,18 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product, simulated
-from cell.evaluating.things import calibrated_bench, true_calibration
 from cell.interfaces.bench import Calibration, CameraCalibration, CameraSetup, Mount
 from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Pose
-from learned.calibration.check import EVERY_S, LOOKS, WORLD, CalibrationCheck, TrayCheck, trouble
+from cell.lab.holes_and_parts import calibrated_bench, true_calibration
+from learned.calibration.check import EVERY_S, LOOKS, WORLD, CalibrationCheck, TrayCheck, tray_off_m, trouble
 from learned.calibration.landmarks import PlateModel
 from learned.calibration.solve import Shot, fit_camera, fit_over_empty_plate, holes_off_m, too_few_holes
-from learned.calibration.tray import tray_off_m
 from sim.data.sight import true_camera
-from sim.look import Look, MountError, Mounts
-from sim.photographer import Exposure, Photographer, SensorSetup
-from sim.studio import visible_poses
-from sim.world import build_world
+from sim.rendering.photographer import Exposure, Photographer, SensorSetup
+from sim.rendering.studio import visible_poses
+from sim.scene.look import Look, MountError, Mounts
+from sim.scene.world import build_world
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

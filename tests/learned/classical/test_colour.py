@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.product import Product
 from learned.classical.colour import BACKGROUND, ColourModel
 from tests.learned.classical.scenes import PRODUCT, SKIN

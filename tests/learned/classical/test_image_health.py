@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cell.interfaces.perception import Frame
-from learned.classical.detectors import classical_bench_watcher
+from learned.bench_watcher import classical_bench_watcher
 from learned.classical.image_health import ImageHealth, TrackHealth
 from tests.integration.cell_rig import BENCH, PRODUCT, with_person
 

@@ -11,14 +11,14 @@ import pytest
 
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
-from cell.interfaces.resting import SIDES, UPRIGHT, rest_on
-from cell.running.detectors import Detectors
+from cell.interfaces.resting_pose import SIDES, UPRIGHT, rest_on
+from cell.wiring.detectors import Detectors
 from learned.classical.lying_fit import LyingFitter
 from learned.classical.lying_parts import LyingParts, covers
-from sim.clutter import sample_clutter
 from sim.data.trays import TrayCamera
-from sim.settings import ClutterSettings
-from sim.tray_truth import resting_parts
+from sim.scene.clutter import sample_clutter
+from sim.scene.settings import ClutterSettings
+from sim.truth.tray_truth import resting_parts
 from tests.benchmarks.perception_accuracy import look, open_sim
 from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import DeviceFault
+from cell.errors import DeviceFault
 from cell.interfaces.perception import Frame, PartDetection
 from cell.interfaces.pose import Pose
 from learned.classical.box_model import View, outline

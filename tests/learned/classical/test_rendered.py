@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from learned.classical.detectors import classical_bench_watcher
+from learned.bench_watcher import classical_bench_watcher
 from learned.classical.part_detector import ClassicalPartDetector
-from sim.clutter import full_set, sample_clutter
-from sim.foreign import UNKNOWN
-from sim.settings import ClutterSettings
-from sim.tray_truth import resting_parts
+from sim.scene.clutter import full_set, sample_clutter
+from sim.scene.settings import ClutterSettings
+from sim.scene.unknown_objects import UNKNOWN
+from sim.truth.tray_truth import resting_parts
 from tests.benchmarks.perception_accuracy import PartErrors, RunErrors, compare, look, open_sim, worker_run
 from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from cell.files.yaml_file import load_yaml
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.interfaces.yaml_file import load_yaml
 
 ROOT = Path(__file__).parents[3]
 PRODUCT = load_yaml(ROOT / "config" / "products.yaml", Product)

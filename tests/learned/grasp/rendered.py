@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 from cell.configuration import load_configuration
-from cell.evaluating.tray_camera import crops_of_view
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
+from cell.lab.tray_camera import crops_of_view
 from learned.grasp.boxes import boxes_of
 from learned.grasp.crops import Crops, View, load_crops, with_embeddings
 from learned.grasp.evaluate import embedded

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from learned.grasp.dataset import read_scenes
+from learned.grasp.data import read_scenes
 from tests.learned.grasp.layouts import PRODUCT
 
 
@@ -55,11 +55,11 @@ def test_damaged_scenes_are_named_before_training(
 
 @pytest.mark.torch
 def test_scenes_from_a_file_train_a_planner(tmp_path: Path) -> None:
-    from learned.grasp.dataset import write_scenes
+    from learned.grasp.data import write_scenes
     from learned.grasp.scenes import draw_scenes
     from learned.grasp.train import train_grasp
     from learned.grasp.training_settings import PairwiseSettings
-    from learned.onnx_model import OnnxModel
+    from learned.inference.onnx_model import OnnxModel
 
     data = tmp_path / "scenes.jsonl"
     write_scenes(data, draw_scenes(PRODUCT, 8, 30, "train"), PRODUCT, "a test")

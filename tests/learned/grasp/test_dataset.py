@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import InputError
-from learned.grasp.dataset import DetectionRecord, SceneRecord, read_records, read_scenes, write_records, write_scenes
+from cell.errors import InputError
+from learned.grasp.data import DetectionRecord, SceneRecord, read_records, read_scenes, write_records, write_scenes
 from learned.grasp.scenes import data_hash, draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, chain, walled
 

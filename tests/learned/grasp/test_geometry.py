@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from learned.grasp.boxes import boxes_of
 from learned.grasp.candidates import graspable
 from learned.grasp.physics import touching

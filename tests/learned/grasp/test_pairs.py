@@ -13,13 +13,12 @@ from cell.interfaces.pose import Array
 from learned.grasp.boxes import boxes_of
 from learned.grasp.candidates import as_headed, available
 from learned.grasp.evaluate import is_right
+from learned.grasp.model import PairwisePlanner, RulePlanner
 from learned.grasp.pairs import PAIR_FEATURES, Pairs, near_pairs, pair_features
-from learned.grasp.planner import PairwisePlanner
-from learned.grasp.reference import AveragingPlanner
-from learned.grasp.rule import RulePlanner
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
-from learned.onnx_model import OnnxModel
+from learned.inference.onnx_model import OnnxModel
+from learned.lab.grasp_baselines import AveragingPlanner
 from tests.learned.grasp.layouts import PRODUCT, WEIGHTS, moved, standing
 
 EXACT = SceneSettings(noise=DetectionNoise(position_m=0.0, yaw_rad=0.0))

@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.grasp.evaluate import evaluate_grasp, evaluate_scenes
 from learned.grasp.language import END, MAX_WORDS, MOVE
-from learned.grasp.planner import KINDS, PaperPlanner, load_grasp_planner
+from learned.grasp.model import KINDS, PaperPlanner, load_grasp_planner
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import SceneSettings
 from learned.grasp.solution import Solution
-from learned.onnx_model import OnnxModel
+from learned.inference.onnx_model import OnnxModel
 from tests.learned.grasp.layouts import PRODUCT, ROOT, WEIGHTS, chain, enclosed, moved, standing, walled
 from tests.learned.grasp.rendered import Seeing, look
 
@@ -229,7 +229,7 @@ def test_words_that_are_no_sentence_are_refused(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_planning_never_imports_torch() -> None:
-    code = "import sys, learned.grasp.planner, learned.grasp.evaluate; assert 'torch' not in sys.modules"
+    code = "import sys, learned.grasp.model, learned.grasp.evaluate; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 

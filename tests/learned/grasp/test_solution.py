@@ -8,7 +8,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from learned.grasp.boxes import Blocks, boxes_of
 from learned.grasp.language import END, HELP, MAX_WORDS, decode, encode, words_of
 from learned.grasp.solution import Solution, letter, solve, solves

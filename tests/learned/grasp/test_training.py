@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.planning import crops_file
 from learned.grasp.boxes import boxes_of
 from learned.grasp.crops import CHANNELS, CROP_PX, EMBEDDING, Crops, View, load_crops
 from learned.grasp.evaluate import embedded
 from learned.grasp.graph import Attention, scene_graph
 from learned.grasp.language import MAX_WORDS, decode, encode
+from learned.grasp.model import load_grasp_planner
 from learned.grasp.pairs import PAIR_FEATURES
-from learned.grasp.planner import load_grasp_planner
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
 from learned.grasp.training_settings import PairwiseSettings, PaperSettings, TrainingSettings
-from learned.onnx_model import OnnxModel
+from learned.inference.onnx_model import OnnxModel
 from tests.learned.grasp.layouts import PRODUCT, walled
 
 if TYPE_CHECKING:
@@ -144,8 +144,8 @@ def test_the_papers_network_is_the_same_in_onnx(paper: Trained, scenes: list[Sce
 def test_an_interrupted_training_keeps_what_tells_footprints(
     tmp_path: Path, paper: Trained, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from learned.fitting import fit
     from learned.grasp import footprints, train
+    from learned.training.training_loop import fit
 
     flipped_crops = footprints.flipped_crops
     learned: list[int] = []

@@ -9,13 +9,12 @@ import pytest
 
 from cell.configuration import load_configuration
 from cell.interfaces.pose import Array
-from learned.hands.closer_look import UNCLEAR, CloserLook
-from learned.hands.closeups import REFINED
+from learned.hands.model import NEW_CONFIDENCE
 from learned.hands.reading import ApparentSize, Reading
+from learned.hands.refinement import REFINED, UNCLEAR, CloserLook
 from learned.hands.regions import Regions
-from learned.hands.slim import NEW_CONFIDENCE
 from learned.hands.tracking import LEAST_CONFIDENCE
-from learned.onnx_model import Network
+from learned.inference.onnx_model import Network
 
 SURE, RATIO = 0.99, 0.1
 

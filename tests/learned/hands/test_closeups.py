@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from learned.hands.closeups import CLOSE_PX, LENGTH_PX, Closeup, to_the_right_rad
+from learned.hands.refinement import CLOSE_PX, LENGTH_PX, Closeup, to_the_right_rad
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

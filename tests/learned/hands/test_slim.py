@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product, simulated
-from cell.evaluating.hands import FOUND_M, ONLY, evaluate_hands
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from cell.interfaces.planning import weights_file
+from cell.lab.hands import FOUND_M, ONLY, evaluate_hands
 from cell.settings import WEIGHTS
-from learned.hands.slim import SlimReader, finder_file, refiner_file, slim_tracker
-from learned.onnx_model import OnnxModel
+from learned.hands.model import SlimReader, finder_file, refiner_file, slim_tracker
+from learned.inference.onnx_model import OnnxModel
 from sim.data.hands import hand_frames
 from sim.data.recording import Source, record
 from sim.data.turned_hand import TurnedHand

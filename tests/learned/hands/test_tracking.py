@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration
-from cell.interfaces.errors import DeviceFault
+from cell.errors import DeviceFault
 from cell.interfaces.perception import Frame, HandSample
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View

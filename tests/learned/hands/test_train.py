@@ -12,20 +12,19 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from cell.configuration import load_configuration, load_product  # noqa: E402
-from cell.interfaces.errors import InputError  # noqa: E402
+from cell.errors import InputError  # noqa: E402
 from learned.hands import train as training  # noqa: E402
-from learned.hands.augment import varied  # noqa: E402
-from learned.hands.closeups import CLOSE_PX  # noqa: E402
-from learned.hands.dataset import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
+from learned.hands.augment import turned_images, varied  # noqa: E402
+from learned.hands.data import NO_HAND_WITHIN, NO_HANDS, HandData, load_hands  # noqa: E402
+from learned.hands.evaluate import score_readings  # noqa: E402
 from learned.hands.examples import finder_targets, mirrored, reader_batch, refiner_batch  # noqa: E402
 from learned.hands.losses import heat_target, reader_loss, refiner_loss  # noqa: E402
-from learned.hands.networks import HEAT_PX, Reader, soft_argmax  # noqa: E402
+from learned.hands.model import SlimReader, finder_file, refiner_file  # noqa: E402
+from learned.hands.network import HEAT_PX, Reader, soft_argmax  # noqa: E402
+from learned.hands.refinement import CLOSE_PX  # noqa: E402
 from learned.hands.refiner import Refiner  # noqa: E402
 from learned.hands.regions import AROUND_PX, CELL_PX, POINTS, Regions, centre_of  # noqa: E402
-from learned.hands.score import score_readings  # noqa: E402
-from learned.hands.slim import SlimReader, finder_file, refiner_file  # noqa: E402
 from learned.hands.train import train_hands  # noqa: E402
-from learned.hands.turns import turned_images  # noqa: E402
 
 pytestmark = pytest.mark.torch
 

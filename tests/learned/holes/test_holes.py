@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.perception import Frame
-from learned.holes.crops import CROP_PX, hole_crops, squares_m
-from learned.holes.reader import VOTES, PlateHoleReader
-from learned.onnx_model import ModelCard
+from learned.holes.model import CROP_PX, VOTES, PlateHoleReader, hole_crops, squares_m
+from learned.inference.onnx_model import ModelCard
 
 CONFIGURATION = load_configuration()
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

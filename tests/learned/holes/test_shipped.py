@@ -9,10 +9,10 @@ import numpy as np
 
 from cell.configuration import load_configuration, load_product, simulated
 from cell.settings import WEIGHTS
-from learned.holes.dataset import Plate, load_plates
+from learned.holes.data import Plate, load_plates
 from learned.holes.evaluate import HoleFindings, evaluate_holes
-from learned.holes.reader import KIND, HoleNetwork, Reading
-from learned.onnx_model import OnnxModel
+from learned.holes.model import KIND, HoleNetwork, Reading
+from learned.inference.onnx_model import OnnxModel
 from sim.data.folder import DataFolder
 from sim.data.plates import write_plates
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product
-from learned.holes.dataset import Hole, Plate
-from learned.holes.reader import LEAST_EMPTY, LEAST_FILLED, HoleNetwork
-from learned.onnx_model import OnnxModel
+from learned.holes.data import Hole, Plate
+from learned.holes.model import LEAST_EMPTY, LEAST_FILLED, HoleNetwork
+from learned.inference.onnx_model import OnnxModel
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
 

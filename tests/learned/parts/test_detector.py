@@ -12,18 +12,18 @@ import pytest
 from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product, simulated
-from cell.interfaces.errors import DeviceFault, ModelError
+from cell.errors import DeviceFault, ModelError
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.settings import WEIGHTS
-from learned.onnx_model import Network, OnnxModel
-from learned.parts.dataset import Scene, load_scenes
-from learned.parts.detector import CENTRE_KIND, POSE_KIND, SAME_BOX, CentrePartDetector, pose_file
+from learned.inference.onnx_model import Network, OnnxModel
+from learned.parts.data import Scene, load_scenes
 from learned.parts.evaluate import Findings, evaluate_parts
 from learned.parts.maps import UPRIGHT, overlap
+from learned.parts.model import CENTRE_KIND, POSE_KIND, SAME_BOX, CentrePartDetector, pose_file
 from sim.data.folder import DataFolder
 from sim.data.objects import write_objects
-from sim.data.variety import mixed_clutter
+from sim.data.splits import mixed_clutter
 
 CONFIGURATION = simulated(load_configuration(), "nominal")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

@@ -9,9 +9,9 @@ import numpy as np
 from cell.configuration import load_configuration, load_product
 from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.pose import Pose
-from learned.exposure import levelled
+from learned.inference.exposure import levelled
 from learned.parts.augment import sample
-from learned.parts.dataset import Label, Scene
+from learned.parts.data import Label, Scene
 from learned.parts.evaluate import Findings, average_precision, judge
 from learned.parts.maps import HEIGHT_UNIT_M, UPRIGHT, network_input, overlap, peaks
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from cell.configuration import load_configuration, load_product
-from cell.interfaces.errors import InputError, ModelError
+from cell.errors import InputError, ModelError
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
-from learned.parts.dataset import AXIS_M, Label, Scene, surface_of
-from learned.parts.detector import CentrePartDetector
+from learned.parts.data import AXIS_M, Label, Scene, surface_of
+from learned.parts.model import CentrePartDetector
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
 
@@ -61,8 +61,8 @@ def test_a_short_training_gives_a_detector_that_answers(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_training_goes_on_after_the_centre_net(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.fitting import fit_examples
     from learned.parts import train
+    from learned.training.training_loop import fit_examples
 
     fits: list[int] = []
 
@@ -134,7 +134,7 @@ def test_faster_rcnn_takes_a_step_is_written_and_scored(tmp_path: Path) -> None:
 def test_boxes_of_faster_rcnn_are_judged_as_those_of_other_detectors() -> None:
     import torch
 
-    from learned.parts.dataset import UNKNOWN
+    from learned.parts.data import UNKNOWN
     from learned.parts.rcnn import score_rcnn, targets
 
     types = tuple(PRODUCT.parts)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import ModelError
+from cell.errors import ModelError
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyState
-from learned.onnx_model import ModelCard
+from learned.inference.onnx_model import ModelCard
 from learned.semantic.and_or import AndOrGraph
 from learned.semantic.graph import EMPTY, Layout
-from learned.semantic.planner import AndOrPlanner, load_semantic_planner
+from learned.semantic.model import AndOrPlanner, load_semantic_planner
 from learned.semantic.scenarios import Scenarios, consistent, scenarios, split, sub_demonstrations
 from tests.learned.products import DEFAULT, HARDER
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cell.commands.main import main
-from learned.semantic.certify import CONFIDENCE, Case, binomial_tail, certificate, least_limit
+from learned.lab.semantic_certify import CONFIDENCE, Case, binomial_tail, certificate, least_limit
 
 
 def drawn(count: int, seed: int) -> list[Case]:

@@ -8,9 +8,9 @@ import pytest
 
 from cell.commands.main import main
 from cell.commands.weights import new_weights, shipped_weights
-from cell.interfaces.files import shipped
+from cell.files.files import shipped
 from learned.semantic.and_or import AndOrGraph
-from learned.semantic.dataset import load_demonstrations
+from learned.semantic.data import load_demonstrations
 from learned.semantic.graph import Layout
 from tests.learned.products import DEFAULT
 

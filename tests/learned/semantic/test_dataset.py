@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import InputError
-from learned.semantic.dataset import (
+from cell.errors import InputError
+from learned.semantic.data import (
     Demonstration,
     PlacementRecord,
     demonstrations_of,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cell.commands.main import main
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from learned.semantic.goals import FinishedGoal, OpenGoals
-from learned.semantic.planner import BayesPlanner, FactoredPlanner, load_semantic_planner
+from learned.semantic.model import BayesPlanner, FactoredPlanner, load_semantic_planner
 from learned.semantic.settings import NewGoals
 from tests.learned.products import DEFAULT
 

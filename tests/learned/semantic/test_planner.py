@@ -11,15 +11,15 @@ import onnx
 import pytest
 from onnx import numpy_helper
 
-from cell.interfaces.errors import InputError, ModelError
+from cell.errors import InputError, ModelError
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyState, SemanticPlanner
 from cell.interfaces.product import Product
-from learned.onnx_model import OnnxModel, save_onnx
+from learned.inference.onnx_model import OnnxModel, save_onnx
 from learned.semantic.bayes import BayesPosterior
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.graph import Ints, Layout, one_hot
+from learned.semantic.model import load_semantic_planner
 from learned.semantic.noise import Noise
-from learned.semantic.planner import load_semantic_planner
 from learned.semantic.scenarios import consistent, misdetect, scenarios
 from tests.learned.products import DEFAULT, HARDER, relabelled, with_goals
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from cell.interfaces.product import Product
+from learned.lab.semantic_streams import NEVER, assemble, unlisted
 from learned.semantic.confusions import Confusions
-from learned.semantic.experiments.streams import NEVER, assemble, unlisted
 from learned.semantic.goals import FinishedGoal, OpenGoals
 from learned.semantic.graph import Layout
-from learned.semantic.planner import BayesPlanner
+from learned.semantic.model import BayesPlanner
 from learned.semantic.risk import act_probability
 from tests.learned.products import DEFAULT
 

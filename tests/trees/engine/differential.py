@@ -14,14 +14,14 @@ from typing import IO, Protocol
 import behaviortreepy
 from py_trees.common import Status
 
+from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.errors import InputError
 from tests.trees.conftest import load_whatever_is_reached
 from tests.trees.engine.random_trees import VARIABLES, Case
 from trees.engine.blackboard import UNSET
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Node
 from trees.engine.tree import Tree
-from trees.files.registry import Registry
+from trees.files.build.registry import Registry
 
 OURS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 THEIRS = {

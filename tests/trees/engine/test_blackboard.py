@@ -7,11 +7,11 @@ from enum import Enum
 import pytest
 from py_trees.common import Status
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from tests.trees.conftest import Load
 from trees.engine.node import Node
 from trees.engine.ports import InOutPort, InputPort, OutputPort
-from trees.files.registry import Registry
+from trees.files.build.registry import Registry
 
 
 class Colour(Enum):

@@ -13,7 +13,7 @@ from py_trees.common import Status
 from cell.interfaces.clock import ManualClock
 from tests.trees.conftest import Load, load_whatever_is_reached
 from trees.engine.node import Node, NodeError
-from trees.files.registry import Registry
+from trees.files.build.registry import Registry
 
 LETTERS = {"S": Status.SUCCESS, "F": Status.FAILURE, "R": Status.RUNNING}
 CONTROLS = {

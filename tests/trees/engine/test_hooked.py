@@ -10,8 +10,8 @@ from py_trees.common import Status
 from cell.interfaces.clock import ManualClock
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.tree import Tree
+from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
-from trees.files.registry import Registry
 
 
 def hooked(folder: Path, node: str, answer: str = "SUCCESS") -> Tree:

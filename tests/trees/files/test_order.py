@@ -10,17 +10,17 @@ from typing import ClassVar
 import pytest
 from py_trees.common import Status
 
+from cell.errors import Problem
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.errors import Problem
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from tests.trees.engine.random_trees import Features, Generator
 from trees.engine.blackboard import UNSET
 from trees.engine.node import Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.files.build.registry import Registry
 from trees.files.check import check
-from trees.files.library import read_library
 from trees.files.loader import build
-from trees.files.registry import Registry
+from trees.files.parse.library import read_library
 
 LETTERS = {"S": Status.SUCCESS, "F": Status.FAILURE, "R": Status.RUNNING}
 NAMES = ("a", "b")

@@ -13,9 +13,9 @@ from tests.trees.engine.differential import Ours, Refused
 from tests.trees.engine.random_trees import Features, Generator
 from trees.engine.node import RUNNING, Node
 from trees.engine.status import ANY, Results
-from trees.files.library import bottom_up, called, read_library
-from trees.files.reach import _Reach
-from trees.files.registry import Registry
+from trees.files.build.registry import Registry
+from trees.files.checks.reach import _Reach
+from trees.files.parse.library import bottom_up, called, read_library
 
 
 class Leaf(Node):

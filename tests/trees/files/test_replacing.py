@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from trees.files.check import Circumstances, findings
 from trees.files.loader import load_tree
 from trees.testing import TreeBench, assert_ticks

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any, cast
 
 from cell.configuration import load_configuration, load_product
+from cell.errors import ModelError
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
-from cell.interfaces.errors import ModelError
-from cell.interfaces.journal import ListJournal
+from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan
 from cell.interfaces.pose import Pose
-from skills.planner import MotionPlanner
+from skills.motion.planner import MotionPlanner
 from trees.guard import Guard, GuardSettings
 from trees.nodes.services import Services
 

@@ -10,8 +10,8 @@ from py_trees.common import Status
 
 from cell.interfaces.operator import PLACED_BY_HAND, OperatorOrder, OperatorState
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
-from cell.running.node_library import node_registry
-from learned.semantic.planner import BayesPlanner
+from cell.wiring.node_library import node_registry
+from learned.semantic.model import BayesPlanner
 from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, HOLDING, PRODUCT, SURE, see, services
 from trees.nodes.asking_where import AskPosition

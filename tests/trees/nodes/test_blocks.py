@@ -11,19 +11,19 @@ from typing import Any
 import pytest
 from py_trees.common import Status
 
-from cell.interfaces.journal import ListJournal
+from cell.interfaces.notes import ListJournal
 from cell.interfaces.operator import OperatorOrder, OperatorState
 from cell.interfaces.perception import HoleView, PartsView
 from cell.interfaces.planning import AssemblyState, GraspPlan
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from tests.trees.nodes.rig import HOLDING, PRODUCT, ScriptedGrasps, see, seen_parts, services
-from trees.engine.errors import NodeError
+from trees.engine.status import NodeError
 from trees.files.loader import load_tree
-from trees.framed_pose import FramedPose
 from trees.nodes.each import rows_of
 from trees.nodes.files import LoggedFiles, WorkingFolder
+from trees.nodes.poses import FramedPose
 from trees.nodes.services import Services
-from trees.nodes.teaching import TeachGoal
+from trees.nodes.shift import TeachGoal
 from trees.nodes.telling import Beep, TakeSnapshot
 from trees.nodes.tray import ChoosePart, GridSpot
 from trees.testing import alone
@@ -313,7 +313,7 @@ def test_what_devices_cannot_do_is_a_failure_with_its_reason(node: str, told: st
 def test_nothing_is_let_go_over_the_bracket(monkeypatch: pytest.MonkeyPatch) -> None:
     to = services()
     to.observation = replace(to.observation, gripper=HOLDING)
-    monkeypatch.setattr("trees.nodes.fingers.tool_pose", lambda to: to.bench.bracket.pose)
+    monkeypatch.setattr("trees.nodes.arm.tool_pose", lambda to: to.bench.bracket.pose)
     status, _ = run("<OpenGripper/>", to)
     assert status is Status.FAILURE
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from py_trees.common import Status
 
-from cell.interfaces.errors import ModelError
-from cell.interfaces.journal import ListJournal
+from cell.errors import ModelError
+from cell.interfaces.notes import ListJournal
 from cell.interfaces.perception import Action, HandSample, HoleView, PartDetection
 from cell.interfaces.planning import AssemblyState, GraspPlan
 from cell.interfaces.pose import Pose
@@ -25,7 +25,7 @@ from tests.trees.nodes.rig import (
     seen_parts,
     services,
 )
-from trees.engine.errors import NodeError
+from trees.engine.status import NodeError
 from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
 from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear, WaitForHandClearOfPart
 from trees.nodes.planning import ChoosePosition, InferGoal

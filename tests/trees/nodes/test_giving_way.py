@@ -18,11 +18,11 @@ from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, HandSample
-from cell.running.acting import withhold
-from cell.running.node_library import node_registry
+from cell.running.device_writer import withhold
 from cell.running.supervisor import make_supervisor
-from skills.near_hand import separation_of
-from skills.planner import at_height
+from cell.wiring.node_library import node_registry
+from skills.motion.near_hand import separation_of
+from skills.motion.planner import at_height
 from tests.integration.cell_rig import BENCH, motion_planner
 from tests.trees.nodes.rig import services
 from trees.files.loader import load_tree

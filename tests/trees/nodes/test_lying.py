@@ -15,9 +15,9 @@ from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.pose import Pose
 from cell.interfaces.skill import Progress, SkillStatus
-from skills.planner import MotionPlanner
+from skills.motion.planner import MotionPlanner
 from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, seen_parts, services
-from trees.engine.errors import NodeError
+from trees.engine.status import NodeError
 from trees.nodes.ahead import HoldsNeededPart
 from trees.nodes.clutter import LookAtTray, lies_on_its_side
 from trees.nodes.lying import FindLying, SetUpright

@@ -14,7 +14,7 @@ from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, SURE, see, services
 from trees.nodes.asking import AskWhichGoal
-from trees.nodes.mending import AskToMend, AwaitMisfit, AwaitMistake, BracketIsRight, LeaveMistake
+from trees.nodes.corrections import AskToMend, AwaitMisfit, AwaitMistake, BracketIsRight, LeaveMistake
 from trees.nodes.mistakes import Mistake, reason_of
 from trees.nodes.services import Services
 from trees.nodes.watching import ReconcileGraph

@@ -12,13 +12,13 @@ import pytest
 from cell.configuration import load_configuration
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
-from cell.interfaces.journal import ListJournal
+from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.skill import Skill
-from skills.phases import Move, Phase, PhasedSkill, SetGripper
+from skills.grasping.phases import Move, Phase, PhasedSkill, SetGripper
 from tests.trees.conftest import load_whatever_is_reached
 from tests.trees.engine.test_halting import Counted, random_tree
-from trees.files.registry import Registry
+from trees.files.build.registry import Registry
 from trees.nodes.skill_node import SkillNode
 
 PERIOD_S = 0.04

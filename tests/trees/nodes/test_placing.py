@@ -12,7 +12,7 @@ from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Progress, SkillStatus
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import SURE, services
 from trees.nodes.placing import PlacedInVain, PlacePart

@@ -7,10 +7,10 @@ from typing import Any
 
 from py_trees.common import Status
 
-from cell.interfaces.left_off import LeftOff
 from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import AssemblyState
+from cell.interfaces.resume import LeftOff
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, see, services
 from trees.nodes.services import Services
 from trees.nodes.shift import BeginBracket, BracketTaken, EndBracket, ShiftIsOver, WaitForEmptyBracket

@@ -9,8 +9,8 @@ import pytest
 
 from cell.commands.main import main
 from cell.configuration import Configuration, load_configuration, load_product
-from cell.running.node_library import node_registry
-from skills.settings import SignalSettings
+from cell.wiring.node_library import node_registry
+from skills.drivers.settings import SignalSettings
 from trees.files.check import check
 
 SHIPPED = load_configuration()

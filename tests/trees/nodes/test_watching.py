@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from py_trees.common import Status
 
-from cell.interfaces.journal import ListJournal
+from cell.interfaces.notes import ListJournal
 from cell.interfaces.perception import Action, HoleView
 from cell.interfaces.planning import AssemblyState
 from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, see, services

@@ -14,7 +14,7 @@ from py_trees.common import Status
 from tests.trees.conftest import Load
 from trees.engine.node import Node
 from trees.engine.ports import InputPort, OutputPort
-from trees.files.registry import BUILT_IN, Registry
+from trees.files.build.registry import BUILT_IN, Registry
 from trees.testing import TreeBench, alone, assert_ticks
 from trees.views.palette import groot_model, palette_list, palette_text
 from trees.views.picture import picture

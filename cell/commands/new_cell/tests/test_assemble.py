@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from cell.configuration import load_configuration, load_product
-from cell.running.node_library import node_registry
+from cell.wiring.node_library import node_registry
 from trees.files.check import check
 from trees.testing import TreeBench
 

@@ -14,20 +14,20 @@ import cv2
 import pytest
 
 from cell.commands.main import main
-from cell.interfaces.errors import InputError, LogError
+from cell.errors import InputError, LogError
 from cell.interfaces.hand_window import window_px
 from cell.interfaces.perception import Action, BenchView, HandSample, HoleView, PartDetection, PartsView
 from cell.interfaces.pose import Pose
-from cell.log.reading.reader import Log
-from cell.log.replaying.logged_tree import logged_bench, logged_product
+from cell.log.read.reader import Log
+from cell.log.replay.logged_tree import logged_bench, logged_product
 from cell.log.training.demonstrations import demonstration_of
 from cell.log.training.manifest import logs_by_hash, write_training_data
 from cell.log.training.segments import bench_views, carried_parts, segments
 from cell.log.training.tray_scenes import attempts, scene_records
-from learned.actions.classes import Classes
-from learned.actions.dataset import load_segments
-from learned.grasp.dataset import read_scenes
-from learned.semantic.dataset import load_demonstrations
+from learned.actions.data import load_segments
+from learned.actions.settings import Classes
+from learned.grasp.data import read_scenes
+from learned.semantic.data import load_demonstrations
 from tests import ROOT
 
 COMMAND = "cell data --from x --out y"

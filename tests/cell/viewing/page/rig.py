@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from cell.interfaces.command import Command, Display
-from cell.interfaces.journal import Topic
-from cell.interfaces.judgement import Judgement
+from cell.interfaces.faults import Judgement
+from cell.interfaces.notes import Topic
 from cell.interfaces.observation import Observation
 from cell.interfaces.operator import Answer, OperatorOrder, Question
 from cell.interfaces.perception import Action, BenchView, Frame, HandSample
 from cell.interfaces.planning import UNKNOWN_GOAL
 from cell.interfaces.pose import Pose
-from cell.observer import SentCommand, TickRecord
-from cell.running.node_library import node_registry
 from cell.running.operator import OperatorChannel
 from cell.viewing.page.page import OperatorPage
+from cell.watching.observer import SentCommand, TickRecord
+from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import BENCH, EMPTY_GRIPPER, EMPTY_HOLES, PRODUCT, STANDING
 from trees.files.loader import load_tree

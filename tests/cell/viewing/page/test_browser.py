@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from cell.interfaces.judgement import Action, Judgement
+from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 from tests.cell.viewing.page.rig import HELP, MEND, SURPLUS, WHERE, WHICH, PageRig

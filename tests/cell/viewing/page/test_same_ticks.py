@@ -14,8 +14,8 @@ from mcap.reader import make_reader
 from rich.console import Console
 
 from cell.recording.parts import parts_of
-from cell.run import run
-from cell.run_options import RunOptions
+from cell.runs.options import RunOptions
+from cell.runs.run import run
 from tests import ROOT
 
 DURATION_S, CLIENTS_N = 6.0, 5

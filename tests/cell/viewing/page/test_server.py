@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.interfaces.errors import InputError
+from cell.errors import InputError
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose

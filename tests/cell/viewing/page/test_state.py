@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cell.interfaces.command import Command
-from cell.interfaces.judgement import ACKNOWLEDGE, Action, Judgement
+from cell.interfaces.faults import ACKNOWLEDGE, Action, Judgement
 from cell.interfaces.observation import Observation
-from cell.observer import SentCommand, TickRecord
-from cell.running.announcing import Announcer
-from cell.running.node_library import node_registry
+from cell.running.observers import Announcer
 from cell.viewing.page.state import PageState
+from cell.watching.observer import SentCommand, TickRecord
+from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import BENCH, EMPTY_GRIPPER, PRODUCT, STANDING
 from trees.files.loader import load_tree

@@ -1,0 +1,141 @@
+"""One simulated assembly beside a person, opened for a trial: with images, or without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from cell.configuration import load_configuration, load_faults, load_product, simulated
+from cell.faults.injection import Injection, Injections
+from cell.files.files import shipped
+from cell.fleet.row_file import Row
+from cell.interfaces.command import Display
+from cell.interfaces.devices import Devices
+from cell.interfaces.faults import FaultTable
+from cell.interfaces.operator import OperatorOrder
+from cell.runs.options import Files
+from cell.runs.run import drive
+from cell.watching.observer import Observer, Outcome
+from cell.wiring.detectors import fitted
+from cell.wiring.no_render_host import without_pixels
+from cell.wiring.node_library import node_registry
+from cell.wiring.services import load_planners
+from sim.cell import SimCell
+from skills.motion.planner import MotionPlanner
+from trees.files.loader import load_tree
+
+OF_PERSON = ("hand_near", "hand_too_near", "blind_area")
+
+
+def timed_pair(path: Path, tree: Path, seed: int) -> Row:
+    """Two brackets with the same seed; a time is None where the bracket was not finished."""
+    table = load_faults(load_configuration(path))
+    rows = [row.model_copy(update={"action": "run"}) if row.signal in OF_PERSON else row for row in table.faults]
+    without = table.model_copy(update={"faults": tuple(rows)})
+    times = {"with_s": _time_s(path, tree, seed, table), "without_s": _time_s(path, tree, seed, without)}
+    return {"kind": "throughput", "tree": tree.name, "seed": seed, **times}
+
+
+def throughput_ratio(rows: Sequence[Row], tree: Path) -> float | None:
+    """The sum of times with separation over the sum without, of pairs that were finished both; None without any."""
+    times = [
+        (float(str(row["with_s"])), float(str(row["without_s"])))
+        for row in rows
+        if row["kind"] == "throughput" and row["tree"] == tree.name and None not in (row["with_s"], row["without_s"])
+    ]
+    return round(sum(one for one, _ in times) / sum(other for _, other in times), 3) if times else None
+
+
+def _time_s(path: Path, tree: Path, seed: int, table: FaultTable) -> float | None:
+    with assembly(path, "careful", seed, table, tree=tree) as opened:
+        outcome = opened.run([], None)
+    return round(outcome.sim_time_s, 2) if outcome.end == "finished" else None
+
+
+ALGORITHM_1 = shipped("trees", "assemble.xml")
+NOTICES_S = 3.0
+Injected = Injection | Injections | None
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A cell with its person; `run` works on one bracket."""
+
+    cell: SimCell
+    motion: MotionPlanner
+    run: Callable[[Sequence[Observer], Injected], Outcome]
+
+
+class Attendant:
+    """Somebody at the bench who acknowledges, after a while, what the panel says waits for that; implements `Panel`."""
+
+    def __init__(self, devices: Devices) -> None:
+        self._panel, self._clock, self._others = devices.panel, devices.clock, devices.pressed
+        self._due_s: float | None = None
+
+    def show(self, display: Display) -> None:
+        """For the person who assembles."""
+        self._panel.show(display)
+
+    def alarm(self, text: str) -> None:
+        """A trouble waits from now on, or none."""
+        self._panel.alarm(text)
+        self._due_s = self._clock.now_s() + NOTICES_S if text else None
+
+    def pressed(self) -> Sequence[OperatorOrder]:
+        """What was pressed since the last call; once more where the trouble is still there after as long again."""
+        others = self._others()
+        if self._due_s is None or self._clock.now_s() < self._due_s:
+            return others
+        self._due_s = self._clock.now_s() + NOTICES_S
+        return (*others, OperatorOrder("acknowledge"))
+
+
+def attended(devices: Devices) -> Devices:
+    """The same devices with somebody at them who acknowledges troubles."""
+    attendant = Attendant(devices)
+    return replace(devices, panel=attendant, pressed=attendant.pressed)
+
+
+@contextmanager
+def assembly(
+    path: Path,
+    person: str,
+    seed: int,
+    table: FaultTable | None = None,
+    *,
+    tree: Path = ALGORITHM_1,
+    rendered: bool = False,
+) -> Iterator[Assembly]:
+    """A simulated cell beside a person who builds one of the product's goals.
+
+    Args:
+        path: of the configuration.
+        person: a kind of person, or a file.
+        table: what the supervisor does about faults; the configured one by default.
+        tree: file of the tree that is run.
+    """
+    configuration = simulated(load_configuration(path), None, person)
+    product = load_product(configuration, path)
+    configuration, _ = fitted(configuration, product)
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    faults = table or load_faults(configuration)
+    files = Files(
+        configuration, product, load_tree(tree, node_registry()), load_planners(configuration, product), faults
+    )
+    can = configuration.gripper_can
+    settings = configuration.devices.simulation
+    cell = SimCell(
+        product, configuration.bench, settings, can.interface, can.channel, seed, "random", rendered=rendered
+    )
+
+    def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
+        devices = attended(cell.devices if rendered else without_pixels(cell))
+        return drive(files, devices, motion, observers, injection=injected)
+
+    try:
+        yield Assembly(cell, motion, run)
+    finally:
+        cell.close()

@@ -1,0 +1,40 @@
+"""Recordings to learn from in which the controller moves the arm beside the person, as in a run."""
+
+from __future__ import annotations
+
+from contextlib import closing
+
+from cell.configuration import DEFAULT_TREE, Configuration, load_faults
+from cell.interfaces.product import Product
+from cell.runs.options import Files
+from cell.runs.run import drive
+from cell.wiring.no_render_host import without_pixels
+from cell.wiring.node_library import node_registry
+from cell.wiring.services import load_planners
+from sim.cell import SimCell
+from sim.data.recording import Assembly, Film, drawn_goal
+from sim.rendering.camera import SimCamera
+from skills.motion.planner import MotionPlanner
+from trees.files.loader import load_tree
+
+
+def record_beside_robot(configuration: Configuration, product: Product, seed: int) -> Assembly:
+    """One bracket that person and robot build together, by physics; look, goal and person are drawn from the seed.
+
+    The controller knows hands, holes and parts from the truth: frames are made later, and only those that are wanted.
+    """
+    bench, can, goal = configuration.bench, configuration.gripper_can, drawn_goal(product, seed)
+    motion = MotionPlanner(product, bench, configuration.motion)
+    tree = load_tree(DEFAULT_TREE, node_registry())
+    files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
+    settings = configuration.devices.simulation
+    cell = SimCell(product, bench, settings, can.interface, can.channel, seed, goal, rendered=False)
+    with closing(cell):
+        film, camera, worker = Film(cell.world), cell.devices.overhead, cell.worker
+        assert isinstance(camera, SimCamera)
+        assert worker is not None
+        camera.watch = film.keep
+        outcome = drive(files, without_pixels(cell), motion)
+        if outcome.end == "interrupted":  # the controller heard the signal, and ended the run safely
+            raise KeyboardInterrupt(outcome.reason)
+        return film.assembly(seed, goal, cell.look, worker.events, worker.acts, robot_works=True)

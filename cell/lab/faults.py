@@ -1,0 +1,256 @@
+"""Every fault in every state: a pick and place of the robot alone runs once, and splits where a state is reached.
+
+At that moment the process forks once for each fault. The child goes on with the fault to the end of its run, and says
+how it ended; the parent goes on without one to the next state. So what leads to a state is computed once.
+Forking needs a process without a graphics context: nothing is rendered, `ground_truth_perception` answers in place of
+pixels.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+
+from cell.configuration import load_configuration, load_faults, load_product
+from cell.faults.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection
+from cell.files.files import shipped
+from cell.fleet.row_file import Row
+from cell.lab.stopping_distance import StopWatch
+from cell.runs.options import Files
+from cell.runs.run import drive
+from cell.watching.observer import Outcome, TickRecord
+from cell.wiring.detectors import fitted
+from cell.wiring.no_render_host import without_pixels
+from cell.wiring.node_library import node_registry
+from cell.wiring.services import load_planners
+from sim.cell import SimCell
+from skills.motion.planner import MotionPlanner
+from trees.files.loader import load_tree
+
+HOLDING_STATES = ("lift", "carry", "lower")
+LIFTED_M = 0.003
+LONGEST_S = 150.0  # of a trial, in simulated time: 20 s without a fault; what waits for a person ends after 120 s
+HANGS_S = 600  # of a trial, by the wall
+EVERY_STATE = ("idle", *STATES, "waiting_for_help")
+assert {*EVERY_STATE} == {*STATES, *OTHER_STATES}
+Pairs = Mapping[str, Sequence[str]]
+
+
+def chosen(faults: Sequence[str] | None, states: Sequence[str] | None) -> Pairs:
+    """Faults by state: those that are named, or all; raises InputError for a name that there is not."""
+    pairs = {state: tuple(faults or FAULTS) for state in states or EVERY_STATE}
+    for state, names in pairs.items():
+        for fault in names:
+            Injection(fault, state)
+    return pairs
+
+
+def left(pairs: Pairs, rows: Sequence[Row], seed: int, first_seed: int) -> Pairs:
+    """The pairs that still have to be run with this seed: where nothing moves, one run is enough."""
+    done = {(row["fault"], row["state"]) for row in rows if row["seed"] == seed}
+    states = {state: names for state, names in pairs.items() if seed == first_seed or state not in OTHER_STATES}
+    missing = {state: [name for name in names if (name, state) not in done] for state, names in states.items()}
+    return {state: names for state, names in missing.items() if names}
+
+
+def merged(rows: Sequence[Row]) -> list[Row]:
+    """A row for each fault in each state; figures are the worst of its tries."""
+    tries: dict[tuple[object, object], list[Row]] = {}
+    for row in rows:
+        tries.setdefault((row["fault"], row["state"]), []).append(row)
+    return [_worst(found) for found in tries.values()]
+
+
+def _worst(rows: Sequence[Row]) -> Row:
+    worst = max(rows, key=lambda one: (not one["as_promised"], one["ticks_to_stop"], one["stop_s"]))
+    return {
+        **worst,
+        "tries": len(rows),
+        "end": " or ".join(sorted({str(one["end"]) for one in rows})),
+        "as_promised": all(bool(one["as_promised"]) for one in rows),
+        "recovered": sum(bool(one["recovered"]) for one in rows),
+        "recoverable": sum(bool(one["recoverable"]) for one in rows),
+    }
+
+
+def totals(rows: Sequence[Row]) -> Row:
+    """Of all tries: how many ended as promised, recovered and kept their part, and how soon they stopped."""
+    rows = [row for row in rows if row["fault"] != "none"]
+    could = [row for row in rows if row["recoverable"]]
+    parts = [row for row in rows if row["held"] is not None]
+    ticks = Counter(int(str(row["ticks_to_stop"])) for row in rows)
+    return {
+        "tries": len(rows),
+        "ended_as_promised": sum(bool(row["as_promised"]) for row in rows),
+        "recoverable": len(could),
+        "recovered": sum(bool(row["recovered"]) for row in could),
+        "parts_held": len(parts),
+        "parts_kept": sum(bool(row["held"]) for row in parts),
+        "by_ticks_to_stop": {str(number): ticks[number] for number in sorted(ticks)},
+        "most_stop_m": max((float(str(row["stop_m"])) for row in rows), default=0.0),
+    }
+
+
+class Fork(Injection):
+    """Splits the run at every state.
+
+    Attributes:
+        child: this process carries a fault.
+        answer: where it writes how it ended.
+    """
+
+    def __init__(self, pairs: Pairs, seed: int, tell: Callable[[Row], None]) -> None:
+        super().__init__("", next(iter(pairs)))
+        self._seed = seed
+        self._left = dict(pairs)
+        self._tell = tell
+        self.child, self.answer = False, -1
+
+    def tick(self, record: TickRecord) -> None:
+        """A state that is wanted and has come is the next one."""
+        if self.began_s is None and self._work.name in self._left:
+            self.state = self._work.name
+        super().tick(record)
+
+    def reached(self, time_s: float) -> None:
+        """One child for each fault, one after the other."""
+        for fault in self._left.pop(self.state):
+            reading, writing = os.pipe()
+            process = os.fork()
+            if not process:
+                os.close(reading)
+                signal.alarm(HANGS_S)
+                self.child, self.answer, self._left = True, writing, {}
+                self.begin(fault, time_s)
+                return
+            os.close(writing)
+            with os.fdopen(reading) as answer:
+                text = answer.read()
+            _, status = os.waitpid(process, 0)
+            self._tell(json.loads(text) if text else _broken(fault, self.state, self._seed, status))
+
+    def reply(self, row: Row) -> None:
+        """The child is done; it ends without a word to anybody else."""
+        os.write(self.answer, json.dumps(row).encode())
+        os._exit(0)
+
+    @property
+    def unreached(self) -> Sequence[str]:
+        """States that never came."""
+        return tuple(self._left)
+
+
+def fast_rows(path: Path, pairs: Pairs, seed: int, tell: Callable[[Row], None]) -> None:
+    """Tell how each fault ended in each state, from one run that splits; at last, how that one ended without a fault.
+
+    A state that never came is told, too, as a row that is not as promised.
+    """
+    cv2.setNumThreads(0)  # a pool of threads does not live on in a forked child, which would wait for it
+    fork = Fork(pairs, seed, tell)
+    row = _trial(path, fork, seed, rendered=False)
+    if fork.child:
+        fork.reply(row)
+    for state in fork.unreached:
+        tell({**row, "fault": "none", "state": state, "reached": False, "as_promised": False})
+    tell({**row, "fault": "none", "state": "none"})
+
+
+def fast_list(path: Path, pairs: Pairs, seed: int) -> list[Row]:
+    """The rows that `fast_rows` tells."""
+    rows: list[Row] = []
+    fast_rows(path, pairs, seed, rows.append)
+    return rows
+
+
+def fault_try(path: Path, fault: str, state: str, seed: int, *, rendered: bool = True) -> Row:
+    """One run of the robot alone with one fault: rest, fetch a part, put it into a hole, call for help."""
+    return _trial(path, Injection(fault, state), seed, rendered=rendered)
+
+
+def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Row:
+    configuration = load_configuration(path)
+    controller = configuration.controller.model_copy(update={"max_duration_s": LONGEST_S})
+    configuration = configuration.model_copy(update={"controller": controller})
+    product = load_product(configuration, path)
+    configuration, _ = fitted(configuration, product)
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    tree = load_tree(shipped("trees", "trial.xml"), node_registry(product))
+    files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
+    can = (configuration.gripper_can.interface, f"trial-{seed}")
+    simulation = configuration.devices.simulation
+    goal = sorted(product.goals)[0]
+    cell = SimCell(product, configuration.bench, simulation, *can, seed, goal, worker=False, rendered=rendered)
+    settings = configuration.gripper_can.model_copy(update={"channel": can[1]})
+    files = replace(files, configuration=configuration.model_copy(update={"gripper_can": settings}))
+    watch = StopWatch(injection, motion)
+    devices = cell.devices if rendered else without_pixels(cell)
+    try:
+        outcome = drive(files, devices, motion, [watch], injection=injection)
+        return _row(cell, injection, watch, outcome, seed)
+    finally:
+        cell.close()
+
+
+def _row(cell: SimCell, injection: Injection, watch: StopWatch, outcome: Outcome, seed: int) -> Row:
+    kind = FAULTS.get(injection.fault)
+    placed = any(one.seated and one.by == "robot" for one in cell.score.placements().values())
+    hangs = _hangs(cell)
+    kept = hangs if watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES else None
+    ends = _ends(kind, watch)
+    reached = injection.began_s is not None
+    recoverable = ends == ("finished",)
+    recovered = outcome.end == "finished" and placed
+    promised = outcome.end in ends and kept is not False and (recovered or not recoverable)
+    stood = watch.ticks_to_stop >= 0 and not (watch.at_end and outcome.end == "finished")
+    return {
+        "fault": injection.fault,
+        "state": injection.state,
+        "seed": seed,
+        "reached": reached,
+        "end": outcome.end,
+        "exit_status": outcome.exit_status,
+        "reason": outcome.reason,
+        "condition": outcome.condition,
+        "ticks_to_stop": watch.ticks_to_stop if stood else -1,
+        "ticks_from_fault": watch.ticks_from_fault if stood else -1,
+        "stop_s": round(watch.stop_s, 3) if stood else 0.0,
+        "stop_m": round(watch.stop_m, 3) if stood else 0.0,
+        "held": kept,
+        "recoverable": recoverable,
+        "recovered": recovered,
+        "contact_m_s": 0.0,  # nobody is at the bench
+        "as_promised": promised and (reached or kind is None),
+    }
+
+
+def _ends(kind: FaultKind | None, watch: StopWatch) -> tuple[str, ...]:
+    """How the run may end."""
+    if kind is None:
+        return ("finished",)
+    if kind.holding_ends and watch.held_before:
+        return kind.holding_ends
+    return (*kind.ends, *kind.holding_ends) if kind.holding_ends and watch.held_lately else kind.ends
+
+
+def _broken(fault: str, state: str, seed: int, status: int) -> Row:
+    """The row of a child that said nothing: it hung, or something ended it."""
+    hangs = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM
+    numbers = {"ticks_to_stop": -1, "ticks_from_fault": -1, "stop_s": 0.0, "stop_m": 0.0, "contact_m_s": 0.0}
+    words = {"reason": f"status {status} of the child", "condition": "", "end": "hangs" if hangs else "broke off"}
+    flags = {"reached": True, "held": None, "recoverable": False, "recovered": False, "as_promised": False}
+    return {"fault": fault, "state": state, "seed": seed, "exit_status": -1, **words, **numbers, **flags}
+
+
+def _hangs(cell: SimCell) -> bool:
+    """Whether a part hangs above where parts stand, in truth."""
+    floor_m = cell.world.bench.tray.centre_m[2]
+    pegs = {name: part.peg_length_m for name, part in cell.world.product.parts.items()}
+    heights = [cell.world.data.xpos[body.body][2] - floor_m - pegs[body.part] for body in cell.world.bodies]
+    return bool(max(heights, default=0.0) > LIFTED_M)

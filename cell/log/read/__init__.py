@@ -1,0 +1,1 @@
+"""Reads logs, also damaged ones."""

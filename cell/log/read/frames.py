@@ -1,0 +1,102 @@
+"""Camera images of a log, as JPEG files; nothing is decoded before it is asked for."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from foxglove import messages
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.message import DecodeError
+
+from cell.errors import LogError
+from cell.log.read.mcap_file import Message
+from cell.log.read.reader import Log
+
+IMAGE, LINE = messages.CompressedImage, messages.Log
+
+
+def decoded(path: Path, message: Message, kind: Any) -> Any:
+    """A message's fields.
+
+    Args:
+        path: of the log, for errors.
+        kind: class of `foxglove.messages`.
+
+    Raises:
+        LogError: the message is none of this kind.
+    """
+    try:
+        return _message_class(kind).FromString(message.data)
+    except DecodeError:
+        what = f"message of {message.topic} at {message.time_ns / 1e9:.3f} s is no {kind.__name__}"
+        raise LogError(path, what) from None
+
+
+@cache
+def _message_class(kind: Any) -> Any:
+    schema = kind.get_schema()
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+
+
+CAMERA = "/camera/"
+
+
+@dataclass(frozen=True)
+class LoggedFrame:
+    """One image as it was logged."""
+
+    camera: str
+    time_s: float
+    jpeg: bytes
+
+
+class Frames:
+    """Images of a log by camera and time."""
+
+    def __init__(self, log: Log) -> None:
+        self._path = log.path
+        self._messages: dict[str, list[Message]] = defaultdict(list)
+        for message in log.messages:
+            if message.topic.startswith(CAMERA) and "/" not in message.topic.removeprefix(CAMERA):
+                self._messages[message.topic.removeprefix(CAMERA)].append(message)
+
+    def newest(self, time_s: float) -> list[LoggedFrame]:
+        """The newest image of every camera at a time."""
+        found = []
+        for camera, written in self._messages.items():
+            count = bisect_right(written, round(time_s * 1e9), key=lambda message: message.time_ns)
+            if count:
+                message = written[count - 1]
+                found.append(LoggedFrame(camera, message.time_ns / 1e9, self._jpeg(message)))
+        return found
+
+    def at(self, camera: str, time_s: float) -> LoggedFrame | None:
+        """The image that a camera took at this very time; None where it is not in the log."""
+        written, time_ns = self._messages.get(camera, []), round(time_s * 1e9)
+        at = bisect_left(written, time_ns, key=lambda message: message.time_ns)
+        if at == len(written) or written[at].time_ns != time_ns:
+            return None
+        return LoggedFrame(camera, time_s, self._jpeg(written[at]))
+
+    def save(self, time_s: float, folder: Path, stem: str) -> list[Path]:
+        """Write the newest image of every camera as `stem`-camera.jpg."""
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = []
+        for frame in self.newest(time_s):
+            paths.append(folder / f"{stem}-{frame.camera}.jpg")
+            paths[-1].write_bytes(frame.jpeg)
+        return paths
+
+    def _jpeg(self, message: Message) -> bytes:
+        content: bytes = decoded(self._path, message, IMAGE).data
+        if not content:
+            raise LogError(self._path, f"image of {message.topic} at {message.time_ns / 1e9:.3f} s holds no data")
+        return content

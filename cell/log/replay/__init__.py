@@ -1,0 +1,1 @@
+"""Ticks a tree again on a log and compares."""

@@ -1,1 +1,0 @@
-"""Ticks a recorded tree again on recorded inputs and compares; `telling` and `training` may import it."""

@@ -1,0 +1,1 @@
+"""Shows what a log says: texts, pages, pictures, exports."""

@@ -1,0 +1,114 @@
+"""Contact sheet of a run: one picture of its key frames with captions, made from the log."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from cell.errors import LogError
+from cell.files.files import whole_or_none, write_new
+from cell.interfaces.observation import Image
+from cell.log.read.frames import CAMERA, IMAGE, Frames, decoded
+from cell.log.read.indexed import IndexedLog
+from cell.log.read.mcap_file import Message
+from cell.log.read.reader import Log
+from cell.viewing.moments import MOST_FRAMES, Boxes, Moments, spread
+
+
+def save_snapshots(log: Log, folder: Path) -> list[Path]:
+    """Write each marked picture as NUMBER-CAMERA-LABEL.jpg, numbered as they were taken.
+
+    Raises:
+        InputError: one of these files is there already, or cannot be written; none is left there then.
+    """
+    frames, pictures = Frames(log), {}
+    marks = [fields for tick in log.ticks for kind, fields in tick.notes if kind == "snapshot"]
+    for number, mark in enumerate(marks, 1):
+        frame = frames.at(mark["camera"], mark["taken_s"]) if "taken_s" in mark else None
+        if frame is None:
+            continue  # the log is older, was kept without pictures, or lost them
+        label = re.sub(r"\W+", "-", mark["label"]).strip("-")
+        pictures[f"{'-'.join(filter(None, (f'{number:02d}', mark['camera'], label)))}.jpg"] = frame.jpeg
+    write_new(folder, pictures)
+    return [folder / name for name in pictures]
+
+
+COLUMNS = 5
+THUMBNAIL_PX = (320, 240)
+CAPTION_PX = 34
+CAPTION_LETTERS = 50
+BOX_RGB = (255, 220, 0)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One picture of the sheet."""
+
+    image: Image
+    time_s: float
+    caption: str
+
+
+def write_sheet(log: Path, moments: Moments, reason: str, path: Path) -> bool:
+    """Make the sheet of a run from its log; false where the log has no images.
+
+    Args:
+        reason: why the run ended.
+
+    Raises:
+        LogError: the log cannot be read.
+        OSError: the sheet cannot be written.
+    """
+    found = shots(IndexedLog(log), moments, reason)
+    if not found:
+        return False
+    sheet = cv2.cvtColor(compose(found), cv2.COLOR_RGB2BGR)
+    with whole_or_none(path) as partial:
+        partial.write_bytes(cv2.imencode(".png", sheet)[1].tobytes())
+    return True
+
+
+def shots(log: IndexedLog, moments: Moments, reason: str) -> list[Shot]:
+    """Pictures of begin, moments and end."""
+    overhead = f"{CAMERA}overhead"
+    first = next(log.messages(topics=(overhead,)), None)
+    last = next(log.messages(topics=(overhead,), reverse=True), None)
+    if first is None or last is None:
+        return []
+    chosen = [(log.newest(CAMERA + one.camera, one.time_s), one.caption, one.boxes_px) for one in moments.chosen()]
+    chosen = [(first, "begin", ()), *chosen, (last, f"end: {reason}", ())]
+    return [_shot(log.paths[0], message, caption, boxes) for message, caption, boxes in chosen if message is not None]
+
+
+def _shot(path: Path, message: Message, caption: str, boxes: Boxes) -> Shot:
+    jpeg = np.frombuffer(decoded(path, message, IMAGE).data, np.uint8)
+    image = cv2.imdecode(jpeg, cv2.IMREAD_COLOR) if len(jpeg) else None
+    if image is None:
+        raise LogError(path, f"the image of {message.topic} at {message.time_ns / 1e9:.3f} s cannot be decoded")
+    image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    for left, top, right, bottom in boxes:
+        cv2.rectangle(image, (left, top), (right, bottom), BOX_RGB, 2)
+    small = cv2.resize(image, THUMBNAIL_PX, interpolation=cv2.INTER_AREA)
+    return Shot(np.asarray(small, dtype=np.uint8), message.time_ns / 1e9, caption)
+
+
+def compose(shots: list[Shot]) -> Image:
+    """The sheet; of too many shots every so manieth is shown, first and last always."""
+    shots = spread(shots, MOST_FRAMES)
+    width_px, height_px = THUMBNAIL_PX
+    columns = min(COLUMNS, len(shots))
+    rows = math.ceil(len(shots) / columns)
+    cell_px = height_px + CAPTION_PX
+    sheet: Image = np.full((rows * cell_px, columns * width_px, 3), 255, np.uint8)
+    for i, shot in enumerate(shots):
+        top, left = i // columns * cell_px, i % columns * width_px
+        sheet[top : top + height_px, left : left + width_px] = shot.image
+        text = f"{shot.time_s:.1f} s  {shot.caption}"[:CAPTION_LETTERS]
+        origin = (left + 6, top + height_px + 22)
+        cv2.putText(sheet, text, origin, cv2.FONT_HERSHEY_SIMPLEX, 0.42, (20, 20, 20), 1, cv2.LINE_AA)
+    return sheet

@@ -1,0 +1,114 @@
+"""A log for Rerun: the decisions as lines of text that it shows, beside images and frames, which it knows.
+
+Rerun reads MCAP and the schemas of Foxglove, but keeps JSON as bytes. So what the log has as JSON becomes messages of
+`foxglove.Log`: one entity for each node of the tree, for each kind of note, for commands, display and supervisor.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+from foxglove import messages
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from cell.log.read.reader import Log, LoggedTick
+from cell.log.report.text import command_text, display_text, note_text
+
+PROTOBUF = "protobuf"
+FOLDER = "/decisions"
+WARN, INFO = messages.LogLevel.Warning, messages.LogLevel.Info
+_NOT_IN_A_NAME = re.compile(r"[^\w:/.\-]+")
+
+Line = tuple[str, messages.LogLevel, str]
+
+
+def write_for_rerun(log: Log, path: Path) -> int:
+    """Write an MCAP file; returns how many lines of decisions there are.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    began_ns = _began_ns(log)
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer.start("", "cell")
+        _copy(log, writer, began_ns)
+        count = _decisions(log, writer, began_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return count
+
+
+def lines(log: Log) -> Iterator[tuple[float, Line]]:
+    """(clock time, (topic, level, text)) of everything that was decided."""
+    allowed = ""
+    for tick in log.ticks:
+        for change in tick.changes:
+            words = f"{change.old.name} -> {change.new.name}"
+            level = WARN if change.new.name == "FAILURE" else INFO
+            said = f"{words}: {change.feedback}" if change.feedback else words
+            yield tick.time_s, (f"{FOLDER}/nodes/{_name(change.path)}", level, said)
+        for topic, fields in tick.notes:
+            yield tick.time_s, (f"{FOLDER}/{topic}", INFO, " ".join(note_text(topic, fields).split()))
+        if tick.command:
+            yield tick.time_s, (f"{FOLDER}/command", INFO, " ".join(command_text(tick.command).split()[1:]))
+        if tick.display:
+            yield tick.time_s, (f"{FOLDER}/display", INFO, " ".join(display_text(tick.display).split()[1:]))
+        if (now := _allowed(tick)) != allowed:
+            allowed = now
+            yield tick.time_s, (f"{FOLDER}/supervisor", WARN if ":" in now else INFO, now)
+
+
+def _allowed(tick: LoggedTick) -> str:
+    if tick.judgement is None:
+        return ""
+    reasons = "; ".join(one["words"] for one in tick.judgement["reasons"])
+    return f"{tick.judgement['action']}: {reasons}" if reasons else str(tick.judgement["action"])
+
+
+def _decisions(log: Log, writer: Writer, began_ns: int) -> int:
+    schema = messages.Log.get_schema()
+    schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+    channels: dict[str, int] = {}
+    count = 0
+    for count, (time_s, (topic, level, text)) in enumerate(lines(log), 1):  # noqa: B007 - counted
+        if topic not in channels:
+            channels[topic] = writer.register_channel(topic, PROTOBUF, schema_id)
+        at_ns = began_ns + round(time_s * 1e9)
+        stamp = messages.Timestamp(at_ns // 10**9, at_ns % 10**9)
+        line = messages.Log(timestamp=stamp, level=level, message=text, name=topic.rpartition("/")[2])
+        writer.add_message(channels[topic], at_ns, line.encode(), at_ns)
+    return count
+
+
+def _copy(log: Log, writer: Writer, began_ns: int) -> None:
+    """What Rerun can read as it is: messages in protobuf, with their schemas."""
+    channels: dict[str, int] = {}
+    for path in log.parts:
+        with path.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+        for channel in () if summary is None else summary.channels.values():
+            if channel.message_encoding == PROTOBUF and channel.topic not in channels:
+                schema = summary.schemas[channel.schema_id]  # type: ignore[union-attr]
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, PROTOBUF, schema_id)
+    for message in log.messages:
+        if message.topic in channels:
+            at_ns = began_ns + message.time_ns
+            writer.add_message(channels[message.topic], at_ns, message.data, at_ns)
+
+
+def _name(path: str) -> str:
+    """A node's path as Rerun takes it for an entity."""
+    return _NOT_IN_A_NAME.sub("_", path)
+
+
+def _began_ns(log: Log) -> int:
+    """When the run began; times of the log count from there. 0 where the log does not say."""
+    try:
+        return round(datetime.fromisoformat(log.metadata["started_utc"]).timestamp() * 1e9)
+    except (KeyError, ValueError):
+        return 0

@@ -1,0 +1,181 @@
+"""What a log says, in lines for people at a terminal; `--json` has the same in full."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from cell.log.replay.compare import Difference
+from trees.engine.node import StatusChange
+
+LONGEST_LIST = 8
+LONGEST_TEXT = 160
+MOST_FIELDS = 4  # of a difference
+FIGURES = 4
+ABSENT, NOTHING = "not there", "nothing"
+LONGEST_PAIR = 70
+NOTES = ("belief", "plan", "verdict", "help", "skill")
+COMMANDS = {"stop_arm": "stop the arm", "look": "wrist camera looks", "activate_gripper": "activate the gripper"}
+
+
+def short(value: object, longest: int = LONGEST_TEXT) -> str:
+    """A value with few figures, without the middle of long lists, in one line."""
+    text = value if isinstance(value, str) else json.dumps(_brief(value), ensure_ascii=False)
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+
+
+def note_text(topic: str, fields: Mapping[str, Any]) -> str:
+    """A note of a node."""
+    if topic == "belief" and "edge" in fields:
+        part, position = fields["edge"]
+        return f"placed     {part or 'nothing'} at {position}, known from: {fields.get('source', '')}"
+    if topic == "belief" and "kept" in fields:
+        holes = ", ".join(f"{part or 'what is'} in {position}" for position, part in fields["kept"].items())
+        return f"stays      {holes}: {fields.get('reason', '')}"
+    if topic == "belief" and "goals" in fields:
+        goals = "  ".join(f"{name} {share:.1%}" for name, share in fields["goals"].items())
+        placed = " ".join(f"{position}={part}" for position, part in fields.get("placed", {}).items())
+        return f"belief     {goals}  after {placed or 'nothing placed'}"
+    if topic == "plan" and "guidance" in fields:
+        plans = "; ".join(f"{part} to {', '.join(to)}" for part, to in fields["guidance"].items() if to)
+        return f"guidance   {plans or 'nothing remains'}"
+    if topic == "plan" and "next" in fields:
+        part, *positions = fields["next"]
+        return f"plan       next {part} to {', '.join(positions)}"
+    if topic == "plan" and "required" in fields:
+        return f"plan       part {fields['required']}: {fields['solution']} (graspable {fields['graspable']:.1%})"
+    if topic == "verdict" and "decision" in fields:
+        subject, reason = str(fields.get("subject")), str(fields.get("reason"))
+        return f"guard      {fields['decision']}: {reason if reason.startswith(subject) else f'{subject}: {reason}'}"
+    if topic == "skill" and "node" in fields:
+        return f"skill      {fields['node']} {fields.get('status')}: {fields.get('reason')}"
+    if topic == "help":
+        return f"help       {fields.get('text')}"
+    return f"{topic:10} {short(fields)}"
+
+
+def command_text(command: Mapping[str, Any]) -> str:
+    """What was asked of arm, gripper and wrist camera."""
+    told = [word for name, word in COMMANDS.items() if command.get(name)]
+    if follow := command.get("follow"):
+        told.append(f"arm follows a trajectory of {follow['times_s'][-1]:.2f} s")
+    if gripper := command.get("gripper"):
+        told.append(f"gripper to {1e3 * gripper['opening_m']:.1f} mm")
+    return f"command    {', '.join(told)}"
+
+
+def display_text(display: Mapping[str, Any]) -> str:
+    """What the person is shown from now on."""
+    asks = f"; asks: {display['help_request']}" if display.get("help_request") else ""
+    return f"shown      {display['message']}{asks}"
+
+
+def tick_lines(tick: Mapping[str, Any]) -> Iterator[str]:
+    """A tick of `cell log ticks`."""
+    yield f"tick {tick['tick']} at {tick['time_s']:.2f} s: {tick['status']}"
+    shown = [note_text(note["topic"], {k: v for k, v in note.items() if k != "topic"}) for note in tick["notes"]]
+    shown += [command_text(tick["command"])] if tick["command"] else []
+    shown += [display_text(tick["display"])] if tick["display"] else []
+    yield from (f"  {line}" for line in shown)
+
+
+def change_lines(changes: Sequence[StatusChange]) -> Iterator[str]:
+    """A line for each node: all that its status went through in a tick, and its last word."""
+    words: dict[str, list[str]] = {}
+    feedback: dict[str, str] = {}
+    for change in changes:
+        words.setdefault(change.path, [change.old.name]).append(change.new.name)
+        feedback[change.path] = change.feedback or feedback.get(change.path, "")
+    for path, statuses in words.items():
+        yield f"{path}: {' > '.join(statuses)}  {feedback[path]}".rstrip()
+
+
+def difference_lines(difference: Difference, names: tuple[str, str] = ("was", "now")) -> list[str]:
+    """Where two ticks differ: only the fields that do, where both are made of fields."""
+    lines = [f"    tick {difference.tick} at {difference.time_s:.2f} s: {difference.node or difference.aspect}"]
+    told = _told(difference.aspect, difference.was), _told(difference.aspect, difference.now)
+    fields = list(_differing(difference.was, difference.now))
+    if told[0] != told[1]:
+        fields = [("", *told)]
+    width = max(len(name) for name in names)
+    for path, was, now in fields[:MOST_FIELDS]:
+        one, other = short(was), short(now)
+        if path and len(one) + len(other) < LONGEST_PAIR:
+            lines.append(f"      {path}: {names[0]} {one}, {names[1]} {other}")
+            continue
+        lines += [f"      {path}:"] if path else []
+        lines += [f"      {names[0]:{width}}  {one}", f"      {names[1]:{width}}  {other}"]
+    if len(fields) > MOST_FIELDS:
+        lines.append(f"      and {len(fields) - MOST_FIELDS} more fields")
+    return lines
+
+
+def info_lines(info: Mapping[str, Any]) -> Iterator[str]:
+    """The answer of `cell log info`."""
+    outcome, told = info["outcome"], info["metadata"]
+    parts = f" in {len(info['parts'])} parts" if info["parts"] else ""
+    yield f"{info['log']}: {_size(info['bytes'])}{parts}"
+    yield f"  end       {outcome.get('end', 'not known')}: {outcome.get('reason', info['unfinished'])}"
+    if info["unfinished"]:
+        yield f"  MISSING   {info['unfinished']}"
+    yield f"  ticks     {info['ticks']} in {info['duration_s']:.2f} s"
+    yield f"  tick took {info['tick_wall_p50_ms']} ms (median), {info['tick_wall_max_ms']} ms at most; " + (
+        f"{info['overruns']} overruns"
+    )
+    for title, values in (("recorded with", told), ("attached, bytes", info["attachments"])):
+        yield f"{title}:"
+        yield from _columns(values.items())
+    yield "topics: messages, size"
+    sizes = ((topic, f"{one['messages']:7d}  {_size(one['bytes']):>9}") for topic, one in info["topics"].items())
+    yield from _columns(sizes)
+
+
+def _columns(pairs: Iterable[tuple[str, object]]) -> Iterator[str]:
+    rows = list(pairs)
+    width = max((len(name) for name, _ in rows), default=0)
+    return (f"  {name:{width}}  {short(value) if isinstance(value, str) else value}" for name, value in rows)
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.2f} MB" if count >= 1e5 else f"{count / 1e3:.1f} kB"
+
+
+def _told(aspect: str, value: Any) -> str | None:
+    """Notes and commands in words; None for other values."""
+    if aspect == "command":
+        return _joined([command_text(value)] if value else [])
+    if aspect in NOTES and isinstance(value, list):
+        return _joined([note_text(aspect, fields) for fields in value])
+    return None
+
+
+def _joined(lines: Sequence[str]) -> str:
+    return "; ".join(" ".join(line.split()) for line in lines) or NOTHING
+
+
+def _differing(was: Any, now: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """(path, one, other) of the smallest pieces in which two values differ."""
+    if isinstance(was, dict) and isinstance(now, dict):
+        for key in (*was, *(key for key in now if key not in was)):
+            if was.get(key, ABSENT) != now.get(key, ABSENT):
+                yield from _differing(was.get(key, ABSENT), now.get(key, ABSENT), f"{path}.{key}" if path else str(key))
+    elif isinstance(was, list) and isinstance(now, list) and len(was) == len(now) <= LONGEST_LIST:
+        for place, (one, other) in enumerate(zip(was, now, strict=True)):
+            if one != other:
+                yield from _differing(one, other, f"{path}[{place}]" if path or len(was) > 1 else "")
+    else:
+        yield path, was, now
+
+
+def _brief(value: Any) -> Any:
+    """Plain data with few figures, and of long lists only their ends."""
+    if isinstance(value, float):
+        return float(f"{value:.{FIGURES}g}")
+    if isinstance(value, Mapping):
+        return {key: _brief(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        if len(value) <= LONGEST_LIST:
+            return [_brief(item) for item in value]
+        return [_brief(value[0]), f"… {len(value) - 2} more …", _brief(value[-1])]
+    return value

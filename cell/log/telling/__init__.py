@@ -1,1 +1,0 @@
-"""Tells people what a log holds: summary, report, queries, exports; `training` may import it."""

@@ -1,0 +1,222 @@
+"""Reads every device once a tick into an Observation; what a device raises becomes part of it, never control flow."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from cell.errors import CellError, DeviceFault
+from cell.interfaces.command import GripperCommand
+from cell.interfaces.devices import Camera, Devices, Gripper, Signals
+from cell.interfaces.observation import (
+    ArmState,
+    GripperState,
+    JointSamples,
+    ObjectStatus,
+    Observation,
+    Trouble,
+)
+from cell.interfaces.perception import BenchView, Frame, PartsView
+from cell.interfaces.pose import Array
+from cell.running.inference import Executor
+from skills.motion.arm_outline import ArmOutline
+from skills.motion.collision import HELD
+
+KEPT = 12  # states of the arm: half a second
+NEAR_S = 0.1  # a state that is farther in time from a frame tells nothing of it
+
+
+class OwnBody:
+    """Remembers the arm's last states."""
+
+    def __init__(self, outline: ArmOutline) -> None:
+        self._outline = outline
+        self._part = np.array([name == HELD for name in outline.names])
+        self._states: deque[tuple[float, tuple[float, ...], bool]] = deque(maxlen=KEPT)
+
+    def keep(self, arm: ArmState, gripper: GripperState) -> None:
+        """One more state as measured."""
+        known = len(arm.positions_rad) == 6 and all(map(math.isfinite, arm.positions_rad))
+        if known and (not self._states or arm.time_s > self._states[-1][0]):
+            self._states.append((arm.time_s, arm.positions_rad, gripper.holding))
+
+    def at(self, time_s: float) -> Array | None:
+        """Points around the links at a time, see `Frame.robot_m`; None where the arm was not measured about then.
+
+        The points are those of the last state before and of the first one after, so their hull holds what is between.
+        """
+        before = [one for one in self._states if one[0] <= time_s][-1:]
+        after = [one for one in self._states if one[0] > time_s][:1]
+        near = [one for one in (*before, *after) if abs(one[0] - time_s) <= NEAR_S]
+        if not near:
+            return None
+        placed = self._outline.placed(np.array([joints for _, joints, _ in near]))
+        points: Array = np.concatenate(list(self._outline.corners_m(placed)), axis=1)
+        held = any(holding for _, _, holding in near)
+        return points if held else points[~self._part]
+
+
+Value = TypeVar("Value")
+KNOCKED_M = 0.003  # so far apart from where they gripped a part, fingers still grip it
+
+
+class CameraReader:
+    """A camera and the detector that reads its frames; keeps the newest frame's number."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self._sequence = -1
+        self._time_s = float("-inf")
+
+    def new_frame(self) -> Frame | None:
+        """The camera's newest frame if it was not handed out before.
+
+        A camera that was plugged in again counts from 0: then the later time stamp tells that the frame is new.
+        """
+        frame = self.camera.latest()
+        if frame is None or (frame.sequence <= self._sequence and frame.time_s <= self._time_s):
+            return None
+        self._sequence, self._time_s = frame.sequence, frame.time_s
+        return frame
+
+
+class DeviceReader:
+    """What the loop sees of the cell.
+
+    Args:
+        framed: told of every new camera frame.
+        say: told of frames that a detector had no time for.
+        own_body: tells the detector of overhead frames where the robot is.
+    """
+
+    def __init__(
+        self,
+        devices: Devices,
+        gripper: Gripper,
+        watcher: Executor[Frame, BenchView],
+        finder: Executor[Frame, PartsView],
+        framed: Callable[[Frame], None],
+        say: Callable[[str], None],
+        signals: Signals | None = None,
+        own_body: OwnBody | None = None,
+    ) -> None:
+        self._signals, self._own_body = signals, own_body
+        self._devices, self._gripper = devices, gripper
+        self._watcher, self._finder = watcher, finder
+        self._framed, self._say = framed, say
+        self._overhead, self._wrist = CameraReader(devices.overhead), CameraReader(devices.wrist)
+        self._arm: ArmState | None = None
+        self._fingers: GripperState | None = None
+        self._bench: BenchView | None = None
+        self._parts: PartsView | None = None
+        self._troubles: list[Trouble] = []
+
+    def refused(self, device: str, error: Exception) -> None:
+        """A device raised when it was commanded: the next observation tells."""
+        self._troubles.append(Trouble(device, describe(error)))
+
+    def observe(self, tick: int) -> Observation:
+        """Read every device once.
+
+        Raises:
+            DeviceFault: arm or gripper cannot be read and never could.
+        """
+        self._arm = self._read("arm", self._devices.arm.state) or self._arm
+        self._fingers = self._read("gripper", self._gripper.state) or self._fingers
+        if self._own_body is not None and self._arm is not None and self._fingers is not None:
+            self._own_body.keep(self._arm, self._fingers)
+        self._detect(self._overhead, self._watcher, "overhead")
+        self._detect(self._wrist, self._finder, "wrist")
+        self._bench = self._read("detector overhead", self._watcher.poll) or self._bench
+        self._parts = self._read("detector wrist", self._finder.poll) or self._parts
+        signals = self._read("signals", self._signals.read) if self._signals is not None else None
+        troubles, self._troubles = tuple(self._troubles), []
+        if self._arm is None or self._fingers is None:
+            raise DeviceFault("cell", "; ".join(trouble.reason for trouble in troubles) or "a device told nothing")
+        return Observation(
+            tick=tick,
+            time_s=self._devices.clock.now_s(),
+            arm=self._arm,
+            gripper=self._fingers,
+            bench=self._bench,
+            parts=self._parts,
+            troubles=troubles,
+            signals=signals or {},
+        )
+
+    def samples(self) -> JointSamples | None:
+        """What the arm measured since the last call; None where it cannot be asked."""
+        return self._read("arm", self._devices.arm.samples)
+
+    def _detect(self, reader: CameraReader, executor: Executor[Frame, object], name: str) -> None:
+        frame = self._read(f"camera {name}", reader.new_frame)
+        if frame is None:
+            return
+        self._framed(frame)
+        if self._own_body is not None and reader is self._overhead:
+            frame = frame.beside(self._own_body.at(frame.time_s))
+        if self._read(f"detector {name}", lambda: executor.submit(frame)) is False:
+            self._say(f"the detector of camera {name} is late: frame dropped")
+
+    def _read(self, device: str, read: Callable[[], Value]) -> Value | None:
+        try:
+            return read()
+        except Exception as error:  # whatever a driver raises: the supervisor decides what it means
+            self._troubles.append(Trouble(device, describe(error)))
+            return None
+
+
+class HeldFingers:
+    """Stops moving fingers while the supervisor holds, and lets them go on; skills see fingers that still move.
+
+    Fingers that grip a part are left alone where a knock moves them a little: stopped in such a moment, they would
+    press no more, and the part would fall out.
+    """
+
+    def __init__(self, gripper: Gripper) -> None:
+        self._gripper = gripper
+        self._goal: GripperCommand | None = None
+        self._gripped_m: float | None = None  # how far apart they are with the part that they grip
+        self._withheld = self._forgotten = False
+
+    def sent(self, goal: GripperCommand) -> None:
+        """The fingers were sent to a new goal."""
+        self._goal, self._gripped_m, self._withheld, self._forgotten = goal, None, False, False
+
+    def seen(self, observation: Observation) -> Observation:
+        """The observation as skills are to see it."""
+        if not (self._withheld or self._forgotten):
+            return observation
+        return replace(observation, gripper=replace(observation.gripper, object_status=ObjectStatus.MOVING))
+
+    def keep(self, observation: Observation, held: bool) -> None:
+        """Stop fingers that move, or let them go on; a gripper that restarted has forgotten where they should be."""
+        gripper = observation.gripper
+        self._forgotten |= self._goal is not None and not gripper.activated
+        if gripper.holding:
+            self._gripped_m = gripper.opening_m
+        if held and not self._withheld and not self._forgotten and self._goal is not None:
+            moving = gripper.object_status is ObjectStatus.MOVING and gripper.activated
+            if moving and not self._knocked(gripper.opening_m):
+                self._gripper.hold()
+                self._withheld = True
+        elif not held and (self._withheld or self._forgotten) and self._goal is not None:
+            self._gripper.command(self._goal)
+            self.sent(self._goal)
+
+    def _knocked(self, opening_m: float) -> bool:
+        """Whether the fingers are still about where they gripped a part."""
+        return self._gripped_m is not None and abs(opening_m - self._gripped_m) <= KNOCKED_M
+
+
+def describe(error: BaseException) -> str:
+    """One line about an error: our own in their words, others with their type; never raises itself."""
+    try:
+        return str(error) if isinstance(error, CellError) else f"{type(error).__name__}: {error}"
+    except Exception:  # an exception whose words raise
+        return type(error).__name__

@@ -1,0 +1,111 @@
+"""Carries out what a tick commanded, as far as the supervisor lets it; what a device refuses is observed next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+from cell.interfaces.command import Command
+from cell.interfaces.devices import Devices, Gripper, Signals
+from cell.interfaces.faults import Action, Judgement
+from cell.interfaces.observation import Observation
+from cell.running.device_reader import HeldFingers
+from cell.running.operator import OperatorChannel
+from cell.watching.observer import SentCommand
+
+Answer = TypeVar("Answer")
+RESTARTED = "gripper_restarted_empty"
+
+
+class DeviceActor:
+    """Commands the devices of a cell.
+
+    Args:
+        refused: told of a device's name and what it raised.
+    """
+
+    def __init__(
+        self,
+        devices: Devices,
+        gripper: Gripper,
+        signals: Signals | None,
+        operator: OperatorChannel,
+        refused: Callable[[str, Exception], None],
+    ) -> None:
+        self._devices = devices
+        self._gripper = gripper
+        self._signals = signals
+        self._operator = operator
+        self._refused = refused
+        self._fingers = HeldFingers(gripper)
+
+    def seen(self, observation: Observation) -> Observation:
+        """The observation as skills are to see it: fingers that were stopped half way still move."""
+        return self._fingers.seen(observation)
+
+    def act(self, command: Command, seen: Observation, judgement: Judgement) -> SentCommand:
+        """Command each device once; returns what they really sent."""
+        held = judgement.action >= Action.HOLD
+        trajectory = gripper = None
+        if held:
+            withhold(command, judgement)
+        self.pace(judgement.share)
+        self._recover(seen, judgement)
+        self._command("gripper", lambda: self._fingers.keep(seen, held))
+        if command.stop_arm:
+            self._command("arm", self._devices.arm.stop)
+        elif (follow := command.follow) is not None:
+            trajectory = self._command("arm", lambda: self._devices.arm.follow(follow))
+        if command.activate_gripper:
+            self._command("gripper", self._gripper.activate)
+        if (goal := command.gripper) is not None:
+            gripper = self._command("gripper", lambda: self._gripper.command(goal))
+            self._fingers.sent(goal)
+        if self._signals is not None:
+            for name, value in command.signals.items():
+                self._command("signals", partial(self._signals.write, name, value))
+        if command.look:
+            self._command("camera wrist", self._devices.wrist.trigger)
+        if (display := command.display) is not None:
+            self._operator.shown(display)
+            self._command("panel", lambda: self._devices.panel.show(display))
+        return SentCommand(trajectory, gripper)
+
+    def pace(self, share: float) -> None:
+        """Let the arm go on along its path with this share of its speed, 0 to 1."""
+        self._command("arm", lambda: self._devices.arm.pace(share))
+
+    def alarm(self, text: str) -> None:
+        """Let the panel show a trouble; an empty text takes it away."""
+        self._command("panel", lambda: self._devices.panel.alarm(text))
+
+    def _recover(self, seen: Observation, judgement: Judgement) -> None:
+        """Somebody acknowledged: unlock an arm that stopped by itself, let one that is held off its path give that up,
+        and activate a gripper that restarted empty.
+        """
+        if not seen.acknowledged:
+            return
+        self._command("arm", self._devices.arm.acknowledge)
+        if judgement.gives_path_up(acknowledged=seen.acknowledged):
+            self._command("arm", self._devices.arm.stop)
+        if any(signal == RESTARTED for signal, _ in judgement.reasons) and not seen.gripper.activated:
+            self._command("gripper", self._gripper.activate)
+
+    def _command(self, device: str, order: Callable[[], Answer]) -> Answer | None:
+        try:
+            return order()
+        except Exception as error:  # the next observation tells the supervisor
+            self._refused(device, error)
+            return None
+
+
+def withhold(command: Command, judgement: Judgement) -> None:
+    """Take out of a command what would begin to move; nodes see it and begin again.
+
+    A path may be exchanged where only a near hand holds the arm: it stands at the beginning of the new one, until the
+    supervisor has seen that this one leads away.
+    """
+    command.gripper, command.activate_gripper, command.signals = None, False, {}
+    if not judgement.new_path:
+        command.follow = None

@@ -1,0 +1,290 @@
+"""What the supervisor looks for: one pure function a signal, on the observation, the command and a short memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.interfaces.command import Command, JointTrajectory
+from cell.interfaces.faults import Judgement
+from cell.interfaces.observation import ArmMode, Observation
+from skills.motion.near_hand import separation_of
+from skills.motion.separation import Following, Separation, SeparationMonitor
+
+STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
+STALE_GRIPPER_S = 0.1
+STALE_BENCH_S = 0.35  # three frames are missing
+FUTURE_S = 0.05
+LATE_S, VERY_LATE_S = 0.08, 0.40
+POSITION_LIMIT_RAD = 2 * math.pi + 0.01
+SPEED_LIMITS_RAD_S = np.array([2.1, 2.1, 3.15, 3.15, 3.15, 3.15]) * 1.3  # datasheet, and what a measurement adds
+OFF_PATH_RAD = 0.025
+ARRIVED_RAD = 0.006  # a standing arm is at its goal so nearly
+VAIN_TIMES = 3  # acknowledgements in a row that no trajectory came to its end after
+SERVO_LAGS_S = (0.0, 0.008, 0.016)  # an arm trails its trajectory by at most the last
+HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
+REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
+
+
+@dataclass(frozen=True)
+class Sign:
+    """Something was found.
+
+    Attributes:
+        reason: in words for an operator.
+        share: largest share of speed where the fault's action is to slow down.
+        leaving: share of speed at which the arm may go on although the fault's action is to hold; 0 for standing still.
+        vain: it was acknowledged too often already: where it would wait for a person again, the run stops.
+    """
+
+    reason: str
+    share: float = 1.0
+    leaving: float = 0.0
+    vain: bool = False
+
+
+class Memory:
+    """What a check must know of earlier ticks.
+
+    Attributes:
+        restarted: "empty" or "holding" from when the gripper lost its activation until it has it again; else empty.
+        too_near: the hand was too near in the tick before.
+        ever_active: the gripper was active at some time of the run.
+        trajectory: what the arm was last sent and was not told to give up.
+        given_up: trajectories that were given up by an acknowledgement since one came to its end.
+    """
+
+    def __init__(self) -> None:
+        self.ever_active = self.too_near = False
+        self.restarted = ""
+        self.trajectory: JointTrajectory | None = None
+        self.given_up = 0
+        self._active, self._held_s = False, -math.inf
+
+    def see(self, observation: Observation) -> None:
+        """A tick begins."""
+        gripper, now_s = observation.gripper, observation.time_s
+        if gripper.activated:
+            self.restarted = ""
+        elif self._active:
+            self.restarted = "holding" if now_s - self._held_s <= HELD_LATELY_S else "empty"
+        if gripper.activated and gripper.holding:
+            self._held_s = now_s
+        self._active = gripper.activated
+        self.ever_active |= gripper.activated
+        if observation.arm.mode in ("protective_stop", "recovery"):  # it stands where it was stopped, off its path
+            self.trajectory = None
+        elif self.trajectory is not None and _far_rad(self.trajectory) > OFF_PATH_RAD:
+            self.given_up = 0 if _arrived(observation, self.trajectory) else self.given_up
+
+    def command(self, observation: Observation, command: Command, judgement: Judgement) -> None:
+        """A tick ends with what goes out."""
+        given_up = judgement.gives_path_up(acknowledged=observation.acknowledged)
+        self.given_up += given_up and self.trajectory is not None
+        if command.stop_arm or given_up:
+            self.trajectory = None
+        elif command.follow is not None and judgement.new_path:
+            self.trajectory = command.follow
+
+
+Check = Callable[[Observation, Command, Memory], Sign | None]
+
+
+def _trouble_of(*devices: str) -> Check:
+    def check(seen: Observation, _: Command, __: Memory) -> Sign | None:
+        found = [trouble.reason for trouble in seen.troubles if trouble.device in devices]
+        return Sign("; ".join(found)) if found else None
+
+    return check
+
+
+def _mode(text: str, *modes: ArmMode) -> Check:
+    def check(seen: Observation, _: Command, __: Memory) -> Sign | None:
+        return Sign(seen.arm.reason or text) if seen.arm.mode in modes else None
+
+    return check
+
+
+def _not_plausible(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    arm = seen.arm
+    values = (*arm.positions_rad, *arm.velocities_rad_s)
+    if len(arm.positions_rad) != 6 or len(arm.velocities_rad_s) != 6:
+        return Sign(f"the arm told {len(arm.positions_rad)} positions and {len(arm.velocities_rad_s)} speeds, not 6")
+    if not all(map(math.isfinite, values)):
+        return Sign("the arm told a value that is not finite")
+    if max(map(abs, arm.positions_rad)) > POSITION_LIMIT_RAD:
+        return Sign("the arm told a joint beyond its range")
+    if (np.abs(arm.velocities_rad_s) > SPEED_LIMITS_RAD_S).any():
+        return Sign("the arm told a joint faster than it can be")
+    return None
+
+
+def _stale_arm(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    age_s = seen.time_s - seen.arm.time_s
+    return Sign(f"the arm's state is {age_s:.2f} s old") if not age_s <= STALE_ARM_S else None
+
+
+def _off_path(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+    """The arm is elsewhere than its trajectory has it, or does not follow it at all."""
+    words = _why_off_path(seen, memory.trajectory)
+    if words and memory.given_up >= VAIN_TIMES:
+        return Sign(f"{words}, although it was acknowledged {memory.given_up} times in a row", vain=True)
+    return Sign(words) if words else None
+
+
+def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
+    path_s = seen.arm.path_s
+    if sent is None or len(seen.arm.positions_rad) != 6:
+        return ""
+    if seen.arm.moving and path_s is not None:
+        measured = np.array(seen.arm.positions_rad)
+        off = min(float(np.abs(measured - sent.at(path_s - lag_s)).max()) for lag_s in SERVO_LAGS_S)
+        return f"a joint is {off:.3f} rad off its path" if off > OFF_PATH_RAD else ""
+    stays = not seen.arm.moving and seen.arm.stands and not _arrived(seen, sent)
+    return "the arm does not follow its trajectory" if stays else ""
+
+
+def _far_rad(sent: JointTrajectory) -> float:
+    """How far the joint goes that goes farthest."""
+    return float(np.abs(sent.positions_rad[-1] - sent.positions_rad[0]).max())
+
+
+def _arrived(seen: Observation, sent: JointTrajectory) -> bool:
+    """Whether the arm stands at the end of a trajectory; a short way is missed by less."""
+    if seen.arm.moving or not seen.arm.stands or len(seen.arm.positions_rad) != 6:
+        return False
+    missed = float(np.abs(np.array(seen.arm.positions_rad) - sent.positions_rad[-1]).max())
+    return missed <= max(ARRIVED_RAD, min(OFF_PATH_RAD, _far_rad(sent) / 2))
+
+
+def _stale_gripper(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    age_s = seen.time_s - seen.gripper.time_s
+    return Sign(f"the gripper's status is {age_s:.2f} s old") if not age_s <= STALE_GRIPPER_S else None
+
+
+def _refuses(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+    if seen.gripper.node_state == "stopped":
+        return Sign("the gripper's node is stopped")
+    refused = memory.ever_active and seen.gripper.activated and seen.gripper.fault in REFUSALS
+    return Sign(f"the gripper takes no command, gFLT 0x{seen.gripper.fault:02X}") if refused else None
+
+
+def _restarted(how: str, words: str) -> Check:
+    def check(_: Observation, __: Command, memory: Memory) -> Sign | None:
+        return Sign(f"the gripper restarted {words}") if memory.restarted == how else None
+
+    return check
+
+
+def _stale_bench(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    if seen.bench is None:
+        return Sign("no view of the bench yet")
+    age_s = seen.time_s - seen.bench.time_s
+    return Sign(f"the view of the bench is {age_s:.1f} s old") if not age_s <= STALE_BENCH_S else None
+
+
+def _future_bench(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    ahead = seen.bench is not None and not seen.bench.time_s <= seen.time_s + FUTURE_S
+    return Sign("the view of the bench is stamped with a time to come") if ahead else None
+
+
+def _health(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    if seen.bench is None or not seen.bench.health:
+        return None
+    return Sign(f"the overhead image is {seen.bench.health}")
+
+
+def _camera_moved(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    told = [view.calibration for view in (seen.bench, seen.parts) if view is not None and view.calibration]
+    return Sign("; ".join(told)) if told else None
+
+
+def _hand_unknown(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    if seen.bench is None or not seen.bench.hand_unknown:
+        return None
+    return Sign(f"where the hand is, is not known: {seen.bench.hand_unknown}")
+
+
+def _late(limit_s: float) -> Check:
+    def check(seen: Observation, _: Command, __: Memory) -> Sign | None:
+        return Sign(f"a tick came {seen.late_s:.2f} s late") if seen.late_s > limit_s else None
+
+    return check
+
+
+def _contested(_: Observation, command: Command, __: Memory) -> Sign | None:
+    return Sign(f"two nodes commanded the {' and the '.join(command.contested)}") if command.contested else None
+
+
+def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
+    """Checks that need to know the arm's outline."""
+    known: list[tuple[int, Separation | None]] = [(-1, None)]
+
+    def separation(seen: Observation, memory: Memory) -> Separation | None:
+        if known[0][0] != seen.tick:
+            known[0] = (seen.tick, separation_of(monitor, seen, _followed(seen, memory)))
+        return known[0][1]
+
+    def near(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+        found = separation(seen, memory)
+        if found is None or found.share >= 1:
+            return None
+        return Sign("slower, as a hand is near", found.share)
+
+    def too_near(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+        found = separation(seen, memory)
+        slack_m = monitor.settings.hysteresis_m if memory.too_near else 0.0
+        memory.too_near = found is not None and found.distance_m < found.least_m + slack_m
+        if found is None or not memory.too_near:
+            return None
+        words = "the hand is too near" + "; the arm moves away from it, slowly" * (found.leaving > 0)
+        return Sign(words, leaving=found.leaving)
+
+    def blind(seen: Observation, _: Command, __: Memory) -> Sign | None:
+        joints = seen.arm.positions_rad
+        if seen.bench is None or seen.bench.hand is not None or len(joints) != 6 or not all(map(math.isfinite, joints)):
+            return None
+        if not monitor.out_of_view(np.array(joints)):
+            return None
+        return Sign("slower, as nobody is seen and the camera does not look here", monitor.settings.blind_share)
+
+    return {"hand_near": near, "hand_too_near": too_near, "blind_area": blind}
+
+
+def _followed(seen: Observation, memory: Memory) -> Following | None:
+    """The trajectory that the arm follows, and how far along it is."""
+    path_s = seen.arm.path_s
+    if memory.trajectory is None or path_s is None or not seen.arm.moving:
+        return None
+    return memory.trajectory, path_s
+
+
+CHECKS: Mapping[str, Check] = {
+    "arm_lost": _trouble_of("arm"),
+    "arm_not_plausible": _not_plausible,
+    "arm_stale": _stale_arm,
+    "arm_off_path": _off_path,
+    "arm_protective_stop": _mode("protective stop of the arm", "protective_stop", "recovery"),
+    "arm_safeguard_stop": _mode("safeguard stop of the arm", "safeguard_stop"),
+    "arm_emergency_stop": _mode("emergency stop", "emergency_stop"),
+    "arm_fault": _mode("the arm reports a fault", "violation", "fault"),
+    "arm_reduced": _mode("the arm is in reduced mode", "reduced"),
+    "gripper_lost": _trouble_of("gripper"),
+    "gripper_stale": _stale_gripper,
+    "gripper_refuses": _refuses,
+    "gripper_restarted_empty": _restarted("empty", "with empty fingers; once acknowledged, they open and close"),
+    "gripper_restarted_holding": _restarted("holding", "with a part between its fingers"),
+    "detector_lost": _trouble_of("detector overhead", "detector wrist"),
+    "camera_lost": _trouble_of("camera overhead", "camera wrist"),
+    "bench_stale": _stale_bench,
+    "bench_in_the_future": _future_bench,
+    "camera_unhealthy": _health,
+    "camera_moved": _camera_moved,
+    "hand_unknown": _hand_unknown,
+    "tick_late": _late(LATE_S),
+    "tick_very_late": _late(VERY_LATE_S),
+    "command_contested": _contested,
+}

@@ -1,0 +1,102 @@
+"""Tells observers what happens; one that raises is told of and left out of nothing but its own work."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from cell.interfaces.clock import Clock
+from cell.interfaces.faults import ACKNOWLEDGE, USUAL, Judgement
+from cell.interfaces.perception import Frame
+from cell.running.device_reader import describe
+from cell.watching.observer import Level, Observer, Outcome, TickRecord
+
+ONCE = ("tick_late",)  # a machine that is too slow is so again and again
+
+
+class Announcer:
+    """Remembers what was said."""
+
+    def __init__(self) -> None:
+        self._said: tuple[str, ...] = ()
+        self._asked = False
+        self._once: set[str] = set()
+        self._alarm = ""
+
+    def alarm(self, judgement: Judgement, unacknowledged: bool) -> str | None:
+        """The trouble that a panel is to show until somebody acknowledges it; None where it shows that already."""
+        text = f"{judgement.words}; {ACKNOWLEDGE}" if unacknowledged else ""
+        if bool(text) == bool(self._alarm):
+            return None
+        self._alarm = text
+        return text
+
+    def news(self, judgement: Judgement, unacknowledged: bool = False) -> tuple[Level, str] | None:
+        """What is to be said now, if it is something new.
+
+        Args:
+            unacknowledged: the cell waits until a person acknowledges it.
+        """
+        signals = [signal for signal, _ in judgement.reasons if signal not in USUAL]
+        reasons = tuple(signal for signal in signals if signal not in self._once)
+        asks, self._asked = unacknowledged and not self._asked, unacknowledged
+        if reasons == self._said and not asks:
+            return None
+        self._said = tuple(signal for signal in reasons if signal not in ONCE)
+        self._once |= set(reasons) & set(ONCE)
+        if not reasons:
+            return "info", "all clear"
+        ending = f"; {ACKNOWLEDGE}" if unacknowledged else ""
+        return "warning", f"{judgement.action.name.lower()}: {judgement.words}{ending}"
+
+
+class Audience:
+    """All observers of a run: none of them has power over it.
+
+    Attributes:
+        problems: what observers raised, each sort once, in words.
+        took_s: how long they took over the last tick, on the wall.
+    """
+
+    def __init__(self, observers: Sequence[Observer], clock: Clock) -> None:
+        self._observers = tuple(observers)
+        self._clock = clock
+        self.problems: list[str] = []
+        self.took_s = 0.0
+
+    def frame(self, frame: Frame) -> None:
+        """A camera frame arrived."""
+        self._tell(lambda observer: observer.frame(frame))
+
+    def tick(self, record: TickRecord) -> None:
+        """A tick is done."""
+        began_s = time.perf_counter()
+        self._tell(lambda observer: observer.tick(record))
+        self.took_s = time.perf_counter() - began_s
+
+    def say(self, level: Level, text: str) -> None:
+        """The controller says something."""
+        self._tell(lambda observer: observer.message(self._clock.now_s(), level, text))
+
+    def close(self, outcome: Outcome) -> None:
+        """The run is over."""
+        self._tell(lambda observer: observer.close(outcome))
+
+    def _tell(self, what: Callable[[Observer], None]) -> None:
+        for observer in self._observers:
+            try:
+                what(observer)
+            except Exception as error:  # a full disk or a broken viewer never changes how the arm moves
+                self._note(f"{type(observer).__name__}: {describe(error)}", observer)
+
+    def _note(self, problem: str, failed: Observer) -> None:
+        if problem in self.problems:
+            return
+        self.problems.append(problem)
+        for observer in self._observers:
+            if observer is failed:
+                continue
+            try:
+                observer.message(self._clock.now_s(), "warning", f"an observer failed: {problem}; the run goes on")
+            except Exception:  # it will be noted when it is told something else
+                continue

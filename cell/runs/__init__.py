@@ -1,0 +1,1 @@
+"""Assembles one whole run: options, heading, viewers, result; and one calibration."""

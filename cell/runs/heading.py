@@ -1,0 +1,116 @@
+"""What a log says of its run before the first tick, and where it goes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from datetime import datetime
+from pathlib import Path
+
+import yaml
+
+from cell.errors import InputError, Place, Problem
+from cell.files.files import INSTALLED
+from cell.recording.identity import identity
+from cell.recording.parts import parts_of
+from cell.recording.recorder import Heading
+from cell.runs.options import Files, RunOptions
+from cell.settings import LEARNED_KINDS, LogSettings
+from cell.wiring.node_library import USUAL_FOLDER
+from skills.drivers.gripper_database import SHIPPED, read_frames
+from trees.engine.tree import Tree
+
+
+def heading(options: RunOptions, files: Files) -> Heading:
+    """What a log needs to be run again: files as attachments, the rest as metadata."""
+    assert files.configuration.faults is not None
+    attachments = {
+        "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
+        "faults.yaml": ("application/yaml", files.configuration.faults.read_bytes()),
+        "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
+        "gripper.dbc": ("text/plain", read_frames(files.configuration.gripper_can.database or SHIPPED).encode()),
+        "simulation.json": ("application/json", files.configuration.devices.simulation.model_dump_json().encode()),
+    }
+    look = files.configuration.devices.simulation.look.draw(options.seed)
+    attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
+    semantic, folder = files.configuration.planners.semantic, options.configuration.resolve().parent
+    for path in (semantic.goals, semantic.confusions, files.configuration.calibration):
+        if path is not None and path.exists() and path.resolve().is_relative_to(folder):
+            attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())
+    for name, text in tree_texts(files.tree).items():
+        attachments[name] = ("application/xml", text.encode())
+    values = {
+        "seed": str(options.seed),
+        "goal": options.goal,
+        "product": files.product.name,
+        "pace": options.pace,
+        "person": options.person or "as configured",
+        "tree": options.tree.resolve().relative_to(_common_folder(files.tree)).as_posix(),
+        "perception": files.configuration.perception.words,
+        "look": files.configuration.devices.simulation.look.name,
+    }
+    for name in LEARNED_KINDS:
+        for network, file in files.configuration.perception.networks(name).items():
+            values |= _weights(network, file)
+    for name, planner in files.configuration.planners:
+        values[f"planner.{name}"] = planner.kind
+        if planner.weights is not None and planner.weights.exists():
+            values |= _weights(name, planner.weights)
+    for file in _own_code(files.tree):
+        values[f"code.{file.name}.sha256"] = hashlib.sha256(file.read_bytes()).hexdigest()
+    if options.world is not None:
+        values["world"] = str(options.world.resolve())
+    if options.resume is not None and files.left_off is not None:
+        values |= {"resumes": str(options.resume), "left_off": json.dumps(files.left_off.plain())}
+    if options.entries:
+        values["entries"] = json.dumps(dict(options.entries))
+    return Heading({**values, **identity()}, attachments)
+
+
+def _weights(name: str, file: Path) -> dict[str, str]:
+    """Which weights a planner or detector has."""
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    return {f"weights.{name}.file": str(file), f"weights.{name}.sha256": digest}
+
+
+def _own_code(tree: Tree) -> list[Path]:
+    """Python files of the tree's nodes that are the user's own; those of the project are named by the commit."""
+    members = [member for node in tree.nodes for member in vars(type(node)).values()]
+    files = {Path(member.__code__.co_filename).resolve() for member in members if hasattr(member, "__code__")}
+    here = Path.cwd() / USUAL_FOLDER
+    return sorted(
+        file for file in files if file.is_file() and (not file.is_relative_to(INSTALLED) or file.is_relative_to(here))
+    )
+
+
+def tree_texts(tree: Tree) -> dict[str, str]:
+    """Files of a tree by their names in the log: below the folder that holds all of them."""
+    folder = _common_folder(tree)
+    return {f"tree/{path.resolve().relative_to(folder).as_posix()}": text for path, text in tree.texts.items()}
+
+
+def _common_folder(tree: Tree) -> Path:
+    return Path(os.path.commonpath([path.resolve().parent for path in tree.texts]))
+
+
+def log_path(options: RunOptions, settings: LogSettings) -> Path:
+    """Where the log goes; a file that is there stays, unless it was said otherwise.
+
+    Raises:
+        InputError: the name is no log's, or a log or its contact sheet has it already.
+    """
+    path = options.log or _new_log(settings.folder, options.seed)
+    if path.suffix != ".mcap":
+        raise InputError(Problem(Place(path), "the name of a log ends in .mcap", f"try {path.with_suffix('.mcap')}"))
+    taken = next((file for file in (path, *parts_of(path), path.with_suffix(".png")) if file.exists()), None)
+    if taken is not None and not options.overwrite:
+        raise InputError(Problem(Place(taken), "exists already", "choose another --log, or add --overwrite"))
+    return path
+
+
+def _new_log(folder: Path, seed: int) -> Path:
+    """A name that no log in the folder has yet."""
+    stem = f"{datetime.now():%Y%m%d-%H%M%S}-seed{seed}"
+    names = (f"{stem}{suffix}.mcap" for suffix in ("", *(f"-{count}" for count in range(2, 1000))))
+    return next(folder / name for name in names if not (folder / name).exists())

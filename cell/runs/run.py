@@ -1,0 +1,255 @@
+"""Wires a whole run together: configuration, devices, detectors, planners, tree, observers, controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from cell.configuration import (
+    for_shift,
+    load_configuration,
+    load_faults,
+    load_product,
+    located,
+    simulated,
+)
+from cell.errors import LogError
+from cell.faults.injection import Injection, Injections
+from cell.interfaces.can_bus import open_bus
+from cell.interfaces.clock import PacedClock, WakingClock
+from cell.interfaces.devices import Devices, TruthEvent
+from cell.interfaces.observation import Observation
+from cell.log.read.resume import read_left_off, world_of
+from cell.recording.recorder import McapRecorder
+from cell.recording.scene import CellModel
+from cell.running.controller import Controller
+from cell.running.device_reader import OwnBody
+from cell.running.operator import OperatorChannel
+from cell.running.supervisor import make_supervisor
+from cell.runs.heading import heading, log_path
+from cell.runs.options import Files, Pace, RunOptions
+from cell.runs.result import Counts, summary_of
+from cell.runs.viewers import open_viewers
+from cell.viewing.moments import Moments
+from cell.viewing.progress import LiveProgress
+from cell.viewing.run_summary import run_summary
+from cell.viewing.typed_orders import TypedOrders
+from cell.watching.brackets import BracketTally, FinishedBrackets
+from cell.watching.fluency import Fluency
+from cell.watching.lateness import Lateness
+from cell.watching.observer import Level, Observer, Outcome
+from cell.watching.statistics import RunStatistics
+from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
+from cell.wiring.reload import WatchedTree
+from cell.wiring.services import TickClock, load_planners, make_services
+from sim.process import pacing as real_time
+from sim.process.opening import SIMULATED, configured_devices, connect, drawn_from, is_there, own_world
+from skills.drivers.can_gripper import CanGripper, Tap
+from skills.drivers.can_signals import CanSignals
+from skills.drivers.checked_arm import CheckedArm
+from skills.drivers.gripper_database import SHIPPED, load_gripper_database
+from skills.motion.planner import MotionPlanner
+from trees.engine.tree import Tree
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended.
+
+    Attributes:
+        summary: the keys of `cell run --json`.
+        rows: the same for people.
+    """
+
+    outcome: Outcome
+    summary: dict[str, object]
+    rows: dict[str, str]
+
+
+def run(options: RunOptions, console: Console) -> RunResult:
+    """Run one tree on one cell.
+
+    Raises:
+        InputError: nothing has moved, and no file was touched.
+        DeviceFault: a device could not be opened.
+    """
+    configuration = simulated(load_configuration(options.configuration), options.look, options.person)
+    if options.brackets is not None:
+        configuration = for_shift(configuration, options.brackets)
+    configuration = options.adjusted(configuration)
+    if options.inject is not None:
+        Injection.parse(options.inject)
+    with located(options.configuration, configuration):
+        product = load_product(configuration, options.configuration)
+        tree = options.load(product, configuration)
+        configuration, told = fitted(configuration, product)
+        if told:
+            console.print(told, highlight=False)
+        check_detectors(configuration.bench, product, configuration.perception)
+        tally = BracketTally()
+        left_off = None
+        if options.resume is not None:
+            left_off = read_left_off(options.resume, product, lambda tick: tally.add(tick.time_s, tick.notes))
+            console.print(f"goes on with {options.resume}: {left_off.told}", highlight=False)
+            world = options.world or world_of(options.resume)
+            if options.world is None and world is not None and not is_there(world):
+                console.print(f"the world at {world} is gone: this is another one", highlight=False)
+                world = None
+            options = replace(options, world=world)
+        if options.world is not None:
+            drawn = drawn_from(options.world)
+            options = replace(options, seed=drawn.seed, goal=drawn.goal)
+        log = log_path(options, configuration.log)
+        planners, faults = load_planners(configuration, product), load_faults(configuration)
+        return _run(options, Files(configuration, product, tree, planners, faults, left_off), tally, log, console)
+
+
+def _run(options: RunOptions, files: Files, tally: BracketTally, log: Path, console: Console) -> RunResult:
+    configuration, product = files.configuration, files.product
+    motion = MotionPlanner(product, configuration.bench, configuration.motion)
+    with ExitStack() as stack:
+
+        def alarm(time_s: float, level: Level, text: str) -> None:
+            progress.message(time_s, level, text)
+            trouble = text if level == "error" else ""
+            progress.alarm(trouble)
+            devices.panel.alarm(trouble)
+
+        def blackboard() -> Mapping[str, object]:
+            return (ticked.tree if isinstance(ticked, WatchedTree) else ticked).blackboard.values()
+
+        devices = _open_devices(options, files, lambda: recorder.settle())
+        stack.callback(devices.close)
+
+        def truth() -> Sequence[TruthEvent]:
+            return devices.truth()
+
+        model = CellModel(product, configuration.bench, motion)
+
+        def result() -> Mapping[str, object]:
+            return {**counts.job(devices), "last_failure": str(counts.statistics.cause)}
+
+        told, in_step = heading(options, files), options.pace == "fast"
+        recorder = McapRecorder(log, configuration.log, told, model, alarm, blackboard, truth, result, in_step)
+        stack.callback(recorder.abandon)
+        moments, fluency = Moments(), Fluency(lambda seen: _tool_on_bench_m(motion, seen))
+        lateness = _lateness(files, devices, alarm)
+        counts = Counts(RunStatistics(), lateness, fluency, tally, tally.missing(len(devices.finished())))
+        progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
+        operator = OperatorChannel(product.goals, options.attended, options.brackets or None)
+        if options.orders is not None:
+            TypedOrders(options.orders, operator.put, lambda: operator.questions, lambda text: console.print(text))
+        viewers = open_viewers(options, files, recorder, operator.put, devices.clock.now_s, stack)
+        for line in viewers.addresses:
+            console.print(line, highlight=False, soft_wrap=True)
+        observers: tuple[Observer, ...] = (recorder, progress, moments, *counts.observers, *viewers.observers)
+        if (goals := configuration.planners.semantic.goals) is not None:
+            observers = (*observers, FinishedBrackets(goals, product))
+        ticked = _watched(options, files, observers, viewers.edited) if options.watch else files.tree
+        injection = None if options.inject is None else Injection.parse(options.inject)
+        stack.enter_context(real_time.preferred(options.pace == "real"))
+        outcome = drive(
+            files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator
+        )
+        sheet, outcome = _sheet(options, log, recorder, moments, outcome)
+        summary = summary_of(options, files, outcome, counts, devices, recorder, sheet)
+        return RunResult(outcome, summary, run_summary(summary, product, configuration.controller.tick_hz))
+
+
+def drive(
+    files: Files,
+    devices: Devices,
+    motion: MotionPlanner,
+    observers: Sequence[Observer] = (),
+    can_tap: Tap | None = None,
+    pace: Pace = "fast",
+    tree: Tree | WatchedTree | None = None,
+    injection: Injection | Injections | None = None,
+    operator: OperatorChannel | None = None,
+) -> Outcome:
+    """Run the tree on devices that are open, to its end and a safe stop; with a fault where one is to be tried."""
+    configuration, tree = files.configuration, tree or files.tree
+    with ExitStack() as stack:
+        can_settings = configuration.gripper_can
+        bus = open_bus(can_settings.interface, can_settings.channel, can_settings.bitrate, echo=True)
+        if injection is not None:
+            bus = injection.bus(bus, load_gripper_database(can_settings.database or SHIPPED))
+            devices, observers = injection.devices(devices), (*observers, injection)
+        devices = replace(devices, arm=CheckedArm(devices.arm))
+        gripper = CanGripper(bus, devices.clock, can_settings, can_tap)
+        stack.callback(gripper.close)
+        detectors = (configuration.bench, files.product, configuration.perception)
+        executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices)
+        for executor in executors:
+            stack.callback(executor.close)
+        supervisor = make_supervisor(files.faults, motion)
+        signals = None
+        if (module := configuration.signals) is not None:
+            signal_bus = open_bus(module.interface, module.channel, module.bitrate)
+            signals = CanSignals(signal_bus, devices.clock, module)
+            stack.callback(signals.close)
+        own_body = OwnBody(motion.separation.outline)
+        controller = Controller(
+            devices, gripper, *executors, configuration.controller, supervisor, observers, operator, signals, own_body
+        )
+        clock, journal, seen = devices.clock, controller.journal, controller.observe()
+        services = make_services(configuration, files.planners, motion, clock, journal, seen, files.left_off)
+        tree.setup(services, TickClock(services))
+        return controller.run(tree, services)
+
+
+def _lateness(files: Files, devices: Devices, say: Callable[[float, Level, str], None]) -> Lateness:
+    """Counts how late ticks begin, and asks the clock why."""
+    period_s, clock = 1.0 / files.configuration.controller.tick_hz, devices.clock
+    return Lateness(period_s, lambda: getattr(clock, "delays", {}), devices.lost_s, say)
+
+
+def _tool_on_bench_m(motion: MotionPlanner, seen: Observation) -> tuple[float, float]:
+    """Where the tool is above the bench, (x, y)."""
+    x, y, _ = motion.kinematics.position_m(np.array(seen.arm.positions_rad)).tolist()
+    return x, y
+
+
+def _sheet(
+    options: RunOptions, log: Path, recorder: McapRecorder, moments: Moments, outcome: Outcome
+) -> tuple[str, Outcome]:
+    """The contact sheet beside the log, empty where there is none; what went wrong is told beside the outcome."""
+    from cell.log.report.contact_sheet import write_sheet  # only now: a run begins without it
+
+    sheet = log.with_suffix(".png")
+    try:
+        made = options.images and write_sheet(recorder.path, moments, outcome.reason, sheet)
+    except (LogError, OSError) as error:
+        problem = f"no contact sheet: {error}"
+        return "", replace(outcome, observer_problems=(*outcome.observer_problems, problem))
+    return str(sheet) if made else "", outcome
+
+
+def _watched(
+    options: RunOptions, files: Files, observers: Sequence[Observer], edited: Callable[[Tree, float], None]
+) -> WatchedTree:
+    """A tree whose edits take over."""
+
+    def again() -> Tree:
+        return options.load(files.product, files.configuration)
+
+    return WatchedTree(files.tree, again, options.tree, observers, edited)
+
+
+def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:
+    """The devices; in simulated time each tick begins once the one before is on the disk, the wall's does not wait."""
+    configuration, product = files.configuration, files.product
+    if options.world is not None:
+        devices = connect(configuration, product, options.world, options.pace).devices
+    elif options.pace == "real" and configuration.devices.factory == SIMULATED:
+        devices = own_world(configuration, product, options.seed, options.goal).devices
+    else:
+        devices = configured_devices(configuration, product, options.seed, options.goal)
+        if options.pace == "real":
+            devices = replace(devices, clock=PacedClock(devices.clock))
+    return devices if options.pace == "real" else replace(devices, clock=WakingClock(devices.clock, awake))

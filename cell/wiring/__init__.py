@@ -1,0 +1,1 @@
+"""Makes the parts of a controller from its configuration: nodes, services, detectors, reload."""

@@ -1,0 +1,240 @@
+"""Makes the detectors that the configuration names, and the executors that run them.
+
+Trained detectors are imported only where they are chosen. Each is made by one function of its package, which takes
+bench, product and the file of weights; a new kind is one more line in TRAINED.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from cell.configuration import Configuration
+from cell.errors import ModelError, SettingError
+from cell.interfaces.bench import Bench
+from cell.interfaces.devices import Devices
+from cell.interfaces.perception import (
+    ActionDetector,
+    BenchView,
+    Frame,
+    HandTracker,
+    HoleReader,
+    PartDetector,
+    PartsView,
+)
+from cell.interfaces.product import Product
+from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
+from cell.settings import LEARNED_KINDS, Perception
+from learned.bench_watcher import ClassicalDetectors, DetectorChain
+from learned.calibration.check import TrayCheck
+from learned.classical.lying_parts import LyingParts
+from learned.inference.onnx_model import OnnxModel
+
+Maker = Callable[[Bench, Product, Path], Any]
+
+
+def _actions(bench: Bench, product: Product, weights: Path, kind: str) -> ActionDetector:
+    from learned.actions.model import load_actions
+
+    return load_actions(bench, product, weights, kind)
+
+
+def _plate(bench: Bench, product: Product, weights: Path) -> HoleReader:
+    from learned.holes.model import PlateHoleReader
+
+    return PlateHoleReader.load(bench, product, weights)
+
+
+def _centre(bench: Bench, product: Product, weights: Path) -> PartDetector:
+    from learned.parts.model import CentrePartDetector
+
+    return CentrePartDetector.load(bench, product, weights)
+
+
+def _slim_hands(bench: Bench, product: Product, weights: Path) -> HandTracker:
+    from learned.hands.model import slim_tracker
+
+    return slim_tracker(bench, product, weights)
+
+
+def _mediapipe_hands(bench: Bench, product: Product, weights: Path) -> HandTracker:
+    from learned.hands.mediapipe.tracker import mediapipe_tracker
+
+    return mediapipe_tracker(bench, product, weights)
+
+
+TRAINED: Mapping[str, Mapping[str, Maker]] = {
+    "hands": {"slim": _slim_hands, "mediapipe": _mediapipe_hands},
+    "actions": {kind: partial(_actions, kind=kind) for kind in ("slim", "paper")},
+    "holes": {"plate": _plate},
+    "parts": {"centre": _centre},
+}
+
+
+NO_CARD = ("classical", "mediapipe")  # kinds whose files are not ours, or that have none
+LATENCY_SCORE = "latency_ms_p95"  # of a model card: processor time of a frame's answer
+BESIDE_S = 0.01  # health of image and track, calibration, and the way between processes
+UNKNOWN_LATENCY_S = 0.1  # of detectors whose cards do not tell
+
+
+def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:
+    """What answers overhead frames."""
+    made = Detectors(bench, product, perception)
+    return DetectorChain(bench, product, made.make("hands"), made.make("holes"), made.make("actions"))
+
+
+def part_finder(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], PartsView]:
+    """What answers wrist frames."""
+    return tray_view(bench, product, Detectors(bench, product, perception).make("parts"))
+
+
+def tray_view(bench: Bench, product: Product, detector: PartDetector) -> Callable[[Frame], PartsView]:
+    """What answers wrist frames with this detector: it also fits how those lie that do not stand."""
+    check, lying = TrayCheck(bench), LyingParts(bench, product)
+
+    def find(frame: Frame) -> PartsView:
+        placed = frame.seen_from(bench.wrist.told(frame.world_from_camera))
+        standing, others = lying.sort(placed, detector.detect(placed))
+        return PartsView(frame.sequence, frame.time_s, standing, others, check.judge(placed))
+
+    return find
+
+
+class Detectors:
+    """Makes the chosen detector for each task, by the task's key in the configuration."""
+
+    def __init__(self, bench: Bench, product: Product, perception: Perception) -> None:
+        self._bench, self._product, self._perception = bench, product, perception
+        self._classical = ClassicalDetectors(bench, product, perception.classical)
+
+    def make(self, task: str) -> Any:
+        """HandTracker, HoleReader, ActionDetector or PartDetector for hands, holes, actions or parts.
+
+        Raises:
+            SettingError: there is no such kind, or its weights are missing or do not fit the product.
+        """
+        kind = self._perception.chosen(task).kind
+        if kind == "classical":
+            return self._with_crops(task, getattr(self._classical, task)())
+        maker = TRAINED[task].get(kind)
+        if maker is None:
+            legal = ", ".join(("classical", *TRAINED[task]))
+            raise SettingError((("perception", task), f"no detector of kind {kind!r}; legal: {legal}"))
+        try:
+            made = maker(self._bench, self._product, self._perception.weights(task))
+        except ModelError as error:
+            raise SettingError((("perception", task), str(error))) from error
+        return self._with_crops(task, made)
+
+    def _with_crops(self, task: str, made: Any) -> Any:
+        """The part detector with the features of crops that a grasp planner wants; others as they are."""
+        if task != "parts" or self._perception.crops is None:
+            return made
+        from learned.grasp.crops import CropReader
+
+        try:
+            return CropReader.load(made, self._bench, self._perception.crops)
+        except ModelError as error:
+            raise SettingError((("planners", "grasp"), str(error))) from error
+
+
+def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
+    """The detectors that this product can have, and what people should know of it; empty where there is nothing.
+
+    Detectors that are chosen all at once as `learned` know the part types and positions that their weights were trained
+    for. For another product they are classical, until somebody trains them. One that is chosen by itself stays.
+
+    Raises:
+        SettingError: weights cannot be read.
+    """
+    if perception.kind != "learned":
+        return perception, ""
+    wanted = {"parts": tuple(product.parts), "positions": product.positions}
+    for task, kind in LEARNED_KINDS.items():
+        if getattr(perception, task) is not None:
+            continue
+        try:
+            path = perception.weights(task)
+            known = OnnxModel.load(path, f"{task}.{kind}").card.vocabulary
+        except ModelError as error:
+            raise SettingError((("perception", "kind"), str(error))) from error
+        for use, words in wanted.items():
+            if known.get(use, words) != words:
+                told = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"
+                what = f"perception is classical (colours, outlines): {told}; `cell train all` trains detectors for it"
+                return perception.model_copy(update={"kind": "classical"}), what
+    return perception, ""
+
+
+def fitted(configuration: Configuration, product: Product) -> tuple[Configuration, str]:
+    """The configuration with the detectors that this product can have; see `fitting`."""
+    perception, told = fitting(configuration.perception, product)
+    return configuration.model_copy(update={"perception": perception}), told
+
+
+def check_detectors(bench: Bench, product: Product, perception: Perception) -> None:
+    """Make each trained detector once, before any device is opened.
+
+    Raises:
+        SettingError: with every problem.
+    """
+    made, problems = Detectors(bench, product, perception), []
+    for task in TRAINED:
+        try:
+            if perception.networks(task):
+                made.make(task)
+        except SettingError as error:
+            problems += [place for place in error.places if place not in problems]
+    if problems:
+        raise SettingError(*problems)
+
+
+def lock_step(
+    bench: Bench, product: Product, perception: Perception, devices: Devices
+) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
+    """Executors for simulation: answers come as much later in clock time as the detectors take.
+
+    The detectors run beside the physics where the devices offer a place for it; the answers are the same.
+    """
+    clock, arguments = devices.clock, (bench, product, perception)
+    watched_s, found_s = latency_s(perception, "hands", "holes", "actions"), latency_s(perception, "parts")
+    if devices.host is None:
+        watch, find = bench_watcher(*arguments), part_finder(*arguments)
+        return LockStep(watch, clock, watched_s), LockStep(find, clock, found_s)
+    return (
+        HeldBack(devices.host.host(bench_watcher, *arguments), clock, watched_s),
+        HeldBack(devices.host.host(part_finder, *arguments), clock, found_s),
+    )
+
+
+def latency_s(perception: Perception, *tasks: str) -> float:
+    """Time from a frame to the answer of these detectors together: what the configuration says, else their cards.
+
+    Raises:
+        ModelError: weights cannot be read.
+    """
+    if perception.latency_s is not None:
+        return perception.latency_s
+    found_ms = [_noted_ms(perception, task) for task in tasks]
+    known_ms = [value for value in found_ms if value is not None]
+    return sum(known_ms) / 1e3 + BESIDE_S if len(known_ms) == len(tasks) else UNKNOWN_LATENCY_S
+
+
+def _noted_ms(perception: Perception, task: str) -> float | None:
+    """The p95 of a trained detector's card, from `cell eval latency --note`; None where there is none."""
+    if (kind := perception.chosen(task).kind) in NO_CARD:
+        return None
+    return OnnxModel.load(perception.weights(task), f"{task}.{kind}").card.scores.get(LATENCY_SCORE)
+
+
+def worker_processes(
+    bench: Bench, product: Product, perception: Perception
+) -> tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]:
+    """Executors for real time: each detector in a process of its own, ready to answer."""
+    watcher = WorkerProcess("bench watcher", bench_watcher, bench, product, perception)
+    finder = WorkerProcess("part detector", part_finder, bench, product, perception)
+    watcher.await_ready()
+    finder.await_ready()
+    return watcher, finder

@@ -1,0 +1,197 @@
+"""Gives the nodes their services from a configuration: planners, guard, motion; for a run and for its replay alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from cell.configuration import Configuration
+from cell.errors import InputError, ModelError, SettingError
+from cell.interfaces.clock import Clock
+from cell.interfaces.notes import Journal
+from cell.interfaces.observation import Observation
+from cell.interfaces.planning import GraspPlanner, SemanticPlanner
+from cell.interfaces.product import Product
+from cell.interfaces.resume import LeftOff
+from cell.settings import Perception
+from learned.grasp.model import load_grasp_planner
+from learned.inference.onnx_model import OnnxModel
+from learned.semantic.confusions import Confusions
+from learned.semantic.goals import OpenGoals
+from learned.semantic.graph import Layout
+from learned.semantic.model import BayesPlanner, FactoredPlanner, load_semantic_planner
+from learned.semantic.risk import act_probability
+from skills.motion.planner import MotionPlanner
+from trees.guard import Guard
+from trees.nodes.services import Services
+
+
+class TickClock:
+    """The time of the tick under way: all nodes of a tick read one time, and it is in the log."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+
+    def now_s(self) -> float:
+        return self._services.observation.time_s
+
+    def sleep_until(self, time_s: float) -> None:
+        """Nodes never wait; the next tick brings another time."""
+
+
+@dataclass(frozen=True)
+class Planners:
+    """The chosen planners, and the rule-based ones that answer where those cannot be used.
+
+    Attributes:
+        known: the product with the goals that were learned.
+        goals, confusions: what the semantic planners were made with.
+    """
+
+    semantic: SemanticPlanner
+    rule_semantic: SemanticPlanner
+    grasp: GraspPlanner
+    rule_grasp: GraspPlanner
+    known: Product
+    goals: OpenGoals
+    confusions: Confusions | None = None
+
+
+def load_planners(configuration: Configuration, product: Product) -> Planners:
+    """The planners that the configuration names.
+
+    Raises:
+        SettingError: weights are missing or do not fit the product, or there is no such kind; all are told at once.
+    """
+    semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
+    assert semantic.weights is not None
+    assert grasp.weights is not None
+
+    def load_semantic() -> tuple[SemanticPlanner, SemanticPlanner, OpenGoals, Confusions | None]:
+        goals = OpenGoals.of(product, semantic.new_goals)
+        if semantic.goals is not None:
+            goals = OpenGoals.load(semantic.goals, product, semantic.new_goals)
+        layout = Layout.of(product)
+        path = semantic.confusions
+        confusions = _told(configuration.perception, layout) if path is None else Confusions.load(path, layout)
+        chosen = load_semantic_planner(semantic.kind, semantic.weights, product, goals, confusions)
+        return chosen, load_semantic_planner("bayes", None, product, goals, confusions), goals, confusions
+
+    loaders: dict[str, Callable[[], Any]] = {
+        "semantic": load_semantic,
+        "grasp": partial(load_grasp_planner, grasp.kind, grasp.weights, product),
+    }
+    loaded: dict[str, Any] = {}
+    problems: list[tuple[tuple[str, ...], str]] = []
+    for name, load in loaders.items():
+        try:
+            loaded[name] = load()
+        except (InputError, ModelError) as error:
+            problems.append((("planners", name), str(error)))
+    if problems:
+        raise SettingError(*problems)
+    chosen, rule, goals, confusions = loaded["semantic"]
+    rule_grasp = load_grasp_planner("rule", grasp.weights, product)
+    return Planners(chosen, rule, loaded["grasp"], rule_grasp, goals.product, goals, confusions)
+
+
+def _told(perception: Perception, layout: Layout) -> Confusions | None:
+    """What the chosen action detector takes for what, by its model card; None where there is none, or it is silent.
+
+    Raises:
+        ModelError: its weights cannot be read.
+    """
+    kind = perception.chosen("actions").kind
+    if kind == "classical":
+        return None
+    told = OnnxModel.load(perception.weights("actions"), f"actions.{kind}").card.config.get("confusion")
+    return Confusions.counted(layout, told["classes"], told["counts"]) if isinstance(told, dict) else None
+
+
+def make_services(
+    configuration: Configuration,
+    planners: Planners,
+    motion: MotionPlanner,
+    clock: Clock,
+    journal: Journal,
+    observation: Observation,
+    left_off: LeftOff | None = None,
+) -> Services:
+    """What the nodes of a tree work with.
+
+    Args:
+        left_off: of a run that was broken off and that this one goes on with.
+    """
+    services = Services(
+        product=planners.known,
+        bench=configuration.bench,
+        clock=clock,
+        motion=motion,
+        semantic=planners.semantic,
+        rule_semantic=planners.rule_semantic,
+        grasp=planners.grasp,
+        rule_grasp=planners.rule_grasp,
+        guard=_guard(configuration, planners.semantic, planners.goals, planners.confusions),
+        journal=journal,
+        observation=observation,
+        teach=_teacher(configuration, planners.known),
+        learn=learner(configuration, planners),
+        left_off=left_off,
+        held_part=None if left_off is None else left_off.held_part,
+    )
+    for parts in left_off.finished if left_off is not None else ():
+        services.learn(services, parts)
+    return services
+
+
+def _guard(
+    configuration: Configuration, planner: SemanticPlanner, goals: OpenGoals, confusions: Confusions | None
+) -> Guard:
+    """The guard of the goals that are known, as wary as their number asks for."""
+    settings = configuration.guard
+    if not isinstance(planner, FactoredPlanner | BayesPlanner):
+        return Guard(goals.product, settings)
+    least = act_probability(planner, goals, confusions, settings.act_probability, settings.wrong_share)
+    return Guard(goals.product, settings, least)
+
+
+def _teacher(configuration: Configuration, product: Product) -> Callable[[str, tuple[str, ...]], str] | None:
+    """Notes goals in the configuration's file of goals."""
+    settings = configuration.planners.semantic
+    if settings.goals is None:
+        return None
+    path = settings.goals
+
+    def teach(name: str, parts: tuple[str, ...]) -> str:
+        goals = OpenGoals.load(path, product, settings.new_goals).with_goal(name, parts)
+        goals.save(path)
+        return next(name for name, goal in goals.finished.items() if goal.parts == parts)
+
+    return teach
+
+
+def learner(configuration: Configuration, planners: Planners) -> Callable[[Services, tuple[str, ...]], str | None]:
+    """What nodes call when a bracket was finished: planners and guard know its goal from then on, in this run."""
+    goals = planners.goals
+
+    def learn(services: Services, parts: tuple[str, ...]) -> str | None:
+        """Name of the goal that the bracket ended in; None where no bracket of this product ends so."""
+        nonlocal goals
+        try:
+            goals = goals.with_bracket(parts)
+        except InputError:
+            return None
+        known = goals.product
+        services.semantic, services.rule_semantic = (
+            planner.with_goals(goals, planners.confusions)
+            if isinstance(planner, FactoredPlanner | BayesPlanner)
+            else planner
+            for planner in (services.semantic, services.rule_semantic)
+        )
+        services.product = known
+        services.guard = _guard(configuration, services.semantic, goals, planners.confusions)
+        return next((name for name, goal in known.goals.items() if goal == parts), None)
+
+    return learn

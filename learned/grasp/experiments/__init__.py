@@ -1,1 +1,0 @@
-"""Experiments on grasp planners that anyone can repeat (Tables 2 and 3, and more)."""

@@ -1,0 +1,215 @@
+"""Experiments that anyone can repeat: cells that are measured once, kept in a file, and written as a page of tables.
+
+A cell is kept under all that it depends on: its key (settings, seed, product and what else is varied) and the code
+that measures it. So an interrupted series goes on where it stopped, and what changed is measured anew.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from cell.errors import InputError, Place, Problem
+from cell.interfaces.product import Product
+from learned.inference.scores import student
+
+Key = Mapping[str, Any]  # of what JSON can hold
+Values = dict[str, Any]
+Cells = Sequence[tuple[Key, Values]]
+_ROOT = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One run of an experiment: what is varied, and what measures it."""
+
+    key: Key
+    measure: Callable[[], Values]
+
+    @property
+    def name(self) -> str:
+        """Identity of key and code."""
+        measure = self.measure.func if isinstance(self.measure, partial) else self.measure
+        text = json.dumps([dict(self.key), code_version(measure.__module__)], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is measured, and what is written of it."""
+
+    cells: Callable[[Product], Sequence[Cell]]
+    sections: tuple[Callable[[Cells], str], ...]
+
+
+class Store:
+    """A file of JSON lines {"name": ..., "key": {...}, "values": {...}}, written after every cell."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._done: dict[str, Values] = {}
+        for number, line in enumerate(path.read_text("utf-8").splitlines() if path.exists() else (), start=1):
+            try:
+                read = json.loads(line)
+                self._done[read["name"]] = read["values"]
+            except (ValueError, TypeError, KeyError) as error:
+                what = f"no finished cell of an experiment: {error!r}"
+                raise InputError(Problem(Place(path, number), what, "remove the line, or the file")) from error
+
+    def run(self, title: str, cells: Sequence[Cell], *, quiet: bool = False) -> Cells:
+        """Keys and values of all cells; measures those that are not in the file."""
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as progress:
+            return [(cell.key, self._values(cell)) for cell in progress.track(cells, description=title)]
+
+    def _values(self, cell: Cell) -> Values:
+        if cell.name not in self._done:
+            self._done[cell.name] = cell.measure()
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            line = {"name": cell.name, "key": dict(cell.key), "values": self._done[cell.name]}
+            with self._path.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(line) + "\n")
+        return self._done[cell.name]
+
+
+@cache
+def code_version(module: str) -> str:
+    """Hash of a module and of all of the project that it imports, docstrings and comments apart."""
+    known: dict[str, str] = {}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        path = _ROOT.joinpath(*name.split(".")).with_suffix(".py")
+        if name in known or not path.is_file():
+            continue
+        tree = ast.parse(path.read_text("utf-8"))
+        waiting += _imported(tree)
+        known[name] = ast.dump(_Undocumented().visit(tree))
+    return hashlib.sha256(json.dumps(sorted(known.items())).encode()).hexdigest()[:24]
+
+
+def _imported(tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+class _Undocumented(ast.NodeTransformer):
+    """Leaves out docstrings."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
+        """A statement that is nothing but a text."""
+        return None if isinstance(node.value, ast.Constant) else node
+
+
+def write_page(
+    head: str,
+    experiments: Mapping[str, Experiment],
+    product: Product,
+    store: Store,
+    out: Path,
+    facts: Mapping[str, str],
+) -> None:
+    """Measure what is not in the store, and write it as a page, or as a file of figures (`.json`).
+
+    Args:
+        facts: command, date, machine and the like, for the head of the page.
+
+    Raises:
+        InputError: the page cannot be written.
+    """
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        measured = [
+            (experiment, store.run(name, experiment.cells(product))) for name, experiment in experiments.items()
+        ]
+        sections = [write(cells) for experiment, cells in measured for write in experiment.sections]
+        text = _figures(head, sections, facts) if out.suffix == ".json" else _page(head, sections, facts)
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{out}: cannot write the page: {error.strerror}") from error
+
+
+def _page(head: str, sections: Sequence[str], facts: Mapping[str, str]) -> str:
+    table = "| | |\n|---|---|\n" + "\n".join(f"| {name} | {fact} |" for name, fact in facts.items())
+    return "\n\n".join([head, table, *sections]) + "\n"
+
+
+def _figures(head: str, sections: Sequence[str], facts: Mapping[str, str]) -> str:
+    """The file of figures (docs/figures) that stands for the page."""
+    title, _, about = head.removeprefix("# ").partition("\n")
+    stated = "; ".join(f"{name}: {fact}" for name, fact in facts.items() if name != "command")
+    command = facts["command"].strip("`")
+    tables = [{**table, "command": command} for section in sections for table in tables_of(section)]
+    return json.dumps({"title": title, "about": f"{about.strip()} {stated}.", "tables": tables}, indent=1) + "\n"
+
+
+def tables_of(section: str) -> Iterator[dict[str, Any]]:
+    """The tables of a section in Markdown, each with its heading and the words before it."""
+    title, about = "", ""
+    for block in section.split("\n\n"):
+        if block.startswith("|"):
+            head, _, *cells = (line[2:-2].split(" | ") for line in block.splitlines())
+            yield {"title": title, "about": about, "head": head, "cells": cells}
+            about = ""
+            continue
+        if block.startswith("#"):
+            heading, _, block = block.partition("\n")
+            title, about = heading.lstrip("# "), ""
+        about = f"{about} {block}".strip()
+
+
+def values_of(cells: Cells, pick: Callable[[Values], float], **wanted: object) -> list[float]:
+    """One number of every cell whose key has these entries."""
+    return [pick(values) for key, values in cells if all(key.get(name) == value for name, value in wanted.items())]
+
+
+def score_of(name: str, part: str = "") -> Callable[[Values], float]:
+    """Picks a score by name, of a part of the values where one is named."""
+
+    def pick(values: Values) -> float:
+        return float(values[part][name] if part else values[name])
+
+    return pick
+
+
+def shown(numbers: Sequence[float], digits: int = 3) -> str:
+    """Mean over seeds and half the width of its interval as text; a dash where nothing was measured."""
+    if not numbers:
+        return "-"
+    mean, half = student(numbers)
+    if round(half, digits) == 0.0:
+        return number(mean, digits)
+    return f"{number(mean, digits)} +- {number(half, digits)}"
+
+
+def shown_share(cells: Cells, name: str, **wanted: object) -> str:
+    """A share as text, with Wilson's interval; of several seeds their mean, and the ends of all their intervals."""
+    shares, low, high = (values_of(cells, score_of(name + end), **wanted) for end in ("", "_low", "_high"))
+    if not shares:
+        return "-"
+    return f"{number(sum(shares) / len(shares))} ({number(min(low))} - {number(max(high))})"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number as text, without the zero before the point."""
+    text = f"{value:.{digits}f}"
+    return text[1:] if 0 < value < 1 and text[0] == "0" else text
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -1,0 +1,229 @@
+"""Demonstrations in a file: JSON lines, a header and then one demonstration a line, checked when they are read.
+
+Header: what the file is, the product it was recorded with, and where it comes from.
+
+    {"format": "cell.demonstrations", "version": 1, "parts": ["o1", "o2", "o3"], "positions": ["p1", ...],
+     "goals": {"g0": ["o1", ...], ...}, "source": "cell data semantic --seed 0"}
+
+Demonstration: the goal, and the placements in the order in which they were made.
+
+    {"goal": "g0", "placements": [{"part": "o1", "position": "p2", "time_s": 3.1}, {"part": ...}, ...]}
+
+Of a placement, `time_s` (since the demonstration began) and `by` ("person", the default, or "robot") may be left out;
+so may, of a demonstration, `unordered_n` (0) and `source` (for example the log that it was taken from).
+`unordered_n` says that the first so many placements are known as a state only, in no order: a log that begins with
+parts in their holes, or one of the paper's scenarios (a partial state and what was placed next).
+
+The header's goals are the product's, and may be more: those that were learned from finished brackets.
+
+A demonstration need not be complete, but every placement is what its goal wants there: leave out runs whose goal is
+not known and placements that were misdetected or corrected. Planners learn from the states after `unordered_n`,
+`unordered_n` + 1, ... placements, each with the placement that followed; habits of order only from what people did.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final, Literal, TypeVar
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from cell.errors import InputError, Place, Problem
+from cell.files.files import read_text, whole_or_none
+from cell.files.model import Model
+from cell.interfaces.product import Product
+from learned.semantic.graph import EMPTY, Layout
+from learned.semantic.scenarios import Scenarios
+
+FORMAT: Final = "cell.demonstrations"
+VERSION: Final = 1
+MOST_PROBLEMS = 20  # of a file are told at once
+
+AnyModel = TypeVar("AnyModel", bound=Model)
+
+
+class Header(Model):
+    """The first line of a file."""
+
+    format: Literal["cell.demonstrations"]
+    version: Literal[1]
+    parts: tuple[str, ...]
+    positions: tuple[str, ...]
+    goals: dict[str, tuple[str, ...]]
+    source: str = ""
+
+
+class PlacementRecord(Model):
+    """A part put into a position.
+
+    Attributes:
+        time_s: since the demonstration began.
+        by: who put it there.
+    """
+
+    part: str
+    position: str
+    time_s: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    by: Literal["person", "robot"] = "person"
+
+
+class Demonstration(Model):
+    """One assembly, or the part of it that was recorded.
+
+    Attributes:
+        placements: in the order in which they were made.
+        unordered_n: how many of the first placements are known as a state only.
+        source: where it was recorded.
+    """
+
+    goal: str
+    placements: tuple[PlacementRecord, ...] = Field(min_length=1)
+    unordered_n: int = Field(default=0, ge=0)
+    source: str = ""
+
+    def misfit(self, product: Product) -> str | None:
+        """Why this is no demonstration of the product, or None."""
+        if self.goal not in product.goals:
+            return f"no goal {self.goal!r}; goals: {', '.join(product.goals)}"
+        if self.unordered_n >= len(self.placements):
+            return (
+                f"unordered_n is {self.unordered_n}, but there are {len(self.placements)} placements: it must be less"
+            )
+        wanted = product.goal_placements(self.goal)
+        filled: set[str] = set()
+        for placed in self.placements:
+            if placed.position not in wanted:
+                return f"no position {placed.position!r}; positions: {', '.join(wanted)}"
+            if placed.position in filled:
+                return f"position {placed.position} is filled twice"
+            if placed.part != wanted[placed.position]:
+                return f"{placed.part!r} at {placed.position}, where {self.goal} wants {wanted[placed.position]}"
+            filled.add(placed.position)
+        return None
+
+
+def save_demonstrations(path: Path, product: Product, demonstrations: Sequence[Demonstration], source: str) -> None:
+    """Write a file; one that was there before stays whole until the new one is.
+
+    Args:
+        source: the command or the logs that the demonstrations come from.
+
+    Raises:
+        InputError: the file cannot be written, or a demonstration does not fit the product.
+    """
+    for number, demonstration in enumerate(demonstrations, start=1):
+        if what := demonstration.misfit(product):
+            raise InputError(f"demonstration {number}: {what}")
+    header = Header(
+        format=FORMAT,
+        version=VERSION,
+        parts=tuple(product.parts),
+        positions=product.positions,
+        goals=product.goals,
+        source=source,
+    )
+    lines = [header.model_dump_json(), *(some.model_dump_json(exclude_defaults=True) for some in demonstrations)]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_or_none(path) as partial:
+            partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot write the demonstrations: {error.strerror}") from error
+
+
+def load_demonstrations(path: Path, product: Product) -> list[Demonstration]:
+    """Read a file and check every line against the product.
+
+    Raises:
+        InputError: the file cannot be read, is of another format, version or product, or has mistakes (all of them,
+            up to MOST_PROBLEMS, each with file and line).
+    """
+    lines = read_text(path).splitlines()
+    product = _check_header(path, lines[0] if lines else "", product)
+    problems: list[Problem] = []
+    demonstrations = []
+    for number, line in enumerate(lines[1:], start=2):
+        if not line.strip():
+            continue
+        found = _parse(Demonstration, line)
+        what = found if isinstance(found, str) else found.misfit(product)
+        if isinstance(found, Demonstration) and what is None:
+            demonstrations.append(found)
+        else:
+            problems.append(Problem(Place(path, number), str(what)))
+    if problems:
+        raise InputError(*problems[:MOST_PROBLEMS])
+    if not demonstrations:
+        raise InputError(Problem(Place(path, max(len(lines), 1)), "no demonstration after the header"))
+    return demonstrations
+
+
+def states_of(layout: Layout, demonstrations: Sequence[Demonstration]) -> Scenarios:
+    """The states that demonstrations went through, each with the position that was filled next.
+
+    `following` is EMPTY where the robot filled it: that tells nothing of people's habits. Demonstrations of goals that
+    the layout does not have are left out.
+    """
+    known = [demonstration for demonstration in demonstrations if demonstration.goal in layout.goals]
+    rows = [row for demonstration in known for row in _rows(layout, demonstration)]
+    goals, seen, following = zip(*rows, strict=True)
+    return Scenarios(np.array(goals), np.array(seen), np.array(following))
+
+
+def demonstrations_of(layout: Layout, whole: Scenarios) -> list[Demonstration]:
+    """Scenarios as demonstrations: a state in no order, and the placement that followed it."""
+    return [
+        Demonstration(
+            goal=layout.goals[goal],
+            placements=tuple(
+                PlacementRecord(part=layout.parts[layout.types[goal, i]], position=layout.positions[i])
+                for i in [*np.flatnonzero(seen != EMPTY), following]
+            ),
+            unordered_n=int((seen != EMPTY).sum()),
+        )
+        for goal, seen, following in zip(whole.goals, whole.seen, whole.following, strict=True)
+    ]
+
+
+def _rows(layout: Layout, demonstration: Demonstration) -> Iterator[tuple[int, list[int], int]]:
+    goal = layout.goals.index(demonstration.goal)
+    seen = [EMPTY] * len(layout.positions)
+    for count, placed in enumerate(demonstration.placements):
+        position = layout.positions.index(placed.position)
+        if count >= demonstration.unordered_n:
+            yield goal, list(seen), position if placed.by == "person" else EMPTY
+        seen[position] = layout.parts.index(placed.part)
+
+
+def _check_header(path: Path, line: str, product: Product) -> Product:
+    """The product with the goals that the file knows: the product's own, and others that were learned."""
+    place = Place(path, 1)
+    found = _parse(Header, line)
+    if isinstance(found, str):
+        raise InputError(Problem(place, f"no header of {FORMAT} version {VERSION}: {found}"))
+    for name, here, there in (
+        ("parts", found.parts, tuple(product.parts)),
+        ("positions", found.positions, product.positions),
+        ("goals", {goal: found.goals.get(goal) for goal in product.goals}, product.goals),
+    ):
+        if here != there:
+            raise InputError(Problem(place, f"recorded with {name} {here}", f"the product has {there}"))
+    try:
+        return Product.model_validate({**product.model_dump(), "goals": product.goals | found.goals})
+    except ValidationError as error:
+        raise InputError(Problem(place, f"goals that the parts cannot make: {error.errors()[0]['msg']}")) from error
+
+
+def _parse(model: type[AnyModel], line: str) -> AnyModel | str:
+    """The line as a model, or what is wrong with it."""
+    try:
+        return model.model_validate(json.loads(line))
+    except json.JSONDecodeError as error:
+        return f"no JSON: {error.msg} at column {error.colno}"
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(step) for step in first["loc"])
+        return f"{where}: {first['msg']}" if where else first["msg"]

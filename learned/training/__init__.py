@@ -1,0 +1,1 @@
+"""What trainings share: loops, schedules, export, data sets of stills."""

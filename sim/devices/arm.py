@@ -1,0 +1,202 @@
+"""The simulated UR10: follows joint trajectories at its 125 Hz cycle through position servos."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.errors import DeviceFault
+from cell.interfaces.bench import JOINTS
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.devices import KEEP_ALIVE_S
+from cell.interfaces.observation import ArmState, JointSamples
+from cell.interfaces.pose import Array
+from sim.scene.world import World
+
+# Braking and speeding up along the path: what each joint may do, so that the strongest does not wait for the weakest.
+PACE_ACCELERATION_RAD_S2 = np.array([3.5, 3.5, 6.0, 8.0, 8.0, 8.0])
+LEAST_BRAKING = 0.5  # of that, also where the path itself asks for all of it
+TRACKING_LIMIT_RAD = 0.10
+TRACKING_PERIODS = 5
+KEPT_SAMPLES = 4096  # for as long as nobody takes them; the oldest give way
+
+
+class SimArm:
+    """Implements `Arm` on the simulated joints.
+
+    Attributes:
+        driven_rad_s: how fast the servos' set points move, (6,); what pushes the arm besides is not in it.
+
+    Args:
+        keep_alive_s: without a call of `pace` for this long the arm stands still on its path; tests may wait for ever.
+        trailing_s: how far the joints are behind their set points, as time.
+    """
+
+    def __init__(self, world: World, keep_alive_s: float = KEEP_ALIVE_S, trailing_s: float = 0.0) -> None:
+        self._world = world
+        self._period_s = world.physics.control_period_s
+        self._lag_s = servo_lag_s(world) - trailing_s
+        self._keep_alive_s = keep_alive_s
+        self._qpos, self._qvel = _span(world.arm_qpos), _span(world.arm_qvel)
+        self._reference = self._positions()[np.newaxis]
+        self._progress = 0.0  # in control periods along the reference
+        self._rate = self._share = 1.0  # of speed: as it is, and as it was asked for
+        self._stopping = self._following = False
+        self._time_s = self._heard_s = 0.0
+        self._late_periods = 0
+        self._fault: str | None = None
+        self._joints = len(world.arm_qpos)
+        self._samples = np.empty((KEPT_SAMPLES, 1 + 3 * self._joints))
+        self._sampled = 0
+        self.driven_rad_s: Array = np.zeros(self._joints)
+
+    def state(self) -> ArmState:
+        """Joints as measured; the mode tells of a protective stop. Raises DeviceFault where it has none."""
+        if self._world.diverged:
+            raise DeviceFault("simulation", "its physics came to no finite state; this is no fault of the cell")
+        data = self._world.data
+        return ArmState(
+            self._time_s,
+            tuple(data.qpos[self._qpos].tolist()),
+            tuple(data.qvel[self._qvel].tolist()),
+            self._moving,
+            "normal" if self._fault is None else "protective_stop",
+            self.path_s,
+            self._fault or "",
+        )
+
+    @property
+    def path_s(self) -> float | None:
+        """How far it is along its trajectory; None where it follows none."""
+        return self._progress * self._period_s if self._following else None
+
+    def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
+        """Start now, whatever it is (skills.drivers.checked_arm); raises DeviceFault while a protective stop lasts."""
+        self.refuse_stopped()
+        count = int(np.ceil(trajectory.duration_s / self._period_s - 1e-9))
+        times = np.arange(count + 1) * self._period_s
+        columns = [np.interp(times, trajectory.times_s, column) for column in trajectory.positions_rad.T]
+        self._reference, self._progress = np.column_stack(columns), 0.0
+        self._stopping, self._following = False, True
+        self._heard_s, self._rate = self._time_s, self._share
+        return trajectory
+
+    def pace(self, share: float) -> None:
+        """Follow at this share of the trajectory's speed, along the path that was checked for collisions."""
+        self._share, self._heard_s = min(max(share, 0.0), 1.0), self._time_s
+
+    def stop(self) -> None:
+        """Slow down along the path that is being followed, and give up what is left of it."""
+        self._stopping = self._moving
+
+    def acknowledge(self) -> None:
+        """Somebody unlocked the protective stop at the arm."""
+        self._fault, self._late_periods = None, 0
+
+    def observe(self, time_s: float, /) -> None:
+        """Measure the joints."""
+        data, joints = self._world.data, self._joints
+        row = self._samples[self._sampled % KEPT_SAMPLES]
+        row[0] = time_s
+        row[1 : 1 + joints] = data.qpos[self._qpos]
+        row[1 + joints : 1 + 2 * joints] = data.qvel[self._qvel]
+        row[1 + 2 * joints :] = data.qfrc_actuator[self._qvel]
+        self._sampled += 1
+
+    def samples(self) -> JointSamples:
+        """What was measured since the last call."""
+        count, self._sampled = self._sampled, 0
+        rows = self._samples[:count].copy() if count <= KEPT_SAMPLES else np.roll(self._samples, -count, axis=0)
+        return JointSamples(rows[:, 0], *np.split(rows[:, 1:], 3, axis=1))
+
+    def update(self, time_s: float, dt_s: float) -> None:
+        """Set the servos for one control period."""
+        self._watch_tracking()
+        here = self._at(self._progress)
+        if self._moving:
+            before = self._rate
+            self._rate += self._change(dt_s)
+            self._progress = min(self._progress + (before + self._rate) / 2, len(self._reference) - 1.0)
+        there = self._at(self._progress)
+        if self._stopping and (self._rate <= 0 or not self._moving):
+            self._reference, self._progress = there[np.newaxis], 0.0
+            self._stopping = self._following = False
+        self.driven_rad_s = velocity = (there - here) / dt_s
+        self._world.data.ctrl[self._world.arm_ctrl] = (here + there) / 2 + velocity * self._lag_s
+        self._time_s = time_s + dt_s
+
+    def _change(self, dt_s: float) -> float:
+        """How much the share of speed may change in this period, no joint beyond its acceleration."""
+        silent = self._time_s - self._heard_s > self._keep_alive_s
+        wanted = (0.0 if silent or self._stopping else self._share) - self._rate
+        if wanted == 0:
+            return 0.0
+        index = min(int(self._progress), len(self._reference) - 2)
+        speeds = (self._reference[index + 1] - self._reference[index]) / dt_s
+        after = self._reference[min(index + 2, len(self._reference) - 1)]
+        before = self._reference[max(index - 1, 0)]
+        bends = (after - self._reference[index + 1] - self._reference[index] + before) / (2 * dt_s**2)
+        moves = np.abs(speeds) > 1e-6
+        if not moves.any():
+            return wanted
+        limits = PACE_ACCELERATION_RAD_S2[moves] / np.abs(speeds[moves])
+        along = bends[moves] * np.sign(speeds[moves]) * self._rate**2 / np.abs(speeds[moves])
+        slowest = LEAST_BRAKING * limits.min()
+        brake = max(float((limits + along).min()), slowest)
+        hasten = max(float((limits - along).min()), slowest)
+        return float(min(max(wanted, -brake * dt_s), hasten * dt_s))
+
+    def _at(self, progress: float) -> Array:
+        """The reference between its samples."""
+        index = int(progress)
+        part = progress - index
+        if part == 0:
+            row: Array = self._reference[index]
+            return row
+        between: Array = (1 - part) * self._reference[index] + part * self._reference[index + 1]
+        return between
+
+    @property
+    def tracking_error_rad(self) -> float:
+        """Widest distance of a joint from its reference."""
+        return float(np.abs(self._positions() - self._at(self._progress)).max())
+
+    @property
+    def _moving(self) -> bool:
+        return self._progress < len(self._reference) - 1
+
+    def _positions(self) -> Array:
+        positions: Array = self._world.data.qpos[self._qpos].copy()
+        return positions
+
+    def _watch_tracking(self) -> None:
+        """Protective stop: hold still once the arm is held back from its reference."""
+        self._late_periods = self._late_periods + 1 if self.tracking_error_rad > TRACKING_LIMIT_RAD else 0
+        if self._late_periods >= TRACKING_PERIODS and self._fault is None:
+            error = np.abs(self._positions() - self._at(self._progress))
+            self._fault = (
+                f"protective stop: {JOINTS[int(error.argmax())]} is {error.max():.3f} rad from its trajectory, "
+                f"limit {TRACKING_LIMIT_RAD} rad"
+            )
+            self._reference, self._progress = self._positions()[np.newaxis], 0.0
+            self._stopping = self._following = False
+
+    def refuse_stopped(self) -> None:
+        """Raise DeviceFault while a protective stop lasts."""
+        if self._fault is not None:
+            raise DeviceFault("arm", self._fault)
+
+
+def servo_lag_s(world: World) -> Array:
+    """How far each servo trails a moving set point, (6,) as time; leading the set point by it makes up for it."""
+    model = world.model
+    stiffness: Array = model.actuator_gainprm[world.arm_ctrl, 0]
+    damping: Array = -model.actuator_biasprm[world.arm_ctrl, 2] + model.dof_damping[world.arm_qvel]
+    return damping / stiffness
+
+
+def _span(indices: NDArray[np.int64]) -> slice:
+    """Joints follow one another: a slice of the state takes a fifth of the time that a list of indices takes."""
+    first, last = int(indices[0]), int(indices[-1])
+    assert (indices == np.arange(first, last + 1)).all()
+    return slice(first, last + 1)

@@ -1,0 +1,55 @@
+"""CAN buses that exist only within a process, carried over to another one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+
+import can
+
+from cell.configuration import Configuration
+from cell.interfaces.can_bus import open_bus
+from sim.process.messages import CanFrames
+
+VIRTUAL = "virtual"
+
+
+class CarriedBuses:
+    """One end of each virtual bus of a cell; a real bus reaches every process by itself.
+
+    Attributes:
+        channels: their names.
+    """
+
+    def __init__(self, configuration: Configuration) -> None:
+        self._buses: dict[str, can.BusABC] = {}
+        gripper, signals = configuration.gripper_can, configuration.signals
+        ends = [(gripper.interface, gripper.channel)]
+        if signals is not None:
+            ends.append((signals.interface, signals.channel))
+        self._stack = ExitStack()
+        for interface, channel in ends:
+            if interface == VIRTUAL and channel not in self._buses:
+                bus = self._buses[channel] = open_bus(interface, channel)
+                self._stack.callback(bus.shutdown)
+
+    def take(self) -> CanFrames:
+        """What came since the last call, in order."""
+        return {channel: frames for channel, bus in self._buses.items() if (frames := _waiting(bus))}
+
+    def put(self, carried: Mapping[str, tuple[can.Message, ...]]) -> None:
+        """Send what was taken at the other end."""
+        for channel, frames in carried.items():
+            for frame in frames:
+                self._buses[channel].send(frame)
+
+    def close(self) -> None:
+        """Let go of the buses."""
+        self._stack.close()
+
+
+def _waiting(bus: can.BusABC) -> tuple[can.Message, ...]:
+    frames: list[can.Message] = []
+    while (frame := bus.recv(timeout=0)) is not None:
+        frames.append(frame)
+    return tuple(frames)

@@ -1,0 +1,146 @@
+"""What stands still: table, bracket plate with its holes, tray, and the person's bins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import mujoco
+
+from cell.errors import SettingError
+from cell.interfaces.bench import Bench
+from cell.interfaces.product import Product
+from sim.scene import palette
+from sim.scene.lighting import add_table_material
+from sim.scene.look import Surfaces
+from sim.scene.palette import add_box
+from sim.scene.storage import Bin
+
+TABLE_SIZE_M = (1.90, 2.10, 0.04)
+TABLE_CENTRE_M = (0.50, 0.05)
+TABLE = "table"  # name of its geom
+ROOM_FLOOR_M = -0.80
+WALL_M = 0.006
+BIN_RIM_M = 0.006
+PLATE_SHININESS = 0.5
+PLATE_TOUCH = (0.004, 1.0)  # solref: softer, and parts that fall 11 cm sink so deep that they are pushed out below
+RELIEF_M = 0.0004  # plate pieces beside a hole lie this much lower, so that bodies rest on the two long ones alone
+
+
+def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, bins: Sequence[Bin], surfaces: Surfaces) -> None:
+    """Add everything that does not move."""
+    world = spec.worldbody
+    x, y = TABLE_CENTRE_M
+    table = add_box(world, (x, y, -TABLE_SIZE_M[2] / 2), TABLE_SIZE_M, surfaces.table_rgb)
+    if material := add_table_material(spec, surfaces):
+        table.material, table.rgba = material, [1.0] * 4
+    floor = add_box(world, (x, y, ROOM_FLOOR_M), (6.0, 6.0, 0.02), palette.FLOOR, palette.NO_TOUCH)
+    table.name, floor.group = TABLE, palette.FLOOR_GROUP
+    _add_bracket(world, product, bench, surfaces.plate_rgb)
+    spec.add_material(name="plate", specular=surfaces.plate_shine, shininess=PLATE_SHININESS)
+    for geom in spec.body("bracket").geoms:
+        geom.material = "plate"
+    _add_tray(world, bench, surfaces.tray_rgb)
+    for one in bins:
+        _add_bin(world, one, surfaces.bin_rgb)
+
+
+def _add_bin(world: mujoco.MjsBody, one: Bin, rgb: palette.Rgb) -> None:
+    x, y, z = one.centre_m
+    _add_floor(world, one.centre_m, one.size_m, rgb)
+    _add_rim(world, (x, y, 0.0), one.size_m, z + BIN_RIM_M, rgb)
+
+
+def _add_tray(world: mujoco.MjsBody, bench: Bench, rgb: palette.Rgb) -> None:
+    x, y, z = bench.tray.centre_m
+    length, width = bench.tray.size_m
+    _add_floor(world, (x, y, z), (length, width), rgb)
+    _add_rim(world, (x, y, 0.0), (length, width), z + bench.tray.wall_m, rgb)
+
+
+def _add_floor(
+    world: mujoco.MjsBody, top_m: tuple[float, float, float], size_m: tuple[float, float], rgb: palette.Rgb
+) -> None:
+    """As deep as the table: what falls sinks through the middle of a thin floor, and is pressed out below."""
+    x, y, z = top_m
+    depth = z + TABLE_SIZE_M[2]
+    add_box(world, (x, y, z - depth / 2), (*size_m, depth), rgb)
+
+
+def _add_rim(
+    world: mujoco.MjsBody,
+    foot_m: tuple[float, float, float],
+    inner_m: tuple[float, float],
+    height_m: float,
+    rgb: palette.Rgb,
+) -> None:
+    x, y, z = foot_m
+    for side in (-1, 1):
+        across = (x + side * (inner_m[0] + WALL_M) / 2, y, z + height_m / 2)
+        along = (x, y + side * (inner_m[1] + WALL_M) / 2, z + height_m / 2)
+        add_box(world, across, (WALL_M, inner_m[1] + 2 * WALL_M, height_m), rgb)
+        add_box(world, along, (inner_m[0], WALL_M, height_m), rgb)
+
+
+def _add_bracket(world: mujoco.MjsBody, product: Product, bench: Bench, rgb: palette.Rgb) -> None:
+    """A plate with octagonal holes on a dark foot, so that a camera tells an empty hole from a filled one."""
+    pose = bench.bracket.pose
+    bracket = world.add_body(name="bracket", pos=list(pose.position_m), quat=list(pose.quaternion_wxyz))
+    plate = product.bracket
+    holes = list(plate.holes_m.values())
+    radius = product.hole_radius_m
+    _check_bracket(product, bench, radius)
+    low = [min(hole[axis] for hole in holes) - plate.margin_m for axis in (0, 1)]
+    high = [max(hole[axis] for hole in holes) + plate.margin_m for axis in (0, 1)]
+    rows = sorted({low[0], high[0], *(x + side * radius for x, _ in holes for side in (-1, 1))})
+    for top, bottom in pairwise(rows):
+        middle = (top + bottom) / 2
+        inside = sorted(y for x, y in holes if abs(x - middle) < radius)
+        edges = [low[1], *(y + side * radius for y in inside for side in (-1, 1)), high[1]]
+        for left, right in zip(edges[::2], edges[1::2], strict=True):
+            relief = RELIEF_M if inside else 0.0
+            centre = (middle, (left + right) / 2, -relief - (plate.thickness_m - relief) / 2)
+            size = (bottom - top, right - left, plate.thickness_m - relief)
+            add_box(bracket, centre, size, rgb)
+    for hole in holes:
+        _add_corners(bracket, hole, radius, plate.thickness_m, rgb)
+    foot = pose.position_m[2] - max(plate.thickness_m, _longest_peg_m(product) + 0.002)
+    centre = ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, foot / 2 - pose.position_m[2])
+    add_box(bracket, centre, (high[0] - low[0] - 0.01, high[1] - low[1] - 0.01, foot), palette.HOLE)
+    for geom in bracket.geoms:
+        geom.solref = PLATE_TOUCH
+
+
+def _add_corners(
+    bracket: mujoco.MjsBody, hole: tuple[float, float], radius_m: float, thickness_m: float, rgb: palette.Rgb
+) -> None:
+    """Turn a square opening into the octagon around the same circle."""
+    depth = radius_m * (math.sqrt(2.0) - 1.0)  # of a corner, measured along the diagonal
+    for quarter in range(4):
+        angle = math.pi / 4 + quarter * math.pi / 2
+        reach = radius_m + depth / 2
+        centre = (hole[0] + reach * math.cos(angle), hole[1] + reach * math.sin(angle), -RELIEF_M - thickness_m / 2)
+        size = (depth, 2 * depth, thickness_m - RELIEF_M)
+        corner = add_box(bracket, centre, size, rgb)
+        corner.quat = [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
+
+
+def _longest_peg_m(product: Product) -> float:
+    return max(part.peg_length_m for part in product.parts.values())
+
+
+def _check_bracket(product: Product, bench: Bench, radius_m: float) -> None:
+    height = bench.bracket.position_m[2]
+    if height < _longest_peg_m(product) + 0.002 or height < product.bracket.thickness_m:
+        what = (
+            f"the bracket's upper side is {height:.3f} m above the table, too low for its plate of "
+            f"{product.bracket.thickness_m:.3f} m and pegs of {_longest_peg_m(product):.3f} m + 0.002 m"
+        )
+        raise SettingError((("bench", "bracket", "position_m"), what))
+    holes = list(product.bracket.holes_m.items())
+    for i, (name, (x, y)) in enumerate(holes):
+        for other, (x2, y2) in holes[i + 1 :]:
+            if max(abs(x - x2), abs(y - y2)) <= 2 * radius_m:
+                what = f"holes {name} and {other} overlap: openings are {2 * radius_m:.3f} m wide"
+                raise SettingError((("product", "bracket", "holes_m", other), what))

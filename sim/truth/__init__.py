@@ -1,0 +1,1 @@
+"""The only room that reads what really is: labels, contacts, score."""

@@ -1,0 +1,1 @@
+"""Speaks to hardware: gripper, signals, checked arm."""

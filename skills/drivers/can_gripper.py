@@ -1,0 +1,242 @@
+"""Driver of the gripper on CAN: 2F-85 registers in the frames of config/gripper.dbc."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import can
+from cantools.database.can import Message
+
+from cell.errors import DeviceFault
+from cell.interfaces.clock import Clock
+from cell.interfaces.command import GripperCommand
+from cell.interfaces.observation import GripperState, NodeState, ObjectStatus
+from skills.drivers import gripper_database
+from skills.drivers.settings import CanSettings
+
+MISSED_PERIODS = 1.5
+ADOPTED_FORCE_N = 60.0  # the status does not tell with what force an adopted gripper holds
+KEEP_ALIVE_S = 0.08  # the gripper faults after 1 s without a command, and a lost command is repeated by this
+UNHEARD_S = 0.06  # what was sent comes back by the next tick on a bus that echoes
+MAJOR_FAULT = 0x08  # lower values of gFLT only say that a command came before activation
+NO_COMMUNICATION = 0x09
+ADOPTION_S = 0.2  # until when an adopted gripper may say that it has heard nothing: it had no master
+INTERNAL_FAULT = 0x0C
+ACTIVE = 3  # gSTA
+NODE_STATES: Mapping[int, NodeState] = {
+    0x00: "boot_up",
+    0x04: "stopped",
+    0x05: "operational",
+    0x7F: "pre_operational",
+}
+
+_OPENING_MM, _SPEED_MM_S, _FORCE_N = (0.0, 85.0), (20.0, 150.0), (20.0, 235.0)
+
+
+@dataclass(frozen=True)
+class CanFrame:
+    """One frame as it went over the bus, for the recorder.
+
+    Attributes:
+        sent: by the driver; otherwise received.
+    """
+
+    time_s: float
+    identifier: int
+    data: bytes
+    sent: bool
+
+
+Tap = Callable[[CanFrame], None]
+
+
+class CanGripper:
+    """Implements `Gripper`; everything received is read when `state` is called, nothing runs in between.
+
+    A gripper that is active already is adopted as it is: the first status tells what it was asked for, and its fingers
+    stay where they are. One that restarts is left alone: nothing activates it again but `activate`. On a bus that
+    echoes what is sent, a frame that does not come back did not go out.
+
+    Attributes:
+        ignored_frames: received frames that no message of the database explains, or of the wrong length.
+    """
+
+    def __init__(self, bus: can.BusABC, clock: Clock, settings: CanSettings, tap: Tap | None = None) -> None:
+        database = gripper_database.load_gripper_database(settings.database or gripper_database.SHIPPED)
+        self._command = database.get_message_by_name(gripper_database.COMMAND)
+        self._received = {
+            message.frame_id: message for message in database.messages if message.name != self._command.name
+        }
+        self._meanings: Mapping[int, object] = dict(
+            database.get_message_by_name(gripper_database.STATUS).get_signal_by_name("gFLT").choices or {}
+        )
+        self._bus, self._clock, self._settings, self._tap = bus, clock, settings, tap
+        self._request = {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, "rPR": 85.0, "rSP": 20.0, "rFR": 20.0}
+        self._sent_s: float | None = None
+        self._echoes = False  # the bus has done so
+        self._unheard_s: float | None = None  # when the oldest frame was sent that did not come back
+        self._opened_s = clock.now_s()
+        self._heartbeat_s: float | None = None
+        self._status: Mapping[str, float] | None = None
+        self._status_s = self._opened_s
+        self._told = False  # a status came in this tick
+        self._emergency = 0
+        self._node_state: NodeState = "unknown"
+        self._adopted_s: float | None = None
+        self.ignored_frames = 0
+
+    def state(self) -> GripperState:
+        """Read all waiting frames; raises DeviceFault on a missing heartbeat, a major fault or a dead or deaf bus."""
+        self._drain()
+        self._check_heartbeat()
+        self._check_echo()
+        self._keep_alive()
+        if self._status is None:
+            return GripperState(
+                self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0, self._node_state
+            )
+        fault = max(int(self._status["gFLT"]), self._emergency)
+        if fault >= MAJOR_FAULT and not (fault == NO_COMMUNICATION and self._just_adopted):
+            raise DeviceFault("gripper", f"fault 0x{fault:02X}: {self._meanings.get(fault, 'unknown')}")
+        return GripperState(
+            self._status_s,
+            self._status["gSTA"] == ACTIVE,
+            self._object_status(self._status),
+            self._status["gPO"] / 1000,
+            self._status["gCU"],
+            fault,
+            self._node_state,
+        )
+
+    def activate(self) -> None:
+        """Begin activation; takes a full open and close."""
+        self._request |= {"rACT": 1.0, "rGTO": 0.0}
+        self._send()
+
+    def command(self, command: GripperCommand) -> GripperCommand:
+        """Start a motion; values beyond the registers' range are cut to it."""
+        self._request |= {
+            "rGTO": 1.0,
+            "rPR": _clamped(command.opening_m * 1000, _OPENING_MM),
+            "rSP": _clamped(command.speed_m_s * 1000, _SPEED_MM_S),
+            "rFR": _clamped(command.force_n, _FORCE_N),
+        }
+        sent = _decoded(self._command, self._send())
+        return GripperCommand(sent["rPR"] / 1000, sent["rSP"] / 1000, sent["rFR"])
+
+    def hold(self) -> None:
+        """Clear rGTO: the fingers stop and keep their grip."""
+        self._request |= {"rGTO": 0.0}
+        self._send()
+
+    def close(self) -> None:
+        """Let go of the bus."""
+        self._bus.shutdown()
+
+    def _drain(self) -> None:
+        self._told = False
+        try:
+            while (message := self._bus.recv(timeout=0)) is not None:
+                self._receive(message)
+        except (can.CanError, OSError) as error:
+            raise DeviceFault("gripper", f"reading the CAN bus failed: {error}") from error
+
+    def _receive(self, message: can.Message) -> None:
+        if message.arbitration_id == self._command.frame_id and not message.is_rx:
+            self._echoes, self._unheard_s = True, None
+            return
+        now = self._clock.now_s()
+        data = bytes(message.data)
+        self._record(CanFrame(now, message.arbitration_id, data, sent=False))
+        known = self._received.get(message.arbitration_id)
+        odd = message.is_error_frame or message.is_remote_frame or message.is_extended_id
+        if known is None or odd or len(data) != known.length:
+            self.ignored_frames += 1
+            return
+        values = _decoded(known, data)
+        if known.name == gripper_database.HEARTBEAT:
+            self._node_state = NODE_STATES.get(int(values["NodeState"]), "unknown")
+            if self._node_state == "boot_up" and self._heartbeat_s is not None:  # the first one is no restart
+                self._forget_activation()
+            self._heartbeat_s = now
+        elif known.name == gripper_database.EMERGENCY:
+            # A node that names no gFLT but an error code has broken down in some other way.
+            self._emergency = (int(values["FaultStatus"]) or INTERNAL_FAULT) if values["ErrorCode"] else 0
+        else:
+            self._take_status(values)
+            self._status, self._status_s, self._told = values, now, True
+
+    def _take_status(self, status: Mapping[str, float]) -> None:
+        """Adopt a gripper that is active already, and notice one that has restarted."""
+        if self._status is None and self._sent_s is None and status["gSTA"] == ACTIVE:
+            self._request |= {"rACT": 1.0, "rGTO": status["gGTO"], "rPR": status["gPR"], "rFR": ADOPTED_FORCE_N}
+            self._adopted_s = self._clock.now_s()
+            self._send()
+        elif self._status is not None and self._status["gACT"] and not status["gACT"]:
+            self._forget_activation()
+
+    @property
+    def _just_adopted(self) -> bool:
+        return self._adopted_s is not None and self._clock.now_s() - self._adopted_s <= ADOPTION_S
+
+    def _forget_activation(self) -> None:
+        """The node has lost what it was told: repeating it would open and close the fingers unasked."""
+        self._request |= {"rACT": 0.0, "rGTO": 0.0}
+        self._sent_s = None
+
+    def _check_heartbeat(self) -> None:
+        now = self._clock.now_s()
+        if self._heartbeat_s is None:
+            if now - self._opened_s > self._settings.start_up_s:
+                raise DeviceFault("gripper", f"no heartbeat within {self._settings.start_up_s} s of opening the bus")
+            return
+        limit = MISSED_PERIODS * self._settings.heartbeat_period_s
+        if now - self._heartbeat_s > limit + 1e-6:
+            raise DeviceFault("gripper", f"no heartbeat for {now - self._heartbeat_s:.3f} s, limit {limit:.3f} s")
+
+    def _keep_alive(self) -> None:
+        """Only right after a status, which would tell of a restart: a command would activate the node anew."""
+        due = self._sent_s is not None and self._clock.now_s() - self._sent_s >= KEEP_ALIVE_S
+        if due and self._told:
+            self._send()
+
+    def _check_echo(self) -> None:
+        if not self._echoes or self._unheard_s is None:
+            return
+        gone_s = self._clock.now_s() - self._unheard_s
+        if gone_s > UNHEARD_S:
+            raise DeviceFault("gripper", f"commands do not go out over the CAN bus: the last one {gone_s:.2f} s ago")
+
+    def _object_status(self, status: Mapping[str, float]) -> ObjectStatus:
+        """Register gOBJ; moving until the status echoes the last command, so that no old answer is taken for a new."""
+        asked = _decoded(self._command, self._command.encode(self._request))
+        echoed = status["gACT"] == asked["rACT"] and status["gGTO"] == asked["rGTO"] and status["gPR"] == asked["rPR"]
+        return ObjectStatus(int(status["gOBJ"])) if echoed else ObjectStatus.MOVING
+
+    def _send(self) -> bytes:
+        data = self._command.encode(self._request)
+        message = can.Message(arbitration_id=self._command.frame_id, data=data, is_extended_id=False)
+        try:
+            self._bus.send(message)
+        except (can.CanError, OSError) as error:
+            raise DeviceFault("gripper", f"writing to the CAN bus failed: {error}") from error
+        self._sent_s = self._clock.now_s()
+        self._unheard_s = self._sent_s if self._unheard_s is None else self._unheard_s
+        self._record(CanFrame(self._sent_s, self._command.frame_id, data, sent=True))
+        return data
+
+    def _record(self, frame: CanFrame) -> None:
+        if self._tap is not None:
+            self._tap(frame)
+
+
+def _decoded(message: Message, data: bytes) -> dict[str, float]:
+    """Physical values by signal."""
+    values = message.decode(data, decode_choices=False)
+    assert isinstance(values, dict)
+    return {name: float(value) for name, value in values.items()}  # type: ignore[arg-type]  # choices are off
+
+
+def _clamped(value: float, limits: tuple[float, float]) -> float:
+    return min(max(value, limits[0]), limits[1])

@@ -1,0 +1,91 @@
+"""An arm of any driver that is never sent what it cannot or must not follow."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cell.errors import DeviceFault
+from cell.interfaces.bench import JOINTS
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.devices import Arm
+from cell.interfaces.observation import ArmState, JointSamples
+
+# UR10, datasheet
+POSITION_LIMITS_RAD = np.array([2 * np.pi, 2 * np.pi, np.pi, 2 * np.pi, 2 * np.pi, 2 * np.pi])
+SPEED_LIMITS_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
+SPEED_TOLERANCE = 1.02  # sampled trajectories overshoot a little between their samples
+START_TOLERANCE_RAD = 0.05
+
+
+class CheckedArm:
+    """Implements `Arm` around a driver's: trajectories are refused before the driver hears of them."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+
+    def state(self) -> ArmState:
+        """As the driver tells it."""
+        return self._arm.state()
+
+    def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
+        """Follow it; raises DeviceFault where the arm cannot or must not, from where it is."""
+        refuse_bad(trajectory, self._arm.state())
+        return self._arm.follow(trajectory)
+
+    def stop(self) -> None:
+        """Controlled stop."""
+        self._arm.stop()
+
+    def pace(self, share: float) -> None:
+        """Share of speed; what is not a number from 0 to 1 stands still."""
+        self._arm.pace(min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0)
+
+    def acknowledge(self) -> None:
+        """Unlock a protective stop."""
+        self._arm.acknowledge()
+
+    def samples(self) -> JointSamples | None:
+        """As the driver tells them."""
+        return self._arm.samples()
+
+
+def refuse_bad(trajectory: JointTrajectory, state: ArmState) -> None:
+    """Raise DeviceFault for values that are not finite, a start elsewhere, joints out of range, or too much speed."""
+    positions = trajectory.positions_rad
+    if not (np.isfinite(positions).all() and np.isfinite(trajectory.times_s).all()):
+        raise DeviceFault("arm", "trajectory holds values that are not finite")
+    if positions.ndim != 2 or positions.shape[1] != len(JOINTS) or len(positions) != len(trajectory.times_s):
+        raise DeviceFault("arm", f"trajectory has the shape {positions.shape}, must be (n, {len(JOINTS)})")
+    jump = np.abs(positions[0] - np.array(state.positions_rad))
+    if not jump.max() <= START_TOLERANCE_RAD:
+        raise DeviceFault(
+            "arm",
+            f"trajectory starts {jump.max():.3f} rad from where {JOINTS[int(jump.argmax())]} is, "
+            f"limit {START_TOLERANCE_RAD} rad",
+        )
+    beyond = (np.abs(positions) - POSITION_LIMITS_RAD).max(axis=0)
+    if beyond.max() > 0:
+        joint = int(beyond.argmax())
+        raise DeviceFault(
+            "arm", f"trajectory leaves the range of {JOINTS[joint]}, +-{POSITION_LIMITS_RAD[joint]:.3f} rad"
+        )
+    _refuse_fast(trajectory)
+
+
+def _refuse_fast(trajectory: JointTrajectory) -> None:
+    steps_s = np.diff(trajectory.times_s)
+    if (steps_s <= 0).any():
+        raise DeviceFault("arm", "trajectory's times do not increase")
+    if not len(steps_s):
+        return
+    speeds = (np.abs(np.diff(trajectory.positions_rad, axis=0)) / steps_s[:, np.newaxis]).max(axis=0)
+    excess = speeds / SPEED_LIMITS_RAD_S
+    if excess.max() > SPEED_TOLERANCE:
+        joint = int(excess.argmax())
+        raise DeviceFault(
+            "arm",
+            f"trajectory moves {JOINTS[joint]} at {speeds[joint]:.2f} rad/s, "
+            f"limit {SPEED_LIMITS_RAD_S[joint]:.2f} rad/s",
+        )

@@ -1,0 +1,49 @@
+"""Settings of the drivers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from cell.files.model import Model
+
+
+class SignalSettings(Model):
+    """A CANopen I/O module with digital signals (CiA 401).
+
+    Attributes:
+        interface, channel, bitrate: the bus, as for the gripper.
+        node_id: of the module: it tells inputs in 0x180 + node id, and takes outputs in 0x200 + node id.
+        inputs, outputs: bit of each signal, by the names that tree files use.
+        timeout_s: silence for so long is a fault; the module must tell its inputs more often than that.
+    """
+
+    interface: str = "virtual"
+    channel: str = "signals"
+    bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
+    node_id: int = Field(default=32, ge=1, le=127)
+    inputs: dict[str, Annotated[int, Field(ge=0, le=63)]] = Field(default_factory=dict)
+    outputs: dict[str, Annotated[int, Field(ge=0, le=63)]] = Field(default_factory=dict)
+    timeout_s: float = Field(default=0.5, gt=0, le=60)
+
+
+class CanSettings(Model):
+    """The bus that the gripper is on.
+
+    Attributes:
+        interface: of python-can: virtual for the simulator, socketcan for a CAN adapter on Linux.
+        channel: the interface's name, can0 for example.
+        bitrate: of the bus.
+        heartbeat_period_s: how often the node sends its heartbeat; silence for 1.5 periods is a fault.
+        start_up_s: how long the node may take until its first frame.
+        database: DBC file with the gripper's frames, relative to this file; the shipped one by default.
+    """
+
+    interface: str = Field(default="virtual", pattern=r"^[\w.-]{1,64}$")
+    channel: str = Field(default="gripper", max_length=128, pattern=r"^[!-~]+( [!-~]+)*$")
+    bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
+    heartbeat_period_s: float = Field(default=0.1, ge=0.01, le=2)
+    start_up_s: float = Field(default=1.0, gt=0, le=60)
+    database: Path | None = None

@@ -1,0 +1,1 @@
+"""The phases that skills are made of."""

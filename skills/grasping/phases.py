@@ -1,0 +1,270 @@
+"""Motion phases that skills are made of, and the skill that runs phases one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from cell.interfaces.command import Command, GripperCommand, JointTrajectory
+from cell.interfaces.observation import ObjectStatus, Observation
+from cell.interfaces.skill import Progress, SkillStatus
+from skills.motion.planner import Planning
+from skills.motion.settings import MotionSettings
+
+DROPPED_TICKS = 3  # the fingers may settle for a moment without having lost the part
+TAKEN_S = 0.2  # after this an arm has taken its trajectory
+BEGIN_AGAIN = 2  # times that a motion is planned anew where the arm lost its trajectory
+ACTIVATION_TIMEOUT_S = 10.0
+STOP_TIMEOUT_S = 5.0
+
+
+class Phase(Protocol):
+    """One step of a skill, polled until it does not answer RUNNING."""
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Carry on; the first call starts the phase."""
+        ...
+
+
+class Move:
+    """Follow a trajectory that is planned when the phase starts, and wait until the arm stands at its end.
+
+    Attributes:
+        trajectory, started_s: what the arm follows and since when; None before the start.
+    """
+
+    def __init__(self, doing: str, plan: Planning, settings: MotionSettings, *, holding: str | None = None) -> None:
+        """Args:
+        holding: type of the part that the gripper must not lose on the way.
+        """
+        self._doing, self._plan, self._settings, self._holding = doing, plan, settings, holding
+        self.trajectory: JointTrajectory | None = None
+        self.started_s = 0.0
+        self._deadline_s: float | None = None
+        self._asked: Command | None = None
+        self._empty_ticks = self._begun_again = 0
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Wait for standstill, plan and start, then watch."""
+        if self._lost(observation):
+            return failed(f"{self._holding} was dropped while {self._doing}")
+        if self._deadline_s is None:
+            self._deadline_s = observation.worked_s + self._settings.arm_timeout_s
+        if self._asked is not None and self._asked.follow is not self.trajectory:
+            self.trajectory = None  # a skill that was halted later in that tick stopped the arm: begin again
+        self._asked = None
+        if self.trajectory is None:
+            return self._start(observation, command)
+        if not observation.arm.moving and observation.arm.stands and self._arrived(observation):
+            return done(self._doing)
+        if self._given_up(observation):
+            self.trajectory, self._begun_again = None, self._begun_again + 1
+        return self._running(observation)
+
+    def _start(self, observation: Observation, command: Command) -> Progress:
+        if _stopping(observation, command) or not observation.new_path:
+            return self._running(observation)
+        plan = self._plan(np.array(observation.arm.positions_rad))
+        if isinstance(plan, str):
+            return failed(f"{self._doing}: {plan}")
+        self.trajectory, self.started_s = plan, observation.time_s
+        if plan.duration_s == 0:
+            return done(self._doing)
+        command.follow, self._asked = plan, command
+        self._deadline_s = observation.worked_s + plan.duration_s + self._settings.arm_timeout_s
+        return Progress(SkillStatus.RUNNING, self._doing)
+
+    def _lost(self, observation: Observation) -> bool:
+        empty = self._holding is not None and not observation.gripper.holding
+        self._empty_ticks = self._empty_ticks + 1 if empty else 0
+        return self._empty_ticks >= DROPPED_TICKS
+
+    def _given_up(self, observation: Observation) -> bool:
+        """Whether the arm has lost its trajectory on the way, as after a protective stop, and may get another."""
+        arm, taken_s = observation.arm, observation.time_s - self.started_s
+        lost = arm.path_s is None and not arm.moving and arm.stands and taken_s > TAKEN_S
+        return lost and not held(observation) and self._begun_again < BEGIN_AGAIN
+
+    def _arrived(self, observation: Observation) -> bool:
+        assert self.trajectory is not None
+        offset = np.abs(np.array(observation.arm.positions_rad) - self.trajectory.positions_rad[-1])
+        return bool(offset.max() < self._settings.arrival_tolerance_rad)
+
+    def _running(self, observation: Observation) -> Progress:
+        assert self._deadline_s is not None
+        if observation.worked_s > self._deadline_s:
+            return failed(f"{self._doing}: the arm did not arrive in time")
+        return Progress(SkillStatus.RUNNING, self._doing)
+
+    def followed_s(self, observation: Observation) -> float:
+        """How far along its trajectory the arm should be, as time of the trajectory."""
+        path_s = observation.arm.path_s
+        if path_s is None or observation.time_s <= self.started_s:  # what the arm tells is of the trajectory before
+            return observation.time_s - self.started_s
+        return path_s
+
+
+class SetGripper:
+    """Send a goal to the fingers; with `wait` also wait until they stand.
+
+    With `must_hold` they have to close on something.
+    """
+
+    def __init__(
+        self, doing: str, goal: GripperCommand, settings: MotionSettings, *, wait: bool = True, must_hold: bool = False
+    ) -> None:
+        self._doing, self._goal, self._timeout_s = doing, goal, settings.gripper_timeout_s
+        self._wait, self._must_hold = wait, must_hold
+        self._deadline_s: float | None = None
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Send the goal once, then read the object status."""
+        if self._deadline_s is None:
+            if held(observation):
+                return Progress(SkillStatus.RUNNING, self._doing)
+            command.gripper = self._goal
+            self._deadline_s = observation.worked_s + self._timeout_s
+            return Progress(SkillStatus.RUNNING, self._doing) if self._wait else done(self._doing)
+        if observation.gripper.object_status is ObjectStatus.MOVING:
+            if observation.worked_s > self._deadline_s:
+                return failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
+            return Progress(SkillStatus.RUNNING, self._doing)
+        if self._must_hold and not observation.gripper.holding:
+            return failed(f"{self._doing}: nothing between the fingers")
+        if not self._must_hold and observation.gripper.holding:
+            return failed(f"{self._doing}: the fingers still hold something")
+        return done(self._doing)
+
+
+class FingersRest:
+    """Wait until an earlier goal of the fingers is reached."""
+
+    def __init__(self, doing: str, settings: MotionSettings) -> None:
+        self._doing, self._timeout_s = doing, settings.gripper_timeout_s
+        self._deadline_s: float | None = None
+
+    def poll(self, observation: Observation, command: Command) -> Progress:  # noqa: ARG002
+        """Read the object status."""
+        if self._deadline_s is None:
+            self._deadline_s = observation.worked_s + self._timeout_s
+        if observation.gripper.object_status is not ObjectStatus.MOVING:
+            return done(self._doing)
+        if observation.worked_s > self._deadline_s:
+            return failed(f"{self._doing}: the fingers did not come to rest in {self._timeout_s} s")
+        return Progress(SkillStatus.RUNNING, self._doing)
+
+
+class Activate:
+    """Activate the gripper unless it is."""
+
+    def __init__(self) -> None:
+        self._deadline_s: float | None = None
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Ask once, then wait."""
+        if observation.gripper.activated:
+            return done("gripper active")
+        if self._deadline_s is None and not held(observation):
+            command.activate_gripper = True
+            self._deadline_s = observation.worked_s + ACTIVATION_TIMEOUT_S
+        if self._deadline_s is not None and observation.worked_s > self._deadline_s:
+            return failed(f"the gripper did not finish its activation in {ACTIVATION_TIMEOUT_S} s")
+        return Progress(SkillStatus.RUNNING, "activating the gripper")
+
+
+class PhasedSkill:
+    """A skill that runs phases one after the other; subclasses say which.
+
+    A halt takes several ticks: it orders the stop, and whichever skill comes next begins when the arm stands.
+    """
+
+    def __init__(self) -> None:
+        self._phases: list[Phase] | None = None
+        self._waits_since_s: float | None = None
+        self._end: Progress | None = None
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """The phases, or why the skill is impossible; nothing has moved yet."""
+        raise NotImplementedError
+
+    def poll(self, observation: Observation, command: Command) -> Progress:
+        """Carry on; the first call starts the skill, calls after its end repeat its answer."""
+        if self._end is not None:
+            return self._end
+        if self._phases is None:
+            if _stopping(observation, command):
+                return self._wait(observation)
+            phases = self.prepare(observation)
+            if isinstance(phases, str):
+                return self._finish(failed(phases))
+            self._phases = list(phases)
+        while self._phases:
+            progress = self._phases[0].poll(observation, command)
+            if progress.status is SkillStatus.RUNNING:
+                return progress
+            if progress.status is SkillStatus.FAILURE:
+                command.follow, command.stop_arm = None, True
+                return self._finish(progress)
+            self._phases.pop(0)
+        return self._finish(done(self.done))
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        raise NotImplementedError
+
+    def halt(self, command: Command) -> None:
+        """Stop the arm within its limits; the fingers keep what they hold."""
+        command.follow, command.stop_arm = None, True
+        if self._end is None:
+            self._end = failed("halted")
+
+    def _wait(self, observation: Observation) -> Progress:
+        if self._waits_since_s is None:
+            self._waits_since_s = observation.worked_s
+        if observation.worked_s - self._waits_since_s > STOP_TIMEOUT_S:
+            return self._finish(failed(f"the arm did not come to rest in {STOP_TIMEOUT_S} s"))
+        return Progress(SkillStatus.RUNNING, "waiting until the arm has stopped")
+
+    def _finish(self, progress: Progress) -> Progress:
+        self._end = progress
+        return progress
+
+
+def _stopping(observation: Observation, command: Command) -> bool:
+    """Whether the arm still comes to rest, or is told in this very tick to do so."""
+    return command.stop_arm or observation.arm.moving or not observation.arm.stands
+
+
+def held(observation: Observation) -> bool:
+    """Whether the supervisor lets nothing begin now."""
+    return observation.share == 0
+
+
+def done(doing: str) -> Progress:
+    """The answer of a phase that has achieved its aim."""
+    return Progress(SkillStatus.SUCCESS, doing)
+
+
+def failed(reason: str) -> Progress:
+    """The answer of a phase that cannot go on."""
+    return Progress(SkillStatus.FAILURE, reason)
+
+
+class MoveFingers(PhasedSkill):
+    """Bring the fingers to an opening, or close them on something."""
+
+    def __init__(self, settings: MotionSettings, goal: GripperCommand, doing: str, *, must_hold: bool = False) -> None:
+        super().__init__()
+        self._settings, self._goal, self._doing, self._must_hold = settings, goal, doing, must_hold
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:  # noqa: ARG002
+        """Activate the gripper if it is not, then one motion."""
+        return [Activate(), SetGripper(self._doing, self._goal, self._settings, must_hold=self._must_hold)]
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return f"{self._doing}: done"

@@ -1,0 +1,1 @@
+"""Geometry and trajectories; knows no gripper command and no tick."""

@@ -1,0 +1,260 @@
+"""Collision checks of trajectories: arm, gripper and held part against bench and parts (Pinocchio and coal)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product as pairs_of
+
+import coal
+import numpy as np
+import pinocchio
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.grasping import PAD_WIDTH_M
+from cell.interfaces.perception import PartDetection
+from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from skills.motion.grip import STROKE_M
+from skills.motion.kinematics import FLANGE, Kinematics, description_share, urdf_text
+from skills.motion.outline import Shape, shapes
+from skills.motion.settings import MotionSettings
+
+# Outline of the 2F-85 in the flange's frame, as boxes: (centre, size) in [m]. Fingers slide along x.
+PALM_M = ((0.0, 0.0, 0.0425), (0.104, 0.076, 0.085))
+FINGER_SIZE_M = (0.012, PAD_WIDTH_M, 0.079)
+FINGER_MIDDLE_M = 0.1245
+CAMERA_SIZE_M = (0.050, 0.030, 0.030)
+CAMERA_BEHIND_LENS_M = 0.020
+
+TABLE_M = (3.0, 3.0, 0.5)
+RIM_THICKNESS_M = 0.008
+BIN_ROOM_M = 0.04  # around each part in a bin
+
+HELD = "held part"
+_BASE_LINKS = ("base_link", "shoulder_link", "upper_arm_link")
+_TOOL = ("palm", "finger_left", "finger_right", "camera")
+# Links that can meet another one of the arm: neighbours on the chain always touch.
+_SELF_PAIRS = (
+    *pairs_of(
+        ("base_link", "shoulder_link", "upper_arm_link", "forearm_link"), ("wrist_2_link", "wrist_3_link", *_TOOL)
+    ),
+    ("forearm_link", "base_link"),
+    ("wrist_1_link", "base_link"),
+    ("wrist_1_link", "upper_arm_link"),
+)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box that must not be touched, or that is carried along.
+
+    Attributes:
+        name: what the operator reads.
+        pose: of the box's centre; in the world, or in the tool frame when it is carried.
+        size_m: full extents.
+    """
+
+    name: str
+    pose: Pose
+    size_m: tuple[float, float, float]
+
+
+class CollisionChecker:
+    """Checks whole joint paths; what stands still on the bench is always an obstacle.
+
+    Attributes:
+        shapes: arm and gripper as they are checked, for drawing them.
+    """
+
+    def __init__(
+        self, kinematics: Kinematics, product: Product, bench: Bench, settings: MotionSettings | None = None
+    ) -> None:
+        self._settings = settings or MotionSettings()
+        self._model = kinematics.model
+        self._data = self._model.createData()
+        self._tcp_m = self._settings.tcp_from_tool0_m
+        flange = self._model.frames[self._model.getFrameId(FLANGE)]
+        self._wrist, self._wrist_from_flange = flange.parentJoint, flange.placement
+        self._geometry = self._arm_geometry()
+        self._add_tool(bench.wrist.mount.pose)
+        self._arm_alone = self._geometry.copy()
+        self._arm = tuple(item.name for item in self._geometry.geometryObjects)
+        self.shapes: tuple[Shape, ...] = shapes(self._model, self._geometry)
+        self._add_pairs(_SELF_PAIRS)
+        for box in standing_boxes(product, bench):
+            self._add_obstacle(self._geometry, box)
+
+    @property
+    def model(self) -> pinocchio.Model:
+        """Of the arm."""
+        return self._model
+
+    def arm_with_part(self, radius_m: float) -> pinocchio.GeometryModel:
+        """Arm and gripper with open fingers, and a sphere HELD around the TCP."""
+        geometry = self._arm_alone.copy()
+        self._open_fingers(geometry, STROKE_M)
+        placement = self._on_flange((0.0, 0.0, self._tcp_m))
+        geometry.addGeometryObject(pinocchio.GeometryObject(HELD, self._wrist, placement, coal.Sphere(radius_m)))
+        return geometry
+
+    def first_contact(
+        self,
+        positions_rad: Array,
+        opening_m: float,
+        obstacles: Sequence[Box] = (),
+        held: Sequence[Box] = (),
+        margin_m: float = 0.0,
+    ) -> str | None:
+        """What touches first along a joint path (n, 6), in words; None where the way is free.
+
+        Args:
+            opening_m: distance between the fingers.
+            obstacles: more boxes to keep clear of, in the world frame.
+            held: boxes that move with the tool, in the tool frame.
+            margin_m: what comes nearer than this counts as touching.
+        """
+        geometry = self._scene(opening_m, obstacles, held)
+        data = geometry.createData()
+        for request in data.collisionRequests:
+            request.security_margin = margin_m
+        path = resampled(positions_rad, self._settings.collision_step_rad)
+        for joints in path:
+            if pinocchio.computeCollisions(self._model, self._data, geometry, data, joints, True):
+                return _describe(geometry, data)
+        return None
+
+    def _scene(self, opening_m: float, obstacles: Sequence[Box], held: Sequence[Box]) -> pinocchio.GeometryModel:
+        geometry = self._geometry.copy()
+        self._open_fingers(geometry, opening_m)
+        for box in obstacles:
+            self._add_obstacle(geometry, box)
+        fixed = [item.name for item in geometry.geometryObjects if item.parentJoint == 0 and item.name not in self._arm]
+        for number, box in enumerate(held):
+            name = f"{box.name} in the gripper" + (f" ({number})" if number else "")
+            placement = self._on_flange((0.0, 0.0, self._tcp_m)) * _se3(box.pose)
+            geometry.addGeometryObject(pinocchio.GeometryObject(name, self._wrist, placement, coal.Box(*box.size_m)))
+            _add_pairs(geometry, ((name, other) for other in (*fixed, "forearm_link", "upper_arm_link", "base_link")))
+        return geometry
+
+    def _open_fingers(self, geometry: pinocchio.GeometryModel, opening_m: float) -> None:
+        for name, side in (("finger_left", 1.0), ("finger_right", -1.0)):
+            offset = side * (opening_m + FINGER_SIZE_M[0]) / 2
+            finger = geometry.geometryObjects[geometry.getGeometryId(name)]
+            finger.placement = self._on_flange((offset, 0.0, FINGER_MIDDLE_M))
+
+    def _arm_geometry(self) -> pinocchio.GeometryModel:
+        meshes = pinocchio.buildGeomFromUrdfString(
+            self._model, urdf_text(), pinocchio.GeometryType.COLLISION, package_dirs=[str(description_share())]
+        )
+        geometry = pinocchio.GeometryModel()
+        for item in meshes.geometryObjects:
+            if isinstance(item.geometry, coal.BVHModelBase):
+                item.geometry.buildConvexHull(True, "Qt")
+                name = item.name.removesuffix("_0")
+                geometry.addGeometryObject(
+                    pinocchio.GeometryObject(name, item.parentJoint, item.placement, item.geometry.convex)
+                )
+        return geometry
+
+    def _add_tool(self, tool_from_camera: Pose) -> None:
+        x, y, z = tool_from_camera.position_m
+        boxes = {
+            "palm": PALM_M,
+            "finger_left": ((0.0, 0.0, FINGER_MIDDLE_M), FINGER_SIZE_M),
+            "finger_right": ((0.0, 0.0, FINGER_MIDDLE_M), FINGER_SIZE_M),
+            "camera": ((x, y, z + self._tcp_m - CAMERA_BEHIND_LENS_M), CAMERA_SIZE_M),
+        }
+        for name, (centre, size) in boxes.items():
+            self._geometry.addGeometryObject(
+                pinocchio.GeometryObject(name, self._wrist, self._on_flange(centre), coal.Box(*size))
+            )
+
+    def _on_flange(self, position_m: tuple[float, float, float]) -> pinocchio.SE3:
+        return self._wrist_from_flange * pinocchio.SE3(np.eye(3), np.array(position_m))
+
+    def _add_pairs(self, pairs: Iterable[tuple[str, str]]) -> None:
+        _add_pairs(self._geometry, pairs)
+
+    def _add_obstacle(self, geometry: pinocchio.GeometryModel, box: Box) -> None:
+        geometry.addGeometryObject(pinocchio.GeometryObject(box.name, 0, _se3(box.pose), coal.Box(*box.size_m)))
+        _add_pairs(geometry, ((name, box.name) for name in self._arm if name not in _BASE_LINKS))
+
+
+def standing_boxes(product: Product, bench: Bench) -> tuple[Box, ...]:
+    """Table, bracket, the tray with its rim, and the person's bins with what they may hold."""
+    table = Box("the table", Pose((0.6, 0.0, -TABLE_M[2] / 2)), TABLE_M)
+    bins = (_bin_box(product, bench, name) for name in product.parts)
+    return (table, _bracket_box(product, bench), *_tray_boxes(bench), *bins)
+
+
+def part_box(part: PartDetection, product: Product, name: str) -> Box:
+    """A seen part that stands on its peg, as one box down to the floor; what lies is a box on it already."""
+    below_m = product.parts[part.part].peg_length_m if part.upright else 0.0
+    return body_box(name, part.world_from_part, part.size_m, below_m)
+
+
+def body_box(name: str, pose: Pose, size_m: tuple[float, float, float], below_m: float = 0.0) -> Box:
+    """A body given by its part frame as one box, reaching `below_m` under its bottom."""
+    length, width, height = size_m
+    centre = pose @ Pose((0.0, 0.0, (height - below_m) / 2))
+    return Box(name, centre, (length, width, height + below_m))
+
+
+def resampled(positions_rad: Array, step_rad: float) -> Array:
+    """A path (m, 6) through the same line, no joint moving more than a step from row to row."""
+    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(positions_rad, axis=0)).max(axis=1))])
+    count = max(2, math.ceil(travelled[-1] / step_rad) + 1)
+    marks = np.linspace(0.0, travelled[-1], count)
+    return np.column_stack([np.interp(marks, travelled, column) for column in positions_rad.T])
+
+
+def _bracket_box(product: Product, bench: Bench) -> Box:
+    holes = np.array(list(product.bracket.holes_m.values()))
+    low, high = holes.min(axis=0) - product.bracket.margin_m, holes.max(axis=0) + product.bracket.margin_m
+    top = bench.bracket.position_m[2]
+    middle = (low + high) / 2
+    pose = bench.bracket.pose @ Pose((float(middle[0]), float(middle[1]), -top / 2))
+    return Box("the bracket", pose, (float(high[0] - low[0]), float(high[1] - low[1]), top))
+
+
+def _bin_box(product: Product, bench: Bench, name: str) -> Box:
+    part = product.parts[name]
+    x, y, floor = bench.bins_m[name]
+    height = floor + part.peg_length_m + part.size_m[2]
+    size = (part.size_m[0] + BIN_ROOM_M, (part.size_m[1] + BIN_ROOM_M) * part.quantity, height)
+    return Box(f"the bin of {part.title}s", Pose((x, y, height / 2)), size)
+
+
+def _tray_boxes(bench: Bench) -> tuple[Box, ...]:
+    (x, y, floor), (length, width), wall = bench.tray.centre_m, bench.tray.size_m, bench.tray.wall_m
+    height, thick = floor + wall, RIM_THICKNESS_M
+    outer_length, outer_width = length + 2 * thick, width + 2 * thick
+    walls = [
+        ((x - (length + thick) / 2, y, height / 2), (thick, outer_width, height)),
+        ((x + (length + thick) / 2, y, height / 2), (thick, outer_width, height)),
+        ((x, y - (width + thick) / 2, height / 2), (outer_length, thick, height)),
+        ((x, y + (width + thick) / 2, height / 2), (outer_length, thick, height)),
+    ]
+    rim = tuple(Box(f"the tray's rim ({number})", Pose(centre), size) for number, (centre, size) in enumerate(walls))
+    return (Box("the tray", Pose((x, y, floor / 2)), (length, width, floor)), *rim)
+
+
+def _add_pairs(geometry: pinocchio.GeometryModel, pairs: Iterable[tuple[str, str]]) -> None:
+    for first, second in pairs:
+        geometry.addCollisionPair(
+            pinocchio.CollisionPair(geometry.getGeometryId(first), geometry.getGeometryId(second))
+        )
+
+
+def _describe(geometry: pinocchio.GeometryModel, data: pinocchio.GeometryData) -> str:
+    names = [item.name for item in geometry.geometryObjects]
+    for pair, result in zip(geometry.collisionPairs, data.collisionResults, strict=True):
+        if result.isCollision():
+            return f"{names[pair.first]} would touch {names[pair.second]}".replace("_", " ")
+    raise AssertionError("a collision was reported, so one pair has it")
+
+
+def _se3(pose: Pose) -> pinocchio.SE3:
+    return pinocchio.SE3(pose.rotation, np.array(pose.position_m))

@@ -1,0 +1,141 @@
+"""Kinematics of the UR10 with its tool: forward by Pinocchio, inverse by placo, elbow up."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from functools import cache
+from importlib.metadata import distribution
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import placo
+
+from cell.interfaces.pose import Array, Pose
+from skills.motion.settings import MotionSettings
+
+JOINT_LIMITS_RAD = np.array([2 * math.pi, 2 * math.pi, math.pi, 2 * math.pi, 2 * math.pi, 2 * math.pi])
+FLANGE = "tool0"
+
+# Elbow up, wrist_2 so that the tool points down; pan and wrist_3 are seeded from the target.
+_SEED_RAD = np.array([0.0, -1.3, 1.9, -2.17, -math.pi / 2, 0.0])
+_ARM_OFFSET_M = 0.163941  # of the wrist's plane from the base's axis: shoulder 0.220941 - elbow 0.1719 + wrist 0.1149
+_POSITION_TOLERANCE_M = 5e-5
+_ANGLE_TOLERANCE_RAD = 5e-4
+_MAX_ITERATIONS = 60
+_REGULARISATION = 1e-6
+_FIRST_JOINT = 7  # placo gives every robot a floating base, which comes first in its state
+
+
+@cache
+def description_share() -> Path:
+    """The folder above `example-robot-data`, to which `package://` in its URDF files refers."""
+    return Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share")))
+
+
+@cache
+def urdf_text() -> str:
+    """The UR10's URDF without its visual meshes, which nothing here needs."""
+    path = description_share() / "example-robot-data/robots/ur_description/urdf/ur10_robot.urdf"
+    return re.sub(r"<visual>.*?</visual>", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+class Kinematics:
+    """Joint angles to the pose of the tool frame (TCP) and back; the world frame is the arm's base."""
+
+    def __init__(self, settings: MotionSettings | None = None) -> None:
+        settings = settings or MotionSettings()
+        self._flange_from_tool = Pose((0.0, 0.0, settings.tcp_from_tool0_m))
+        self._tool_from_flange = self._flange_from_tool.inverse()
+        self.model = pinocchio.buildModelFromXML(urdf_text())
+        self._data = self.model.createData()
+        self._flange = self.model.getFrameId(FLANGE)
+        # placo reads meshes even where it is told to ignore collisions, so it must find them.
+        os.environ.setdefault("ROS_PACKAGE_PATH", str(description_share()))
+        self._robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, urdf_text())
+        self._solver = placo.KinematicsSolver(self._robot)
+        self._solver.mask_fbase(True)
+        self._solver.add_regularization_task(_REGULARISATION)
+        self._task = self._solver.add_frame_task(FLANGE, np.eye(4))
+        self._task.configure(FLANGE, "soft", 1.0, 1.0)
+
+    def forward(self, joints_rad: Array) -> Pose:
+        """world_from_tool of joint angles (6,)."""
+        return Pose.from_matrix(self._flange_matrix(joints_rad)) @ self._flange_from_tool
+
+    def position_m(self, joints_rad: Array) -> Array:
+        """Where the tool is (3,), in a third of the time."""
+        flange = self._flange_matrix(joints_rad)
+        position: Array = flange[:3, 3] + self._flange_from_tool.position_m[2] * flange[:3, 2]
+        return position
+
+    def inverse(self, world_from_tool: Pose, near_rad: Array | None = None) -> Array | None:
+        """Joint angles (6,) that bring the tool there, elbow up; None where the arm cannot reach.
+
+        Args:
+            near_rad: the answer is wrapped to the turns nearest to these joints, as far as the limits allow.
+        """
+        target = (world_from_tool @ self._tool_from_flange).matrix
+        joints = self._solve(target, self._seed(target))
+        if joints is None or joints[2] < 0:
+            return None
+        return wrapped(joints, np.zeros(6) if near_rad is None else near_rad)
+
+    def follow(self, world_from_tool: Pose, previous_rad: Array) -> Array | None:
+        """Joint angles (6,) next to those of a neighbouring point on a path; None where the arm cannot reach."""
+        target = (world_from_tool @ self._tool_from_flange).matrix
+        return self._solve(target, previous_rad)
+
+    def _flange_matrix(self, joints_rad: Array) -> Array:
+        pinocchio.forwardKinematics(self.model, self._data, np.asarray(joints_rad, dtype=float))
+        placement = pinocchio.updateFramePlacement(self.model, self._data, self._flange)
+        matrix: Array = placement.homogeneous
+        return matrix
+
+    def _seed(self, target: Array) -> Array:
+        """Pan points the arm's plane at the target; wrist_3 takes up the heading that is left."""
+        x, y = target[0, 3], target[1, 3]
+        reach = max(math.hypot(x, y), _ARM_OFFSET_M)
+        seed = _SEED_RAD.copy()
+        seed[0] = math.atan2(y, x) - math.asin(_ARM_OFFSET_M / reach)
+        turn = self._flange_matrix(seed)[:3, :3].T @ target[:3, :3]
+        seed[5] = math.atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+        return wrapped(seed, np.zeros(6))
+
+    def _solve(self, target: Array, seed_rad: Array) -> Array | None:
+        robot = self._robot
+        robot.state.q[_FIRST_JOINT:] = seed_rad
+        self._task.T_world_frame = target
+        for _ in range(_MAX_ITERATIONS):
+            robot.update_kinematics()
+            if _error(robot.get_T_world_frame(FLANGE), target):
+                joints: Array = np.array(robot.state.q[_FIRST_JOINT:])
+                return joints
+            self._solver.solve(True)
+        return None
+
+
+def wrapped(joints_rad: Array, near_rad: Array) -> Array:
+    """The same pose with every joint turned by whole turns to lie nearest to `near_rad` within the limits."""
+    turns = np.round((near_rad - joints_rad) / (2 * math.pi))
+    nearest = joints_rad + turns * 2 * math.pi
+    over = np.abs(nearest) > JOINT_LIMITS_RAD
+    answer: Array = np.where(over, nearest - np.sign(nearest) * 2 * math.pi, nearest)
+    return answer
+
+
+def within_limits(joints_rad: Array) -> bool:
+    """Whether all joints (..., 6) lie within the arm's limits."""
+    return bool(np.all(np.abs(joints_rad) <= JOINT_LIMITS_RAD + 1e-9))
+
+
+def _error(actual: Array, target: Array) -> bool:
+    """Whether two poses (4, 4) agree within the tolerances."""
+    offset = actual[:3, 3] - target[:3, 3]
+    if offset @ offset > _POSITION_TOLERANCE_M**2:
+        return False
+    # ||R1 - R2||_F^2 = 8 sin^2(angle / 2), about 2 angle^2
+    difference = (actual[:3, :3] - target[:3, :3]).ravel()
+    return bool(difference @ difference < 2 * _ANGLE_TOLERANCE_RAD**2)

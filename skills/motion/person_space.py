@@ -1,0 +1,113 @@
+"""Where the person may be, as convex bodies over the bench: a hand that is seen, or one that left the view."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+
+from cell.interfaces.bench import Bench
+from cell.interfaces.perception import Edge, HandSample
+from cell.interfaces.pose import Array
+from skills.motion.settings import SeparationSettings
+
+EDGES: tuple[Edge, ...] = ("left", "top", "right", "bottom")
+EDGE_PX = 6  # a box this near to the image's edge touches it
+HAND_LENGTH_M = 0.12
+KNUCKLES_M = 0.15  # how far above the palm's height hand and forearm reach, and how far that may be off
+BEYOND_M = 1.0  # how far a hand that left the view may have gone
+FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+
+
+class PersonSpace:
+    """Seen from the overhead camera.
+
+    Attributes:
+        beyond: all places beyond an edge of the view that a hand can be at.
+        edge: the edge behind which the person stands: x points towards the person.
+    """
+
+    def __init__(self, bench: Bench, settings: SeparationSettings) -> None:
+        self._settings = settings
+        self._camera, self._world_from_camera = bench.overhead.model, bench.overhead.mount.pose
+        self._eye = np.array(bench.overhead.mount.position_m)
+        self.beyond = {edge: self._outside(edge) for edge in EDGES}
+        self.edge: Edge = max(EDGES, key=self._towards_person)
+
+    def wall(self, hand: HandSample) -> coal.Convex:
+        """A wall over the bench, from the fingertips over the palm along the forearm."""
+        settings = self._settings
+        tips, palm = np.array(hand.fingertips_m), np.array(hand.palm_m)
+        along = palm - tips
+        length_m = float(np.linalg.norm(along))
+        along = along / length_m if length_m > settings.margin_m else np.array([1.0, 0.0])
+        across = settings.hand_radius_m * np.array([-along[1], along[0]])
+        start = tips - self._unseen_m(hand) * along
+        end = tips + (length_m + settings.forearm_m) * along
+        corners = np.array([start - across, start + across, end + across, end - across])
+        if hand.height_m is not None:
+            top_m = min(settings.hand_height_m, hand.height_m + KNUCKLES_M)
+            return _prism(corners, corners, top_m)
+        return _prism(
+            self._at_height(corners, 0.0), self._at_height(corners, settings.hand_height_m), settings.hand_height_m
+        )
+
+    def _unseen_m(self, hand: HandSample) -> float:
+        """How far fingers may reach out of the view that are not seen to."""
+        left, top, right, bottom = hand.box_px
+        width, height = self._camera.width_px, self._camera.height_px
+        touched = {"left": left, "top": top, "right": width - right, "bottom": height - bottom}
+        at_edge = any(px <= EDGE_PX for edge, px in touched.items() if edge != self.edge)
+        return HAND_LENGTH_M if at_edge else 0.0
+
+    def _at_height(self, points_m: Array, height_m: float) -> Array:
+        """Points (n, 2) as a tracker tells them, where they are if they are so high: on the same ray of the camera."""
+        scale = (self._eye[2] - height_m) / (self._eye[2] - self._settings.assumed_height_m)
+        moved: Array = self._eye[:2] + (points_m - self._eye[:2]) * scale
+        return moved
+
+    def _edge_line(self, edge: Edge, height_m: float) -> Array:
+        """Two ends (2, 2) of an edge of the view, at a height, and outwards from there (2,)."""
+        width, height = float(self._camera.width_px), float(self._camera.height_px)
+        pixels = {
+            "left": [(0.0, 0.0), (0.0, height)],
+            "right": [(width, 0.0), (width, height)],
+            "top": [(0.0, 0.0), (width, 0.0)],
+            "bottom": [(0.0, height), (width, height)],
+        }[edge]
+        return self._camera.onto_plane(self._world_from_camera, np.array(pixels), height_m)[:, :2]
+
+    def _outside(self, edge: Edge) -> coal.Convex:
+        """All places beyond an edge of the view that a hand can be at."""
+        layers = []
+        for height_m in (0.0, self._settings.hand_height_m):
+            first, last = self._edge_line(edge, height_m)
+            along = (last - first) / np.linalg.norm(last - first)
+            out = _outwards(first, last, self._eye[:2])
+            first, last = first - BEYOND_M * along, last + BEYOND_M * along
+            layers.append(np.array([first, last, last + BEYOND_M * out, first + BEYOND_M * out]))
+        return _prism(layers[0], layers[1], self._settings.hand_height_m)
+
+    def _towards_person(self, edge: Edge) -> float:
+        """How far outwards from this edge is the way to the person, from -1 to 1."""
+        first, last = self._edge_line(edge, 0.0)
+        return float(_outwards(first, last, self._eye[:2])[0])
+
+
+def _outwards(first: Array, last: Array, inside: Array) -> Array:
+    """The direction (2,) across a line, away from a point."""
+    along = (last - first) / np.linalg.norm(last - first)
+    across = np.array([-along[1], along[0]])
+    away: Array = -across if (inside - first) @ across > 0 else across
+    return away
+
+
+def _prism(low_m: Array, high_m: Array, height_m: float) -> coal.Convex:
+    """Between four corners (4, 2) on the table and as many at a height, both in order around it."""
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for corners, z in ((low_m, 0.0), (high_m, height_m)):
+        for x, y in corners:
+            points.append(np.array([x, y, z]))
+    for a, b, c, d in FACES:
+        faces.append(coal.Triangle(a, b, c))
+        faces.append(coal.Triangle(a, c, d))
+    return coal.Convex(points, faces)

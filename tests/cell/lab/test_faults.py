@@ -1,0 +1,77 @@
+"""Faults that are put in end as the table of faults promises; a sample, `cell eval faults` runs them all."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from cell.commands.main import main
+from cell.configuration import DEFAULT_CONFIGURATION
+from cell.errors import InputError
+from cell.faults.injection import FAULTS, OTHER_STATES, STATES, Injection, Injections
+from cell.lab.faults import chosen, fast_rows, fault_try
+
+SAMPLE = {
+    "carry": ("arm_frozen", "arm_safeguard", "gripper_refuses", "camera_black", "gripper_reboots"),
+    "down": ("arm_protective_stop",),
+    "lower": ("arm_velocity_nan", "arm_offset", "arm_protective_stop"),
+    "lift": ("status_lost",),
+    "above": ("sighup", "camera_frozen"),
+    "waiting_for_help": ("heartbeat_lost",),
+}
+
+
+@pytest.fixture(scope="module")
+def rows() -> dict[tuple[str, str], dict[str, Any]]:
+    """How the sample ended, by fault and state."""
+    told: list[dict[str, Any]] = []
+    fast_rows(DEFAULT_CONFIGURATION, SAMPLE, 1, told.append)
+    return {(row["fault"], row["state"]): row for row in told}
+
+
+@pytest.mark.parametrize(("fault", "state"), [(fault, state) for state, faults in SAMPLE.items() for fault in faults])
+def test_a_fault_ends_as_promised(rows: dict[tuple[str, str], dict[str, Any]], fault: str, state: str) -> None:
+    row = rows[fault, state]
+    assert row["as_promised"], row
+    assert row["held"] is not False
+    if row["ticks_to_stop"] >= 0:
+        assert row["ticks_to_stop"] <= 2, row
+
+
+def test_a_run_that_was_split_goes_on_to_its_own_end(rows: dict[tuple[str, str], dict[str, Any]]) -> None:
+    assert len(rows) == sum(map(len, SAMPLE.values())) + 1
+    assert rows["none", "none"]["as_promised"]
+    assert rows["none", "none"]["recovered"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("fault", "state"), [("camera_black", "carry"), ("arm_frozen", "carry"), ("sighup", "above")])
+def test_without_pixels_a_fault_ends_as_it_does_with_them(
+    rows: dict[tuple[str, str], dict[str, Any]], fault: str, state: str
+) -> None:
+    seen = fault_try(DEFAULT_CONFIGURATION, fault, state, 1)
+    same = ("end", "exit_status", "held", "recovered", "as_promised", "ticks_to_stop")
+    assert {name: seen[name] for name in same} == {name: rows[fault, state][name] for name in same}
+
+
+def test_all_faults_in_all_states_are_asked_for_by_default() -> None:
+    pairs = chosen(None, None)
+    assert set(pairs) == {*STATES, *OTHER_STATES}
+    assert all(set(faults) == set(FAULTS) for faults in pairs.values())
+
+
+def test_several_faults_can_be_put_into_one_run() -> None:
+    several = Injection.parse("arm_reduced@look,sigint@carry")
+    assert isinstance(several, Injections)
+    assert [(one.fault, one.state) for one in several.injections] == [("arm_reduced", "look"), ("sigint", "carry")]
+
+
+def test_a_fault_or_state_that_there_is_not_is_refused() -> None:
+    with pytest.raises(InputError, match="unknown fault 'arm_lots'; legal: arm_frozen, "):
+        Injection.parse("arm_lots@carry")
+    with pytest.raises(InputError, match="unknown fault"):
+        Injection.parse("@carry")
+    with pytest.raises(InputError, match="unknown state 'fly'; legal: look, "):
+        Injection.parse("arm_lost@fly")
+    assert main(["run", "--inject", "nothing@carry"]) == 2

@@ -1,0 +1,56 @@
+"""Two runs on one page: why they differ stands first, and the page says what the comparison says."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from cell.commands.main import main
+from cell.log.read.reader import Log
+from cell.log.report import query
+from cell.log.report.diff_page import diff_html, why
+
+NAMES = ("one.mcap", "other.mcap")
+
+
+def page(one: Log, other: Log) -> str:
+    return diff_html(one, other, query.diff(one, other), NAMES)
+
+
+def test_runs_that_are_the_same_say_so(assembly_log: Log) -> None:
+    told = page(assembly_log, assembly_log)
+    assert "saw and decided the same in every tick" in told
+    assert "Nodes that ran at other times" not in told
+
+
+def test_another_tree_is_named_before_all_else(assembly_log: Log) -> None:
+    files = dict(assembly_log.attachments)
+    files["tree/assemble.xml"] = files["tree/assemble.xml"].replace(b"num_attempts", b"num_attempts ")
+    place = next(at for at, tick in enumerate(assembly_log.ticks) if tick.command)
+    ticks = list(assembly_log.ticks)
+    ticks[place] = dataclasses.replace(ticks[place], command=None)
+    other = dataclasses.replace(assembly_log, attachments=files, ticks=tuple(ticks))
+    told = page(assembly_log, other)
+    assert re.search(r"On the same inputs they decided differently: command at tick \d+", told)
+    assert "Not alike in both: tree/assemble.xml" in told
+    assert told.index("Why they differ") < told.index("Recorded with") < told.index("What came of it")
+    assert told.count("data:image/jpeg;base64,") == 2
+
+
+def test_other_seeds_are_said_to_have_seen_other_things(assembly_log: Log, tray_log: Log) -> None:
+    said = why(assembly_log, tray_log, query.diff(assembly_log, tray_log))
+    assert re.fullmatch(r"They saw different things first: \w+ at tick .*seeds are 1 and 3\. .*", said)
+
+
+def test_the_command_writes_it(assembly_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    copy = shutil.copy(assembly_log.path, tmp_path / "copy.mcap")
+    target = tmp_path / "diff.html"
+    assert main(["log", "diff", str(assembly_log.path), str(copy), "--html", str(target)]) == 0
+    assert "identical" in capsys.readouterr().out
+    assert "<script" not in target.read_text()
+    assert main(["log", "diff", str(assembly_log.path), str(copy), "--html", str(tmp_path / "no" / "d.html")]) == 2
+    assert "cannot be written" in capsys.readouterr().err

@@ -1,0 +1,127 @@
+"""A shift read back from its log: brackets, who placed what, waits by reason, OEE."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cell.commands.main import main
+from cell.interfaces.command import Command, Display
+from cell.interfaces.faults import Action, Judgement
+from cell.interfaces.operator import Question
+from cell.log.read.reader import read_log
+from cell.log.report.report import report_html
+from cell.log.report.shift import Shift, shift_of
+from cell.recording.parts import part_path
+from cell.recording.recorder import Heading, McapRecorder
+from cell.settings import LogSettings
+from cell.watching.observer import Outcome
+from tests.cell.running.test_brackets import BEGIN, END, NEXT, Note, record
+
+HELD = Judgement(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
+ASKED = Display(questions=(Question(1, "help", "there is no safety valve (o3) in the tray"),))
+SECOND_END: tuple[Note, ...] = (
+    ("bracket", {"number": 2, "edge": "end", "finished": True, "placed": {}, "goal": "g1"}),
+)
+JUDGED = [{"number": 1, "goal": "g0", "correct": True}, {"number": 2, "goal": "g1", "correct": False}]
+
+
+@pytest.fixture
+def shift(tmp_path: Path) -> Shift:
+    path = tmp_path / "shift.mcap"
+    recorder = McapRecorder(
+        path, LogSettings(camera_frames=False), Heading({}, {}), result=lambda: {"brackets": JUDGED}
+    )
+    placed: tuple[Note, ...] = (
+        ("belief", {"edge": ["o1", "p1"], "source": "action"}),
+        ("belief", {"edge": ["o2", "p2"], "source": "robot"}),
+    )
+    end: tuple[Note, ...] = (("bracket", {**END[0][1], "placed": {}, "goal": "g0"}),)
+    for one in (
+        record(0),
+        record(1, BEGIN),
+        replace(record(2), judgement=HELD),
+        replace(record(3), command=Command(display=ASKED)),
+        record(5, (("help", {"text": "o3, please"}),)),
+        replace(record(6), command=Command(display=Display())),
+        record(7, placed),
+        record(11, end),
+        record(12, NEXT),
+        record(16, SECOND_END),
+    ):
+        recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
+    recorder.close(Outcome("finished", "", 10, 0, 16.0, 0.1))
+    log = read_log(path)
+    told = shift_of(log)
+    assert told is not None
+    page = report_html(log)
+    assert "The shift" in page
+    assert "there is no safety valve" in page
+    return told
+
+
+def test_brackets_have_their_times_hands_questions_and_verdicts(shift: Shift) -> None:
+    first, second = shift.brackets
+    assert (first.length_s, second.length_s) == (10.0, 4.0)
+    assert (first.robot, first.person, first.questions) == (1, 1, ["o3, please"])
+    assert (first.goal, first.correct, second.correct) == ("g0", True, False)
+
+
+def test_waits_are_summed_by_their_reason(shift: Shift) -> None:
+    assert dict(shift.waits_s) == {"the hand is too near": 1.0, "there is no safety valve (o3) in the tray": 3.0}
+
+
+def test_a_question_beside_the_work_is_no_wait_and_what_stays_wrong_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "mend.mcap"
+    recorder = McapRecorder(path, LogSettings(camera_frames=False), Heading({}, {}))
+    mend = Display(questions=(Question(1, "mend", "p2 holds the safety valve (o3)", positions=("p2",)),))
+    end: tuple[Note, ...] = (("bracket", {**END[0][1], "placed": {}, "goal": None, "known_wrong": ["p2"]}),)
+    for one in (record(0), record(1, BEGIN), replace(record(2), command=Command(display=mend)), record(9, end)):
+        recorder.tick(replace(one, observation=replace(one.observation, tick=recorder._tick)))
+    recorder.close(Outcome("finished", "", 4, 0, 9.0, 0.1))
+    told = shift_of(read_log(path))
+    assert told is not None
+    assert (told.waits_s, told.brackets[0].known_wrong) == ([], ["p2"])
+    assert "known to be wrong: p2" in report_html(read_log(path))
+
+
+def test_effectiveness_is_the_product_of_its_three_shares(shift: Shift) -> None:
+    assert shift.availability == pytest.approx(1 - 4 / 14)
+    assert shift.performance == pytest.approx(4 / 7)
+    assert shift.quality == 0.5
+    assert shift.oee == pytest.approx(shift.availability * shift.performance * 0.5)
+
+
+def test_a_long_shift_is_told_part_by_part(tmp_path: Path) -> None:
+    path = tmp_path / "long.mcap"
+    recorder = McapRecorder(
+        path, LogSettings(camera_frames=False, rotate_s=600), Heading({}, {}), result=lambda: {"brackets": JUDGED}
+    )
+    ends: tuple[Note, ...] = (("bracket", {**END[0][1], "placed": {}, "goal": "g0"}),)
+    notes = {1: BEGIN, 7: ends, 8: NEXT, 11: SECOND_END}
+    for number in range(12):
+        one = record(number, notes.get(number, ()))
+        recorder.tick(replace(one, observation=replace(one.observation, tick=number, time_s=number * 300.0)))
+        recorder.settle()
+    recorder.close(Outcome("finished", "", 12, 0, 3300.0, 0.1))
+    page = tmp_path / "long.html"
+    assert main(["report", str(path)]) == 0
+    told = page.read_text()
+    assert "The shift" in told
+    assert f"cell report {part_path(path, 2)}" in told
+    assert "What the nodes did" not in told
+    assert main(["report", str(path)]) == 0, "its own page may be written anew"
+    page.write_text("<html>mine</html>")
+    assert main(["report", str(path)]) == 2
+    assert page.read_text() == "<html>mine</html>"
+    assert main(["report", str(path), "--overwrite"]) == 0
+
+
+def test_a_log_without_brackets_is_no_shift(tmp_path: Path) -> None:
+    path = tmp_path / "one.mcap"
+    recorder = McapRecorder(path, LogSettings(camera_frames=False), Heading({}, {}))
+    recorder.tick(record(0))
+    recorder.close(Outcome("finished", "", 1, 0, 1.0, 0.1))
+    assert shift_of(read_log(path)) is None

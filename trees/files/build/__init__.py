@@ -1,0 +1,1 @@
+"""Makes nodes of checked elements: registry and builder."""

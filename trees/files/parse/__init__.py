@@ -1,0 +1,1 @@
+"""Reads tree files: elements with places, the library of trees."""

@@ -63,7 +63,7 @@ check: .venv/tests site
 
 # A link that leads nowhere, or a page that nothing leads to, is a failure.
 site: .venv/site
-	$(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 bench: .venv/tests .venv/system
 	$(BIN)/python -m tests.benchmarks.tree_ticks

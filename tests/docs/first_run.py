@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.log.reading.frames import Frames
-from cell.log.reading.reader import read_log
+from cell.log.read.frames import Frames
+from cell.log.read.reader import read_log
 from tests import ROOT
 
 Image = NDArray[np.uint8]
@@ -89,13 +89,13 @@ def readme() -> str:
 
 
 def film(log: Path, lines: Sequence[Line]) -> bytes:
-    """An animated WebP: the overhead camera's images, and below them what hand and robot do and which goal is believed."""
+    """An animated WebP of the overhead camera; below it what hand and robot do, and which goal is believed."""
     whole = read_log(log)
     frames, end_s = Frames(whole), whole.ticks[-1].time_s
     times_s = [*np.arange(whole.ticks[0].time_s + PERIOD_S, end_s, PERIOD_S).tolist(), end_s]
     animation = cv2.Animation()
     animation.frames = [
-        _picture(cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR), time_s, lines)
+        _picture(frame.jpeg, time_s, lines)
         for time_s in times_s
         for frame in frames.newest(time_s)
         if frame.camera == "overhead"
@@ -106,10 +106,13 @@ def film(log: Path, lines: Sequence[Line]) -> bytes:
     return bytes(encoded)
 
 
-def _picture(image: Image, time_s: float, lines: Sequence[Line]) -> Image:
+def _picture(jpeg: bytes, time_s: float, lines: Sequence[Line]) -> Image:
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
     height_px = SHOWN_ROWS * WIDTH_PX // image.shape[1]
     large = cv2.resize(image[:SHOWN_ROWS], (WIDTH_PX, height_px), interpolation=cv2.INTER_CUBIC)
-    canvas = cv2.copyMakeBorder(large, 0, BAND_PX, 0, 0, cv2.BORDER_CONSTANT, value=BAND_BGR)
+    canvas: Image = np.full((height_px + BAND_PX, WIDTH_PX, 3), BAND_BGR, np.uint8)
+    canvas[:height_px] = large
     newest = {line.kind: line.text for line in lines if line.time_s <= time_s}
     _write(canvas, f"person  {newest.get('hand', '')}", (16, height_px + 34))
     _write(canvas, f"robot   {newest.get('robot', '')}", (16, height_px + 64))
@@ -117,8 +120,8 @@ def _picture(image: Image, time_s: float, lines: Sequence[Line]) -> Image:
     for number, goal in enumerate(sorted(believed)):
         left, top = WIDTH_PX - BAR_PX - 16, height_px + 14 + 22 * number
         _write(canvas, goal, (left - 30, top + 13))
-        cv2.rectangle(canvas, (left, top), (left + BAR_PX, top + 12), PALE_BGR, cv2.FILLED)
-        cv2.rectangle(canvas, (left, top), (left + round(BAR_PX * float(believed[goal])), top + 12), BAR_BGR, cv2.FILLED)
+        for share, colour in ((1.0, PALE_BGR), (float(believed[goal]), BAR_BGR)):
+            cv2.rectangle(canvas, (left, top), (left + round(BAR_PX * share), top + 12), colour, cv2.FILLED)
     return canvas
 
 

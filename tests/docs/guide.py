@@ -48,7 +48,9 @@ def steps(page: str) -> list[Step]:
 
 
 class Reader:
-    """Somebody who does what the guide says. A command that ends with another status than 0 has `  # status N` behind it.
+    """Somebody who does what the guide says.
+
+    A command has `  # status N` behind it if that is not 0.
 
     Attributes:
         folder: where they are; `cd` changes it.

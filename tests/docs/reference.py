@@ -1,10 +1,10 @@
-"""docs/configuration.md and its pages: every key of every YAML file, from the JSON schemas of the models that read them."""
+"""docs/configuration.md and its pages: every key of every YAML file, from the schemas of the models that read them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from itertools import groupby
 from typing import Any
 
@@ -22,11 +22,11 @@ FILES: dict[str, type[Model]] = {
     "config/products.yaml": Product,
     "config/faults.yaml": FaultTable,
     "config/looks/varied.yaml": LookFile,
-    "A person's file, for `cell run --person FILE`": Person,
+    "A person's file, for `cell lab run --person FILE`": Person,
 }
 INDEX, FOLDER = "docs/configuration.md", "docs/configuration"
 DIVIDED = "config/cell.yaml"  # a page a section
-NAMES = {"config/looks/varied.yaml": "look", "A person's file, for `cell run --person FILE`": "person"}
+NAMES = {"config/looks/varied.yaml": "look", "A person's file, for `cell lab run --person FILE`": "person"}
 UNITS = {
     "_rad_s3": "rad/s³", "_rad_s2": "rad/s²", "_rad_s": "rad/s", "_m_s3": "m/s³", "_m_s2": "m/s²", "_m_s": "m/s",
     "_rad": "rad", "_mm": "mm", "_m2": "m²", "_m": "m", "_ms": "ms", "_s": "s", "_hz": "Hz", "_px": "px", "_kg": "kg",
@@ -57,16 +57,16 @@ def pages() -> dict[str, str]:
     for file, model in FILES.items():
         schema = model.model_json_schema()
         index += [f"## {file}", schema["description"], ""]
-        for place, group in groupby(sections(schema), lambda section: _page(file, section)):
+        for place, group in groupby(sections(schema), partial(_page, file)):
             found = list(group)
-            title = f"`{place}` in {file}" if place else file
-            path = f"{FOLDER}/{place or NAMES.get(file, file.rpartition('/')[2].removesuffix('.yaml'))}.md"
-            lines = [f"# {title}", found[0].schema["description"], ""]
+            name = place or NAMES.get(file, file.rpartition("/")[2].removesuffix(".yaml"))
+            path = f"{FOLDER}/{name}.md"
+            lines = [f"# {name}", f"{file}: {found[0].schema['description']}", ""]
             for section in found:
                 lines += _section(section, schema, place)
             assert path not in made, path
             made[path] = "\n".join(lines).rstrip() + "\n"
-            index.append(f"- [{title}]({path.removeprefix('docs/')}): {', '.join(_keys(found[0]))}")
+            index.append(f"- [{name}]({path.removeprefix('docs/')}): {', '.join(_keys(found[0]))}")
         index.append("")
     return {INDEX: "\n".join(index).rstrip() + "\n", **made}
 

@@ -1,6 +1,4 @@
-"""What MkDocs asks while it builds the site (`make site`): generated pages come into the nav, and files outside of docs/
-that a page links to come along.
-"""
+"""What MkDocs asks while it builds the site: generated pages are in the nav, files outside of docs/ come along."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ export OMP_NUM_THREADS := 1
 help:
 	@echo "make run        assemble one bracket in simulation (RUN_ARGS=\"--goal g0 --seed 3\")"
 	@echo "make test       run the tests (TEST_ARGS=\"tests/sim -k arm\" for some; JUNIT=FOLDER for JUnit files)"
-	@echo "make check      ruff, mypy, import-linter"
+	@echo "make check      ruff, mypy, import-linter, the site"
 	@echo "make site       the documentation as a site, in site/"
 	@echo "make bench      benchmarks"
 	@echo "make test-all   the tests and the long experiments"
@@ -55,11 +55,12 @@ test: .venv/tests .venv/system .venv/browser
 test-all: .venv/tests .venv/system .venv/browser
 	.ci/test $(BIN)/python test-all "" 0 $(TEST_ARGS)
 
-check: .venv/tests site
+check: .venv/tests .venv/site
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	@$(MAKE) --no-print-directory site
 
 # A link that leads nowhere, or a page that nothing leads to, is a failure.
 site: .venv/site

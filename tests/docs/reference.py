@@ -66,8 +66,7 @@ def pages() -> dict[str, str]:
                 lines += _section(section, schema, place)
             assert path not in made, path
             made[path] = "\n".join(lines).rstrip() + "\n"
-            index.append(f"- [{name}]({path.removeprefix('docs/')}): {', '.join(_keys(found[0]))}")
-        index.append("")
+            index += [f"### [{name}]({path.removeprefix('docs/')})", ", ".join(_keys(found[0])), ""]
     return {INDEX: "\n".join(index).rstrip() + "\n", **made}
 
 

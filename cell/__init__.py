@@ -1,12 +1,14 @@
 """Behaviour-tree controller for a human-robot assembly cell: the names that users may rely on.
 
 Example:
-    from cell import load_cell, replay, run
+    A run and a replay in a script:
 
-    bench = load_cell("config/cell.yaml")
-    result = run(bench, tree="trees/ahead.xml", log="run.mcap")
-    for difference in replay("run.mcap", tree="trees/new.xml"):
-        print(difference)
+        from cell import load_cell, replay, run
+
+        bench = load_cell("config/cell.yaml")
+        result = run(bench, tree="trees/ahead.xml", log="run.mcap")
+        for difference in replay("run.mcap", tree="trees/new.xml"):
+            print(difference)
 """
 
 from __future__ import annotations

@@ -1,15 +1,17 @@
 """Tree files in BehaviorTree.CPP v4 XML, the engine that runs them on py_trees, and the node library.
 
 Example:
-    from trees import InputPort, Node, Status
+    A node of your own:
 
-    class Greet(Node):
-        \"\"\"Say hello.\"\"\"
+        from trees import InputPort, Node, Status
 
-        name_of = InputPort(str)
+        class Greet(Node):
+            \"\"\"Say hello.\"\"\"
 
-        def update(self) -> Status:
-            return Status.SUCCESS
+            name_of = InputPort(str)
+
+            def update(self) -> Status:
+                return Status.SUCCESS
 """
 
 from __future__ import annotations

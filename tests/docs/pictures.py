@@ -19,8 +19,12 @@ def _tree(name: str) -> Callable[[], str]:
     return lambda: picture(ROOT / "trees" / f"{name}.xml", node_registry())
 
 
+def _reference(name: str) -> str:
+    return reference.pages()[name]
+
+
 MADE: dict[str, Callable[[], str]] = {
-    reference.PAGE: reference.page,
+    **{name: partial(_reference, name) for name in reference.pages()},
     **reference_pages.PAGES,
     "docs/architecture.svg": lambda: architecture.picture(ROOT),
     "docs/assemble.svg": _tree("assemble"),
@@ -30,10 +34,13 @@ MADE: dict[str, Callable[[], str]] = {
 PHOTOGRAPH = "docs/cell.png"
 PARTS = "docs/parts.png"
 PAGE = "docs/page.png"
+FILM = "docs/assembly.webp"
+README = "README.md"
 
 
 def main(names: list[str]) -> None:
     """Make these, or all."""
+    from tests.docs.first_run import first_run, readme
     from tests.docs.page_shot import shot
     from tests.docs.parts_sheet import sheet
     from tests.docs.photograph import photograph, png
@@ -43,6 +50,8 @@ def main(names: list[str]) -> None:
         PHOTOGRAPH: lambda: png(photograph()),
         PARTS: lambda: png(sheet()),
         PAGE: shot,
+        FILM: lambda: first_run().film,
+        README: lambda: readme().encode(),
     }
     if unknown := set(names) - set(made):
         sys.exit(f"nothing makes {', '.join(sorted(unknown))}; known: {', '.join(made)}")

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from cell.interfaces.devices import Arm, Camera, Devices, Gripper, Panel
     from cell.interfaces.observation import Observation
     from cell.interfaces.pose import Pose
-    from cell.wiring.node_library import node_registry
 
     __version__: str
 
@@ -38,7 +37,6 @@ _HOME = {
     "Panel": "cell.interfaces.devices",
     "Pose": "cell.interfaces.pose",
     "load_cell": "cell.front_door",
-    "node_registry": "cell.wiring.node_library",
     "replay": "cell.front_door",
     "run": "cell.front_door",
 }
@@ -54,7 +52,6 @@ __all__ = [
     "Pose",
     "__version__",
     "load_cell",
-    "node_registry",
     "replay",
     "run",
 ]

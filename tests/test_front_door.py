@@ -24,7 +24,6 @@ CELL = {
     "Pose",
     "__version__",
     "load_cell",
-    "node_registry",
     "replay",
     "run",
 }

@@ -56,7 +56,7 @@ def check(
 
 def _registry(config: Path | None, own_nodes: Iterable[str]) -> Registry:
     """The nodes that there are; with a configuration, ports take only names that it has."""
-    from cell.wiring.node_library import node_registry
+    from trees.node_library import node_registry
 
     if config is None:
         return node_registry(more=own_nodes)

@@ -30,7 +30,7 @@ def nodes(
     own_nodes: NodesOption = None,
 ) -> None:
     """List the nodes that tree files may name, with their ports."""
-    from cell.wiring.node_library import node_registry
+    from trees.node_library import node_registry
     from trees.views import palette
 
     registry = node_registry(more=own_nodes or ())

@@ -76,7 +76,7 @@ def monitor(
 
 
 def _show_file(file: Path, svg: Path | None, png: Path | None, own_nodes: Iterable[str]) -> None:
-    from cell.wiring.node_library import node_registry
+    from trees.node_library import node_registry
 
     registry = node_registry(more=own_nodes)
     if svg is None and png is None:

@@ -17,9 +17,9 @@ from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading
 from cell.runs.options import Files, RunOptions
 from cell.settings import LEARNED_KINDS, LogSettings
-from cell.wiring.node_library import USUAL_FOLDER
 from skills.drivers.gripper_database import SHIPPED, read_frames
 from trees.engine.tree import Tree
+from trees.node_library import USUAL_FOLDER
 
 
 def heading(options: RunOptions, files: Files) -> Heading:

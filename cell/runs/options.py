@@ -12,10 +12,10 @@ from cell.errors import InputError
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
 from cell.interfaces.resume import LeftOff
-from cell.wiring.node_library import node_registry
 from cell.wiring.services import Planners
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree, unused_entries
+from trees.node_library import node_registry
 
 Pace = Literal["fast", "real"]
 WITHOUT_PIXELS = "cell.wiring.no_render_host:open_bare_cell"

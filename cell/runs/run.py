@@ -42,7 +42,7 @@ from cell.viewing.typed_orders import TypedOrders
 from cell.watching.brackets import BracketTally, FinishedBrackets
 from cell.watching.fluency import Fluency
 from cell.watching.lateness import Lateness
-from cell.watching.observer import Level, Observer, Outcome
+from cell.watching.observer import End, Level, Observer, Outcome
 from cell.watching.statistics import RunStatistics
 from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
 from cell.wiring.reload import WatchedTree
@@ -69,6 +69,14 @@ class RunResult:
     outcome: Outcome
     summary: dict[str, object]
     rows: dict[str, str]
+
+    @property
+    def end(self) -> End:
+        return self.outcome.end
+
+    @property
+    def reason(self) -> str:
+        return self.outcome.reason
 
 
 def run(options: RunOptions, console: Console) -> RunResult:

@@ -9,9 +9,9 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.docs import architecture, figures, reference, reference_pages
+from trees.node_library import node_registry
 from trees.views.picture import picture
 
 

@@ -12,9 +12,9 @@ from types import ModuleType
 
 import pytest
 
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from trees.files.check import check
+from trees.node_library import node_registry
 
 BLOCK = re.compile(r"```(xml|python)\n(?:<!-- (.*?) -->|# (.*?\.py))\n(.*?)```", re.DOTALL)
 FILES = {xml or python: text for _, xml, python, text in BLOCK.findall((ROOT / "docs" / "authoring.md").read_text())}

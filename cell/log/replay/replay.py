@@ -30,7 +30,6 @@ from cell.running.device_writer import withhold
 from cell.running.safe_stop import failure
 from cell.running.supervisor import make_supervisor
 from cell.wiring.detectors import fitted
-from cell.wiring.node_library import node_registry
 from cell.wiring.reload import take_over
 from cell.wiring.services import Planners, TickClock, load_planners, make_services
 from skills.motion.planner import MotionPlanner
@@ -39,6 +38,7 @@ from trees.engine.node import StatusChange
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.nodes.files import LoggedFiles
 
 PLANNERS = ("semantic", "grasp")

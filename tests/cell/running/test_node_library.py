@@ -8,7 +8,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.errors import InputError
-from cell.wiring.node_library import node_registry
+from trees.node_library import node_registry
 
 OWN = """
 from py_trees.common import Status

@@ -23,7 +23,6 @@ from cell.runs.options import RunOptions
 from cell.runs.run import run
 from cell.watching.observer import TickRecord
 from cell.watching.statistics import RunStatistics
-from cell.wiring.node_library import node_registry
 from cell.wiring.reload import WatchedTree, take_over
 from tests import ROOT
 from tests.cell.fakes import FakeObserver, FakeServices, Rig
@@ -32,6 +31,7 @@ from trees.engine.node import Node
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.nodes.skill_node import SkillNode
 
 

@@ -27,7 +27,6 @@ from cell.viewing.live_view import Keys, MonitorClient, view
 from cell.viewing.monitor import Monitor
 from cell.viewing.stepping import Stepper
 from cell.watching.observer import SentCommand, TickRecord
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.cell.fakes import Rig
 from trees.engine.node import Node
@@ -35,6 +34,7 @@ from trees.engine.ports import InputPort
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.views.groot2 import tree_xml
 
 T = TypeVar("T")

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.wiring.node_library import node_registry
 from trees.files.check import Circumstances, findings
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.testing import TreeBench, assert_ticks
 
 RETRY = """<root BTCPP_format="4" main_tree_to_execute="FetchOne"><include path="{shipped}"/>
@@ -30,7 +30,7 @@ def test_a_retry_around_a_node_of_a_shipped_tree_is_five_lines(tmp_path: Path) -
     file = tmp_path / "retry.xml"
     file.write_text(RETRY.format(shipped=SHIPPED))
     assert findings([file], node_registry()).problems == []
-    bench = TreeBench(file, node_registry(), {"PickPart": "FS"}, {"FindPart": {"index": 0}})
+    bench = TreeBench(file, {"PickPart": "FS"}, {"FindPart": {"index": 0}})
     assert_ticks(bench, "RS")
     assert bench.started("PickPart") == 2
     assert bench.started("FindPart") == 1  # without the retry the tray is looked at again

@@ -10,7 +10,6 @@ from py_trees.common import Status
 
 from cell.interfaces.operator import PLACED_BY_HAND, OperatorOrder, OperatorState
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
-from cell.wiring.node_library import node_registry
 from learned.semantic.model import BayesPlanner
 from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, HOLDING, PRODUCT, SURE, see, services
@@ -143,9 +142,7 @@ def test_a_screw_where_nothing_follows_from_the_graph_asks_where_and_then_fetche
         "AskWhichGoal": "F",
         "AskPosition": "RS",
     }
-    made = TreeBench(
-        ROOT / "trees" / f"{name}.xml", node_registry(), {**answers, "WaitForAction": "SR", "AwaitMisfit": "R"}
-    )
+    made = TreeBench(ROOT / "trees" / f"{name}.xml", {**answers, "WaitForAction": "SR", "AwaitMisfit": "R"})
     for _ in range(30):
         made.tick(0.1)
     order = [event.removeprefix("start ") for event in made.events if event.startswith("start ")]
@@ -155,7 +152,7 @@ def test_a_screw_where_nothing_follows_from_the_graph_asks_where_and_then_fetche
 @pytest.mark.parametrize("name", ["ahead", "shift_ahead"])
 def test_one_part_ahead_it_is_asked_beside_the_work(name: str) -> None:
     answers = {"AssemblyFinished": "F", "BracketTaken": "F", "AwaitPosition": "R", "AskPosition": "R"}
-    made = TreeBench(ROOT / "trees" / f"{name}.xml", node_registry(), {**answers, "AwaitMisfit": "R"})
+    made = TreeBench(ROOT / "trees" / f"{name}.xml", {**answers, "AwaitMisfit": "R"})
     for _ in range(3):
         made.tick(0.1)
     assert "start AskPosition" in made.events

@@ -15,10 +15,10 @@ from cell.interfaces.notes import ListJournal
 from cell.interfaces.operator import OperatorOrder, OperatorState
 from cell.interfaces.perception import HoleView, PartsView
 from cell.interfaces.planning import AssemblyState, GraspPlan
-from cell.wiring.node_library import node_registry
 from tests.trees.nodes.rig import HOLDING, PRODUCT, ScriptedGrasps, see, seen_parts, services
 from trees.engine.status import NodeError
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.nodes.each import rows_of
 from trees.nodes.files import LoggedFiles, WorkingFolder
 from trees.nodes.poses import FramedPose

@@ -20,12 +20,12 @@ from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Ob
 from cell.interfaces.perception import Action, BenchView, HandSample
 from cell.running.device_writer import withhold
 from cell.running.supervisor import make_supervisor
-from cell.wiring.node_library import node_registry
 from skills.motion.near_hand import separation_of
 from skills.motion.planner import at_height
 from tests.integration.cell_rig import BENCH, motion_planner
 from tests.trees.nodes.rig import services
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 TICK_S = 0.04
 TABLE = load_faults(load_configuration())

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import trees.nodes
 from cell.errors import InputError
@@ -24,16 +24,30 @@ from trees.engine.vocabulary import Goal, Hole, OutputSignal, Part, Signal, Word
 from trees.files.build.registry import Registry
 from trees.nodes.poses import FRAMES, FramedPose
 
-if TYPE_CHECKING:
-    from cell.configuration import Configuration
-
 ENTRY_POINTS = "cell.nodes"  # a package names a module of its own there
 ALWAYS = "CELL_NODES"  # names what is wanted in every command; several with : between them
 USUAL_FOLDER = Path("nodes")  # where `cell new` writes
 
 
+class SignalNames(Protocol):
+    """The digital signals of a cell, by name."""
+
+    @property
+    def inputs(self) -> Iterable[str]: ...
+
+    @property
+    def outputs(self) -> Iterable[str]: ...
+
+
+class Wiring(Protocol):
+    """A configuration, as far as tree files name what is in it."""
+
+    @property
+    def signals(self) -> SignalNames | None: ...
+
+
 def node_registry(
-    product: Product | None = None, more: Iterable[str] = (), configuration: Configuration | None = None
+    product: Product | None = None, more: Iterable[str] = (), configuration: Wiring | None = None
 ) -> Registry:
     """All nodes, by module and in the order of their text.
 
@@ -65,7 +79,7 @@ def _things(product: Product | None) -> Words:
     return {Part: tuple(product.parts), Hole: product.positions, Goal: tuple(product.goals), FramedPose: frames}
 
 
-def _signals(configuration: Configuration | None) -> Words:
+def _signals(configuration: Wiring | None) -> Words:
     if configuration is None:
         return {}
     module = configuration.signals

@@ -50,18 +50,13 @@ class Layout:
 def rooms(project: Mapping[str, Any]) -> list[str]:
     """The rooms that the contracts of pyproject.toml name, the highest first."""
     contracts = [contract for contract in project["tool"]["importlinter"]["contracts"] if contract["type"] == "layers"]
-    inner = {
-        container: [f"{container}.{name}" for layer in contract["layers"] for name in _parts(layer)]
-        for contract in contracts
-        for container in contract.get("containers", [])
-    }
     order: TopologicalSorter[str] = TopologicalSorter()
     for contract in contracts:
         if "containers" not in contract:
             for high, low in pairwise(contract["layers"]):
                 for name, below in product(_parts(high), _parts(low)):
                     order.add(below, name)
-    return [room for name in order.static_order() for room in inner.get(name, [name])]
+    return list(order.static_order())
 
 
 def imports(names: list[str]) -> Imports:
@@ -139,7 +134,7 @@ def _parts(layer: str) -> list[str]:
 
 
 def _room_of(module: str, names: list[str]) -> str | None:
-    return next((name for name in names if module == name or module.startswith(f"{name}.")), None)
+    return max((name for name in names if module == name or module.startswith(f"{name}.")), key=len, default=None)
 
 
 def _path(pair: tuple[str, str], row_of: Mapping[str, int]) -> list[str]:

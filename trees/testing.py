@@ -71,7 +71,7 @@ class TreeBench:
             if is_leaf(node) and node not in BUILT_IN
         ]
         others = [node for node in registry.classes.values() if not is_leaf(node) and node not in BUILT_IN]
-        self.tree: Tree = load_tree(path, Registry([*stand_ins, *others]), main, provided)
+        self.tree: Tree = load_tree(path, Registry([*stand_ins, *others], entries=registry.entries), main, provided)
         self.tree.setup(services, self.clock)
         self._leaves = {node.uid: _names(node) for node in self.tree.nodes if type(node) in stand_ins}
         known = {name for names in self._leaves.values() for name in names} | {tag_of(leaf) for leaf in stand_ins}

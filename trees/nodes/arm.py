@@ -41,7 +41,7 @@ class MoveToPose(SkillNode):
 
         services, pose = self.services, self.pose.get()
         target = world_from_tool(services, pose)
-        return Motion(services.motion, target, str(pose), services.standing, services.held_part)
+        return Motion(services.tools.motion, target, str(pose), *self.surroundings)
 
 
 class MoveToJoints(SkillNode):
@@ -58,7 +58,7 @@ class MoveToJoints(SkillNode):
         if len(angles) != 6:
             raise NodeError(f"the arm has 6 joints, not {len(angles)}")
         services = self.services
-        return Motion(services.motion, np.radians(angles), services.standing, services.held_part)
+        return Motion(services.tools.motion, np.radians(angles), *self.surroundings)
 
 
 class MoveStraight(SkillNode):
@@ -74,7 +74,7 @@ class MoveStraight(SkillNode):
 
         services, pose = self.services, self.pose.get()
         speed, target = _speed(services, self.speed_m_s.get()), world_from_tool(services, pose)
-        return StraightMove(services.motion, lambda _: target, str(pose), speed, services.standing, services.held_part)
+        return StraightMove(services.tools.motion, lambda _: target, str(pose), speed, *self.surroundings)
 
 
 class MoveBy(SkillNode):
@@ -94,7 +94,7 @@ class MoveBy(SkillNode):
         def target(world_from_tool: Pose) -> Pose:
             return moved_by(world_from_tool @ FINGERS_DOWN, axes, by.pose) @ FINGERS_DOWN
 
-        return StraightMove(services.motion, target, f"by {by}", speed, services.standing, services.held_part)
+        return StraightMove(services.tools.motion, target, f"by {by}", speed, *self.surroundings)
 
 
 class MoveUntilContact(SkillNode):
@@ -114,7 +114,9 @@ class MoveUntilContact(SkillNode):
             raise NodeError(
                 f"speed_m_s is {speed:g}; more than 0 and at most {FEELING_M_S} where contact is looked for"
             )
-        return Motion(services.motion, frame_pose(services, by.frame).rotation @ np.array(by.pose.position_m), speed)
+        return Motion(
+            services.tools.motion, frame_pose(services, by.frame).rotation @ np.array(by.pose.position_m), speed
+        )
 
 
 class GetToolPose(CellNode):
@@ -161,7 +163,7 @@ def moved_by(start: Pose, axes: Pose, by: Pose) -> Pose:
 
 
 def _speed(services: Services, speed_m_s: float) -> float:
-    most = services.motion.settings.line_speed_m_s
+    most = services.tools.motion.settings.line_speed_m_s
     if not 0 < speed_m_s <= most:
         raise NodeError(f"speed_m_s is {speed_m_s:g}; more than 0 and at most {most:g}, the configuration's limit")
     return speed_m_s
@@ -184,10 +186,10 @@ class OpenGripper(SkillNode):
         services = self.services
         opening = _within("opening_m", self.opening_m.get(), OPENING_M)
         speed = _within("speed_m_s", self.speed_m_s.get(), SPEED_M_S)
-        if services.observation.gripper.holding and near_bracket(services, tool_pose(services)):
+        if services.now.observation.gripper.holding and near_bracket(services, tool_pose(services)):
             raise NodeError("a part would be let go over the bracket; PlacePart does that, behind its guard")
         goal = GripperCommand(opening, speed)
-        return MoveFingers(services.motion.settings, goal, f"opening the fingers to {opening * 1000:.0f} mm")
+        return MoveFingers(services.tools.motion.settings, goal, f"opening the fingers to {opening * 1000:.0f} mm")
 
 
 class CloseGripper(SkillNode):
@@ -204,7 +206,7 @@ class CloseGripper(SkillNode):
 
         force = _within("force_n", self.force_n.get(), FORCE_N)
         goal = GripperCommand(0.0, _within("speed_m_s", self.speed_m_s.get(), SPEED_M_S), force)
-        settings, must_hold = self.services.motion.settings, self.on_something.get()
+        settings, must_hold = self.tools.motion.settings, self.on_something.get()
         return MoveFingers(settings, goal, f"closing the fingers with {force:.0f} N", must_hold=must_hold)
 
 
@@ -219,10 +221,10 @@ class SetGripForce(SkillNode):
         from skills.grasping.phases import MoveFingers
 
         force = _within("force_n", self.force_n.get(), FORCE_N)
-        if not self.services.observation.gripper.holding:
+        if not self.now.observation.gripper.holding:
             raise NodeError("the gripper holds nothing")
         goal = GripperCommand(0.0, SPEED_M_S[0], force)
-        return MoveFingers(self.services.motion.settings, goal, f"holding with {force:.0f} N", must_hold=True)
+        return MoveFingers(self.tools.motion.settings, goal, f"holding with {force:.0f} N", must_hold=True)
 
 
 def _within(name: str, value: float, limits: tuple[float, float]) -> float:

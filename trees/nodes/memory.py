@@ -58,7 +58,7 @@ class StartTimer(CellNode):
     timer = OutputPort(float, "when it was started in [s]")
 
     def update(self) -> Status:
-        self.timer.set(self.services.observation.time_s)
+        self.timer.set(self.now.observation.time_s)
         return SUCCESS
 
 
@@ -71,7 +71,7 @@ class ReadTimer(CellNode):
     elapsed_s = OutputPort(float, "time since then in [s]")
 
     def update(self) -> Status:
-        self.elapsed_s.set(self.services.observation.time_s - self.timer.get())
+        self.elapsed_s.set(self.now.observation.time_s - self.timer.get())
         return SUCCESS
 
 
@@ -85,7 +85,7 @@ class TimerIsOver(CellNode):
     after_s = InputPort(float, "how long in [s]")
 
     def update(self) -> Status:
-        elapsed = self.services.observation.time_s - self.timer.get()
+        elapsed = self.now.observation.time_s - self.timer.get()
         self.feedback_message = f"{elapsed:.2f} of {self.after_s.get():g} s"
         return SUCCESS if elapsed >= self.after_s.get() else FAILURE
 
@@ -117,7 +117,7 @@ class SaveBlackboard(CellNode):
         return InputPort(Any, f"saved as '{name}'")
 
     def update(self) -> Status:
-        path, files, journal = self.file.get(), self.services.files, self.services.journal
+        path, files, journal = self.file.get(), self.tools.files, self.tools.journal
         if (before := files.read(path, journal)) is not None:
             _entries(before, path)  # what is another's stays
         entries = {name: _plain(name, port.get()) for name, port in further_of(self).items()}
@@ -139,7 +139,7 @@ class LoadBlackboard(CellNode):
 
     def update(self) -> Status:
         path = self.file.get()
-        text = self.services.files.read(path, self.services.journal)
+        text = self.tools.files.read(path, self.tools.journal)
         if text is None:
             raise NodeError(f"there is no file {path}")
         entries, ports = _entries(text, path), further_of(self)
@@ -163,7 +163,7 @@ class AppendRow(CellNode):
 
     def update(self) -> Status:
         path, ports = self.file.get(), further_of(self)
-        before = self.services.files.read(path, self.services.journal) or ""
+        before = self.tools.files.read(path, self.tools.journal) or ""
         if before:
             rows_of(before, path, tuple(ports))  # it is such a table
         text = io.StringIO()
@@ -175,7 +175,7 @@ class AppendRow(CellNode):
             writer.writerow(head)
         writer.writerow([_cell(ports[column].get()) for column in head])
         joint = "" if not before or before.endswith("\n") else "\n"
-        self.services.files.write(path, before + joint + text.getvalue(), self.services.journal)
+        self.tools.files.write(path, before + joint + text.getvalue(), self.tools.journal)
         return SUCCESS
 
 

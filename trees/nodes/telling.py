@@ -35,7 +35,7 @@ class ShowMessage(CellNode):
 
     def update(self) -> Status:
         self.feedback_message = self.text.get()
-        self.services.show(message=self.text.get())
+        self.now.show(message=self.text.get())
         return SUCCESS
 
 
@@ -45,7 +45,7 @@ class Beep(CellNode):
     instant = True
 
     def update(self) -> Status:
-        self.services.show(beeps=self.services.display.beeps + 1)
+        self.now.show(beeps=self.now.display.beeps + 1)
         return SUCCESS
 
 
@@ -59,7 +59,7 @@ class LogMessage(CellNode):
 
     def update(self) -> Status:
         self.feedback_message = self.text.get()
-        self.services.journal.note("message", text=self.text.get(), weight=self.weight.get().value)
+        self.tools.journal.note("message", text=self.text.get(), weight=self.weight.get().value)
         return SUCCESS
 
 
@@ -74,18 +74,18 @@ class TakeSnapshot(CellNode):
     _asked_s = 0.0
 
     def initialise(self) -> None:
-        self._asked_s = self.services.observation.time_s
+        self._asked_s = self.now.observation.time_s
         if self.camera.get() is CameraName.wrist:
-            self.services.command.look = True
+            self.now.command.look = True
 
     def update(self) -> Status:
-        seen, camera = self.services.observation, self.camera.get()
+        seen, camera = self.now.observation, self.camera.get()
         view = seen.bench if camera is CameraName.overhead else seen.parts
         if view is None or view.time_s <= self._asked_s:
             self.feedback_message = f"waits for a picture of camera {camera.value}"
             return FAILURE if seen.time_s - self._asked_s > self.timeout_s.get() else RUNNING
         self.number.set(view.sequence)
         mark = {"camera": camera.value, "sequence": view.sequence, "taken_s": view.time_s, "label": self.label.get()}
-        self.services.journal.note("snapshot", **mark)
+        self.tools.journal.note("snapshot", **mark)
         self.feedback_message = f"picture {view.sequence} of camera {camera.value}"
         return SUCCESS

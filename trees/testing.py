@@ -128,7 +128,7 @@ class TreeBench:
             def terminate(self, new_status: Status) -> None:
                 events.append(f"{'halt' if new_status is Status.INVALID else 'end'} {self.name}")
 
-        properties = {name: getattr(original, name) for name in ("node_type", "instant", "guards", "needs_guard")}
+        properties: dict[str, Any] = {"node_type": original.node_type, "traits": original.traits}
         attributes = {port.attribute: port for port in ports.values()}
         properties["further_port"] = classmethod(lambda _, name: original.further_port(name))
         return type(tag, (StandIn,), {**properties, **attributes})

@@ -13,6 +13,7 @@ from cell.interfaces.skill import Skill
 from trees.engine.node import SUCCESS
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.nodes.poses import (
     FINGERS_DOWN,
     TOOL,
@@ -32,7 +33,7 @@ FEELING_M_S = 0.05  # faster, and what is met is pushed before the arm knows
 class MoveToPose(SkillNode):
     """Move the tool to a pose by a free way; not turned, the fingers point down."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     pose = InputPort(FramedPose, "where the tool (TCP) goes")
 
@@ -47,7 +48,7 @@ class MoveToPose(SkillNode):
 class MoveToJoints(SkillNode):
     """Move the arm to joint angles by a free way."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     joints_deg = InputPort(list[float], "six angles in [deg] from the base to the flange: 0;-90;90;-90;-90;0")
 
@@ -64,7 +65,7 @@ class MoveToJoints(SkillNode):
 class MoveStraight(SkillNode):
     """Move the tool on a straight line to a pose."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     pose = InputPort(FramedPose, "where the tool (TCP) goes")
     speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1)
@@ -80,7 +81,7 @@ class MoveStraight(SkillNode):
 class MoveBy(SkillNode):
     """Move the tool on a straight line by a distance from where it is, and turn it."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     by = InputPort(FramedPose, "how far along the axes of a frame, and how much turned: world: 0 0 0.1; 0 0 90")
     speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1)
@@ -100,7 +101,7 @@ class MoveBy(SkillNode):
 class MoveUntilContact(SkillNode):
     """Move the tool on a straight line until it meets something; fails where it meets nothing."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     by = InputPort(FramedPose, "the longest way along the axes of a frame: world: 0 0 -0.05")
     speed_m_s = InputPort(float, f"speed of the tool in [m/s], at most {FEELING_M_S}", default=0.02)
@@ -122,7 +123,7 @@ class MoveUntilContact(SkillNode):
 class GetToolPose(CellNode):
     """Tell where the tool is, to come back there later."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     pose = OutputPort(FramedPose, "where the tool (TCP) is, in the world")
 
@@ -136,7 +137,7 @@ class ToolIsAt(CellNode):
     """The tool is at a pose, within a distance and an angle."""
 
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     pose = InputPort(FramedPose, "where it should be")
     within_m = InputPort(float, "how far off it may be in [m]", default=0.005)
@@ -175,7 +176,7 @@ OPENING_M, SPEED_M_S, FORCE_N = (0.0, 0.085), (0.02, 0.15), (20.0, 235.0)  # of 
 class OpenGripper(SkillNode):
     """Open the fingers; a part that is held is let go, though never over the bracket, where PlacePart does that."""
 
-    claims = ("gripper",)
+    traits = Traits(claims=("gripper",))
 
     opening_m = InputPort(float, "distance between the fingers in [m]", default=OPENING_M[1])
     speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1)
@@ -195,7 +196,7 @@ class OpenGripper(SkillNode):
 class CloseGripper(SkillNode):
     """Close the fingers; fails where they close on nothing, unless nothing is expected."""
 
-    claims = ("gripper",)
+    traits = Traits(claims=("gripper",))
 
     force_n = InputPort(float, "force of the fingers in [N]", default=60.0)
     speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1)
@@ -213,7 +214,7 @@ class CloseGripper(SkillNode):
 class SetGripForce(SkillNode):
     """Hold what is held with another force; fails where nothing is held."""
 
-    claims = ("gripper",)
+    traits = Traits(claims=("gripper",))
 
     force_n = InputPort(float, "force of the fingers in [N]")
 

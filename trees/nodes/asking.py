@@ -10,6 +10,7 @@ from py_trees.common import Status
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, Answer, Question
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 
 TRAY_MARGIN_M = 0.05
@@ -205,7 +206,7 @@ class HearOperator(CellNode):
 
     state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
     persistent = ("_heard_s",)
-    instant = True
+    traits = Traits(instant=True)
 
     _heard_s = -math.inf
 

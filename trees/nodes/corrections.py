@@ -9,6 +9,7 @@ from py_trees.common import Status
 from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, Answer
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.nodes.asking import Asks
 from trees.nodes.mistakes import KINDS, Mistake, Mistakes, mistakes_in, reason_of, todo_of
 from trees.nodes.services import CellNode
@@ -204,7 +205,7 @@ class BracketIsRight(CellNode):
     state = InputPort(AssemblyState, "what is placed so far")
     plan = InputPort(AssemblyPlan, "belief over goals")
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
         services, plan, state = self.services, self.plan.get(), self.state.get()

@@ -12,6 +12,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Array
 from cell.interfaces.skill import Skill, SkillStatus
 from trees.engine.ports import InputPort
+from trees.engine.traits import Traits
 from trees.nodes.skill_node import SkillNode
 
 PAUSE_S = 0.5  # a hold that ended so long ago is over
@@ -26,7 +27,7 @@ class GiveWay(SkillNode):
     leads away from the hand; while it is at work, the motion is halted, and begins anew when the hand has left.
     """
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
     persistent = ("_since_s", "_held_s", "_palm_m")
 
     after_s = InputPort(float, "how long arm and hand may wait for each other before it gives way in [s]", default=8.0)

@@ -15,6 +15,7 @@ from trees.engine.literals import shown
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InOutPort, InputPort, OutputPort, Port, further_of
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.nodes.each import rows_of
 from trees.nodes.poses import FARTHEST_M, FramedPose
 from trees.nodes.services import CellNode
@@ -25,7 +26,7 @@ FORMAT = "cell.blackboard"
 class CountUp(CellNode):
     """Add to a counter, which begins with 0."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     count = InOutPort(int, "the counter", unset_ok=True)
     by = InputPort(int, "how much", default=1)
@@ -39,7 +40,7 @@ class CountIsReached(CellNode):
     """A counter is at a number, or above it."""
 
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     count = InputPort(int, "the counter", unset_ok=True)
     limit = InputPort(int, "the number")
@@ -53,7 +54,7 @@ class CountIsReached(CellNode):
 class StartTimer(CellNode):
     """Start a timer, or start it again."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     timer = OutputPort(float, "when it was started in [s]")
 
@@ -65,7 +66,7 @@ class StartTimer(CellNode):
 class ReadTimer(CellNode):
     """Tell how long ago a timer was started."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     timer = InputPort(float, "when it was started in [s]")
     elapsed_s = OutputPort(float, "time since then in [s]")
@@ -79,7 +80,7 @@ class TimerIsOver(CellNode):
     """A timer was started at least so long ago."""
 
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     timer = InputPort(float, "when it was started in [s]")
     after_s = InputPort(float, "how long in [s]")
@@ -95,7 +96,7 @@ class KeepResult(Decorator):
 
     result = OutputPort(str, "SUCCESS, FAILURE or SKIPPED")
     reason = OutputPort(str, "what the child said at its end")
-    comes_back = False
+    traits = Traits(comes_back=False)
 
     def run(self) -> Status:
         self.set_status(RUNNING)

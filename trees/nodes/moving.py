@@ -14,6 +14,7 @@ from cell.interfaces.perception import PartsView
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
@@ -31,7 +32,7 @@ class NamedPose(Enum):
 class ActivateGripper(CellNode):
     """Activate the gripper, once, and wait until it is ready."""
 
-    claims = ("gripper",)
+    traits = Traits(claims=("gripper",))
 
     timeout_s = InputPort(float, "longest wait for the gripper", default=6.0)
 
@@ -58,8 +59,7 @@ class GripperIsEmpty(CellNode):
     """Nothing is between the fingers, so that no part can be put into a wrong hole any more."""
 
     node_type = "Condition"
-    guards = True
-    instant = True
+    traits = Traits(guards=True, instant=True)
 
     def update(self) -> Status:
         return Status.FAILURE if self.now.observation.gripper.holding else Status.SUCCESS
@@ -68,7 +68,7 @@ class GripperIsEmpty(CellNode):
 class IdentifyHeldPart(CellNode):
     """Tell by the distance of the fingers which part is between them, unless this controller took it."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
         from skills.pick import held_type

@@ -20,7 +20,7 @@ TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 class PlacePart(SkillNode):
     """Put the part in the gripper into its hole (Alg. 1 line 12)."""
 
-    needs_guard = True
+    traits = replace(SkillNode.traits, needs_guard=True)
 
     part = InputPort(Part, "type of the part in the gripper")
     position = InputPort(Hole, "hole to put it into")

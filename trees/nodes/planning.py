@@ -6,6 +6,7 @@ from py_trees.common import Status
 
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import Hole, Part
 from trees.guard import Verdict
 from trees.nodes.services import CellNode, Services
@@ -114,8 +115,7 @@ class CheckPlacement(CellNode):
     """Is this placement still right? (ticked again and again while the part is carried)"""
 
     node_type = "Condition"
-    guards = True
-    instant = True
+    traits = Traits(guards=True, instant=True)
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")
@@ -136,8 +136,7 @@ class WithoutGuard(CellNode):
     """Says in the file, and in the log, why what follows runs without the guard; succeeds."""
 
     node_type = "Condition"
-    guards = True
-    instant = True
+    traits = Traits(guards=True, instant=True)
 
     reason = InputPort(str, "why that is safe")
 

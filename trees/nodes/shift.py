@@ -11,6 +11,7 @@ from cell.interfaces.resume import LeftOff
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 
 SETTLED_S = 1.0  # holes must look empty for so long
@@ -90,7 +91,7 @@ class BracketTaken(CellNode):
     settle_s = InputPort(float, "how long the holes must look empty", default=1.0)
     persistent = ("_bracket", "_most", "_empty_s")
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     _bracket = 0
     _most = 0
@@ -145,7 +146,7 @@ class ShiftIsOver(CellNode):
 
     number = InputPort(int, "which bracket of the shift was the last")
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
         wanted = self.now.observation.operator.brackets

@@ -7,6 +7,7 @@ from py_trees.common import Status
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import OutputSignal, Signal
 from trees.nodes.services import CellNode
 
@@ -38,7 +39,7 @@ class SignalIs(SignalNode):
     """A signal is on, or off."""
 
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
         return SUCCESS if self.is_so() else FAILURE

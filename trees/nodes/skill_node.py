@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from py_trees.common import Status
 
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.skill import Progress, Skill, SkillStatus
+from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 
 _STATUS = {
@@ -21,7 +20,7 @@ class SkillNode(CellNode):
     """Base of the nodes that move arm or gripper; a subclass says which skill it runs."""
 
     abstract = True
-    claims: ClassVar[tuple[str, ...]] = ("arm", "gripper")
+    traits = Traits(claims=("arm", "gripper"))
 
     _skill: Skill | None = None
 

@@ -8,6 +8,7 @@ from py_trees.common import Status
 
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 
 
@@ -29,7 +30,7 @@ class CameraName(Enum):
 class ShowMessage(CellNode):
     """Show a text at the bench."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     text = InputPort(str, "what to show")
 
@@ -42,7 +43,7 @@ class ShowMessage(CellNode):
 class Beep(CellNode):
     """Sound the bell at the bench once."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
         self.now.show(beeps=self.now.display.beeps + 1)
@@ -52,7 +53,7 @@ class Beep(CellNode):
 class LogMessage(CellNode):
     """Write a text into the log."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     text = InputPort(str, "what to write")
     weight = InputPort(Weight, "info, warning or error", default=Weight.info)

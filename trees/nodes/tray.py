@@ -12,6 +12,7 @@ from cell.interfaces.skill import Skill
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import Part
 from trees.nodes.poses import FramedPose, near_bracket, world_pose
 from trees.nodes.services import CellNode
@@ -81,7 +82,7 @@ class PutDown(SkillNode):
 class GridSpot(CellNode):
     """Tell one spot of a grid, row by row; fails where the grid has no such spot."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     corner = InputPort(FramedPose, "spot number 0; columns go on along its x, rows along its y")
     columns = InputPort(int, "spots in a row")

@@ -11,6 +11,7 @@ from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import LeftOff
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import Goal, Hole
 from trees.nodes.services import CellNode
 
@@ -234,7 +235,7 @@ class ReadHole(CellNode):
 class GoalPart(CellNode):
     """Tell which part a goal has at a position."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     goal = InputPort(Goal, "the goal")
     position = InputPort(Hole, "the hole")

@@ -18,6 +18,7 @@ from typing import Protocol
 
 import trees.nodes
 from cell.errors import InputError
+from cell.interfaces.memory import PREFIX, Memory
 from cell.interfaces.product import Product
 from trees.engine.node import TreeNode
 from trees.engine.vocabulary import Goal, Hole, OutputSignal, Part, Signal, Words
@@ -66,7 +67,10 @@ def node_registry(
     classes = list(dict.fromkeys(node for module in modules for node in _nodes(module)))
     try:
         return Registry(
-            classes, words={**_things(product), **_signals(configuration)}, remark="" if named else _remark()
+            classes,
+            words={**_things(product), **_signals(configuration)},
+            remark="" if named else _remark(),
+            entries={PREFIX + name: value for name, value in Memory().values().items()},
         )
     except ValueError as error:
         raise InputError(f"{error}; they stand in {', '.join(_places(classes))}") from None

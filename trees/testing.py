@@ -74,7 +74,9 @@ class TreeBench:
             if is_leaf(node) and node not in BUILT_IN
         ]
         others = [node for node in registry.classes.values() if not is_leaf(node) and node not in BUILT_IN]
-        self.tree: Tree = load_tree(Path(path), Registry([*stand_ins, *others]), main, provided)
+        self.tree: Tree = load_tree(
+            Path(path), Registry([*stand_ins, *others], entries=registry.entries), main, provided
+        )
         self.tree.setup(services, self.clock)
         self._leaves = {node.uid: _names(node) for node in self.tree.nodes if type(node) in stand_ins}
         known = {name for names in self._leaves.values() for name in names} | {tag_of(leaf) for leaf in stand_ins}
@@ -131,7 +133,7 @@ class TreeBench:
             def terminate(self, new_status: Status) -> None:
                 events.append(f"{'halt' if new_status is Status.INVALID else 'end'} {self.name}")
 
-        properties = {name: getattr(original, name) for name in ("node_type", "instant", "guards", "needs_guard")}
+        properties: dict[str, Any] = {"node_type": original.node_type, "traits": original.traits}
         attributes = {port.attribute: port for port in ports.values()}
         properties["further_port"] = classmethod(lambda _, name: original.further_port(name))
         return type(tag, (StandIn,), {**properties, **attributes})

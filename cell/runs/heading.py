@@ -61,7 +61,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         values[f"code.{file.name}.sha256"] = hashlib.sha256(file.read_bytes()).hexdigest()
     if options.world is not None:
         values["world"] = str(options.world.resolve())
-    if options.resume is not None and files.left_off is not None:
+    if options.resume is not None:
         values |= {"resumes": str(options.resume), "left_off": json.dumps(files.left_off.plain())}
     if options.entries:
         values["entries"] = json.dumps(dict(options.entries))

@@ -113,7 +113,7 @@ class Files:
     """Everything that was read before any device was opened.
 
     Attributes:
-        left_off: of the run that this one goes on with.
+        left_off: of the run that this one goes on with; empty for a new beginning.
     """
 
     configuration: Configuration
@@ -121,4 +121,4 @@ class Files:
     tree: Tree
     planners: Planners
     faults: FaultTable
-    left_off: LeftOff | None = None
+    left_off: LeftOff = field(default_factory=LeftOff)

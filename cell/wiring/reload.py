@@ -30,9 +30,18 @@ Stamp = tuple[int, int] | None
 
 
 class Observed(Protocol):
-    """What is needed of the services."""
+    """What is needed of the tick under way."""
 
     observation: Observation
+
+
+class TickServices(Protocol):
+    """What is needed of the services."""
+
+    @property
+    def now(self) -> Observed:
+        """The tick under way."""
+        ...
 
 
 class WatchedTree:
@@ -61,7 +70,7 @@ class WatchedTree:
         self._files = self._stamps(tree.texts)
         self._next: Tree | None = None
 
-    def setup(self, services: Observed, clock: Clock) -> None:
+    def setup(self, services: TickServices, clock: Clock) -> None:
         """Set up the tree, and every one that takes its place."""
         self._services = services
         self._clock = clock
@@ -70,7 +79,7 @@ class WatchedTree:
     def tick(self) -> Status:
         """Look for an edit, exchange the tree where that is safe, and tick."""
         self._look()
-        if self._next is not None and is_safe_point(self.tree, self._services.observation):
+        if self._next is not None and is_safe_point(self.tree, self._services.now.observation):
             self._swap(self._next)
         return self.tree.tick()
 
@@ -119,7 +128,7 @@ def is_safe_point(tree: Tree, observation: Observation) -> bool:
     return not (busy or observation.arm.moving or observation.gripper.holding)
 
 
-def take_over(old: Tree, new: Tree, services: Observed, clock: Clock) -> list[str]:
+def take_over(old: Tree, new: Tree, services: TickServices, clock: Clock) -> list[str]:
     """Halt the old tree and make the new one ready; names of entries that were not carried over."""
     old.halt()
     new.setup(services, clock)
@@ -134,7 +143,7 @@ def carry_over(old: Tree, new: Tree) -> list[str]:
         value = old.blackboard.entry(key).value
         if value is UNSET:
             continue
-        if key in list(new.blackboard) and fits(value, new.blackboard.entry(key).kind):
+        if key in new.blackboard and fits(value, new.blackboard.entry(key).kind):
             new.blackboard.entry(key).write(value)
             new.blackboard.entry(key).carried = True
         else:

@@ -13,10 +13,10 @@ from cell.recording.schemas import TOPICS, schema
 from trees.engine import vocabulary
 from trees.engine.node import Control, Decorator, Node, TreeNode
 from trees.engine.ports import InOutPort, InputPort, OutputPort, Port
+from trees.engine.traits import Traits
 
 NAMES = r"^    ([a-z_]+(?:, [a-z_]+)*): "
 ATTRIBUTE = re.compile(rf"{NAMES}(.*?)(?={NAMES}|\Z)", re.MULTILINE | re.DOTALL)
-OVERRIDDEN = (TreeNode.asked_before, TreeNode.results, TreeNode.barrier, TreeNode.further_port)
 MADE = "`make pictures` writes this page from the code."
 
 FAULTS = f"""# The table of faults
@@ -74,7 +74,7 @@ def nodes() -> str:
     lines = [
         "## Leaves", *_text(Node), "",
         "## Attributes of every node", *_table(TreeNode), "",
-        "## Methods for the checker", *_list(OVERRIDDEN), "",
+        "## Traits: what the checker may rely on", *_text(Traits), "", *_table(Traits), "",
         "## Controls and decorators", *_list((Control, Decorator)), "",
         "## Ports", *_list((InputPort, OutputPort, InOutPort)), "",
         *_table(Port), "",

@@ -56,13 +56,13 @@ def test_every_tree_gives_way_before_and_after_it_places_a_part(name: str) -> No
 @pytest.mark.parametrize("kind", [PickPart, MoveAside])
 def test_what_the_gripper_holds_is_not_forgotten_where_another_part_is_to_be_taken(kind: type[Any]) -> None:
     at = services()
-    at.observation = replace(at.observation, gripper=HOLDING)
-    at.held_part, at.held_lying = "o2", True
+    at.now.observation = replace(at.now.observation, gripper=HOLDING)
+    at.memory.held_part, at.memory.held_lying = "o2", True
     node = kind("take")
     node.setup(services=at)
     node.parts.entry.value, node.index.entry.value = seen_parts("o3", "o1"), 0
     node.make_skill()
-    assert (at.held_part, at.held_lying) == ("o2", True)
+    assert (at.memory.held_part, at.memory.held_lying) == ("o2", True)
 
 
 @pytest.mark.parametrize("tree", ["ahead", "assemble", "eager"])

@@ -15,14 +15,13 @@ import yaml
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.errors import InputError, LogError
 from cell.files.yaml_file import load_yaml
-from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
 from cell.interfaces.faults import SIGNALS, Action, FaultTable, Judgement
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.product import Product
 from cell.interfaces.resume import LeftOff
 from cell.log.read.reader import Log, LoggedTick
-from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged
+from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
 from cell.log.replay.logged_tree import write_files
 from cell.recording.identity import what_changed
 from cell.running.controller import STOPPED, STOPPING
@@ -92,7 +91,7 @@ class Replay:
         _refuse_without_beginning(log)
         self.log = log
         self.remarks: list[str] = []
-        self._by_name = changes.tree is not None
+        self._by_name, self._memory = changes.tree is not None, remembers(log)
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
         configuration, product, planners, self.tree, faults = _load(log, changes)
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
@@ -103,13 +102,11 @@ class Replay:
             configuration,
             planners,
             motion,
-            ManualClock(log.ticks[0].time_s),
             self._journal,
             log.ticks[0].observation,
-            LeftOff.of(json.loads(log.metadata["left_off"])) if "left_off" in log.metadata else None,
+            LeftOff.of(json.loads(log.metadata["left_off"])) if "left_off" in log.metadata else LeftOff(),
+            LoggedFiles([fields for tick in log.ticks for topic, fields in tick.notes if topic == "file"]),
         )
-        read = [fields for tick in log.ticks for topic, fields in tick.notes if topic == "file"]
-        self._services.files = LoggedFiles(read)
         self._clock = TickClock(self._services)
         self.tree.setup(self._services, self._clock)
         self._hooks = Hooks(self.tree, _nobody)
@@ -131,7 +128,7 @@ class Replay:
                 break
             now = self._tick(tick)
             if tick.time_s >= from_s:
-                found = differences(tick.number, tick.time_s, logged(tick), now, self._by_name)
+                found = differences(tick.number, tick.time_s, logged(tick), now, self._by_name, self._memory)
                 comparison.add(found)
                 if watch(Step(tick, now, self.tree.blackboard.values(), found)) is False:
                     break
@@ -153,7 +150,7 @@ class Replay:
         return tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK
 
     def _tick(self, tick: LoggedTick) -> Decisions:
-        self._services.observation, self._services.command = tick.observation, Command()
+        self._services.now.observation, self._services.now.command = tick.observation, Command()
         judgement = self._supervisor.judge(tick.observation)
         if tick.status == STOPPED:
             return decided(STOPPED, (), (), Command(), judgement)
@@ -162,7 +159,7 @@ class Replay:
         for kind, fields in tick.inputs:
             self._take(kind, fields, tick)
         error = ""
-        command = self._services.command
+        command = self._services.now.command
         try:
             status = self.tree.tick().name
             asked = replace(command)

@@ -77,7 +77,7 @@ class Bench:
         self.tree: Tree = load_tree(path, Registry([Count]))
         self.tree.setup(None, ManualClock())
         self.monitor = Monitor(self.tree, Registry([Count]), self.port, hooks)
-        self.observation = Rig().services.observation
+        self.observation = Rig().services.now.observation
         self._thread = ThreadPoolExecutor(1)
 
     def tick(self) -> Status:

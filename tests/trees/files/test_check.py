@@ -16,6 +16,7 @@ from cell.interfaces.clock import ManualClock
 from trees.engine.controls import ReactiveSequence
 from trees.engine.node import Control, Decorator, Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import Hole, Part
 from trees.files.build.registry import Registry
 from trees.files.check import check, findings
@@ -51,7 +52,7 @@ class Go(Node):
 class Put(Node):
     """Must not run without a guard."""
 
-    needs_guard = True
+    traits = Traits(needs_guard=True)
 
     def update(self) -> Status:
         return Status.SUCCESS
@@ -60,8 +61,7 @@ class Put(Node):
 class Allow(Node):
     """A guard."""
 
-    guards = True
-    instant = True
+    traits = Traits(guards=True, instant=True)
 
     def update(self) -> Status:
         return Status.SUCCESS
@@ -694,7 +694,7 @@ def test_a_file_may_be_included_on_several_ways(write: Write) -> None:
 class Arm(Node):
     """Moves the arm."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     def update(self) -> Status:
         return Status.RUNNING

@@ -111,13 +111,13 @@ def run(world: World, before: str, tmp_path: Path, limit_s: float) -> Status:
     while status is Status.RUNNING and world.time_s < limit_s:
         seen = world.observe()
         judgement = supervisor.judge(seen)
-        at.observation = seen = replace(seen, share=judgement.share, held_by=judgement.held_by)
-        at.command = Command()
+        at.now.observation = seen = replace(seen, share=judgement.share, held_by=judgement.held_by)
+        at.now.command = Command()
         status = tree.tick()
-        judgement = supervisor.judge_command(seen, at.command)
+        judgement = supervisor.judge_command(seen, at.now.command)
         if judgement.share == 0:
-            withhold(at.command, judgement)
-        world.act(at.command, judgement.share)
+            withhold(at.now.command, judgement)
+        world.act(at.now.command, judgement.share)
     return status
 
 

@@ -35,7 +35,7 @@ class Lowering:
 def place(to: Services, took_s: float) -> None:
     node: Any = alone(PlacePart("place"), to, part="o1", position="p2")
     node.initialise()
-    to.observation = replace(to.observation, time_s=to.observation.time_s + took_s)
+    to.now.observation = replace(to.now.observation, time_s=to.now.observation.time_s + took_s)
     node.update()
 
 
@@ -53,7 +53,7 @@ def test_a_part_that_meets_something_in_its_hole_three_times_is_placed_in_vain(m
         place(to, took_s)
         answers.append(in_vain(to))
     assert answers == [False, False, False, True]
-    assert next(reversed(to.reasons)) == "the gate valve (o1) does not go into p2"
+    assert list(to.memory.reasons)[-1] == "the gate valve (o1) does not go into p2"
     assert not in_vain(to)  # asked once, it is tried again
     for one in (SkillStatus.FAILURE, SkillStatus.FAILURE, SkillStatus.SUCCESS, SkillStatus.FAILURE):
         end[0] = one

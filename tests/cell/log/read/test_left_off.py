@@ -12,6 +12,7 @@ from rich.console import Console
 
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
+from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import LeftOff
 from cell.log.read.resume import _after, read_left_off
 from cell.runs.options import RunOptions
@@ -33,7 +34,7 @@ def after(*notes: tuple[str, dict[str, Any]]) -> LeftOff:
 
 def test_a_whole_assembly_is_known_from_its_log() -> None:
     left = read_left_off(CASE, PRODUCT)
-    assert dict(left.placed) == G0
+    assert dict(left.graph.placed) == G0
     assert left.held_part in PRODUCT.parts
     assert (left.bracket, left.ended) == (0, False)
     assert LeftOff.of(left.plain()) == left
@@ -43,8 +44,8 @@ def test_a_whole_assembly_is_known_from_its_log() -> None:
 
 def test_where_a_shift_was_left_off_is_told_in_words() -> None:
     assert LeftOff().told == "nothing is placed"
-    assert LeftOff({"p5": "o3"}, bracket=2).told == "bracket 2; o3 at p5"
-    assert LeftOff({"p5": "o3"}, bracket=2, ended=True).told == "bracket 2; nothing is placed"
+    assert LeftOff(AssemblyState({"p5": "o3"}), bracket=2).told == "bracket 2; o3 at p5"
+    assert LeftOff(AssemblyState({"p5": "o3"}), bracket=2, ended=True).told == "bracket 2; nothing is placed"
 
 
 def test_a_log_of_another_product_is_refused() -> None:

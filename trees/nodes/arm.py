@@ -38,11 +38,11 @@ class MoveToPose(SkillNode):
     pose = InputPort(FramedPose, "where the tool (TCP) goes")
 
     def make_skill(self) -> Skill:
-        from skills.move_to import MoveToPose as Motion
+        from skills import move_to
 
         services, pose = self.services, self.pose.get()
         target = world_from_tool(services, pose)
-        return Motion(services.tools.motion, target, str(pose), *self.surroundings)
+        return move_to.MoveToPose(services.tools.motion, target, str(pose), *self.surroundings)
 
 
 class MoveToJoints(SkillNode):
@@ -53,13 +53,13 @@ class MoveToJoints(SkillNode):
     joints_deg = InputPort(list[float], "six angles in [deg] from the base to the flange: 0;-90;90;-90;-90;0")
 
     def make_skill(self) -> Skill:
-        from skills.move_to import MoveToJoints as Motion
+        from skills import move_to
 
         angles = self.joints_deg.get()
         if len(angles) != 6:
             raise NodeError(f"the arm has 6 joints, not {len(angles)}")
         services = self.services
-        return Motion(services.tools.motion, np.radians(angles), *self.surroundings)
+        return move_to.MoveToJoints(services.tools.motion, np.radians(angles), *self.surroundings)
 
 
 class MoveStraight(SkillNode):
@@ -107,7 +107,7 @@ class MoveUntilContact(SkillNode):
     speed_m_s = InputPort(float, f"speed of the tool in [m/s], at most {FEELING_M_S}", default=0.02)
 
     def make_skill(self) -> Skill:
-        from skills.grasping.straight import MoveUntilContact as Motion
+        from skills.grasping import straight
 
         services, by = self.services, self.by.get()
         speed = self.speed_m_s.get()
@@ -115,7 +115,7 @@ class MoveUntilContact(SkillNode):
             raise NodeError(
                 f"speed_m_s is {speed:g}; more than 0 and at most {FEELING_M_S} where contact is looked for"
             )
-        return Motion(
+        return straight.MoveUntilContact(
             services.tools.motion, frame_pose(services, by.frame).rotation @ np.array(by.pose.position_m), speed
         )
 

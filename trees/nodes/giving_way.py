@@ -43,10 +43,10 @@ class GiveWay(SkillNode):
         self._held_rad, self._out_s = None, math.inf
 
     def make_skill(self) -> Skill:
-        from skills.move_to import GiveWay as GiveWaySkill
+        from skills import move_to
 
         services = self.services
-        return GiveWaySkill(services.tools.motion, *self.surroundings)
+        return move_to.GiveWay(services.tools.motion, *self.surroundings)
 
     def update(self) -> Status:
         seen = self.now.observation

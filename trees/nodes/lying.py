@@ -100,9 +100,9 @@ class SetUpright(TakesLying):
     """
 
     def skill(self) -> Skill:
-        from skills.lying import SetUpright as Motion
+        from skills import lying
 
-        return Motion(self.tools.motion, self._target, self.memory.standing)
+        return lying.SetUpright(self.tools.motion, self._target, self.memory.standing)
 
     def update(self) -> Status:
         status = super().update()
@@ -118,9 +118,9 @@ class PickLying(TakesLying):
     """Take a part as it lies and lift it, to put it down elsewhere with `PutDown`; no hole takes it so."""
 
     def skill(self) -> Skill:
-        from skills.lying import PickLying as Motion
+        from skills import lying
 
-        return Motion(self.tools.motion, self._target, self.memory.standing)
+        return lying.PickLying(self.tools.motion, self._target, self.memory.standing)
 
 
 def _place(one: PartDetection) -> tuple[float, float]:

@@ -96,10 +96,10 @@ class MoveTo(SkillNode):
     pose = InputPort(NamedPose, "park: away from bracket and person; look: the wrist camera sees the tray")
 
     def make_skill(self) -> Skill:
-        from skills.move_to import MoveTo as MoveToSkill
+        from skills import move_to
 
         services = self.services
-        return MoveToSkill(services.tools.motion, self.pose.get().value, *self.surroundings)
+        return move_to.MoveTo(services.tools.motion, self.pose.get().value, *self.surroundings)
 
 
 class PickPart(SkillNode):
@@ -133,11 +133,11 @@ class MoveAside(SkillNode):
     index = InputPort(int, "number of the part among the seen ones")
 
     def make_skill(self) -> Skill:
-        from skills.move_aside import MoveAside as MoveAsideSkill
+        from skills import move_aside
 
         part, others = part_and_others(self.parts.get(), self.index.get())
         self.services.takes(part, others)
-        return MoveAsideSkill(self.tools.motion, part, self.memory.standing)
+        return move_aside.MoveAside(self.tools.motion, part, self.memory.standing)
 
 
 class ReturnToTray(SkillNode):

@@ -58,13 +58,13 @@ class PutDown(SkillNode):
     _spot: Pose | None = None
 
     def make_skill(self) -> Skill:
-        from skills.put_down import PutDown as Motion
+        from skills import put_down
 
         services, part, spot = self.services, self.part.get(), self.spot.get()
         self._spot = world_pose(services, spot)
         if near_bracket(services, self._spot):
             raise NodeError(f"{spot} is at the bracket; PlacePart puts parts there, behind its guard")
-        return Motion(services.tools.motion, part, self._spot, str(spot), services.memory.standing)
+        return put_down.PutDown(services.tools.motion, part, self._spot, str(spot), services.memory.standing)
 
     def update(self) -> Status:
         status = super().update()

@@ -1,4 +1,4 @@
-"""A tree as text: a file as it stands (`cell show FILE`), or a loaded tree with what it does now."""
+"""A tree file as text (`cell show FILE`)."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cell.errors import InputError
-from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
-from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.checks.structure import check_structure
 from trees.files.loader import in_order
 from trees.files.parse.library import Library, read_library
 from trees.files.parse.xml_file import Element, node_tag
-
-MARKS = {IDLE: " ", RUNNING: "*", SUCCESS: "+", FAILURE: "x", SKIPPED: "-"}
 
 
 def show_file(path: Path, registry: Registry) -> str:
@@ -25,19 +21,6 @@ def show_file(path: Path, registry: Registry) -> str:
     """
     library = read_checked(path, registry)
     return "\n\n".join("\n".join(_tree_lines(library, identifier)) for identifier in reading_order(library)) + "\n"
-
-
-def show_tree(tree: Tree) -> str:
-    """A loaded tree with the status and feedback of every node: * running, + success, x failure, - skipped."""
-    lines = []
-    waiting = [(tree.root, "", "")]
-    while waiting:
-        node, lead, below = waiting.pop()
-        feedback = f"  -- {node.feedback_message}" if node.feedback_message else ""
-        lines.append(f"[{MARKS[node.status]}] {lead}{node.name}{feedback}")
-        children = list(node.children)
-        waiting += reversed([(child, *_branch(below, child is children[-1])) for child in children])  # type: ignore[misc]
-    return "\n".join(lines) + "\n"
 
 
 def read_checked(path: Path, registry: Registry) -> Library:

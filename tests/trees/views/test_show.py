@@ -11,14 +11,13 @@ from xml.etree import ElementTree
 import pytest
 from py_trees.common import Status
 
-from tests.trees.conftest import Load
 from trees.engine.node import Node
 from trees.engine.ports import InputPort, OutputPort
 from trees.files.build.registry import BUILT_IN, Registry
 from trees.testing import TreeBench, alone, assert_ticks
 from trees.views.palette import groot_model, palette_list, palette_text
 from trees.views.picture import picture
-from trees.views.show import show_file, show_tree
+from trees.views.show import show_file
 
 
 class Fetch(Node):
@@ -55,12 +54,6 @@ def test_a_file_is_shown_main_tree_first(write: Callable[[str], Path]) -> None:
         "Inner",
         "└─ Fetch  part={p}",
     ]
-
-
-def test_a_running_tree_is_shown_with_feedback(load: Load) -> None:
-    tree = load('<Parallel><Fetch part="o1"/><Sleep msec="5"/></Parallel>', Fetch)
-    tree.tick()
-    assert show_tree(tree).splitlines() == ["[*] Parallel", "[+] ├─ Fetch  -- has o1", "[*] └─ Sleep"]
 
 
 def test_the_picture_holds_every_node_once_and_none_overlap(write: Callable[[str], Path]) -> None:

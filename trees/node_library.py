@@ -1,6 +1,6 @@
 """The nodes that tree files of this cell may name: the project's, those of installed packages, and the user's own.
 
-The user's own are what `--nodes` or the environment variable CELL_NODES names: a file, a folder or a package. Nothing
+The user's own are what `--with` or the environment variable CELL_NODES names: a file, a folder or a package. Nothing
 else of the working folder is imported, as importing runs code.
 """
 
@@ -118,7 +118,7 @@ def _installed() -> Iterator[ModuleType]:
 def _remark() -> str:
     """What to say of a node that nobody knows, where the user's own were not asked for."""
     here = any(USUAL_FOLDER.glob("*.py"))
-    return f"{USUAL_FOLDER}/ is not loaded: add --nodes {USUAL_FOLDER}" if here else ""
+    return f"{USUAL_FOLDER}/ is not loaded: add --with {USUAL_FOLDER}" if here else ""
 
 
 def _named(name: str) -> Iterator[ModuleType]:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
+from cell.commands.terminal import console, print_json
 from cell.errors import InputError
 
 if TYPE_CHECKING:

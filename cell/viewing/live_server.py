@@ -51,7 +51,7 @@ class LiveServer:
                 message_backlog_size=BACKLOG,
             )
         except (OSError, RuntimeError) as error:
-            raise InputError(f"port {port} cannot be used: {error}; choose another by --live-port") from None
+            raise InputError(f"port {port} cannot be used: {error}; choose another by --live PORT") from None
         self.port = self._server.port
 
     def frame(self, frame: Frame) -> None:

@@ -124,9 +124,21 @@ class Trial:
             server.end()
 
     def _control(self, address: Path, log: Path, more: tuple[str, ...]) -> dict[str, Any]:
-        command = [sys.executable, "-m", "cell", "run", "--world", str(address), "--log", str(log), "--json", *more]
+        command = [
+            sys.executable,
+            "-m",
+            "cell",
+            "lab",
+            "run",
+            "--world",
+            str(address),
+            "--log",
+            str(log),
+            "--json",
+            *more,
+        ]
         if self.brackets:
-            command += ["--brackets", str(self.brackets)]
+            command += ["--shift", str(self.brackets)]
         with (self.folder / f"{log.stem}.err").open("w") as errors:
             self._controller = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
             out, _ = self._controller.communicate()

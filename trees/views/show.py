@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from cell.errors import InputError
@@ -13,23 +13,26 @@ from trees.files.parse.library import Library, read_library
 from trees.files.parse.xml_file import Element, node_tag
 
 
-def show_file(path: Path, registry: Registry) -> str:
+def show_file(path: Path, registry: Registry, beside: Iterable[Path] = ()) -> str:
     """Every tree of a file, the main one first, with the connections of its ports.
+
+    Args:
+        beside: further files, and folders with them, whose trees it may name.
 
     Raises:
         InputError: everything that is wrong with the file.
     """
-    library = read_checked(path, registry)
+    library = read_checked(path, registry, beside)
     return "\n\n".join("\n".join(_tree_lines(library, identifier)) for identifier in reading_order(library)) + "\n"
 
 
-def read_checked(path: Path, registry: Registry) -> Library:
+def read_checked(path: Path, registry: Registry, beside: Iterable[Path] = ()) -> Library:
     """The trees of a file, free of mistakes in their structure.
 
     Raises:
         InputError: everything that is wrong.
     """
-    library = read_library(path)
+    library = read_library(path, beside)
     if problems := library.problems + check_structure(library, registry):
         raise InputError(*in_order(problems))
     return library

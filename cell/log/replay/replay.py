@@ -51,11 +51,15 @@ class Changes:
 
     Attributes:
         weights: ONNX file by planner, "semantic" or "grasp".
+        nodes: files and packages with further nodes.
+        beside: further files, and folders with them, whose trees `tree` may name.
     """
 
     tree: Path | None = None
     configuration: Path | None = None
     weights: Mapping[str, Path] = field(default_factory=dict)
+    nodes: tuple[str, ...] = ()
+    beside: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,7 @@ class Replay:
         self.log = log
         self.remarks: list[str] = []
         self._by_name, self._memory = changes.tree is not None, remembers(log)
+        self._nodes = changes.nodes
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
         configuration, product, planners, self.tree, faults = _load(log, changes)
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
@@ -197,7 +202,7 @@ class Replay:
         """Let an edited tree take over as it did in the run."""
         with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
             write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
-            following = _tree(self.log, Path(folder), node_registry())
+            following = _tree(self.log, Path(folder), node_registry(more=self._nodes))
         take_over(self.tree, following, self._services, self._clock)
         self.tree, self._hooks = following, Hooks(following, _nobody)
 
@@ -224,8 +229,12 @@ def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Planners,
         else:
             configuration = load_configuration(changes.configuration)
             product = load_product(configuration, changes.configuration)
-        registry = node_registry(product, (), configuration)
-        tree = load_tree(changes.tree, registry) if changes.tree else _tree(log, folder, registry)
+        registry = node_registry(product, changes.nodes, configuration)
+        tree = (
+            load_tree(changes.tree, registry, None, {}, changes.beside)
+            if changes.tree
+            else _tree(log, folder, registry)
+        )
         recorded = folder / "faults.yaml"
         own = changes.configuration is None and recorded.exists()
         faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)

@@ -115,7 +115,7 @@ def test_an_entry_that_the_tree_does_not_have_is_refused(tmp_path: Path, capsys:
     log = tmp_path / "log.mcap"
     assert main(["check", str(file), *(word for one in legal for word in ("--set", one))]) == 0
     capsys.readouterr()
-    for command in (["run", "--tree", str(file), "--log", str(log)], ["check", str(file)]):
+    for command in (["run", str(file), "--log", str(log)], ["check", str(file)]):
         assert main([*command, "--set", "text=1", "--set", "tex=2"]) == 2
         said = capsys.readouterr().err
         assert "'tex' is given, and the main tree has no such entry" in said

@@ -12,7 +12,7 @@ from cell.commands.terminal import console
 from cell.errors import InputError
 from cell.files.files import write_new
 
-new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a leaf of your own, with its test.")
+new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a node of your own, with its test.")
 
 NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
 

@@ -82,7 +82,8 @@ def tree(name: NameArgument) -> None:
 @new_app.command()
 def leaf(name: NameArgument) -> None:
     """Write nodes/NAME.py and tests/test_NAME.py."""
-    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, "pytest {second}; cell nodes --nodes nodes lists it")
+    then = "pytest {second}; cell nodes --with nodes lists it; check, run and show take --with, too"
+    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, then)
 
 
 def _write(name: str, path: str, text: str, test: str, then: str) -> None:

@@ -1,4 +1,4 @@
-"""Makes what in docs/ is made by programs: `make pictures`. Plots of experiments come from `cell eval`.
+"""Makes what in docs/ is made by programs: `make pictures`. Plots of experiments come from `cell lab eval`.
 
 python -m tests.docs.pictures [docs/looks.png ...]
 """

@@ -11,7 +11,7 @@ from tests import ROOT
 from tests.docs.pictures import LOOKS, MADE, PAGE, PARTS, PHOTOGRAPH
 
 DOCS = ROOT / "docs"
-PLOTS = re.compile(r"(semantic|grasp|knobs)_\w+\.png")  # of `cell eval`, which takes hours
+PLOTS = re.compile(r"(semantic|grasp|knobs)_\w+\.png")  # of `cell lab eval`, which takes hours
 
 
 @pytest.mark.parametrize("name", MADE)

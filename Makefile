@@ -80,10 +80,10 @@ pictures: .venv/tests .venv/system
 train-deps: .venv/tests
 
 weights: .venv/tests .venv/system
-	$(BIN)/cell train all $(WEIGHTS_ARGS)
+	$(BIN)/cell train --all $(WEIGHTS_ARGS)
 
 hands: .venv/tests
-	$(BIN)/cell hands fetch
+	$(BIN)/cell lab hands
 
 # Readers of the formats that logs are exported to; torch is that of .venv. LeRobot asks for older packages than these
 # work with, so what it needs for reading is named here.

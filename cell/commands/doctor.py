@@ -54,7 +54,7 @@ def doctor(
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> int:
-    """Say what is missing on this machine and how to get it; status 1 if a run is not possible."""
+    """Say what is missing on this machine, and how to get it; status 1 if a run is not possible."""
     findings = examine(config)
     healthy = all(finding.ok for finding in findings if finding.needed)
     if as_json:

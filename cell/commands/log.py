@@ -57,7 +57,7 @@ def report(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one HTML page about a run; it needs no network. Of a run in parts that lasts hours, the shift alone."""
+    """Write one HTML page about a run; it needs no network. Of a run of hours it shows the shift alone."""
     from cell.log.report.overview import is_long, write_overview
     from cell.log.report.report import write_report
 
@@ -161,7 +161,7 @@ def diff(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Compare what two logs saw and decided, tick by tick; 0 where all is the same, 1 where it differs."""
+    """Compare what two logs saw and decided, tick by tick; status 1 if they differ."""
     from cell.log.report import query as question
 
     if html is not None:
@@ -182,7 +182,7 @@ def recover(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="New file; LOG.recovered.mcap by default.")] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Salvage a truncated or damaged log into a complete file; 0 where nothing is lost, 3 where something is."""
+    """Salvage a truncated or damaged log into a complete file; status 3 if something is lost."""
     from cell.log.read import salvage as recovery
 
     target = out or log.with_suffix(".recovered.mcap")

@@ -12,7 +12,7 @@ from cell.commands.terminal import console
 from cell.errors import InputError
 from cell.files.files import write_new
 
-new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a leaf of your own, with its test.")
+new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a node of your own, with its test.")
 
 NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
 
@@ -75,7 +75,8 @@ def tree(name: NameArgument) -> None:
 @new_app.command()
 def leaf(name: NameArgument) -> None:
     """Write nodes/NAME.py and tests/test_NAME.py."""
-    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, "pytest {second}; cell nodes --nodes nodes lists it")
+    then = "pytest {second}; cell nodes --with nodes lists it; check, run and show take --with, too"
+    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, then)
 
 
 def _write(name: str, path: str, text: str, test: str, then: str) -> None:

@@ -38,7 +38,7 @@ def show(
     own: WithOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Print the trees of a file, or draw them; of a log or a running cell with what every node does."""
+    """Print or draw the tree of a file, a log or a run; of a log or a run with what every node does."""
     if (source is None) != running:
         raise InputError("name a tree file or a log, or say --running")
     for drawing in filter(None, (svg, png)):
@@ -62,7 +62,7 @@ def show(
 def monitor(
     port: PortOption = MONITOR_PORT,
 ) -> None:
-    """Watch the tree of a `cell run --monitor` that runs on this machine."""
+    """Watch the tree of a run: of a `cell run --monitor` on this machine."""
     from cell.viewing.live_view import live_view
 
     live_view(port, console())

@@ -29,8 +29,8 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
     Raises:
         InputError: Dask is not installed.
     """
-    distributed = needed("distributed", "cell sweep")
-    dask = needed("dask", "cell sweep")
+    distributed = needed("distributed", "cell lab sweep")
+    dask = needed("dask", "cell lab sweep")
     settings = {
         "distributed.scheduler.allowed-failures": LOSSES,
         "distributed.worker.daemon": False,  # a worker's runs have processes of their own
@@ -63,7 +63,7 @@ def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = ru
 
     A task whose worker was lost goes to another one. One that loses every worker is a row that says so.
     """
-    distributed = needed("distributed", "cell sweep")
+    distributed = needed("distributed", "cell lab sweep")
     client.wait_for_workers(1, timeout=COLD_S)
     waiting = iter(tasks)
     by_key: dict[str, Task] = {}
@@ -104,7 +104,7 @@ def mapped(
         return
     with cluster(workers, address) as client:
         client.wait_for_workers(1, timeout=COLD_S)
-        packed = needed("cloudpickle", "cell sweep").dumps(work)  # a pool takes no function inside of another
+        packed = needed("cloudpickle", "cell lab sweep").dumps(work)  # a pool takes no function inside of another
         waiting = iter(arguments)
         pending: deque[Any] = deque()
         try:

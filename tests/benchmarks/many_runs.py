@@ -1,4 +1,4 @@
-"""Many short runs by `cell sweep` on two workers, some of them killed on the way, against the same runs one by one.
+"""Many short runs by `cell lab sweep` on two workers, some of them killed on the way, against the same runs one by one.
 
 python -m tests.benchmarks.many_runs --runs 1000 --kill 2 --out /tmp/many
 

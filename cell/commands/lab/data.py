@@ -28,7 +28,7 @@ def from_logs(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="New folder for what the logs give.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make training data: from recorded runs (--from LOG --out DIR), or drawn, by the commands below."""
+    """Make training data, from logs or drawn: from logs of runs by --from LOG --out DIR, else by the commands below."""
     if context.invoked_subcommand is not None:
         if logs or out:
             raise InputError(f"--from and --out before `{context.invoked_subcommand}` have no meaning; see its --help")

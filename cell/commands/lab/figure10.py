@@ -22,7 +22,7 @@ def figure10(
     epochs: Annotated[int, Option(min=1, help="Passes through the data.")] = 10,
     share: Annotated[float, Option(min=0.05, max=1, help="Share of VGG16's channels; 1 with a GPU.")] = 0.125,
 ) -> int:
-    """Train each network on four fifths of the recordings and score it on the last, five times; needs --out.
+    """Train and score action detectors on five splits, as Fig. 10 of the paper; needs --out.
 
     Kinds: slim, paper, cnn_lstm, hand, lrcn; all by default. Interrupted, it prints the table of what was measured;
     typed again, it goes on there.

@@ -23,7 +23,7 @@ from learned.hands.mediapipe.hands import FETCH, SIZES, MediaPipeHands, model_fo
 from learned.inference.onnx_model import OnnxModel
 from learned.lab.photographs import compare_photographs, load_truth
 
-_OPTIONS = ("kind", "weights", "look", "person", "seeds", "physics", "cameras", "config", "as_json")
+_OPTIONS = ("kind", "weights", "look", "person", "seeds", "physics", "only", "cameras", "config", "as_json")
 
 
 @takes(Shared, *_OPTIONS, physics=True)
@@ -32,7 +32,6 @@ def evaluate(
     stretches: Annotated[
         int | None, Option(min=1, help="Number of 24-frame clips per assembly; all frames by default.")
     ] = None,
-    persons: Annotated[str, Option(help="Persons: all, or the same ones bare-right, left, second or gloves.")] = "all",
     photos: Annotated[Path | None, Option(help="Score MediaPipe's networks on this folder of photographs.")] = None,
     truth: Annotated[
         Path | None, Option(help=r"JSON for --photos: file in the folder -> hands, each 21 x \[x_px, y_px].")
@@ -41,13 +40,13 @@ def evaluate(
 ) -> None:
     """Score hand trackers on simulated assemblies, or MediaPipe's networks on photographs.
 
-    Kinds: slim, classical, mediapipe.
+    Kinds: slim, classical, mediapipe. --only, of the persons: bare-right, left, second or gloves.
     """
     if photos is not None or truth is not None:
         _photographs(photos, truth, size, shared.as_json)
         return
-    if persons not in ONLY:
-        raise InputError(f"--persons {persons}: unknown choice; legal: {', '.join(ONLY)}")
+    shared.refuse_only(ONLY)
+    persons = (shared.only or ["all"])[0]
     chosen = shared.kind or ["slim"]
     if shared.weights is not None and "slim" not in chosen:
         raise InputError(f"--weights {shared.weights}: nothing reads them: they go with --kind slim")
@@ -68,7 +67,7 @@ def evaluate(
     for name, one in found.items():
         console().print(table(f"{name}, {shared.look}, {persons}, cameras {cameras}", _rows(one)))
     if shared.as_json:
-        told = {"look": shared.look, "persons": persons, "cameras": cameras, "seeds": shared.seeds}
+        told = {"look": shared.look, "only": persons, "cameras": cameras, "seeds": shared.seeds}
         print_json({**told, "physics": shared.physics, "trackers": found})
 
 

@@ -55,7 +55,7 @@ def sheet(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file; beside the log by default.")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Make the contact sheet of a run from its log."""
+    """Draw the contact sheet of a run, from its log."""
     target = spared(out or beside(log, ".png"), log, overwrite or out is None)  # there runs put theirs
     recorded, moments = streamed(log), Moments()
     for piece in recorded:
@@ -76,7 +76,7 @@ def snapshots(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")] = Path("snapshots"),
     as_json: JsonOption = False,
 ) -> None:
-    """Write the pictures that a tree marked by TakeSnapshot as JPEG files."""
+    """Write the pictures that a tree took with TakeSnapshot, as JPEG files."""
     files = save_snapshots(read(log), out)
     if as_json:
         tell_json({"files": [str(file) for file in files]})

@@ -20,7 +20,7 @@ def looks(
     seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds of each look to draw.")] = 3,
     config: ConfigOption = CONFIGURATION,
 ) -> None:
-    """List the looks, or draw some seeds of them."""
+    """List or draw what the simulation may look like."""
     from cell.configuration import load_configuration, load_product
     from sim.scene.look_range import look_range, presets
 

@@ -140,7 +140,7 @@ def evaluate_grasp_planner(
     page: PageOption = None,
     scenes: Annotated[int, Option(min=4, help="Number of test scenes.")] = 1000,
 ) -> None:
-    """Score the grasp planner, or run an experiment with all of them. Kinds: pairwise, paper, rule."""
+    """Score the grasp planner, or run an experiment with all kinds. Kinds: pairwise, paper, rule."""
     product = product_of(shared.config)
     if experiment:
         _grasp_experiment(experiment, page, product, shared)
@@ -203,7 +203,7 @@ def evaluate_semantic_planner(
         list[Path] | None, Option("--from", metavar="LOG", help="With --certify: log of a run; may be repeated.")
     ] = None,
 ) -> None:
-    """Score the semantic planner, certify its thresholds on recorded runs, or run an experiment with all kinds.
+    """Score the semantic planner, certify its thresholds, or run an experiment with all kinds.
 
     Kinds: factored, paper, and_or, bayes.
     """

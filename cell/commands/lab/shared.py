@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -108,7 +108,7 @@ class Shared:
             raise InputError(f"--kind {kind}: unknown kind; legal: {', '.join(legal)}")
         return kind
 
-    def refuse_only(self, legal: Sequence[str]) -> None:
+    def refuse_only(self, legal: Collection[str]) -> None:
         """Raises InputError where --only names something else."""
         if unknown := [name for name in self.only or () if name not in legal]:
             raise InputError(f"--only {unknown[0]}: unknown; legal: {', '.join(legal)}")

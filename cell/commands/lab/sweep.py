@@ -23,7 +23,7 @@ def sweep(
     logs: Annotated[bool, typer.Option("--logs", help="Keep the log of every run, with images, in OUT/logs.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Run every combination of a file once; the results are OUT/runs.parquet. 1 where a run was lost."""
+    """Run every combination of a file once; the results are OUT/runs.parquet. Status 1 if a run was lost."""
     asked = load_sweep(spec)
     total = count(asked)
     done = run_all(tasks(asked, out / "logs" if logs else None), total, out, workers, scheduler)

@@ -83,7 +83,7 @@ def latency(
         str | None, Option(help="Time actions by an untrained network of this kind, as paper.")
     ] = None,
 ) -> None:
-    """Measure how much processor time the detectors take for a frame, on one thread.
+    """Measure the detectors' processor time for a frame, on one thread.
 
     In lock-step simulation answers come as late as the model cards say (`perception.latency_s`).
     """

@@ -50,7 +50,7 @@ def evaluate_parts(
 
 @takes(Shared, "look", "seeds", "config", "as_json", seeds="900000:900020")
 def evaluate_cameras(shared: Shared) -> None:
-    """Score calibration: how far off the cameras see holes, and points in the tray, before and after it."""
+    """Score calibration of the cameras: how far off they see holes and the tray before and after it."""
     _, wanted = shared.split()
     report_scores(f"cameras, {shared.look}", score_calibration(_task(shared, ""), wanted), shared.as_json)
 

@@ -33,7 +33,7 @@ class Training:
     ] = None
     validation: Annotated[Path | None, Option(help="Another such folder, for the scores.")] = None
     look: Annotated[str | None, Option(help="Look of all recordings that are made; several looks by default.")] = None
-    budget: Annotated[str, Option(help="Processor time for data and training, as in 90s, 30m or 2h.")] = "30m"
+    budget: Annotated[str, Option(help="Processor time for data and training, as in 90s, 30m or 2h.")] = ""
     epochs: Annotated[int | None, Option(min=1, help="Passes through the data; by default what the budget allows.")] = (
         None
     )
@@ -62,8 +62,8 @@ class Training:
         words = []
         for one in fields(self):
             value = epochs if one.name == "epochs" else getattr(self, one.name)
-            told = one.name in ("seed", "budget") or value != one.default
-            if one.name in NOT_OF_THE_NETWORK or not told or value in (None, ""):
+            told = one.name == "seed" or value != one.default
+            if one.name in NOT_OF_THE_NETWORK or not told or value in (None, "", (), []):
                 continue
             for each in value if isinstance(value, list) else [value]:
                 words += [f"--{one.name}", *([] if each is True else [str(each)])]

@@ -74,7 +74,8 @@ class LearnedTask:
         """
         if asked.kind and asked.kind not in self.kinds:
             raise InputError(f"--kind {asked.kind}: unknown kind of {self.name}; legal: {', '.join(self.kinds)}")
-        seconds(asked.budget)
+        if "budget" in self.options:
+            seconds(asked.budget)
         if self.name == "actions":
             networks.require_apart(asked.data or (), asked.validation)
         return replace(asked, kind=asked.kind or (self.kinds or ("",))[0])
@@ -96,6 +97,7 @@ class LearnedTask:
         return scores
 
 
+_BUDGET = {"budget": "30m"}
 _PLANNER = "planners: {name}: {{kind: {kind}, weights: {file}}}"
 TASKS = {
     one.name: one
@@ -107,6 +109,7 @@ TASKS = {
             ("data", "budget", "epochs"),
             networks.hands,
             lambda file, _: (finder_file(file), refiner_file(file)),
+            _BUDGET,
         ),
         LearnedTask(
             "actions",
@@ -117,7 +120,7 @@ TASKS = {
             lambda file, _: (networks.confusions_of(file),),
             {"budget": "20m"},
         ),
-        LearnedTask("holes", "hole reader", ("plate",), ("data", "budget", "epochs"), networks.holes),
+        LearnedTask("holes", "hole reader", ("plate",), ("data", "budget", "epochs"), networks.holes, defaults=_BUDGET),
         LearnedTask(
             "parts",
             "part detector",
@@ -125,6 +128,7 @@ TASKS = {
             ("kind", "data", "budget", "epochs", "backbone", "steps"),
             networks.parts,
             lambda file, kind: (pose_file(file),) if kind == "centre" else (),
+            _BUDGET,
         ),
         LearnedTask(
             "grasp",

@@ -1,4 +1,4 @@
-"""`cell eval latency --untrained`: how long a network takes that nobody has trained; nothing of it reaches a card."""
+"""`cell lab eval latency --untrained`: the time of an untrained network, which reaches no card."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cell log files`: what a run was made with comes out of its log, and nothing of the user's is touched."""
+"""`cell lab files`: what a run was made with comes out of its log, and nothing of the user's is touched."""
 
 from __future__ import annotations
 

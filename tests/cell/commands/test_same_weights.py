@@ -1,4 +1,4 @@
-"""`cell eval weights` gives a verdict for each network: the same, apart by chance, or apart."""
+"""`cell lab eval weights` gives a verdict for each network: the same, apart by chance, or apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cell schema`: what editors are told agrees with what the program reads."""
+"""`cell lab schema`: what editors are told agrees with what the program reads."""
 
 from __future__ import annotations
 

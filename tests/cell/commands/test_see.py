@@ -1,4 +1,4 @@
-"""`cell see`: what is found is drawn and told, and nothing that exists is lost."""
+"""`cell lab see`: what is found is drawn and told, and nothing that exists is lost."""
 
 import json
 import re

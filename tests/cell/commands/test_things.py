@@ -9,7 +9,7 @@ import pytest
 from typer.main import get_command
 
 from cell.commands.training.asked import Training
-from cell.commands.training.shipped import steps_of_shipped
+from cell.commands.training.shipped import Step, steps_of_shipped
 from cell.commands.training.tasks import TASKS, train_app
 
 
@@ -21,9 +21,9 @@ def test_the_command_on_a_card_names_the_data_that_was_learned_from() -> None:
     assert words[words.index("--epochs") + 1] == "23"
 
 
-@pytest.mark.parametrize("step", steps_of_shipped(), ids=lambda step: step.files[0])
-def test_every_card_of_shipped_weights_can_be_typed_today(step: object) -> None:
-    words = list(getattr(step, "words"))  # noqa: B009
+@pytest.mark.parametrize("step", list(steps_of_shipped()), ids=lambda step: step.files[0])
+def test_every_card_of_shipped_weights_can_be_typed_today(step: Step) -> None:
+    words = list(step.words)
     command = get_command(train_app()).commands[words[0]]  # type: ignore[attr-defined]
     given = command.make_context(words[0], words[1:]).params
     asked = TASKS[words[0]].chosen(Training(**given))

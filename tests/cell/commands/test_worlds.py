@@ -1,4 +1,4 @@
-"""`cell data`: as much memory for many recordings as for a few."""
+"""`cell lab data`: as much memory for many recordings as for a few."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults that are put in end as the table of faults promises; a sample, `cell eval faults` runs them all."""
+"""Faults that are put in end as the table of faults promises; a sample, `cell lab eval faults` runs them all."""
 
 from __future__ import annotations
 

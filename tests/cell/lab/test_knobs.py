@@ -1,4 +1,4 @@
-"""`cell eval knobs`: one value of the look is turned, the rest stays; what is no knob is said before anything runs."""
+"""`cell lab eval knobs`: one value of the look is turned; what is no knob is said before anything runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cell data|train|eval grasp`: files in, files out, and mistakes named before anything is trained."""
+"""`cell lab data|train|eval grasp`: files in, files out, and mistakes named before anything is trained."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cell data semantic` and what `cell eval semantic` refuses."""
+"""`cell lab data semantic` and what `cell lab eval semantic` refuses."""
 
 from __future__ import annotations
 

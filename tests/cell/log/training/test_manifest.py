@@ -30,7 +30,7 @@ from learned.grasp.data import read_scenes
 from learned.semantic.data import load_demonstrations
 from tests import ROOT
 
-COMMAND = "cell data --from x --out y"
+COMMAND = "cell lab data --from x --out y"
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,7 @@ from cell.errors import InputError
 from cell.faults.faulty_devices import FaultyArm, FaultyBus, FaultyCamera
 from cell.interfaces.devices import Devices
 from cell.interfaces.operator import OperatorOrder
-from cell.interfaces.perception import Frame
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, TickRecord
 
 PASSES_S = 1.5
 ACKNOWLEDGED = ("arm_protective_stop", "gripper_reboots")
@@ -133,7 +132,7 @@ class WorkState:
         self.ticks = self.ticks + 1 if self.name == before else 0
 
 
-class Injection:
+class Injection(Observer):
     """One fault in one state; also an observer, which sees the states come.
 
     Attributes:
@@ -210,9 +209,6 @@ class Injection:
         faulty: Any = FaultyBus(bus, self, database)
         return faulty  # type: ignore[no-any-return]
 
-    def frame(self, frame: Frame) -> None:
-        """Images are not looked at."""
-
     def tick(self, record: TickRecord) -> None:
         """See in which state the work is; at the wanted one the fault comes."""
         self._work.see(record)
@@ -226,14 +222,8 @@ class Injection:
         """The work is in the wanted state."""
         self.begin(self.fault, time_s)
 
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Nothing to do."""
 
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
-
-
-class Injections:
+class Injections(Observer):
     """Several faults in one run, each in its state; an observer, too."""
 
     def __init__(self, injections: Sequence[Injection]) -> None:
@@ -251,16 +241,7 @@ class Injections:
             bus = one.bus(bus, database)
         return bus
 
-    def frame(self, frame: Frame) -> None:
-        """Images are not looked at."""
-
     def tick(self, record: TickRecord) -> None:
         """All see the same states."""
         for one in self.injections:
             one.tick(record)
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Nothing to do."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""

@@ -13,9 +13,9 @@ import numpy as np
 from cell.faults.injection import STATES, WorkState
 from cell.fleet.row_file import Row
 from cell.interfaces.faults import Action
-from cell.interfaces.perception import Frame, HandSample
+from cell.interfaces.perception import HandSample
 from cell.lab.assembly import assembly
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, TickRecord
 from sim.cell import SimCell
 from sim.truth.contacts import Contact
 from skills.motion.separation import SeparationMonitor
@@ -41,7 +41,7 @@ class _Tick:
 
 
 @dataclass
-class Encounters:
+class Encounters(Observer):
     """An observer that keeps what is needed to judge contacts afterwards.
 
     Attributes:
@@ -60,9 +60,6 @@ class Encounters:
     _unknown_s: float = np.inf
     _work: WorkState = field(default_factory=WorkState)
 
-    def frame(self, frame: Frame) -> None:
-        """Images are not looked at."""
-
     def tick(self, record: TickRecord) -> None:
         self._work.see(record)
         seen, judgement = record.observation, record.judgement
@@ -77,12 +74,6 @@ class Encounters:
         words = "" if judgement is None else judgement.words
         hand = "unknown" if unknown else "seen" if bench is not None and bench.hand is not None else "not seen"
         self._ticks.append(_Tick(now_s, self._held_s, self._should_s, f"hand {hand}; {words}", self._work.name))
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages are not kept."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
 
     def phase(self, time_s: float) -> str:
         """Of the work at this time."""
@@ -127,7 +118,7 @@ class Encounters:
         return found.distance_m < found.least_m
 
 
-class Provocation:
+class Provocation(Observer):
     """An observer that sends the hand into the arm's way once in every phase of its work, and again when all were.
 
     A hand that is busy with a part is left alone.
@@ -137,9 +128,6 @@ class Provocation:
         self._cell, self._rng = cell, np.random.default_rng([seed, 11])
         self._work, self._phases = WorkState(), list(STATES)
         self._wait_s, self._since_s, self._last_s = 0.0, 0.0, -np.inf
-
-    def frame(self, frame: Frame) -> None:
-        """Images are not looked at."""
 
     def tick(self, record: TickRecord) -> None:
         worker, now_s = self._cell.worker, record.observation.time_s
@@ -157,12 +145,6 @@ class Provocation:
             self._phases.remove(self._work.name)
             self._phases = self._phases or list(STATES)
             worker.intrude()
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages are not kept."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
 
 
 def encounter(path: Path, tree: Path, person: str, seed: int, *, provoked: bool, rendered: bool = False) -> Row:

@@ -10,16 +10,15 @@ from cell.faults.faulty_devices import UNSEEN
 from cell.faults.injection import Injection
 from cell.interfaces.faults import Action
 from cell.interfaces.observation import STANDING_RAD_S, JointSamples, Observation
-from cell.interfaces.perception import Frame
 from cell.running.fault_checks import HELD_LATELY_S, STALE_BENCH_S, STALE_GRIPPER_S
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, TickRecord
 from skills.motion.planner import MotionPlanner
 
 EVERY = 4  # of the joints' samples
 
 
 @dataclass
-class StopWatch:
+class StopWatch(Observer):
     """Measures from the fault on.
 
     Attributes:
@@ -48,9 +47,6 @@ class StopWatch:
     _commanded: bool = False
     _tool: list[np.ndarray] = field(default_factory=list)
 
-    def frame(self, frame: Frame) -> None:
-        """Images are not looked at."""
-
     def tick(self, record: TickRecord) -> None:
         began_s = self.injection.began_s
         if began_s is None:
@@ -69,12 +65,6 @@ class StopWatch:
         if record.status == "STOPPING" or (record.judgement is not None and record.judgement.action >= Action.HOLD):
             self.ticks_to_stop, self.ticks_from_fault = max(1, self._showing), self._ticks
             self.at_end = record.status == "STOPPING"
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages are not kept."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
 
     def _measure(self, joints: JointSamples, began_s: float) -> None:
         samples = zip(joints.times_s, joints.positions_rad, joints.velocities_rad_s, strict=True)

@@ -17,14 +17,14 @@ from cell.configuration import Configuration, load_faults, load_product
 from cell.errors import DeviceFault, InputError
 from cell.files.files import shipped
 from cell.interfaces.bench import Bench
-from cell.interfaces.perception import Action, Frame
+from cell.interfaces.perception import Action
 from cell.interfaces.product import Product
 from cell.lab.actions import Told, matched, share
 from cell.lab.assembly import attended
 from cell.lab.holes_and_parts import calibrated_bench
 from cell.runs.options import Files
 from cell.runs.run import drive
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, TickRecord
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
@@ -35,7 +35,7 @@ PAPER = {3: "AD .955, SG .938, SC .918"}  # Table 1, by the number of goals
 
 
 @dataclass
-class Listener:
+class Listener(Observer):
     """An observer that keeps which placements were told, and which the robot was allowed to make."""
 
     told: list[Told] = field(default_factory=list)
@@ -43,9 +43,6 @@ class Listener:
     allowed: list[str] = field(default_factory=list)
     contradictions: int = 0
     _before: Action | None = None
-
-    def frame(self, frame: Frame) -> None:
-        """Images are not looked at."""
 
     def tick(self, record: TickRecord) -> None:
         view = record.observation.bench
@@ -60,12 +57,6 @@ class Listener:
             if topic == "verdict" and fields.get("decision") == "act":
                 self.allowed.append(str(fields["subject"]))
             self.contradictions += topic == "belief" and fields.get("outcome") == "looked at again"
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages are not kept."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
 
 
 def with_goals(product: Product, count: int) -> Product:

@@ -26,7 +26,7 @@ from cell.recording.scene_frames import timestamp
 from cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, judged, plain, schema, tick_json
 from cell.recording.snapshot import Snapshot
 from cell.settings import LogSettings
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Level, Observer, Outcome, TickRecord
 from skills.drivers.can_gripper import CanFrame
 
 USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals")  # fields that most ticks leave out
@@ -42,7 +42,7 @@ class Dropped:
     can_frames: int = 0
 
 
-class McapRecorder:
+class McapRecorder(Observer):
     """An observer that writes everything to a file; `log_time` is clock time.
 
     Attributes:

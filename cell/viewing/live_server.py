@@ -11,16 +11,15 @@ import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener
 
 from cell.errors import InputError
-from cell.interfaces.perception import Frame
 from cell.recording.scene import SceneLog
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, Outcome, TickRecord
 
 DEFAULT_PORT = 8765  # where viewers look first
 LOOPBACK = "127.0.0.1"
 BACKLOG = 256  # messages that wait for one viewer; the oldest are dropped
 
 
-class LiveServer:
+class LiveServer(Observer):
     """An observer that serves what a recorder writes.
 
     Attributes:
@@ -54,18 +53,12 @@ class LiveServer:
             raise InputError(f"port {port} cannot be used: {error}; choose another by --live PORT") from None
         self.port = self._server.port
 
-    def frame(self, frame: Frame) -> None:
-        """Served through the recorder's channel."""
-
     def tick(self, record: TickRecord) -> None:
         stamp_ns = round(record.observation.time_s * 1e9)
         self._server.broadcast_time(stamp_ns)
         topics = self._newcomers.take()
         if topics and self._scene is not None:
             self._scene.repeat(topics, stamp_ns)
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Served through the recorder's channel."""
 
     def close(self, outcome: Outcome) -> None:  # noqa: ARG002 - viewers see the connection end
         self.abandon()

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from cell.interfaces.observation import Observation
-from cell.interfaces.perception import Frame
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, TickRecord
 
 MOST_FRAMES = 30
 MOST_KEPT = 4 * MOST_FRAMES  # moments; of more every other one is forgotten
@@ -31,7 +30,7 @@ class Moment:
     boxes_px: Boxes = ()
 
 
-class Moments:
+class Moments(Observer):
     """An observer that notes when something worth a picture happened; the pictures are taken from the log at the end.
 
     It keeps no image, and of a long run only so many moments, evenly spread.
@@ -44,17 +43,8 @@ class Moments:
         self._action = ""
         self._parts = -1
 
-    def frame(self, frame: Frame) -> None:
-        """Images are in the log."""
-
     def tick(self, record: TickRecord) -> None:
         self.see(record.observation, record.notes)
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages are not shown."""
-
-    def close(self, outcome: Outcome) -> None:
-        """The end is shown by `shots`."""
 
     def see(self, seen: Observation, notes: Iterable[tuple[str, Mapping[str, object]]]) -> None:
         """One tick: of a run, or of a log."""

@@ -18,10 +18,9 @@ import zmq
 from pydantic import ValidationError
 
 from cell.errors import InputError
-from cell.interfaces.perception import Frame
 from cell.recording.schemas import plain
 from cell.viewing.stepping import WAITS
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, Outcome, TickRecord
 from trees.engine.hooks import ORDERS, Hooks
 from trees.engine.literals import shown
 from trees.engine.tree import Tree
@@ -85,7 +84,7 @@ class RefusedError(Exception):
     """A request that cannot be answered; its text is the answer."""
 
 
-class Monitor:
+class Monitor(Observer):
     """An observer that answers monitors after each tick.
 
     Args:
@@ -132,17 +131,11 @@ class Monitor:
         self._owners = Owners()
         self._resting: list[dict[str, Any]] = []  # hooks that act again with the next request
 
-    def frame(self, frame: Frame) -> None:
-        """Images are not shown."""
-
     def tick(self, record: TickRecord) -> None:
         self._time_s = record.observation.time_s
         self._hooks.ticked()
         self._board.update(record.changes, self._time_s)
         self.serve()
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """What the controller says is not part of the protocol."""
 
     def close(self, outcome: Outcome) -> None:  # noqa: ARG002 - monitors see the connection end
         self.abandon()

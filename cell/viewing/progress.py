@@ -13,8 +13,7 @@ from rich.text import Text
 
 from cell.interfaces.command import Display
 from cell.interfaces.operator import Question
-from cell.interfaces.perception import Frame
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Level, Observer, Outcome, TickRecord
 
 REFRESH_S = 0.1  # of wall time
 LOOK_BACK_TICKS = 50  # the tick rate is a mean over these
@@ -22,7 +21,7 @@ STYLES = {"info": "default", "warning": "yellow", "error": "bold red"}
 URGENT = {"help": "bold yellow", "asks": "bold yellow", "alarm": "bold red"}  # shown only where there is something
 
 
-class LiveProgress:
+class LiveProgress(Observer):
     """An observer that shows what the person at the bench and the robot do."""
 
     def __init__(self, console: Console, period_s: float) -> None:
@@ -37,9 +36,6 @@ class LiveProgress:
         self._stamps: list[float] = []
         if self._live is not None:
             self._live.start()
-
-    def frame(self, frame: Frame) -> None:
-        """Images are not shown."""
 
     def tick(self, record: TickRecord) -> None:
         now_s = time.monotonic()

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import InputError
-from cell.interfaces.perception import BenchView, Frame
+from cell.interfaces.perception import BenchView
 from cell.interfaces.product import Product
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, Outcome, TickRecord
 from learned.semantic.goals import OpenGoals
 
 
-class FinishedBrackets:
+class FinishedBrackets(Observer):
     """An observer that learns from how a run ended; what the cameras saw in the holes counts, not what was believed.
 
     Attributes:
@@ -30,9 +30,6 @@ class FinishedBrackets:
         self._shift = False  # brackets are noted one by one
         self.learned: str | None = None
 
-    def frame(self, frame: Frame) -> None:
-        """Detectors have read it."""
-
     def tick(self, record: TickRecord) -> None:
         self._view = record.observation.bench or self._view
         for topic, fields in record.notes:
@@ -40,9 +37,6 @@ class FinishedBrackets:
                 self._shift = True
                 if fields.get("finished"):
                     self._learn()
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Nothing to learn."""
 
     def close(self, outcome: Outcome) -> None:
         if outcome.end == "finished" and not self._shift:
@@ -91,7 +85,7 @@ class Bracket:
         return self.end_s - self.begin_s
 
 
-class BracketTally:
+class BracketTally(Observer):
     """An observer that counts brackets; empty for a tree that names none.
 
     Attributes:
@@ -100,9 +94,6 @@ class BracketTally:
 
     def __init__(self) -> None:
         self.brackets: list[Bracket] = []
-
-    def frame(self, frame: Frame) -> None:
-        """Images are not counted."""
 
     def tick(self, record: TickRecord) -> None:
         display = record.command.display
@@ -127,12 +118,6 @@ class BracketTally:
             now.end_s = now_s
             if belief:
                 now.inferred_goal = max(belief, key=lambda goal: belief[goal])
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages are not counted."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
 
     def report(self, judged: Sequence[Mapping[str, object]]) -> dict[str, object]:
         """Keys of `cell run --json` for a shift; empty where no bracket was begun.

@@ -12,13 +12,12 @@ from collections.abc import Callable
 
 from cell.interfaces.faults import Action
 from cell.interfaces.observation import ObjectStatus, Observation
-from cell.interfaces.perception import Frame
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, TickRecord
 
 ToolOnBench = Callable[[Observation], tuple[float, float]]
 
 
-class Fluency:
+class Fluency(Observer):
     """An observer that adds up who acts and who waits, from the first action of either on.
 
     Args:
@@ -36,9 +35,6 @@ class Fluency:
         self._holding = False
         self._least_m = math.inf
 
-    def frame(self, frame: Frame) -> None:
-        """Images say nothing here."""
-
     def tick(self, record: TickRecord) -> None:
         seen = record.observation
         period_s = 0.0 if self._before_s is None else seen.time_s - self._before_s
@@ -55,12 +51,6 @@ class Fluency:
         if seen.arm.moving and seen.bench is not None and seen.bench.hand is not None:
             tool_m, hand = self._tool_m(seen), seen.bench.hand
             self._least_m = min(self._least_m, math.dist(tool_m, hand.fingertips_m), math.dist(tool_m, hand.palm_m))
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages say nothing here."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
 
     def report(self) -> dict[str, object]:
         """What was counted, by keys of `cell run --json`; shares are None where nobody ever acted."""

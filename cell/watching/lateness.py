@@ -6,8 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 
-from cell.interfaces.perception import Frame
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Level, Observer, TickRecord
 
 BIN_S = 1e-4
 BINS = 10_000  # up to a second; what is later counts as that late
@@ -41,7 +40,7 @@ class Quantiles:
         return 0.0
 
 
-class Lateness:
+class Lateness(Observer):
     """An observer of the times at which ticks begin.
 
     The causes of a late tick are the nodes and the observers of the tick before, where these took longer than a
@@ -68,9 +67,6 @@ class Lateness:
         self._before: TickRecord | None = None
         self._said = False
 
-    def frame(self, frame: Frame) -> None:
-        """Images say nothing here."""
-
     def tick(self, record: TickRecord) -> None:
         late_s = record.observation.late_s
         self._late.add(late_s)
@@ -81,12 +77,6 @@ class Lateness:
             self._said = True
             text = "the machine is too slow for --real-time: the simulated world falls behind the wall's time"
             self._say(record.observation.time_s, "warning", text)
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages say nothing here."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
 
     def report(self) -> dict[str, object]:
         """What was counted, by keys of `cell run --json`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.faults import Judgement
@@ -78,21 +78,17 @@ class Outcome:
         return EXIT_STATUS[self.end]
 
 
-class Observer(Protocol):
-    """Follows a run; called from the loop, so each call is short."""
+class Observer:
+    """Follows a run; called from the loop, so each call is short. A derived class overrides what it is about."""
 
     def frame(self, frame: Frame) -> None:
         """A camera frame arrived."""
-        ...
 
     def tick(self, record: TickRecord) -> None:
         """A tick is done."""
-        ...
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         """The controller says something."""
-        ...
 
     def close(self, outcome: Outcome) -> None:
         """The run is over; called once."""
-        ...

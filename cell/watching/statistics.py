@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
-from cell.interfaces.perception import Frame
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, TickRecord
 from trees.engine.node import FAILURE, StatusChange
 
 KEPT = 200  # reasons whose counts are remembered
@@ -44,7 +43,7 @@ class FailureCause:
         return f"{name}: {self._last.feedback}" + (f" ({count} times)" if count > 1 else "")
 
 
-class RunStatistics:
+class RunStatistics(Observer):
     """An observer that keeps the last belief and counts calls for help and refused plans.
 
     Attributes:
@@ -59,9 +58,6 @@ class RunStatistics:
         self.cause = FailureCause()
         self.plans_refused = 0
 
-    def frame(self, frame: Frame) -> None:
-        """Images are not counted."""
-
     def tick(self, record: TickRecord) -> None:
         self.cause.add(record.changes)
         self.help_requests += sum(topic == "help" for topic, _ in record.notes)
@@ -69,12 +65,6 @@ class RunStatistics:
         display = record.command.display
         if display is not None:
             self.goal_belief = dict(display.goal_belief) or self.goal_belief
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages are not counted."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
 
     def report(self) -> dict[str, object]:
         """What was counted, by keys of `cell run --json`."""

@@ -155,7 +155,7 @@ class FakeTree:
 
 
 @dataclass
-class FakeObserver:
+class FakeObserver(Observer):
     """Keeps what it was told."""
 
     records: list[TickRecord] = field(default_factory=list)

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
-from cell.interfaces.perception import Frame
 from cell.interfaces.product import Product
 from cell.runs.options import Files
 from cell.runs.run import drive
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Observer, Outcome, TickRecord
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from sim.scene.clutter import ScenePart
@@ -31,7 +30,7 @@ CAN = (CONFIGURATION.gripper_can.interface, CONFIGURATION.gripper_can.channel)
 
 
 @dataclass
-class Diary:
+class Diary(Observer):
     """An observer that keeps what decides a test.
 
     Attributes:
@@ -44,20 +43,11 @@ class Diary:
     joints: list[tuple[float, ...]] = field(default_factory=list)
     statuses: list[tuple[tuple[str, str], ...]] = field(default_factory=list)
 
-    def frame(self, frame: Frame) -> None:
-        """Images are not kept."""
-
     def tick(self, record: TickRecord) -> None:
         time_s = record.observation.time_s
         self.notes += [(time_s, topic, dict(fields)) for topic, fields in record.notes]
         self.joints.append(record.observation.arm.positions_rad)
         self.statuses.append(tuple((change.path, change.new.name) for change in record.changes))
-
-    def message(self, time_s: float, level: Level, text: str) -> None:
-        """Messages are not kept."""
-
-    def close(self, outcome: Outcome) -> None:
-        """Nothing to do."""
 
     def reasons(self) -> list[str]:
         """What skills and guards said, in order."""

@@ -12,7 +12,7 @@ from cell.interfaces.perception import Frame, PendingFrame
 from cell.interfaces.product import Product
 from cell.viewing.page.server import PageServer
 from cell.viewing.page.state import PageState
-from cell.watching.observer import Level, Outcome, TickRecord
+from cell.watching.observer import Level, Observer, Outcome, TickRecord
 from trees.engine.tree import Tree
 
 DEFAULT_PORT = 8780
@@ -20,7 +20,7 @@ KEPT_FRAMES = 8  # that detectors have not answered yet
 EVERY_S = 0.1  # of wall time, between two states
 
 
-class OperatorPage:
+class OperatorPage(Observer):
     """An observer that serves a page (`cell run --page`).
 
     Args:

@@ -14,6 +14,7 @@ from py_trees.common import Status
 from cell.interfaces.command import Command
 from cell.interfaces.devices import Devices, Gripper, Signals
 from cell.interfaces.faults import Action, Judgement
+from cell.interfaces.memory import Memory
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
@@ -27,6 +28,7 @@ from cell.running.supervisor import Supervisor
 from cell.settings import ControllerSettings
 from cell.watching.observer import End, Observer, Outcome, SentCommand, TickRecord
 from trees.engine.node import StatusChange
+from trees.nodes.services import Tick
 
 STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked
 STOPPING = "STOPPING"  # ... and in the ticks of the safe stop
@@ -49,31 +51,11 @@ class TickedTree(Protocol):
         ...
 
 
-class TickedNow(Protocol):
-    """What the loop renews before every tick; nodes read and fill it."""
-
-    observation: Observation
-    command: Command
-
-
-class HeldPart(Protocol):
-    """What the loop needs of the memory of the nodes."""
-
-    held_part: str
-
-
 class TickServices(Protocol):
-    """What the loop shares with the nodes."""
+    """What the loop shares with the nodes: it renews what they see and ask for, before every tick."""
 
-    @property
-    def now(self) -> TickedNow:
-        """The tick under way."""
-        ...
-
-    @property
-    def memory(self) -> HeldPart:
-        """What the nodes remember."""
-        ...
+    now: Tick
+    memory: Memory
 
 
 @dataclass(frozen=True)

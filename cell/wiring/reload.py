@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Protocol
 
 from py_trees.common import Status
 
 from cell.errors import InputError, Problem
 from cell.interfaces.clock import Clock
 from cell.interfaces.observation import Observation
+from cell.running.controller import TickServices
 from cell.watching.observer import Level, Observer
 from trees.engine.blackboard import UNSET
 from trees.engine.literals import fits
@@ -27,21 +27,6 @@ from trees.nodes.skill_node import SkillNode
 MOVING_NODES = (SkillNode, ActivateGripper)
 
 Stamp = tuple[int, int] | None
-
-
-class Observed(Protocol):
-    """What is needed of the tick under way."""
-
-    observation: Observation
-
-
-class TickServices(Protocol):
-    """What is needed of the services."""
-
-    @property
-    def now(self) -> Observed:
-        """The tick under way."""
-        ...
 
 
 class WatchedTree:

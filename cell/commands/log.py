@@ -199,9 +199,7 @@ def recover(
 def export_log(
     log: LogArgument,
     to: Annotated[ExportFormat, typer.Option(help="Format.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="File or folder to write; next to the log by default.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="What to write; next to the log by default.")] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -338,7 +336,7 @@ def to_test(
     until_s: UntilOption = float("inf"),
     as_json: JsonOption = False,
 ) -> int:
-    """Turn a log into a regression case under 1 MB; `make test` replays those in tests/cases. Status 1 if it differs now."""
+    """Turn a log into a regression case under 1 MB, which the tests replay. Status 1 if it differs now."""
     from cell.log.replay.case import check_case, write_case
     from cell.log.report.text import difference_lines
 

@@ -27,7 +27,7 @@ CELL = {
     "replay",
     "run",
 }
-TREES = {"Bench", "InputPort", "Node", "OutputPort", "Status", "load_tree"}
+TREES = {"Bench", "InputPort", "Node", "OutputPort", "Status", "Traits", "load_tree"}
 
 
 def test_the_front_door_hands_on_what_was_promised() -> None:

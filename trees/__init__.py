@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from trees.engine.node import Node
     from trees.engine.ports import InputPort, OutputPort
+    from trees.engine.traits import Traits
     from trees.files.loader import load_tree
     from trees.testing import TreeBench as Bench
 
@@ -32,10 +33,11 @@ _HOME = {
     "InputPort": ("trees.engine.ports", "InputPort"),
     "Node": ("trees.engine.node", "Node"),
     "OutputPort": ("trees.engine.ports", "OutputPort"),
+    "Traits": ("trees.engine.traits", "Traits"),
     "Status": ("py_trees.common", "Status"),
     "load_tree": ("trees.files.loader", "load_tree"),
 }
-__all__ = ["Bench", "InputPort", "Node", "OutputPort", "Status", "load_tree"]
+__all__ = ["Bench", "InputPort", "Node", "OutputPort", "Status", "Traits", "load_tree"]
 
 
 def __getattr__(name: str) -> object:

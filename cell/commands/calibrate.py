@@ -21,10 +21,10 @@ PERSON = "absent"  # in a simulation; at a real bench, whoever types this sees t
 
 
 def calibrate(
-    out: Annotated[Path | None, typer.Option("--out", "-o", help=f"File; {NAME} beside --config by default.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help=f"File; {NAME} next to --config by default.")] = None,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
-    look: Annotated[str | None, typer.Option(help="What the simulation looks like, and how its cameras hang.")] = None,
+    look: Annotated[str | None, typer.Option(help="Look of the simulation, and how its cameras hang.")] = None,
     overhead_only: Annotated[
         bool, typer.Option("--overhead-only", help="Nothing moves; the file's wrist camera stays.")
     ] = False,

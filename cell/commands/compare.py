@@ -28,13 +28,13 @@ def compare(
     trees: Annotated[list[Path], typer.Argument(metavar="A [B]", help="Tree files; one alone with --against.")],
     runs: Annotated[int, typer.Option(min=2, help="Pairs of runs.")] = 20,
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first pair.")] = 0,
-    person: Annotated[str | None, typer.Option(help="Who stands at the bench, as for `cell run`.")] = None,
+    person: Annotated[str | None, typer.Option(help="The simulated person, by name or YAML file.")] = None,
     goal: Annotated[str, typer.Option(help="A goal's name or random.")] = "random",
     against: Annotated[
         Path | None, typer.Option(help="Table of runs (Parquet) to compare with; its seeds are run again.")
     ] = None,
     fail_if: Annotated[
-        list[str] | None, typer.Option(help="Exit with 1 where B - A is beyond this, as 'right < -2%'.")
+        list[str] | None, typer.Option(help="Status 1 if B - A is beyond this, as 'right < -2%'.")
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for runs.parquet and compare.html.")] = Path(
         "compare"

@@ -53,7 +53,7 @@ log_app = typer.Typer(no_args_is_help=True, help="Question, compare and export l
 
 def report(
     log: LogArgument,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file; beside the log by default.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file; next to the log by default.")] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -137,7 +137,7 @@ def nodes(
     until_s: UntilOption = float("inf"),
     as_json: JsonOption = False,
 ) -> None:
-    """Say of every node of the tree how often it was ticked, how long it ran and how it ended."""
+    """List the nodes of the tree: how often each was ticked, how long it ran and how it ended."""
     from cell.log.report.node_statistics import node_statistics, statistics_lines
 
     found = node_statistics(stream := streamed(log), from_s, until_s)
@@ -199,7 +199,7 @@ def recover(
 def export_log(
     log: LogArgument,
     to: Annotated[ExportFormat, typer.Option(help="Format.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; beside the log by default.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="What to write; next to the log by default.")] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -275,7 +275,7 @@ def _tell_export(target: Path, what: str, count: int, as_json: bool) -> None:
 def list_runs(
     folder: Annotated[Path, typer.Argument(help="Folder with logs.")] = Path("runs"),
     where: Annotated[str | None, typer.Option(help='SQL condition, as "correct = false and seed < 10".')] = None,
-    sql: Annotated[str | None, typer.Option(help="A whole question in SQL about the table `runs`.")] = None,
+    sql: Annotated[str | None, typer.Option(help="A whole SQL query of the table `runs`.")] = None,
     failures: Annotated[bool, typer.Option("--failures", help="Why trees failed: by leaf, with an example.")] = False,
     statistics: Annotated[
         str | None, typer.Option(help="Shares and means with their 95 % intervals, by a column, as tree or goal.")
@@ -336,7 +336,7 @@ def to_test(
     until_s: UntilOption = float("inf"),
     as_json: JsonOption = False,
 ) -> int:
-    """Turn a log into a regression case under 1 MB; `make test` replays those in tests/cases. 1 if it differs now."""
+    """Turn a log into a regression case under 1 MB, which the tests replay. Status 1 if it differs now."""
     from cell.log.replay.case import check_case, write_case
     from cell.log.report.text import difference_lines
 

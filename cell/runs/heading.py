@@ -105,7 +105,7 @@ def log_path(options: RunOptions, settings: LogSettings) -> Path:
         raise InputError(Problem(Place(path), "the name of a log ends in .mcap", f"try {path.with_suffix('.mcap')}"))
     taken = next((file for file in (path, *parts_of(path), path.with_suffix(".png")) if file.exists()), None)
     if taken is not None and not options.overwrite:
-        raise InputError(Problem(Place(taken), "exists already", "choose another --log, or add --overwrite"))
+        raise InputError(Problem(Place(taken), "exists already", "choose another --log"))
     return path
 
 

@@ -27,7 +27,7 @@ from cell.viewing.moments import Moments
 
 def files(
     log: LogArgument,
-    out: Annotated[Path, typer.Option("--out", "-o", help="A folder in which none of them is.")] = Path("files"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder without any of them.")] = Path("files"),
     as_json: JsonOption = False,
 ) -> None:
     """Write the files that a run was made with: configuration, product, tree, and how the simulation looked."""
@@ -52,7 +52,7 @@ def check_name(log: Path, name: str) -> None:
 
 def sheet(
     log: LogArgument,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file; beside the log by default.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file; next to the log by default.")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Draw the contact sheet of a run, from its log."""

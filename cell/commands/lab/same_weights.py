@@ -14,7 +14,8 @@ from cell.errors import InputError
 from cell.fleet.row_file import RowFile
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
-from cell.lab.weights import NETWORKS, Comparison, Sample, compared, score_weights
+from cell.lab import weights as scoring
+from cell.lab.weights import NETWORKS, Comparison, compared
 from cell.settings import WEIGHTS
 from learned.inference.onnx_model import OnnxModel
 
@@ -38,7 +39,7 @@ def evaluate_weights(
         if one is not None and not one.is_dir():
             raise InputError(f"{one}: there is no such folder; make it with: cell train --all --out {one}")
     configuration, product = shared.cell()
-    sample = Sample(configuration, product, shared.numbers.start, len(shared.numbers))
+    sample = scoring.Sample(configuration, product, shared.numbers.start, len(shared.numbers))
     folders = {"before": against or WEIGHTS, "now": folder}
     named = {name: str(at) for name, at in folders.items()}
     heading = {"command": "eval weights", "look": shared.look, **sample.told, **named}
@@ -52,7 +53,7 @@ def evaluate_weights(
     for network in chosen:
         for which, at in folders.items():
             if (*network, which) not in kept:
-                kept[*network, which] = score_weights(sample, at, *network)
+                kept[*network, which] = scoring.score_weights(sample, at, *network)
                 rows.add({"name": network[0], "kind": network[1], "which": which, "scores": kept[*network, which]})
         title = " ".join(network)
         found[title] = compared(kept[*network, "before"], kept[*network, "now"])

@@ -57,7 +57,7 @@ def see(
     frames: Annotated[int | None, typer.Option(min=1, help="Number of frames at most; all by default.")] = None,
     every: Annotated[int, typer.Option(min=1, help="Draw every Nth frame; all are searched.")] = 1,
     look: Annotated[str | None, typer.Option(help="For sim:SEED: nominal, varied, hard, or a file.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")] = False,
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> None:

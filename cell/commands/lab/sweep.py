@@ -17,7 +17,7 @@ from cell.fleet.table import read_column
 
 def sweep(
     spec: Annotated[Path, typer.Argument(help="YAML file: seeds, trees, configurations, people, looks, faults.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder; a sweep that is there goes on.")] = Path("sweep"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder; a sweep there continues.")] = Path("sweep"),
     workers: FleetWorkersOption = WORKERS,
     scheduler: SchedulerOption = None,
     logs: Annotated[bool, typer.Option("--logs", help="Keep the log of every run, with images, in OUT/logs.")] = False,

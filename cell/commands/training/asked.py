@@ -34,7 +34,7 @@ class Training:
     validation: Annotated[Path | None, Option(help="Another such folder, for the scores.")] = None
     look: Annotated[str | None, Option(help="Look of all recordings that are made; several looks by default.")] = None
     budget: Annotated[str, Option(help="Processor time for data and training, as in 90s, 30m or 2h.")] = ""
-    epochs: Annotated[int | None, Option(min=1, help="Passes through the data; by default what the budget allows.")] = (
+    epochs: Annotated[int | None, Option(min=1, help="Passes through the data; by default what suits the network.")] = (
         None
     )
     share: Annotated[float, Option(min=0.05, max=1, help="Share of VGG16's channels, if it is used.")] = 1.0

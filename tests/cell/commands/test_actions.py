@@ -106,18 +106,7 @@ def test_an_interrupted_evaluation_tells_what_is_done_and_that_it_is_not_all(
         return {"slim": Tally(rows=[(0, 0, False)], latency_s=[0.01])}
 
     monkeypatch.setattr("cell.lab.actions.evaluate_actions", watch)
-    words = [
-        "lab",
-        "eval",
-        "actions",
-        "--kind",
-        "slim",
-        "--seeds",
-        "900000:900003",
-        "--json",
-        "--out",
-        str(tmp_path / "rows.jsonl"),
-    ]
+    words = ["--kind", "slim", "--seeds", "900000:900003", "--json", "--out", str(tmp_path / "rows.jsonl")]
     for most, status in ((0, 1), (2, 1), (3, 0)):
         assert main(["lab", "eval", "actions", *words]) == status
         told = capsys.readouterr()

@@ -93,7 +93,7 @@ def test_a_factory_that_is_not_there_is_named_by_line(tmp_path: Path, capsys: py
     ("arguments", "words"),
     [
         (["run", "--nonsense"], "--nonsense"),
-        (["run", "--page", "soon"], "--page"),
+        (["run", "--page=soon"], "--page"),
         (["run", "--seed", "-1"], "0"),
         (["frobnicate"], "frobnicate"),
         (["check"], "type: cell check [OPTIONS] FILE..."),

@@ -52,7 +52,7 @@ def test_a_kind_that_is_not_there_is_told_before_anything_is_rendered(
     detector: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(things, "write_plates", None)
-    monkeypatch.setattr(things, "write_objects", None)
+    monkeypatch.setattr(things, "tray_scenes", None)
     legal = {"holes": "plate, classical", "parts": "centre, classical, rcnn"}[detector]
     assert main(["lab", "eval", detector, "--kind", "bogus"]) == 2
     assert f"--kind bogus: unknown kind; legal: {legal}\n" in capsys.readouterr().err

@@ -17,7 +17,7 @@ from cell.commands.options import PORTS, own_files, seeds_of, with_ports
 from cell.errors import InputError
 from tests import ROOT
 
-LAB = "`cell lab --help` lists the commands for research."
+LAB_LINE = "`cell lab --help` lists the commands for research."
 PANELS = {
     "Start": ["init", "doctor", "run", "calibrate"],
     "Program": ["new", "check", "nodes", "show", "monitor"],
@@ -50,9 +50,7 @@ def test_fifteen_commands_stand_in_four_panels(capsys: pytest.CaptureFixture[str
     assert hidden == {"lab", "_data", "_train"}
     assert main(["--help"]) == 0
     told = capsys.readouterr().out
-    assert [line.rstrip() for line in told.splitlines() if "lab" in line] == [
-        " `cell lab --help` lists the commands for research."
-    ]
+    assert [line.strip() for line in told.splitlines() if "lab" in line] == [LAB_LINE]
     assert all(panel in told for panel in PANELS)
 
 

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from cell.commands.schema import modeline, schemas
+from cell.commands.schema import modeline, write_schemas
+from cell.commands.schema import schemas as schema_texts
 from cell.commands.terminal import console
 from cell.files.files import shipped, write_new
 
@@ -19,11 +20,20 @@ SHIPPED = {
 OWN = ("README.md", "tests/test_assemble.py")
 
 
-def init(folder: Annotated[Path, typer.Argument(help="Folder to make; files that are there are kept.")]) -> None:
+def init(
+    folder: Annotated[Path, typer.Argument(help="Folder to make; no file that exists is replaced.")],
+    schemas: Annotated[
+        bool, typer.Option("--schemas", help="Only write config/schema again, for editors, after an update.")
+    ] = False,
+) -> None:
     """Make a folder for a cell of your own: configuration, product, tree and test."""
+    say = console()
+    if schemas:
+        for path in write_schemas(folder / "config" / "schema"):
+            say.print(f"{path}", highlight=False)
+        return
     files = new_cell()
     write_new(folder, files)
-    say = console()
     for name in files:
         say.print(f"{folder / name}", highlight=False)
     say.print(f"next: cd {shlex.quote(str(folder))} && cell run", highlight=False)
@@ -37,4 +47,4 @@ def new_cell() -> dict[str, bytes]:
     for name in ("cell", "products"):
         first_line = f"{modeline(f'schema/{name}.json')}\n".encode()
         contents[f"config/{name}.yaml"] = first_line + contents[f"config/{name}.yaml"]
-    return contents | {f"config/schema/{name}": text.encode() for name, text in schemas().items()}
+    return contents | {f"config/schema/{name}": text.encode() for name, text in schema_texts().items()}

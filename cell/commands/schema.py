@@ -3,16 +3,38 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 from typing import Any
 
 from cell.configuration import Configuration
+from cell.errors import InputError, Place, Problem
 from cell.files.model import Model
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
 from sim.scene.look_range import LookFile
 from sim.scene.person import Person
 
-MARK = "made by cell lab schema; do not edit"
+MARK = "made by cell init --schemas; do not edit"
+OURS = re.compile("made by cell [a-z -]*; do not edit")
+
+
+def write_schemas(folder: Path) -> list[Path]:
+    """Write all schemas, over those that this program wrote; returns the files.
+
+    Raises:
+        InputError: another file has the name of one, or one cannot be written.
+    """
+    files = {folder / name: text for name, text in schemas().items()}
+    if foreign := [path for path in files if path.exists() and not _ours(path)]:
+        raise InputError(*(Problem(Place(path), "is no schema of this program", "name a folder") for path in foreign))
+    for path, text in files.items():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+        except OSError as error:
+            raise InputError(Problem(Place(path), f"cannot be written: {error.strerror or error}")) from None
+    return list(files)
 
 
 def modeline(path: str) -> str:
@@ -42,3 +64,10 @@ def _with_ranges(schema: Any) -> Any:
     if schema.get("type") in ("number", "integer", "boolean"):
         return {"anyOf": [schema, {"type": "array", "items": schema, "minItems": 2, "maxItems": 2}]}
     return {key: value if key == "default" else _with_ranges(value) for key, value in schema.items()}
+
+
+def _ours(path: Path) -> bool:
+    try:
+        return OURS.search(path.read_text()) is not None
+    except (OSError, UnicodeDecodeError):
+        return False

@@ -58,7 +58,7 @@ def assemble(
     """
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
-        command = [sys.executable, "-m", "cell", "run", "--goal", goal, "--seed", str(seed), "--log", str(log)]
+        command = [sys.executable, "-m", "cell", "lab", "run", "--goal", goal, "--seed", str(seed), "--log", str(log)]
         command += ["--json"]
         command += ["--person", person, *more]
         try:

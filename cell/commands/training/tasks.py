@@ -153,7 +153,7 @@ TASKS = {
             (),
             ("data",),
             planners.noise,
-            use="planners: semantic: {{confusions: {file}}}",
+            use="planners.semantic.confusions: {file}",
             torch=False,
         ),
     )

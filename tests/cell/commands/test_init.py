@@ -131,3 +131,10 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, capsys: pytest.Captur
         assert main(["init", str(folder)]) == 2
         assert "cannot be written" in capsys.readouterr().err
     assert [path.name for path in tmp_path.rglob("*")] == ["mine", "notes.txt"]
+
+
+def test_schemas_alone_are_renewed_after_an_update(folder: Path) -> None:
+    before = files_of(folder)
+    (folder / "config" / "schema" / "look.json").write_text('{"$comment": "made by cell schema; do not edit"}')
+    assert main(["init", str(folder), "--schemas"]) == 0
+    assert files_of(folder) == before

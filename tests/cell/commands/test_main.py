@@ -110,7 +110,7 @@ def test_other_bad_input(arguments: list[str], words: str, capsys: pytest.Captur
 @pytest.mark.torch
 @pytest.mark.parametrize("planner", ["semantic", "grasp"])
 def test_a_planner_that_cannot_be_trained_is_bad_input(planner: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "magic" in complaint(capsys, "train", planner, "--kind", "magic")
+    assert "magic" in complaint(capsys, "lab", "train", planner, "--kind", "magic")
 
 
 def test_the_shipped_trees_have_no_mistakes(capsys: pytest.CaptureFixture[str]) -> None:

@@ -35,7 +35,7 @@ def test_no_training_begins_that_could_not_be_kept(
         tmp_path / "notes.txt" / name: "cannot be written",
     }
     for out, why in wrong.items():
-        assert main(["train", *training.split(), "--out", str(out)]) == 2
+        assert main(["lab", "train", *training.split(), "--out", str(out)]) == 2
         assert f"--out {out}: {why}" in capsys.readouterr().err
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert sorted(file.name for file in tmp_path.rglob("*")) == sorted(["folder", name, "notes.txt"])
@@ -56,7 +56,7 @@ def test_no_training_writes_over_a_file_unasked(
 ) -> None:
     (tmp_path / file).write_text("mine")
     out = tmp_path / TRAININGS.get(training, "grasp.onnx")
-    assert main(["train", *training.split(), "--out", str(out)]) == 2
+    assert main(["lab", "train", *training.split(), "--out", str(out)]) == 2
     assert f"{tmp_path / file}: exists already; choose another --out, or add --overwrite" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == [file]
     assert (tmp_path / file).read_text() == "mine"

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+import yaml
 
 from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption
 from cell.commands.terminal import console, print_json, table
+from cell.commands.training.weights import folder_for, told_in, writable
+from cell.configuration import load_configuration, load_product, simulated
 from cell.errors import InputError
 from cell.files.files import whole_or_none
-
-if TYPE_CHECKING:
-    from cell.interfaces.bench import Calibration
-    from cell.runs.calibrating import Calibrated
+from cell.files.yaml_file import load_yaml
+from cell.interfaces.bench import Calibration
+from cell.runs.calibrating import Calibrated
+from cell.runs.calibrating import calibrate as calibration_of
 
 NAME = "calibration.yaml"
 PERSON = "absent"  # in a simulation; at a real bench, whoever types this sees to it
@@ -32,12 +35,6 @@ def calibrate(
     as_json: JsonOption = False,
 ) -> int:
     """Find out where the cameras hang. The arm moves over the empty bracket: keep away from it."""
-    from cell.commands.training.weights import folder_for, told_in, writable
-    from cell.configuration import load_configuration, load_product, simulated
-    from cell.files.yaml_file import load_yaml
-    from cell.interfaces.bench import Calibration
-    from cell.runs.calibrating import calibrate as calibration_of
-
     path = out or folder_for(config) / NAME
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another --out, or add --overwrite")
@@ -70,7 +67,6 @@ def _words(one: Calibrated) -> str:
 
 
 def _write(found: Calibration, path: Path) -> None:
-    import yaml
 
     told = found.model_dump(mode="json", exclude_none=True)
     text = "# Where the cameras hang and how they see; made by: cell calibrate\n" + yaml.safe_dump(

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.table import Table
 
+from cell.commands.log_terminal import read
 from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
-from cell.commands.terminal import console, print_json
+from cell.commands.terminal import console, print_json, product_of
+from cell.configuration import load_configuration
 from cell.errors import InputError
-
-if TYPE_CHECKING:
-    from learned.semantic.goals import OpenGoals
+from cell.log.training.demonstrations import finished_bracket
+from learned.semantic.goals import FinishedGoal, OpenGoals
 
 goals_app = typer.Typer(help="Show, learn and edit goals: the product's, and those of finished brackets.")
 
@@ -28,7 +31,6 @@ def show(
     """Show all goals, how often each was finished, and how probable it is for the next bracket."""
     if context.invoked_subcommand is not None:
         return
-    from rich.table import Table
 
     goals = _load(file, config)
     product, prior = goals.product, goals.prior()
@@ -56,9 +58,6 @@ def learn(
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """Learn goals from brackets that recorded runs finished; showing one bracket is such a run."""
-    from cell.commands.log_terminal import read
-    from cell.log.training.demonstrations import finished_bracket
-
     goals = _load(file, config)
     for path in logs:
         parts = finished_bracket(read([path]), goals.listed)
@@ -80,9 +79,6 @@ def add(
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """Add a goal by hand, or say how often one was finished."""
-    from dataclasses import replace
-
-    from learned.semantic.goals import FinishedGoal
 
     goals = _load(file, config)
     added = {name: FinishedGoal(parts=tuple(parts), finished=finished)}
@@ -99,8 +95,6 @@ def forget(
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """Forget a learned goal, and how often a listed one was finished."""
-    from dataclasses import replace
-
     goals = _load(file, config)
     if name not in goals.finished:
         raise InputError(f"no goal {name!r} was finished; there are: {', '.join(goals.finished) or 'none'}")
@@ -110,7 +104,6 @@ def forget(
 
 
 def _path(file: Path | None, config: Path) -> Path:
-    from cell.configuration import load_configuration
 
     path = file or load_configuration(config).planners.semantic.goals
     if path is None:
@@ -119,9 +112,6 @@ def _path(file: Path | None, config: Path) -> Path:
 
 
 def _load(file: Path | None, config: Path) -> OpenGoals:
-    from cell.commands.terminal import product_of
-    from cell.configuration import load_configuration
-    from learned.semantic.goals import OpenGoals
 
     settings = load_configuration(config).planners.semantic.new_goals
     return OpenGoals.load(_path(file, config), product_of(config), settings)

@@ -80,6 +80,15 @@ def test_a_folder_without_recordings_is_refused(config: Path, capsys: pytest.Cap
         assert f"--recorded {folder}: nothing of `cell log export --to training`" in capsys.readouterr().err
 
 
+def test_a_plan_trains_nothing(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = sorted(config.parent.iterdir())
+    assert main(["train", "--plan", "--config", str(config)]) == 0
+    assert "grasp planner `pairwise`" in capsys.readouterr().err
+    assert sorted(config.parent.iterdir()) == before
+    assert main(["train", "--budget", "1h", "--config", str(config)]) == 2
+    assert "go with --all or --only" in capsys.readouterr().err
+
+
 @pytest.mark.torch
 def test_nothing_that_torch_says_of_itself_reaches_the_user(config: Path) -> None:
     words = ["-m", "cell", "lab", "train", "semantic", "--kind", "factored", "--config", str(config), "--json"]

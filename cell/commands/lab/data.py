@@ -34,5 +34,6 @@ def from_logs(
             raise InputError(f"--from and --out before `{context.invoked_subcommand}` have no meaning; see its --help")
         return
     if not logs or out is None:
-        raise InputError("name logs by --from LOG and a new folder by --out DIR, or a data set; --help lists them")
+        sets = ", ".join(getattr(context.command, "commands", {}))
+        raise InputError(f"name logs by --from LOG and a new folder by --out DIR, or a data set: {sets}")
     write_training(logs, out, as_json)

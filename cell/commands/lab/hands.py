@@ -45,7 +45,7 @@ def evaluate(
     if photos is not None or truth is not None:
         _photographs(photos, truth, size, shared.as_json)
         return
-    shared.refuse_only(ONLY)
+    shared.refuse_only(tuple(ONLY))
     persons = (shared.only or ["all"])[0]
     chosen = shared.kind or ["slim"]
     if shared.weights is not None and "slim" not in chosen:

@@ -9,7 +9,10 @@ import typer
 
 from cell.commands.options import CONFIGURATION, ConfigOption
 from cell.commands.terminal import console
+from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
+from sim.data.look_sheet import look_sheet, write_png
+from sim.scene.look_range import look_range, presets
 
 
 def looks(
@@ -21,9 +24,6 @@ def looks(
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """List or draw what the simulation may look like."""
-    from cell.configuration import load_configuration, load_product
-    from sim.scene.look_range import look_range, presets
-
     chosen = [look_range(name) for name in names or presets()]
     if png is None:
         for look in chosen:
@@ -31,7 +31,6 @@ def looks(
         return
     if png.is_dir() or not png.parent.is_dir():
         raise InputError(f"{png}: cannot be written: it must be a file in a folder that exists")
-    from sim.data.look_sheet import look_sheet, write_png
 
     configuration = load_configuration(config)
     product = load_product(configuration, config)

@@ -10,6 +10,8 @@ import typer
 
 from cell.commands.options import CONFIGURATION, ConfigOption, SeedOption
 from cell.commands.terminal import console
+from cell.configuration import for_shift, load_configuration, load_product, located, simulated
+from sim.process.opening import open_world
 
 ADDRESS = Path("runs/world.sock")
 
@@ -26,9 +28,6 @@ def world(
     shift: Annotated[bool, typer.Option("--shift", help="The person continues with the next bracket.")] = False,
 ) -> None:
     """Simulate a cell for controllers that come and go: `cell lab run --world ADDRESS`; Ctrl-C ends it."""
-    from cell.configuration import for_shift, load_configuration, load_product, located, simulated
-    from sim.process.opening import open_world
-
     configuration = simulated(load_configuration(config), look, person)
     if shift:
         configuration = for_shift(configuration, 0)

@@ -202,6 +202,14 @@ def test_confirmed_actions_are_read_from_segments_and_train_the_noise(
     assert "confusions.json: exists already; choose another --out, or add --overwrite" in capsys.readouterr().err
     assert out.read_text() == "mine"
     assert main([*words, "--overwrite"]) == 0
+    trained = tmp_path / "trained"
+    words = ["train", "--only", "noise", "--out", str(trained), "--config", str(config)]
+    assert main(words) == 2
+    assert "--recorded DIR" in capsys.readouterr().err
+    assert main([*words, "--recorded", str(tmp_path)]) == 0
+    assert json.loads((trained / "confusions.json").read_text())["reports_n"] == 4
+    assert main([*words, "--recorded", str(tmp_path), "--plan"]) == 0
+    assert "made before" in capsys.readouterr().err
     path.write_text('{"format": "cell.crops"}\n')
     with pytest.raises(InputError, match=r"segments\.jsonl:1: no file of segments"):
         confirmed_reports(path)

@@ -227,12 +227,13 @@ def test_other_products_and_full_folders_are_refused(tray_log: Log, folder: Path
 def test_command_writes_and_asks_for_what_is_missing(
     tray_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["lab", "data", "--from", str(tray_log.path), "--out", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "out" / "manifest.json").exists()
+    for words in (["lab", "data", "--from"], ["log", "export", "--to", "training"]):
+        assert main([*words, str(tray_log.path), "--out", str(tmp_path / words[0])]) == 0
+        assert (tmp_path / words[0] / "manifest.json").exists()
     capsys.readouterr()
     assert main(["lab", "data", "--from", str(tray_log.path)]) == 2
     told = " ".join(capsys.readouterr().err.split())
-    assert "or a data set: semantic, grasp, actions, hands, holes, plates, objects" in told
+    assert "or a data set: actions, hands, holes, plates, objects, grasp, semantic" in told
     bad, copied = tmp_path / "bad.mcap", tmp_path / "copied.mcap"
     bad.write_bytes(b"bad")
     copied.write_bytes(tray_log.path.read_bytes())
@@ -249,7 +250,7 @@ def test_command_writes_and_asks_for_what_is_missing(
 
 
 def test_logs_that_are_not_there_are_told_before_any_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.commands.log_terminal.read", lambda _: pytest.fail("a log is read"))
+    monkeypatch.setattr("cell.commands.log.read", lambda _: pytest.fail("a log is read"))
     (tmp_path / "some.mcap").write_bytes(b"some")
     for other in ("none.mcap", "./some.mcap"):
         words = ["lab", "data", "--from", str(tmp_path / "some.mcap"), "--from", f"{tmp_path}/{other}", "--out", "new"]
@@ -277,7 +278,7 @@ def test_planners_are_trained_on_it(planner: str, tray_log: Log, tmp_path: Path)
         logs.append(replace(changed(tray_log, *edges), path=path, parts=()))
     write_training_data(logs, tmp_path / "out", COMMAND)
     data = {"semantic": "demonstrations.jsonl", "grasp": "scenes.jsonl"}[planner]
-    command = [sys.executable, "-m", "cell", "train", planner, "--data", str(tmp_path / "out" / data)]
+    command = [sys.executable, "-m", "cell", "lab", "train", planner, "--data", str(tmp_path / "out" / data)]
     command += ["--out", str(tmp_path / "weights.onnx"), "--json"]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert told.returncode == 0, told.stderr

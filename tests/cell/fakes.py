@@ -15,8 +15,9 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.observation import ArmMode, ArmState, GripperState, JointSamples, ObjectStatus, Observation
 from cell.interfaces.perception import Action, BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
+from cell.interfaces.robot import default_robot
 from cell.running.controller import Controller
-from cell.running.fault_checks import CHECKS
+from cell.running.fault_checks import CHECKS, robot_checks
 from cell.running.inference import LockStep
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import Supervisor
@@ -211,7 +212,9 @@ class Rig:
             LockStep(idle_view, self.clock, latency_s),
             LockStep(no_parts, self.clock, latency_s),
             settings or ControllerSettings(),
-            Supervisor([fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS], CHECKS),
+            Supervisor([fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS],
+                {**CHECKS, **robot_checks(default_robot())},
+            ),
             [self.observer, *observers],
             self.operator,
         )

@@ -18,7 +18,6 @@ from trees.engine.tree import Tree
 from trees.files.loader import load_tree, unused_entries
 
 Pace = Literal["fast", "real"]
-WITHOUT_PIXELS = "cell.wiring.no_render_host:open_bare_cell"
 
 
 @dataclass(frozen=True)
@@ -86,8 +85,6 @@ class RunOptions:
         if self.one_process:
             simulation = devices.simulation.model_copy(update={"overlap": False})
             devices = devices.model_copy(update={"simulation": simulation})
-        if not self.pixels:
-            devices = devices.model_copy(update={"factory": WITHOUT_PIXELS})
         return configuration.model_copy(update={"controller": controller, "log": log, "devices": devices})
 
     @property

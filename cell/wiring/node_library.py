@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import trees.nodes
 from cell.errors import InputError
 from cell.interfaces.product import Product
+from cell.settings import OwnDevice
 from trees.engine.node import TreeNode
 from trees.engine.vocabulary import Goal, Hole, OutputSignal, Part, Signal, Words
 from trees.files.build.registry import Registry
@@ -68,8 +69,9 @@ def _things(product: Product | None) -> Words:
 def _signals(configuration: Configuration | None) -> Words:
     if configuration is None:
         return {}
-    module = configuration.signals
-    inputs, outputs = (tuple(module.inputs), tuple(module.outputs)) if module is not None else ((), ())
+    module = configuration.devices.signals
+    names = module.settings if isinstance(module, OwnDevice) else vars(module) if module is not None else {}
+    inputs, outputs = tuple(names.get("inputs", ())), tuple(names.get("outputs", ()))
     return {Signal: (*inputs, *outputs), OutputSignal: outputs}
 
 

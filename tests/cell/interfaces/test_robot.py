@@ -65,7 +65,9 @@ def test_motions_are_planned_a_little_slower_than_the_robot_can_be() -> None:
 def test_a_robot_file_is_relative_to_the_configuration(tmp_path: Path) -> None:
     path = changed_configuration(tmp_path, "product: products.yaml", "product: products.yaml\nrobot: own.yaml")
     shipped = (path.parent / "robots" / "ur10.yaml").read_text()
-    (tmp_path / "own.yaml").write_text(shipped.replace("name: ur10", "name: slow").replace("3.141592653589793,", "1.0,"))
+    (tmp_path / "own.yaml").write_text(
+        shipped.replace("name: ur10", "name: slow").replace("3.141592653589793,", "1.0,")
+    )
     loaded = load_configuration(path)
     assert loaded.motion.robot == loaded.robot
     assert (loaded.robot.name, loaded.robot.speed_rad_s[2]) == ("slow", 1.0)

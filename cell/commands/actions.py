@@ -29,7 +29,7 @@ from cell.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from cell.fleet.row_file import Row, RowFile
+    from cell.files.row_store import Row, RowStore
     from cell.interfaces.product import Product
     from cell.lab.actions import Tally
     from learned.semantic.confusions import Reported
@@ -143,7 +143,7 @@ def evaluate(
     Interrupted, it prints the tables of what was run and ends with status 1; with the same --out it goes on there.
     """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.fleet.row_file import RowFile
+    from cell.files.row_store import RowStore
     from cell.lab.actions import at_pace, evaluate_actions, evaluate_segments
     from sim.data.splits import seeds
 
@@ -160,7 +160,7 @@ def evaluate(
     tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
     told |= {"tracker": tracker, "physics": physics, "cameras": cameras.value}
     of_weights = {} if weights is None else {kinds[0]: weights}
-    kept = RowFile(out, {"command": "actions", **told, "kinds": kinds, "weights": weights and str(weights)})
+    kept = RowStore(out, ["seed"], {"command": "actions", **told, "kinds": kinds, "weights": weights and str(weights)})
     watch = partial(
         evaluate_actions,
         *(configuration, product, kinds),
@@ -215,11 +215,10 @@ def _reported(
     return found
 
 
-def _watched(watch: Callable[[list[int]], Mapping[str, Tally]], seeds: Sequence[int], kept: RowFile) -> list[Row]:
+def _watched(watch: Callable[[list[int]], Mapping[str, Tally]], seeds: Sequence[int], kept: RowStore) -> list[Row]:
     """Rows of these seeds; those that are not in the file yet are run, until somebody interrupts."""
-    done = {row["seed"] for row in kept.rows}
     try:
-        for seed in (seed for seed in seeds if seed not in done):
+        for seed in (seed for seed in seeds if seed not in kept):
             kept.add({"seed": seed, "kinds": {name: asdict(tally) for name, tally in watch([seed]).items()}})
     except KeyboardInterrupt:
         count = sum(row["seed"] in seeds for row in kept.rows)

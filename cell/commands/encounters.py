@@ -22,7 +22,7 @@ from cell.commands.terminal import (
     print_json,
 )
 from cell.configuration import DEFAULT_TREE
-from cell.fleet.row_file import Row, RowFile
+from cell.files.row_store import Row, RowStore
 
 GIVEN_UP = 5  # seeds without an encounter, after which no more are tried
 
@@ -55,14 +55,13 @@ def encounters(
 
     path = Path(config)
     experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": pixels, "config": str(config)}
-    kept = RowFile(out, {"command": "encounters", **experiment})
+    kept = RowStore(out, ["kind", "tree", "seed"], {"command": "encounters", **experiment})
     met = partial(encounter, path, tree, person, provoked=provoked, rendered=pixels)
     if not _meet(kept, lambda seeds: mapped(met, seeds, workers, scheduler), encounters, first_seed):
         return 1
     trees = (ALGORITHM_1, DEFAULT_TREE)
-    timed = _done(kept.rows)
     pairs = [(path, one, number) for number in range(throughput_seeds) for one in trees]
-    left = [pair for pair in pairs if ("throughput", pair[1].name, pair[2]) not in timed]
+    left = [pair for pair in pairs if ("throughput", pair[1].name, pair[2]) not in kept]
     for row in mapped(timed_pair, left, workers, scheduler) if left else ():
         kept.add(row)
     found = summary(kept.rows)
@@ -75,7 +74,7 @@ def encounters(
 
 
 def _meet(
-    kept: RowFile, rows_of: Callable[[Iterable[tuple[int]]], Iterable[Row]], encounters: int, first_seed: int
+    kept: RowStore, rows_of: Callable[[Iterable[tuple[int]]], Iterable[Row]], encounters: int, first_seed: int
 ) -> bool:
     """Assemble until the hand was in the arm's way so often; returns False where somebody interrupts.
 
@@ -84,8 +83,7 @@ def _meet(
     """
     if _enough(kept.rows, encounters, first_seed):
         return True
-    done = _done(kept.rows)
-    seeds = ((seed,) for seed in itertools.count(first_seed) if ("assembly", None, seed) not in done)
+    seeds = ((seed,) for seed in itertools.count(first_seed) if ("assembly", None, seed) not in kept)
     for row in rows_of(seeds):
         if row["end"] == "interrupted":  # the seed is run again another time
             return False
@@ -94,11 +92,6 @@ def _meet(
         if _enough(kept.rows, encounters, first_seed):
             break
     return True
-
-
-def _done(rows: Sequence[Row]) -> set[tuple[object, object, object]]:
-    """What need not be run again: kind, tree and seed."""
-    return {(row["kind"], row.get("tree"), row["seed"]) for row in rows}
 
 
 def _enough(rows: Sequence[Row], encounters: int, first_seed: int) -> bool:
@@ -112,7 +105,7 @@ def _met(rows: Sequence[Row]) -> int:
 
 
 def _tell_assembly(screen: Console, row: Row) -> None:
-    contacts: Sequence[Row] = row["contacts"]  # type: ignore[assignment]
+    contacts: Sequence[Row] = row["contacts"]
     words = f"{row['encounters']} encounters, {len(contacts)} contacts"
     if row.get("acknowledged"):
         words += f", acknowledged {row['acknowledged']} times"

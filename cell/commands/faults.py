@@ -20,7 +20,7 @@ from cell.commands.terminal import (
     console,
     print_json,
 )
-from cell.fleet.row_file import Row, RowFile
+from cell.files.row_store import Row, RowStore
 
 if TYPE_CHECKING:
     from cell.lab.faults import Pairs
@@ -53,7 +53,7 @@ def faults(
         seeds = range(first_seed, first_seed + assemblies)
         return _assemblies(Path(config), seeds, each, pixels, out, as_json, workers, scheduler)
     screen, pairs = console(), chosen(fault, state)
-    kept = RowFile(out, {"command": "faults", "pixels": pixels, "config": str(config)})
+    kept = RowStore(out, ["fault", "state", "seed"], {"command": "faults", "pixels": pixels, "config": str(config)})
 
     def tell(row: Row) -> None:
         kept.add(row)
@@ -117,9 +117,8 @@ def _assemblies(
     from cell.lab.random_faults import counted, troubled_assembly
 
     screen = console()
-    kept = RowFile(out, {"command": "faults", "faults": faults, "pixels": pixels, "config": str(path)})
-    done = {row["seed"] for row in kept.rows}
-    wanted = ((path, seed, faults) for seed in seeds if seed not in done)
+    kept = RowStore(out, ["seed"], {"command": "faults", "faults": faults, "pixels": pixels, "config": str(path)})
+    wanted = ((path, seed, faults) for seed in seeds if seed not in kept)
     for row in mapped(partial(troubled_assembly, rendered=pixels), wanted, workers, scheduler):
         kept.add(row)
         words = "WRONG, AND NOT KNOWN" if row["unknown"] else "as promised" if row["as_promised"] else "NOT AS PROMISED"

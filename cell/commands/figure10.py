@@ -35,7 +35,7 @@ def figure10(
     """
     need_torch()
     from cell.configuration import load_configuration, load_product
-    from cell.fleet.row_file import RowFile
+    from cell.files.row_store import RowStore
     from learned.actions.data import load_segments
     from learned.actions.settings import WHOLE_FRAMES, ActionTraining
     from learned.actions.train import Task
@@ -45,9 +45,8 @@ def figure10(
     if unknown := [one for one in kinds if one not in KINDS]:
         raise InputError(f"--kind {unknown[0]}: legal: {', '.join(KINDS)}")
     told = {"look": look, "first_seed": first_seed, "recordings": recordings, "epochs": epochs, "share": share}
-    kept = RowFile(out, {"command": "figure10", **told, "seed": seed})
-    done = {(row["fold"], row["kind"]) for row in kept.rows}
-    wanted = [(fold, one) for fold in range(FOLDS) for one in kinds if (fold, one) not in done]
+    kept = RowStore(out, ["fold", "kind"], {"command": "figure10", **told, "seed": seed})
+    wanted = [(fold, one) for fold in range(FOLDS) for one in kinds if (fold, one) not in kept]
     status = 0
     if wanted:
         whole = any(one in WHOLE_FRAMES for _, one in wanted)

@@ -131,12 +131,12 @@ def _run(tasks: Iterable[Task], total: int, out: Path, workers: int, scheduler: 
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+    from cell.files.row_store import RowStore
     from cell.fleet.engine import cluster, results
-    from cell.fleet.journal import Journal
     from cell.fleet.table import write_table
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: workers end, and nothing of them is left
-    journal = Journal(out / "runs.jsonl")
+    store = RowStore(out / "runs.jsonl", ["key"])
     wanted: dict[str, None] = {}  # in the order of the tasks
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console()) as progress, cluster(workers, scheduler) as client:
@@ -145,18 +145,17 @@ def _run(tasks: Iterable[Task], total: int, out: Path, workers: int, scheduler: 
         def missing() -> Iterator[Task]:
             for task in tasks:
                 wanted[task.key] = None
-                if task.key in journal.keys:
+                if task.key in store:
                     progress.advance(shown)
                 else:
                     yield task
 
         for row in results(client, missing()):
             if row["end"] != "lost":  # what no worker could run is tried again next time
-                journal.add(row)
+                store.add(row)
                 progress.advance(shown)
-    done = [key for key in wanted if key in journal.keys]
-    journal.close()
-    write_table(journal.rows(done), out / "runs.parquet")
+    done = [key for key in wanted if key in store]
+    write_table(store.rows_of(done), out / "runs.parquet")
     return len(done)
 
 

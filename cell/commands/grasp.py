@@ -162,7 +162,7 @@ def _experiment(
     need_torch(plots=True)
     import torch
 
-    from learned.lab.experiments import Store, write_page
+    from learned.lab.experiments import kept, write_page
     from learned.lab.grasp_cells import TEST_SEED
     from learned.lab.grasp_page import HEAD
     from learned.lab.grasp_page import experiments as tables
@@ -178,5 +178,5 @@ def _experiment(
     with _camera(product, config) as camera:
         every = tables(camera, test_seed)
         chosen = {name: some for name, some in every.items() if {Experiment.ALL, name} & {*experiments}}
-        write_page(HEAD, chosen, product, Store(KEPT / f"experiments_{identity}.jsonl"), out, facts)
+        write_page(HEAD, chosen, product, kept(KEPT / f"experiments_{identity}.jsonl"), out, facts)
     console().print(f"{', '.join(chosen)} in {out}")

@@ -14,7 +14,7 @@ from cell.errors import InputError
 
 if TYPE_CHECKING:
     from cell.configuration import Configuration
-    from cell.fleet.row_file import RowFile
+    from cell.files.row_store import RowStore
     from cell.lab.knobs import Scored
 
 KNOB = "--knob light.ambient=0.1,0.5"
@@ -43,7 +43,7 @@ def knobs(
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
     """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.fleet.row_file import RowFile
+    from cell.files.row_store import RowStore
     from cell.lab.knobs import SCORED, Sample, at
     from sim.data.splits import seeds
 
@@ -65,7 +65,7 @@ def knobs(
         "first_seed": first_seed,
         "physics": physics,
     }
-    kept = RowFile(out, {"command": "knobs", **told})
+    kept = RowStore(out, ["knob", "value"], {"command": "knobs", **told})
     whole = _score(kept, turned, lambda cell: scored.score(Sample(cell, product, wanted, physics)))
     rows = [row for row in kept.rows if row["value"] in tried.get(str(row["knob"]), ())]
     console().print(_table(rows, scored), highlight=False, soft_wrap=True)
@@ -79,13 +79,12 @@ def knobs(
 
 
 def _score(
-    kept: RowFile, turned: Sequence[tuple[str, Any, Configuration]], score: Callable[[Configuration], dict[str, Any]]
+    kept: RowStore, turned: Sequence[tuple[str, Any, Configuration]], score: Callable[[Configuration], dict[str, Any]]
 ) -> bool:
     """Add a row for each value that has none yet; returns False where somebody interrupts."""
-    done = {(row["knob"], row["value"]) for row in kept.rows}
     try:
         for name, value, cell in turned:
-            if (name, value) not in done:
+            if (name, value) not in kept:
                 kept.add({"knob": name, "value": value, **score(cell)})
     except KeyboardInterrupt:
         console().print(f"interrupted: {len(kept.rows)} of {len(turned)} values are done")

@@ -36,7 +36,7 @@ def evaluate_weights(
     The weights of both folders are scored on the same images, trays and orders, drawn from `--first-seed` on.
     """
     from cell.configuration import load_configuration, load_product, simulated
-    from cell.fleet.row_file import RowFile
+    from cell.files.row_store import RowStore
     from cell.interfaces.planning import weights_file
     from cell.lab.weights import NETWORKS, Sample, compared, score_weights
     from cell.settings import WEIGHTS
@@ -60,7 +60,7 @@ def evaluate_weights(
     for at in folders.values():  # what is missing, or of another product, is said before anything is scored
         for network in chosen:
             _require(at / weights_file(*network), network[1], sample.product)
-    rows = RowFile(out, heading)
+    rows = RowStore(out, ["name", "kind", "which"], heading)
     kept: dict[tuple[object, ...], Any] = {_named(row): row["scores"] for row in rows.rows}
     found: dict[str, Comparison] = {}
     for network in chosen:

@@ -7,6 +7,7 @@ import platform
 import sys
 from datetime import date
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,7 @@ from cell.commands.terminal import (
     ConfigOption,
     JsonOption,
     SeedOption,
+    WorkersOption,
     console,
     print_json,
     product_of,
@@ -104,6 +106,7 @@ def evaluate(
     logs: Annotated[
         list[Path] | None, typer.Option("--from", metavar="LOG", help="With --certify: log of a run; may be repeated.")
     ] = None,
+    workers: WorkersOption = 1,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -114,7 +117,7 @@ def evaluate(
         _certify(certify, logs or [], product, config, seed, as_json)
         return
     if experiment is not None:
-        _experiment(experiment, out, product)
+        _experiment(experiment, out, product, workers)
         return
     if out is not None:
         raise InputError("--out is for --experiment; scores of one planner go to the terminal, or --json")
@@ -164,11 +167,12 @@ def _certify(limit: float, logs: list[Path], product: Product, config: Path, see
         print_json(vars(found))
 
 
-def _experiment(experiment: Experiment, out: Path | None, product: Product) -> None:
+def _experiment(experiment: Experiment, out: Path | None, product: Product, workers: int) -> None:
     if out is None:
         raise InputError("--experiment needs --out FILE, the page to write")
     need_torch(plots=True)
-    from learned.lab.experiments import Store, write_page
+    from cell.fleet.engine import mapped
+    from learned.lab.experiments import kept, write_page
     from learned.lab.semantic_page import EXPERIMENTS, HEAD
     from learned.semantic.graph import Layout
 
@@ -181,6 +185,6 @@ def _experiment(experiment: Experiment, out: Path | None, product: Product) -> N
         "product": f"{product.name}: {len(product.positions)} positions, {len(product.parts)} types, "
         f"{len(product.goals)} goals",
     }
-    store = Store(KEPT / f"experiments_{Layout.of(product).sha256[:12]}.jsonl")
-    write_page(HEAD, chosen, product, store, out, facts)
+    store = kept(KEPT / f"experiments_{Layout.of(product).sha256[:12]}.jsonl")
+    write_page(HEAD, chosen, product, store, out, facts, partial(mapped, workers=workers))
     console().print(f"{', '.join(chosen)} in {out}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -55,8 +55,8 @@ def system(
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
     """
     from cell.configuration import detected_by, load_configuration, simulated
+    from cell.files.row_store import RowStore
     from cell.fleet.engine import mapped
-    from cell.fleet.row_file import RowFile
     from cell.lab.system import evaluate_system, table_1
 
     if perception not in (None, *KINDS):
@@ -64,10 +64,9 @@ def system(
     configuration = detected_by(simulated(load_configuration(config), look, person), perception)
     told = {"look": look, "person": person, "perception": configuration.perception.words, "cameras": cameras.value}
     wanted = [(count, seed) for seed in range(first_seed, first_seed + runs) for count in goals or [3]]
-    kept = RowFile(out, {"command": "system", **told})
-    rows: list[dict[str, Any]] = [row for row in kept.rows if (row.get("goals"), row.get("seed")) in wanted]
-    done = {(row["goals"], row["seed"]) for row in rows}
-    left = [one for one in wanted if one not in done]
+    kept = RowStore(out, ["goals", "seed"], {"command": "system", **told})
+    rows = list(kept.rows_of([one for one in wanted if one in kept]))
+    left = [one for one in wanted if one not in kept]
     status = 0
     try:
         work = partial(evaluate_system, configuration, config, calibrated=cameras is Hung.calibrated)

@@ -9,7 +9,7 @@ import pytest
 
 from cell.errors import InputError
 from learned.lab import experiments
-from learned.lab.experiments import Cell, Store, code_version, number, shown, shown_share, values_of
+from learned.lab.experiments import Cell, code_version, kept, measured, number, shown, shown_share, values_of
 
 asked: list[int] = []
 
@@ -33,20 +33,20 @@ def cells() -> list[Cell]:
 def test_finished_cells_are_not_measured_again(tmp_path: Path) -> None:
     path = tmp_path / "new" / "cells.jsonl"
     with pytest.raises(KeyboardInterrupt):
-        Store(path).run("a test", cells(), quiet=True)
+        measured("a test", cells(), kept(path), quiet=True)
     assert asked == [0, 1, 2]
-    found = Store(path).run("a test", cells(), quiet=True)
+    found = measured("a test", cells(), kept(path), quiet=True)
     assert asked == [0, 1, 2, 2, 3]
     assert [values["square"] for _, values in found] == [0, 1, 4, 9]
     path.write_text("no JSON\n")
-    with pytest.raises(InputError, match=r"cells\.jsonl:1: no finished cell"):
-        Store(path)
+    with pytest.raises(InputError, match=r"cells\.jsonl:1: no row of name"):
+        kept(path)
 
 
 def test_other_code_measures_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    Store(tmp_path / "cells").run("a test", cells()[:2], quiet=True)
+    measured("a test", cells()[:2], kept(tmp_path / "cells"), quiet=True)
     monkeypatch.setattr(experiments, "code_version", lambda _: "another")
-    Store(tmp_path / "cells").run("a test", cells()[:2], quiet=True)
+    measured("a test", cells()[:2], kept(tmp_path / "cells"), quiet=True)
     assert asked == [0, 1, 0, 1]
 
 

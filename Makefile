@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -e -u -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all check bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
+.PHONY: help run test test-all check site bench pictures train-deps weights hands readers constraints doctor clean .venv/browser
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3)
 BIN := .venv/bin
@@ -31,14 +31,15 @@ export OMP_NUM_THREADS := 1
 help:
 	@echo "make run        assemble one bracket in simulation (RUN_ARGS=\"--goal g0 --seed 3\")"
 	@echo "make test       run the tests (TEST_ARGS=\"tests/sim -k arm\" for some; JUNIT=FOLDER for JUnit files)"
-	@echo "make check      ruff, mypy, import-linter"
+	@echo "make check      ruff, mypy, import-linter, the site"
+	@echo "make site       the documentation as a site, in site/"
 	@echo "make bench      benchmarks"
 	@echo "make test-all   the tests and the long experiments"
 	@echo "make train-deps what 'cell train' needs (4.7 GB)"
 	@echo "make weights    all shipped weights again, into trained/ (3.5 hours of one core; WEIGHTS_ARGS=\"--plan\" says what it does)"
 	@echo "make hands      fetch MediaPipe's hand networks into ~/.cache/cell (35 MB, Apache 2.0)"
 	@echo "make readers    .venv-readers: LeRobot and Rerun, which open the exports of logs in 'make test-all' (0.6 GB)"
-	@echo "make pictures   docs: the pictures, and the page of all keys"
+	@echo "make pictures   docs: film and pictures, README's sample, the pages of all keys and of figures"
 	@echo "make constraints  newest versions of all packages into constraints.txt"
 	@echo "make doctor     what is missing on this machine"
 
@@ -54,11 +55,16 @@ test: .venv/tests .venv/system .venv/browser
 test-all: .venv/tests .venv/system .venv/browser
 	.ci/test $(BIN)/python test-all "" 0 $(TEST_ARGS)
 
-check: .venv/tests
+check: .venv/tests .venv/site
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	@$(MAKE) --no-print-directory site
+
+# A link that leads nowhere, or a page that nothing leads to, is a failure.
+site: .venv/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 bench: .venv/tests .venv/system
 	$(BIN)/python -m tests.benchmarks.tree_ticks
@@ -74,10 +80,10 @@ pictures: .venv/tests .venv/system
 train-deps: .venv/tests
 
 weights: .venv/tests .venv/system
-	$(BIN)/cell train all $(WEIGHTS_ARGS)
+	$(BIN)/cell train --all $(WEIGHTS_ARGS)
 
 hands: .venv/tests
-	$(BIN)/cell hands fetch
+	$(BIN)/cell lab hands
 
 # Readers of the formats that logs are exported to; torch is that of .venv. LeRobot asks for older packages than these
 # work with, so what it needs for reading is named here.
@@ -100,7 +106,7 @@ constraints: .venv/uv
 	mv constraints.new constraints.txt
 
 clean:
-	rm -rf .venv .venv-readers build *.egg-info
+	rm -rf .venv .venv-readers build site *.egg-info
 
 # Debian's python3 comes without ensurepip.
 .venv/uv:
@@ -116,6 +122,10 @@ clean:
 .venv/runtime: .venv/uv pyproject.toml constraints.txt
 	@echo 'installing what the cell needs into .venv (1.4 GB)'; $(UV) --editable .
 	@$(BIN)/python -m compileall -q $(PACKAGES)
+	@touch $@
+
+.venv/site: .venv/runtime
+	@echo 'installing what the site needs into .venv (0.1 GB)'; $(UV) --editable '.[docs]'
 	@touch $@
 
 .venv/tests: .venv/runtime

@@ -1,1 +1,72 @@
-"""Behaviour-tree controller for a human-robot assembly cell."""
+"""Behaviour-tree controller for a human-robot assembly cell: the names that users may rely on.
+
+Example:
+    A run and a replay in a script:
+
+        from cell import load_cell, replay, run
+
+        bench = load_cell("config/cell.yaml")
+        result = run(bench, tree="trees/ahead.xml", log="run.mcap")
+        for difference in replay("run.mcap", tree="trees/new.xml"):
+            print(difference)
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cell.errors import CellError
+    from cell.front_door import load_cell, replay, run
+    from cell.interfaces.command import Command
+    from cell.interfaces.devices import Arm, Camera, Devices, Gripper, Panel
+    from cell.interfaces.observation import Observation
+    from cell.interfaces.pose import Pose
+
+    __version__: str
+
+_HOME = {
+    "Arm": "cell.interfaces.devices",
+    "Camera": "cell.interfaces.devices",
+    "CellError": "cell.errors",
+    "Command": "cell.interfaces.command",
+    "Devices": "cell.interfaces.devices",
+    "Gripper": "cell.interfaces.devices",
+    "Observation": "cell.interfaces.observation",
+    "Panel": "cell.interfaces.devices",
+    "Pose": "cell.interfaces.pose",
+    "load_cell": "cell.front_door",
+    "replay": "cell.front_door",
+    "run": "cell.front_door",
+}
+__all__ = [
+    "Arm",
+    "Camera",
+    "CellError",
+    "Command",
+    "Devices",
+    "Gripper",
+    "Observation",
+    "Panel",
+    "Pose",
+    "__version__",
+    "load_cell",
+    "replay",
+    "run",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Load a promised name when it is first asked for."""
+    if name == "__version__":
+        from importlib import metadata
+
+        return metadata.version("cell")
+    if name not in _HOME:
+        raise AttributeError(f"module 'cell' has no attribute '{name}'; it hands on {', '.join(__all__)}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

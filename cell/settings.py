@@ -55,7 +55,7 @@ class Perception(Model):
         actions: who names what the hand does: classical, slim, paper.
         holes: who reads the holes: classical, plate.
         parts: who finds parts in the wrist camera's view: classical, centre.
-        folder: folder with the weights of trained detectors, as `cell train all` fills it, relative to this file; the
+        folder: folder with the weights of trained detectors, as `cell train --all` fills it, relative to this file; the
             shipped ones by default.
         crops: network that tells the `paper` grasp planner what is around each part; beside that planner's weights
             where it is chosen.
@@ -144,9 +144,9 @@ class SemanticPlannerSettings(PlannerSettings):
         goals: file of goals that were finished, relative to this file; goals that the product does not list are learned
             from it, and every finished bracket is noted in it. Without, only the product's goals are known.
         new_goals: what is expected of goals that nobody listed.
-        confusions: file of what the action detector takes for what, from `cell train noise` or `cell eval actions`,
-            relative to this file; by default what the model card of a trained detector tells. Without any, every
-            action is taken for any other alike.
+        confusions: file of what the action detector takes for what, from `cell train --only noise`, relative to this
+            file; by default what the model card of a trained detector tells. Without any, every action is taken for any
+            other alike.
     """
 
     goals: Path | None = None

@@ -33,7 +33,7 @@ NOWHERE = (0, 0, 0, 0)
 
 
 class DetectorChain:
-    """Runs a tracker, a hole reader and an action detector on each frame (BenchWatcher)."""
+    """Runs a tracker, a hole reader and an action detector on each frame."""
 
     def __init__(
         self, bench: Bench, product: Product, tracker: HandTracker, reader: HoleReader, detector: ActionDetector

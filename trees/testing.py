@@ -1,7 +1,7 @@
 """Test kit: run a tree without a cell, with leaves that answer as told and a clock moved by hand.
 
 Example:
-    bench = TreeBench(Path("trees/clear_and_grasp.xml"), registry, {"PickPart": "RRS", "CheckGraspability": "FS"})
+    bench = TreeBench("trees/clear_and_grasp.xml", {"PickPart": "RRS", "CheckGraspability": "FS"})
     assert_ticks(bench, "RRRS")
     assert bench.started("MoveAside") == 1
 """
@@ -24,6 +24,7 @@ from trees.engine.tree import Tree
 from trees.files.build.registry import BUILT_IN, Registry, is_leaf, tag_of
 from trees.files.loader import load_tree
 from trees.files.parse.library import hint
+from trees.node_library import node_registry
 
 LETTERS = {"S": SUCCESS, "F": FAILURE, "R": RUNNING, "K": SKIPPED}
 WORDS = {status: letter for letter, status in LETTERS.items()}
@@ -44,6 +45,7 @@ class TreeBench:
         writes: by leaf, values of output ports that it writes when it succeeds.
         provided: entries of the main tree that are set before the first tick.
         services: what own controls and decorators work with; none by default.
+        registry: the nodes that the file may name; those of the cell by default.
 
     Attributes:
         events: "start NAME", "tick NAME", "end NAME" and "halt NAME" since the beginning.
@@ -54,14 +56,15 @@ class TreeBench:
 
     def __init__(
         self,
-        path: Path,
-        registry: Registry,
+        path: str | Path,
         answers: Mapping[str, str] | None = None,
         writes: Mapping[str, Mapping[str, Any]] | None = None,
         provided: Mapping[str, Any] | None = None,
         main: str | None = None,
         services: object = None,
+        registry: Registry | None = None,
     ) -> None:
+        registry = registry or node_registry()
         self.events: list[str] = []
         self._starts: Counter[int] = Counter()
         self.clock = ManualClock()
@@ -71,7 +74,9 @@ class TreeBench:
             if is_leaf(node) and node not in BUILT_IN
         ]
         others = [node for node in registry.classes.values() if not is_leaf(node) and node not in BUILT_IN]
-        self.tree: Tree = load_tree(path, Registry([*stand_ins, *others]), main, provided)
+        self.tree: Tree = load_tree(
+            Path(path), Registry([*stand_ins, *others], entries=registry.entries), main, provided
+        )
         self.tree.setup(services, self.clock)
         self._leaves = {node.uid: _names(node) for node in self.tree.nodes if type(node) in stand_ins}
         known = {name for names in self._leaves.values() for name in names} | {tag_of(leaf) for leaf in stand_ins}
@@ -128,7 +133,7 @@ class TreeBench:
             def terminate(self, new_status: Status) -> None:
                 events.append(f"{'halt' if new_status is Status.INVALID else 'end'} {self.name}")
 
-        properties = {name: getattr(original, name) for name in ("node_type", "instant", "guards", "needs_guard")}
+        properties: dict[str, Any] = {"node_type": original.node_type, "traits": original.traits}
         attributes = {port.attribute: port for port in ports.values()}
         properties["further_port"] = classmethod(lambda _, name: original.further_port(name))
         return type(tag, (StandIn,), {**properties, **attributes})

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, SeedOption, console, print_json, table
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption, SeedOption
+from cell.commands.terminal import console, print_json, table
 from cell.errors import InputError
 from cell.files.files import whole_or_none
 
@@ -31,7 +32,7 @@ def calibrate(
     as_json: JsonOption = False,
 ) -> int:
     """Find out where the cameras hang. The arm moves over the empty bracket: keep away from it."""
-    from cell.commands.weights import folder_for, told_in, writable
+    from cell.commands.training.weights import folder_for, told_in, writable
     from cell.configuration import load_configuration, load_product, simulated
     from cell.files.yaml_file import load_yaml
     from cell.interfaces.bench import Calibration

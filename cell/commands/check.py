@@ -5,18 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from cell.commands.entries import entries_of
-from cell.commands.show import NodesOption
-from cell.commands.terminal import BAD_INPUT, BesideOption, EntriesOption, print_json
-from cell.errors import InputError
-
-if TYPE_CHECKING:
-    from cell.errors import Problem
-    from trees.files.build.registry import Registry
+from cell.commands.options import SetOption, WithOption, entries_of, own_files
+from cell.commands.terminal import BAD_INPUT, print_json
+from cell.errors import InputError, Problem
+from trees.files.build.registry import Registry
+from trees.files.check import Circumstances, findings
+from trees.node_library import node_registry
 
 
 def check(
@@ -24,20 +22,16 @@ def check(
     config: Annotated[
         Path | None, typer.Option(help="Configuration whose part types and positions are the only legal ones.")
     ] = None,
-    own_nodes: NodesOption = None,
-    beside: BesideOption = None,
-    entries: EntriesOption = None,
-    stubs: Annotated[
-        bool, typer.Option("--stubs", help="Take nodes that are not known here as they are, with any ports.")
-    ] = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Warnings and notes are mistakes, too.")] = False,
+    own: WithOption = None,
+    entries: SetOption = None,
+    stubs: Annotated[bool, typer.Option("--stubs", help="Accept unknown nodes, with any ports.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Treat warnings and notes as mistakes.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
 ) -> int:
     """Say everything that is wrong with tree files."""
-    from trees.files.check import Circumstances, findings
-
-    known = Circumstances(tuple(beside or ()), entries_of(entries), stubs)
-    problems, warnings, notes = findings(files, _registry(config, own_nodes or ()), known)
+    nodes, beside = own_files(own)
+    known = Circumstances(beside, entries_of(entries), stubs)
+    problems, warnings, notes = findings(files, _registry(config, nodes), known)
     if strict:
         problems, warnings, notes = [*problems, *warnings, *notes], [], []
     if as_json:
@@ -56,8 +50,6 @@ def check(
 
 def _registry(config: Path | None, own_nodes: Iterable[str]) -> Registry:
     """The nodes that there are; with a configuration, ports take only names that it has."""
-    from cell.wiring.node_library import node_registry
-
     if config is None:
         return node_registry(more=own_nodes)
     from cell.configuration import load_configuration, load_product

@@ -1,4 +1,4 @@
-"""What is missing on this machine, and the exact command that gets it (`cell doctor`)."""
+"""`cell doctor`: what is missing on this machine, and the exact command that gets it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from pathlib import Path
 
 import can
 
-from cell.commands.weights import need_torch
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
+from cell.commands.terminal import print_json
+from cell.commands.training.weights import need_torch
 from cell.configuration import Configuration, load_configuration, load_product
 from cell.errors import CellError, Problem, SettingError
 from cell.files.yaml_file import place_of
@@ -46,6 +48,20 @@ class Finding:
     def __str__(self) -> str:
         state = "ok" if self.ok else "MISSING" if self.needed else "note"
         return f"{state:8}{self.what}" + (f"\n{'':8}{self.remedy}" if self.remedy else "")
+
+
+def doctor(
+    config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
+) -> int:
+    """Say what is missing on this machine, and how to get it; status 1 if a run is not possible."""
+    findings = examine(config)
+    healthy = all(finding.ok for finding in findings if finding.needed)
+    if as_json:
+        print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
+    else:
+        sys.stdout.writelines(f"{finding}\n" for finding in findings)
+    return 0 if healthy else 1
 
 
 def examine(path: Path) -> list[Finding]:
@@ -137,7 +153,7 @@ def _devices(configuration: Configuration, product: Product) -> Iterator[Finding
     finally:
         devices.close()
     told = f"simulation {speed:.1f} x real time on {os.cpu_count()} CPUs"
-    yield Finding(told, speed >= 1, "" if speed >= 1 else "--pace real will fall behind; end other programs", False)
+    yield Finding(told, speed >= 1, "" if speed >= 1 else "--real-time will fall behind; end other programs", False)
     yield Finding("cameras overhead, wrist", not blind, f"no frame of {', '.join(blind)}" if blind else "")
 
 
@@ -173,7 +189,7 @@ def _detectors(configuration: Configuration, product: Product) -> Finding:
         seen, told = fitted(configuration, product)
         check_detectors(seen.bench, product, seen.perception)
     except SettingError as error:
-        return Finding(what, False, f"{'; '.join(map(str, error.problems))}; cell train all makes weights")
+        return Finding(what, False, f"{'; '.join(map(str, error.problems))}; cell train --all makes weights")
     return Finding(what, not told, told, needed=not told)
 
 
@@ -186,7 +202,7 @@ def _weights(name: str, configuration: Configuration, product: Product) -> Findi
     try:
         loaders[name](planner.kind, planner.weights, product)
     except CellError as error:
-        return Finding(f"{name} planner {planner.kind}", False, f"{error}; cell train {name} --kind {planner.kind}")
+        return Finding(f"{name} planner {planner.kind}", False, f"{error}; cell train --only {name}")
     return Finding(f"{name} planner {planner.kind}", True)
 
 

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cell.commands.terminal import CONFIGURATION, ConfigOption, JsonOption, console, print_json
+from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
+from cell.commands.terminal import console, print_json
 from cell.errors import InputError
 
 if TYPE_CHECKING:
     from learned.semantic.goals import OpenGoals
 
-goals_app = typer.Typer(help="Goals that the product lists and goals that were learned from finished brackets.")
+goals_app = typer.Typer(help="Show, learn and edit goals: the product's, and those of finished brackets.")
 
 FileOption = Annotated[
     Path | None, typer.Option("--file", help="File of goals; planners.semantic.goals of the configuration by default.")

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cell.commands.log_files import files
 from cell.commands.log_terminal import (
     DIFFERS,
     FromOption,
-    JsonOption,
     LogArgument,
-    OverwriteOption,
     UntilOption,
     beside,
     read,
@@ -27,7 +26,9 @@ from cell.commands.log_terminal import (
     tell_lack,
     tell_nothing,
 )
-from cell.errors import InputError
+from cell.commands.options import JsonOption, OverwriteOption
+from cell.commands.terminal import console, table
+from cell.errors import InputError, LogError
 
 LOSSY = 3
 LONGEST_VALUE = 200
@@ -44,10 +45,10 @@ class ExportFormat(StrEnum):
     video = "video"
     rerun = "rerun"
     lerobot = "lerobot"
+    training = "training"
 
 
-log_app = typer.Typer(no_args_is_help=True, help="Question and compare logs.")
-log_app.command()(files)
+log_app = typer.Typer(no_args_is_help=True, help="Question, compare and export logs.")
 
 
 def report(
@@ -56,7 +57,7 @@ def report(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one HTML page about a run; it needs no network. Of a run in parts that lasts hours, the shift alone."""
+    """Write one HTML page about a run; it needs no network. Of a run of hours it shows the shift alone."""
     from cell.log.report.overview import is_long, write_overview
     from cell.log.report.report import write_report
 
@@ -160,7 +161,7 @@ def diff(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Compare what two logs saw and decided, tick by tick; 0 where all is the same, 1 where it differs."""
+    """Compare what two logs saw and decided, tick by tick; status 1 if they differ."""
     from cell.log.report import query as question
 
     if html is not None:
@@ -181,7 +182,7 @@ def recover(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="New file; LOG.recovered.mcap by default.")] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Salvage a truncated or damaged log into a complete file; 0 where nothing is lost, 3 where something is."""
+    """Salvage a truncated or damaged log into a complete file; status 3 if something is lost."""
     from cell.log.read import salvage as recovery
 
     target = out or log.with_suffix(".recovered.mcap")
@@ -202,11 +203,16 @@ def export_log(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a log for other tools: tables, transitions for Groot2, a video, MCAP for Rerun, a LeRobot data set.
+    """Write a log for other tools: tables, transitions for Groot2, a video, MCAP for Rerun, data for training.
 
-    For lerobot several logs may be named: each is an episode.
+    For lerobot and training several logs may be named: each is an episode. `cell train --recorded DIR` learns from the
+    folder that training writes.
     """
     from cell.log.report.export import export
+
+    if to is ExportFormat.training:
+        write_training(log, out or beside(log, ".training"), as_json)
+        return
 
     if to is ExportFormat.lerobot:
         from cell.log.training.lerobot import write_lerobot
@@ -224,6 +230,38 @@ def export_log(
         to, "rows"
     )
     _tell_export(target, what, count, as_json)
+
+
+def write_training(logs: Sequence[Path], out: Path, as_json: bool) -> None:
+    """Write what logs of runs give for training, each log once, into a new folder."""
+    from cell.log.training.manifest import write_training_data
+
+    command = shlex.join(["cell", "log", "export", "--to", "training", *map(str, logs), "--out", str(out)])
+    _require_each_once(logs)
+    manifest = write_training_data((read([log]) for log in logs), out, command)
+    console().print(table(str(out), manifest["counts"]))
+    for log in manifest["logs"]:
+        if log["no_demonstration_because"]:
+            console().print(f"{log['name']}: no demonstration: {log['no_demonstration_because']}", highlight=False)
+    if as_json:
+        tell_json(manifest)
+
+
+def _require_each_once(logs: Sequence[Path]) -> None:
+    """Check the names of logs before any is read, which takes long.
+
+    Raises:
+        LogError: one is not there, or is named twice.
+    """
+    from cell.log.read.reader import files_of
+
+    named: set[Path] = set()
+    for file in (file for log in logs for file in files_of(log)):
+        if not file.is_file():
+            raise LogError(file, "cannot be read: there is no such file")
+        if file.resolve() in named:
+            raise LogError(file, "is named twice")
+        named.add(file.resolve())
 
 
 def _tell_export(target: Path, what: str, count: int, as_json: bool) -> None:
@@ -288,49 +326,6 @@ def _tell_table(names: list[str], rows: list[tuple[object, ...]]) -> None:
     for row in texts:
         table.add_row(*row)
     screen.print(table)
-
-
-@log_app.command()
-def sheet(
-    log: LogArgument,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file; beside the log by default.")] = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Make the contact sheet of a run from its log."""
-    from cell.log.report.contact_sheet import write_sheet
-    from cell.viewing.moments import Moments
-
-    target = spared(out or beside(log, ".png"), log, overwrite or out is None)  # there runs put theirs
-    recorded, moments = streamed(log), Moments()
-    for piece in recorded:
-        for tick in piece.ticks:
-            moments.see(tick.observation, tick.notes)
-    tell_lack(log, recorded)
-    try:
-        made = write_sheet(recorded.path, moments, recorded.outcome.get("reason", recorded.unfinished), target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
-    if not made:
-        raise InputError(f"{recorded.path}: holds no image of the overhead camera")
-    say(str(target))
-
-
-@log_app.command()
-def snapshots(
-    log: LogArgument,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")] = Path("snapshots"),
-    as_json: JsonOption = False,
-) -> None:
-    """Write the pictures that a tree marked by TakeSnapshot as JPEG files."""
-    from cell.log.report.contact_sheet import save_snapshots
-
-    files = save_snapshots(read(log), out)
-    if as_json:
-        tell_json({"files": [str(file) for file in files]})
-    elif not files:
-        tell_nothing()
-    else:
-        say(*(str(file) for file in files))
 
 
 @log_app.command("to-test")

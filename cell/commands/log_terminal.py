@@ -24,8 +24,6 @@ SHOWN_NODES = 15
 LogArgument = Annotated[
     list[Path], typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; the first one brings all.")
 ]
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it is there.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Answer in JSON.")]
 
 
 def a_time(value: float) -> float:

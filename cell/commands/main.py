@@ -1,40 +1,50 @@
-"""The command line; every command imports what it needs by itself, so that `cell check` answers at once."""
+"""The command line: a table of commands, of which only the one that is asked for is imported."""
 
 from __future__ import annotations
 
 import os
 import re
 import sys
-from copy import copy
+from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import Annotated
 
 import typer
-from typer.models import CommandInfo
 
-from cell.commands.calibrate import calibrate
-from cell.commands.check import check
-from cell.commands.fleet import compare, sweep
-from cell.commands.goals import goals_app
-from cell.commands.hands import hands_app
-from cell.commands.init import init
-from cell.commands.log import log_app, report
-from cell.commands.looks import looks
-from cell.commands.models import data_app, eval_app, train_app
-from cell.commands.new import new_app
-from cell.commands.nodes import nodes
-from cell.commands.replay import replay
-from cell.commands.run import run
-from cell.commands.schema import schema
-from cell.commands.see import see
-from cell.commands.show import monitor, show
-from cell.commands.terminal import BAD_INPUT, BESIDE, CONFIGURATION, SAFE_STOP, ConfigOption, print_json
-from cell.commands.world import world
+from cell.commands.old_names import refuse_old
+from cell.commands.options import with_ports
+from cell.commands.table import Command, Table
+from cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP
 from cell.errors import CellError, DeviceFault, InputError, LogError, ModelError
 
 INTERRUPTED = 130  # what typer makes of Ctrl-C
+START, PROGRAM, TEST, TRAIN = "Start", "Program", "Test", "Train"
+LAB = "lab"
 
 
-def _tell_version(asked: bool) -> None:
+COMMANDS: Table = {
+    "init": Command("cell.commands.init:init", "Make a folder for a cell of your own.", START),
+    "doctor": Command("cell.commands.doctor:doctor", "Say what is missing on this machine.", START),
+    "run": Command("cell.commands.run:run", "Assemble one product, or a shift of them.", START),
+    "calibrate": Command("cell.commands.calibrate:calibrate", "Find out where the cameras hang.", START),
+    "new": Command("cell.commands.new:new_app", "Begin a tree file or a node of your own.", PROGRAM),
+    "check": Command("cell.commands.check:check", "Say everything that is wrong with tree files.", PROGRAM),
+    "nodes": Command("cell.commands.nodes:nodes", "List the nodes that tree files may name.", PROGRAM),
+    "show": Command("cell.commands.show:show", "Print or draw the tree of a file, a log or a run.", PROGRAM),
+    "monitor": Command("cell.commands.show:monitor", "Watch the tree of a run.", PROGRAM),
+    "replay": Command("cell.commands.replay:replay", "Tick a log again and compare every decision.", TEST),
+    "report": Command("cell.commands.log:report", "Write one HTML page about a run.", TEST),
+    "log": Command("cell.commands.log:log_app", "Question, compare and export logs.", TEST),
+    "train": Command("cell.commands.train:train", "Train what a product needs.", TRAIN),
+    "goals": Command("cell.commands.goals:goals_app", "Show, learn and edit goals.", TRAIN),
+    "compare": Command("cell.commands.compare:compare", "Say which of two trees is better.", TRAIN),
+    LAB: Command("cell.commands.lab:COMMANDS", "Research: evaluations, data, networks.", group=True),
+    "_data": Command("cell.commands.training.worlds:app", "What trainings call to make their data."),
+    "_train": Command("cell.commands.training.tasks:app", "What `cell train` calls for each network."),
+}
+
+
+def _say_version(asked: bool) -> None:
     if asked:
         from importlib import metadata
 
@@ -42,65 +52,65 @@ def _tell_version(asked: bool) -> None:
         raise typer.Exit
 
 
-app = typer.Typer(
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
-app.add_typer(train_app, name="train")
-app.add_typer(eval_app, name="eval")
-app.add_typer(data_app, name="data")
-app.add_typer(log_app, name="log")
-app.add_typer(goals_app, name="goals")
-app.add_typer(new_app, name="new")
-app.add_typer(hands_app, name="hands")
-app.command()(run)
-app.command()(check)
-app.command()(calibrate)
-app.command()(init)
-app.command()(looks)
-app.command()(nodes)
-app.command()(replay)
-app.command()(report)
-app.command()(schema)
-app.command()(see)
-app.command()(show)
-app.command()(monitor)
-app.command()(sweep)
-app.command()(compare)
-app.command()(world)
-
-
-@app.callback()
-def options(
+def _program(
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_tell_version, help="Say the version and end.")
+        bool, typer.Option("--version", is_eager=True, callback=_say_version, help="Print the version.")
     ] = False,
 ) -> None:
     """Behaviour-tree controller for a human-robot assembly cell."""
 
 
-DoctorJsonOption = Annotated[bool, typer.Option("--json", help="One line of JSON instead.")]
+def application(words: Sequence[str] | None = None) -> typer.Typer:
+    """The command line for some words; with all its commands where none are given."""
+    told = "`cell lab --help` lists the commands for research." if _has_lab() else None
+    app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, epilog=told)
+    app.callback()(_program)
+    _add(app, COMMANDS, words)
+    return app
 
 
-@app.command()
-def doctor(config: ConfigOption = CONFIGURATION, as_json: DoctorJsonOption = False) -> int:
-    """Say what is missing on this machine and how to get it; 1 where a run is not possible."""
-    from cell.commands.doctor import examine
+def _add(app: typer.Typer, commands: Table, words: Sequence[str] | None) -> None:
+    """Add the command that the first word names; where it names none, all of them by their names alone."""
+    asked = words[0] if words else None
+    for name, command in commands.items():
+        if words is not None and asked in commands and asked != name:
+            continue
+        hidden = commands is COMMANDS and command.panel is None
+        if words is not None and asked != name:
+            app.command(name, help=command.help, rich_help_panel=command.panel, hidden=hidden)(_nothing)
+            continue
+        if command.group:
+            _require_lab()
+            group = typer.Typer(no_args_is_help=True, help=command.help)
+            _add(group, command.load(), None if words is None else words[1:])
+            app.add_typer(group, name=name, hidden=hidden)
+        elif isinstance(target := command.load(), typer.Typer):
+            app.add_typer(target, name=name, rich_help_panel=command.panel, hidden=hidden)
+        else:
+            app.command(name, rich_help_panel=command.panel, hidden=hidden)(target)
 
-    findings = examine(config)
-    healthy = all(finding.ok for finding in findings if finding.needed)
-    if as_json:
-        print_json({"healthy": healthy, "findings": [vars(finding) for finding in findings]})
-    else:
-        sys.stdout.writelines(f"{finding}\n" for finding in findings)
-    return 0 if healthy else 1
+
+def _nothing() -> None:
+    """Stands for a command that is listed and not called."""
+
+
+def _has_lab() -> bool:
+    return find_spec("cell.commands.lab") is not None and find_spec("cell.lab") is not None
+
+
+def _require_lab() -> None:
+    if not _has_lab():
+        raise InputError("`cell lab` is for research and comes with a clone of the project, not with an installed cell")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
     try:
-        words = sys.argv[1:] if arguments is None else arguments
-        status = _with_command(words[:1])(args=arguments, prog_name="cell", standalone_mode=False)
+        words = _typed(arguments)
+        refuse_old(words)
+        if "run" in words[:2]:
+            words = with_ports(words)
+        status = application(words)(args=words, prog_name="cell", standalone_mode=False)
     except (InputError, LogError, ModelError) as error:
         return _complain(str(error), BAD_INPUT)
     except DeviceFault as error:
@@ -116,19 +126,11 @@ def main(arguments: list[str] | None = None) -> int:
     return status if isinstance(status, int) else 0
 
 
-def _with_command(names: list[str]) -> typer.Typer:
-    """With the command that is asked for alone, where there is such a one: to prepare all takes a tenth of a start."""
-    asked = [one for one in app.registered_commands if one.callback is not None and _name(one) in names]
-    if not asked:
-        return app
-    alone = copy(app)
-    alone.registered_commands, alone.registered_groups = asked, []
-    return alone
-
-
-def _name(command: CommandInfo) -> str:
-    assert command.callback is not None
-    return command.name or command.callback.__name__.replace("_", "-")
+def _typed(arguments: list[str] | None) -> list[str]:
+    """The words after `cell`; while a shell completes a line, those of that line."""
+    if arguments is None and "_CELL_COMPLETE" in os.environ:
+        return os.environ.get("COMP_WORDS", os.environ.get("_TYPER_COMPLETE_ARGS", "")).split()[1:]
+    return sys.argv[1:] if arguments is None else list(arguments)
 
 
 def _usage(error: typer.TyperException) -> str:

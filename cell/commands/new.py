@@ -12,7 +12,7 @@ from cell.commands.terminal import console
 from cell.errors import InputError
 from cell.files.files import write_new
 
-new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a leaf of your own, with its test.")
+new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a node of your own, with its test.")
 
 NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
 
@@ -27,24 +27,18 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="{name}">
 """
 TREE_TEST = '''"""Tests of trees/{file}.xml without the cell."""
 
-from pathlib import Path
-
-from cell.wiring.node_library import node_registry
-from trees.testing import TreeBench, assert_ticks
+from trees import Bench
 
 
 def test_nothing_moves_while_the_gripper_is_not_active() -> None:
     # S: success, F: failure, R: running, one letter a tick
-    bench = TreeBench(Path("trees/{file}.xml"), node_registry(), {{"ActivateGripper": "RF"}})
-    assert_ticks(bench, "RF")
+    bench = Bench("trees/{file}.xml", {{"ActivateGripper": "RF"}})
+    assert [bench.tick(), bench.tick()] == ["R", "F"]
     assert bench.started("MoveTo") == 0
 '''
 LEAF = '''"""The node {name}."""
 
-from py_trees.common import Status
-
-from trees.engine.node import Node
-from trees.engine.ports import InputPort, OutputPort
+from trees import InputPort, Node, OutputPort, Status
 
 
 class {name}(Node):
@@ -60,9 +54,8 @@ class {name}(Node):
 '''
 LEAF_TEST = '''"""Tests of the node {name} alone."""
 
-from py_trees.common import Status
-
-from cell.wiring.node_library import node_registry
+from trees import Status
+from trees.node_library import node_registry
 from trees.testing import alone
 
 
@@ -82,7 +75,8 @@ def tree(name: NameArgument) -> None:
 @new_app.command()
 def leaf(name: NameArgument) -> None:
     """Write nodes/NAME.py and tests/test_NAME.py."""
-    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, "pytest {second}; cell nodes --nodes nodes lists it")
+    then = "pytest {second}; cell nodes --with nodes lists it; check, run and show take --with, too"
+    _write(name, "nodes/{file}.py", LEAF, LEAF_TEST, then)
 
 
 def _write(name: str, path: str, text: str, test: str, then: str) -> None:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from cell.commands.log_terminal import FromOption, JsonOption, LogArgument, UntilOption, read, say, tell_comparison
+from cell.commands.log_terminal import FromOption, LogArgument, UntilOption, read, say, tell_comparison
+from cell.commands.options import JsonOption, WithOption, own_files
 from cell.errors import InputError
-
-if TYPE_CHECKING:
-    from cell.log.read.reader import Log
-    from cell.log.replay.replay import Step
+from cell.log.read.frames import Frames
+from cell.log.read.reader import Log
+from cell.log.replay.replay import Changes, Replay, Step
+from cell.log.report.text import change_lines, command_text, difference_lines, note_text, short
 
 LONGEST_VALUE = 200
 
@@ -32,13 +33,12 @@ def replay(
     frames: Annotated[
         Path | None, typer.Option(help="With --step: folder for what the cameras saw in each shown tick (JPEG).")
     ] = None,
+    own: WithOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Tick a log again and compare every decision; 0 where all are the same, 1 where they differ."""
-    from cell.log.replay.replay import Changes, Replay
-
+    """Tick a log again and compare every decision; status 1 if one differs."""
     recorded = read(log)
-    again = Replay(recorded, Changes(tree, config, _weights(weights or [])))
+    again = Replay(recorded, Changes(tree, config, _weights(weights or []), *own_files(own)))
     comparison = again.run(from_s, until_s, _shower(recorded, frames) if step else lambda _: None)
     sys.stderr.writelines(f"cell: {recorded.path}: {remark}\n" for remark in again.remarks)
     piece = step or from_s > 0 or until_s < float("inf")
@@ -58,8 +58,6 @@ def _weights(options: Iterable[str]) -> dict[str, Path]:
 
 def _shower(log: Log, folder: Path | None) -> Callable[[Step], bool]:
     """Shows a step and, at a terminal, waits for Enter; q ends."""
-    from cell.log.read.frames import Frames
-
     frames, interactive = Frames(log), sys.stdin.isatty()
 
     def show(step: Step) -> bool:
@@ -79,8 +77,6 @@ def _shower(log: Log, folder: Path | None) -> Callable[[Step], bool]:
 
 
 def _step_text(step: Step) -> list[str]:
-    from cell.log.report.text import change_lines, command_text, difference_lines, note_text, short
-
     tick, now = step.logged, step.now
     seen = tick.observation.bench
     lines = [f"--- tick {tick.number} at {tick.time_s:.2f} s: {now.status}"]

@@ -10,28 +10,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cell.commands.log_terminal import OverwriteOption, a_time, spared
+from cell.commands.log_terminal import a_time, spared
+from cell.commands.options import MONITOR_PORT, OverwriteOption, PortOption, WithOption, own_files
 from cell.commands.terminal import console
 from cell.errors import InputError
 
 if TYPE_CHECKING:
     from cell.log.report.tree_at import TreeAt
 
-MONITOR_PORT = 1667
 LOGS = (".mcap",)
-
-PortOption = Annotated[int, typer.Option(min=1, max=65534, help="Port of the monitor; it takes the next one, too.")]
-NodesOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--nodes", help="File, folder or package with nodes of your own; CELL_NODES names some for every command."
-    ),
-]
 
 
 def show(
     source: Annotated[
-        Path | None, typer.Argument(metavar="[FILE]", help="Tree file, or log of a run (MCAP); none with --running.")
+        Path | None, typer.Argument(metavar="FILE", help="Tree file, or log of a run (MCAP); none with --running.")
     ] = None,
     at_s: Annotated[
         float,
@@ -43,21 +35,22 @@ def show(
     port: PortOption = MONITOR_PORT,
     svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
-    own_nodes: NodesOption = None,
+    own: WithOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Print the trees of a file, or draw them; of a log or a running cell with what every node does."""
+    """Print or draw the tree of a file, a log or a run; of a log or a run with what every node does."""
     if (source is None) != running:
         raise InputError("name a tree file or a log, or say --running")
     for drawing in filter(None, (svg, png)):
         spared(drawing, filter(None, [source]), overwrite)
+    nodes, trees = own_files(own)
     of_log = source is not None and source.suffix in LOGS
     if not of_log and not math.isinf(at_s):
         raise InputError("--at goes with a log")
     if source is not None and not of_log:
-        _show_file(source, svg, png, own_nodes or ())
+        _show_file(source, svg, png, nodes, trees)
         return
-    shown = _monitored(port) if source is None else _logged(source, at_s, own_nodes or ())
+    shown = _monitored(port) if source is None else _logged(source, at_s, nodes)
     if svg is None and png is None:
         _tell(shown)
         return
@@ -69,24 +62,26 @@ def show(
 def monitor(
     port: PortOption = MONITOR_PORT,
 ) -> None:
-    """Watch the tree of a `cell run --monitor` that runs on this machine."""
+    """Watch the tree of a run: of a `cell run --monitor` on this machine."""
     from cell.viewing.live_view import live_view
 
     live_view(port, console())
 
 
-def _show_file(file: Path, svg: Path | None, png: Path | None, own_nodes: Iterable[str]) -> None:
-    from cell.wiring.node_library import node_registry
+def _show_file(
+    file: Path, svg: Path | None, png: Path | None, own_nodes: Iterable[str], beside: Iterable[Path]
+) -> None:
+    from trees.node_library import node_registry
 
     registry = node_registry(more=own_nodes)
     if svg is None and png is None:
         from trees.views.show import show_file
 
-        sys.stdout.write(show_file(file, registry))
+        sys.stdout.write(show_file(file, registry, beside))
     else:
         from trees.views.picture import picture
 
-        _draw(picture(file, registry), svg, png)
+        _draw(picture(file, registry, beside), svg, png)
 
 
 def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:

@@ -1,4 +1,4 @@
-"""What all commands share: common options, the console, tables and JSON on the terminal."""
+"""What all commands share: the console, tables and JSON on the terminal, exit statuses."""
 
 from __future__ import annotations
 
@@ -6,46 +6,12 @@ import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
-
-from cell.files.files import own_or_shipped
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from cell.interfaces.product import Product
-
-CONFIGURATION = own_or_shipped("config", "cell.yaml")
-
-ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]
-SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
-PersonOption = Annotated[
-    str | None,
-    typer.Option(
-        "--person", help="The simulated person: careful, ordinary, careless, or a YAML file; A,B take turns in a shift."
-    ),
-]
-WorkersOption = Annotated[
-    int, typer.Option("--workers", min=1, help=r"Processes on this machine; more than 1 needs cell\[fleet].")
-]
-SchedulerOption = Annotated[
-    str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, as tcp://host:8786.")
-]
-RowsOption = Annotated[
-    Path | None,
-    typer.Option("--out", help="File that keeps a line of JSON for each run; what is in it is not run again."),
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="End standard output with one line of JSON.")]
-BesideOption = Annotated[
-    list[Path] | None,
-    typer.Option("--also", help="Further tree files, or folders with them, whose trees may be named."),
-]
-EntriesOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="NAME=VALUE: an entry of the main tree; or a YAML file with several."),
-]
 
 BAD_INPUT, SAFE_STOP = 2, 3  # exit statuses
 BESIDE = "CELL_BESIDE"  # set in the environment of a command that another one runs and waits for

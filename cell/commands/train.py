@@ -1,39 +1,108 @@
-"""`cell train`: all that a product needs, in one go."""
+"""`cell train`: the networks that a product needs, or all that are shipped."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import typer
+from typer import Option
 
-from cell.commands.terminal import CONFIGURATION, ConfigOption, SeedOption, console, product_of, report_scores
-from cell.commands.weights import OverwriteOption, need_torch, new_weights, writing
+from cell.commands.options import CONFIGURATION, ConfigOption, OverwriteOption, SeedOption, takes
+from cell.commands.terminal import console, product_of, report_scores
+from cell.commands.training.asked import Training
+from cell.commands.training.shipped import Step, scaled, steps_of_shipped, train_steps
+from cell.commands.training.tasks import TASKS
+from cell.commands.training.weights import need_torch, writing
 from cell.errors import InputError
+from cell.interfaces.product import Product
+from learned.semantic.data import load_demonstrations
 
-if TYPE_CHECKING:
-    from cell.interfaces.product import Product
-
+FOLDER = Path("trained")
 FEWEST_DEMONSTRATIONS = 20  # fewer tell nothing of people's habits
 GRASP_MINUTES, SEMANTIC_MINUTES = 1, 1  # of one CPU core
-
-RecordedOption = Annotated[
-    Path | None, typer.Option("--recorded", help="Folder of `cell data --from LOG --out DIR`: learn from it, too.")
-]
+SCORES = {"grasp": "accuracy", "semantic": "success"}  # words of those that are shown
 
 
-def train_all(
-    context: typer.Context,
-    recorded: RecordedOption = None,
-    overwrite: OverwriteOption = False,
-    config: ConfigOption = CONFIGURATION,
-    seed: SeedOption = 0,
-) -> None:
-    """Train the planners that the product of a configuration needs; `cell train all` trains its detectors, too."""
-    if context.invoked_subcommand is not None:
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What `cell train` is asked for."""
+
+    recorded: Annotated[
+        Path | None, Option(help="Folder of `cell log export --to training`: learn from these runs too.")
+    ] = None
+    every: Annotated[bool, Option("--all", help="Train all networks that are shipped, data included.")] = False
+    only: Annotated[list[str] | None, Option(help=f"Train only {', '.join(TASKS)}; may be repeated.")] = None
+    plan: Annotated[bool, Option("--plan", help="Say what would be done, and do nothing.")] = False
+    budget: Annotated[
+        str | None, Option(help="Processor time for all detectors together, as 2h; as on the model cards by default.")
+    ] = None
+    jobs: Annotated[int, Option("--jobs", "-j", min=1, help="Trainings at the same time, one core each.")] = 1
+    out: Annotated[Path, Option("--out", "-o", help="With --all or --only: folder for weights and training data.")] = (
+        FOLDER
+    )
+    overwrite: OverwriteOption = False
+    config: ConfigOption = CONFIGURATION
+    seed: SeedOption = 0
+
+
+@takes(Wanted, "every", "only", "plan", "budget", "recorded", "jobs", "out", "overwrite", "config", "seed")
+def train(wanted: Wanted) -> None:
+    """Train what a product needs.
+
+    Without options, the planners that the product of the configuration needs, next to the configuration. With --all or
+    --only, networks for the product, their data included, into a folder; interrupted, the same command goes on there.
+    """
+    if wanted.every or wanted.only:
+        train_steps(_steps(wanted), wanted.out, wanted.config, jobs=wanted.jobs, plan=wanted.plan)
         return
-    product = product_of(config)
-    habits = _demonstrations(recorded, product)
+    if wanted.budget is not None or wanted.out != FOLDER:
+        raise InputError("--budget and --out go with --all or --only; planners take a minute, next to --config")
+    _train_planners(wanted)
+
+
+def _steps(wanted: Wanted) -> list[Step]:
+    """The trainings of --all or --only.
+
+    Raises:
+        InputError: there is no network of a name, or none of the budget.
+    """
+    if unknown := [name for name in wanted.only or () if name not in TASKS]:
+        raise InputError(f"--only {unknown[0]}: unknown network; legal: {', '.join(TASKS)}")
+    steps = [step for step in steps_of_shipped() if not wanted.only or step.words[0] in wanted.only]
+    segments = _segments(wanted.recorded)
+    if segments is not None and (not wanted.only or "noise" in wanted.only):
+        steps.append(Step(("noise", "--data", str(segments)), ("confusions.json",), 1.0))
+    elif "noise" in (wanted.only or ()):
+        raise InputError("--only noise: is learned from recorded runs; name their folder by --recorded DIR")
+    return scaled(steps, wanted.budget)
+
+
+def _train_planners(wanted: Wanted) -> None:
+    product = product_of(wanted.config)
+    habits = _demonstrations(wanted.recorded, product)
+    learns_habits = habits >= FEWEST_DEMONSTRATIONS
+    _say_plan(product, habits)
+    if wanted.plan:
+        return
+    need_torch()
+    segments = _segments(wanted.recorded)
+    tasks: dict[str, Training] = {"grasp": _asked(wanted, "pairwise", None)}
+    if learns_habits and wanted.recorded is not None:
+        tasks["semantic"] = _asked(wanted, "factored", wanted.recorded / "demonstrations.jsonl")
+    if segments is not None:
+        tasks["noise"] = _asked(wanted, "", segments)
+    files = {name: TASKS[name].file(asked) for name, asked in tasks.items()}
+    first, *others = files.values()
+    with writing(first, *others, overwrite=wanted.overwrite, option="--config"):
+        for name, asked in tasks.items():
+            scores = TASKS[name].fit(asked, files[name])
+            shown = {key: value for key, value in scores.items() if SCORES.get(name, "") in key}
+            report_scores(f"{TASKS[name].title} in {files[name]}", shown, as_json=False)
+    _say_lines(wanted.config, {name: path.name for name, path in files.items()})
+
+
+def _say_plan(product: Product, habits: int) -> None:
     learns_habits = habits >= FEWEST_DEMONSTRATIONS
     minutes = GRASP_MINUTES + SEMANTIC_MINUTES * learns_habits
     say = console().print
@@ -46,66 +115,40 @@ def train_all(
             f"- semantic planner: nothing, `bayes` reads the goals from the product file; with {FEWEST_DEMONSTRATIONS} "
             f"recorded assemblies ({habits} here) people's habits can be learned (--recorded)"
         )
-    need_torch()
-    lines = _trained(product, recorded, learns_habits, overwrite, config, seed)
-    say("its detectors: cell train all --plan", highlight=False)
+
+
+def _say_lines(config: Path, files: dict[str, str]) -> None:
+    """The lines that take the planners into use."""
+    semantic = ["kind: factored", f"weights: {files['semantic']}"] if "semantic" in files else ["kind: bayes"]
+    semantic += [f"confusions: {files['noise']}"] if "noise" in files else []
+    say = console().print
+    say("its detectors: cell train --all --plan", highlight=False)
     say(f"in {config}:")
     say("planners:", highlight=False)
-    for planner in ("semantic", "grasp"):
-        say(f"  {planner}:", *(f"    {line}" for line in lines[planner]), sep="\n", highlight=False)
+    for planner, lines in (("semantic", semantic), ("grasp", ["kind: pairwise", f"weights: {files['grasp']}"])):
+        say(f"  {planner}:", *(f"    {line}" for line in lines), sep="\n", highlight=False)
 
 
-def _trained(
-    product: Product, recorded: Path | None, learns_habits: bool, overwrite: bool, config: Path, seed: int
-) -> dict[str, list[str]]:
-    """Train the planners; returns the lines for the configuration, by planner."""
-    from cell.commands.noise import confusions_for
-    from cell.commands.noise import train as train_noise
+def _asked(wanted: Wanted, kind: str, data: Path | None) -> Training:
+    return Training(kind=kind, data=None if data is None else [data], config=wanted.config, seed=wanted.seed)
 
-    weights = {"grasp": new_weights("grasp", "pairwise", config)}
-    if learns_habits:
-        weights["semantic"] = new_weights("semantic", "factored", config)
-    segments = [] if recorded is None else [path for path in [recorded / "segments.jsonl"] if path.exists()]
-    files = [*weights.values(), *(confusions_for(config) for _ in segments)]
-    with writing(*files, overwrite=overwrite, option="--config"):
-        lines = {"grasp": _grasp(product, weights["grasp"], seed), "semantic": ["kind: bayes"]}
-        if learns_habits and recorded is not None:
-            lines["semantic"] = _semantic(product, weights["semantic"], recorded, seed)
-        if segments:
-            train_noise(segments, None, True, config)
-            lines["semantic"].append("confusions: confusions.json")
-    return lines
+
+def _segments(recorded: Path | None) -> Path | None:
+    path = None if recorded is None else recorded / "segments.jsonl"
+    return path if path is not None and path.exists() else None
 
 
 def _demonstrations(recorded: Path | None, product: Product) -> int:
     """How many recorded assemblies there are.
 
     Raises:
-        InputError: the folder is none of `cell data`, or the file is wrong.
+        InputError: the folder holds no training data of runs, or the file is wrong.
     """
-    from learned.semantic.data import load_demonstrations
-
     if recorded is None:
         return 0
     if not any((recorded / name).is_file() for name in ("manifest.json", "demonstrations.jsonl", "segments.jsonl")):
-        raise InputError(f"--recorded {recorded}: nothing of `cell data --from LOG --out DIR` is there")
+        raise InputError(f"--recorded {recorded}: nothing of `cell log export --to training` is there")
     path = recorded / "demonstrations.jsonl"
     if not path.exists():  # no run's goal is known
         return 0
     return sum(one.goal in product.goals for one in load_demonstrations(path, product))
-
-
-def _grasp(product: Product, out: Path, seed: int) -> list[str]:
-    from learned.grasp.train import train_grasp
-
-    scores = train_grasp(product, out, seed, "pairwise", command=f"cell train --seed {seed}")
-    report_scores(f"grasp planner in {out}", {name: scores[name] for name in scores if "accuracy" in name}, False)
-    return ["kind: pairwise", f"weights: {out.name}"]
-
-
-def _semantic(product: Product, out: Path, recorded: Path, seed: int) -> list[str]:
-    from learned.semantic.train import train_semantic
-
-    scores = train_semantic(product, out, seed, "factored", data=recorded / "demonstrations.jsonl")
-    report_scores(f"semantic planner in {out}", {name: scores[name] for name in scores if "success" in name}, False)
-    return ["kind: factored", f"weights: {out.name}"]

@@ -28,8 +28,8 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
     Raises:
         InputError: Dask is not installed.
     """
-    distributed = needed("distributed", "cell sweep")
-    dask = needed("dask", "cell sweep")
+    distributed = needed("distributed", "cell lab sweep")
+    dask = needed("dask", "cell lab sweep")
     settings = {
         "distributed.scheduler.allowed-failures": LOSSES,
         "distributed.worker.daemon": False,  # a worker's runs have processes of their own
@@ -86,7 +86,7 @@ def mapped(
         yield from (work(*one) for one in arguments)
         return
     with cluster(workers, address) as client:
-        packed = needed("cloudpickle", "cell sweep").dumps(work)  # a pool takes no function inside of another
+        packed = needed("cloudpickle", "cell lab sweep").dumps(work)  # a pool takes no function inside of another
         for _, future in _done(client, partial(in_child, unpacked, packed), arguments, in_order=True):
             yield _answer(future)
 
@@ -97,7 +97,7 @@ def _done(
     """Arguments with their futures, in order or as they are done; arguments are taken only as workers need them."""
     client.wait_for_workers(1, timeout=COLD_S)
     waiting, pending = iter(arguments), dict[Any, tuple[Any, ...]]()
-    done = needed("distributed", "cell sweep").as_completed()
+    done = needed("distributed", "cell lab sweep").as_completed()
     try:
         while True:
             for one in itertools.islice(waiting, max(0, _room(client) - len(pending))):

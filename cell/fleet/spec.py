@@ -16,8 +16,8 @@ from cell.errors import InputError
 from cell.faults.injection import Injection
 from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
-from cell.wiring.node_library import node_registry
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 MOST_RUNS = 10_000_000
 

@@ -39,7 +39,7 @@ class WallClock:
 
 
 class PacedClock:
-    """The wall's time, with a simulated world that keeps up with it as well as it can (`--pace real`).
+    """The wall's time, with a simulated world that keeps up with it as well as it can (`--real-time`).
 
     A world that is slower than the wall falls behind: then what it tells is old, and ticks begin late, as they would on
     a real cell whose computer is too slow.

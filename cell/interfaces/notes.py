@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, Protocol
 
-Topic = Literal["belief", "plan", "verdict", "help", "skill", "bracket", "file", "message", "snapshot"]
+Topic = Literal["belief", "plan", "verdict", "help", "skill", "bracket", "file", "message", "snapshot", "memory"]
 
 
 class Journal(Protocol):

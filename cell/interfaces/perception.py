@@ -307,11 +307,3 @@ class PartDetector(Protocol):
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
         """Parts in view, in no promised order; those that do not stand say so."""
         ...
-
-
-class BenchWatcher(Protocol):
-    """Turns the stream of overhead frames into bench views (tracker, hole reader and action detector together)."""
-
-    def watch(self, frame: Frame) -> BenchView:
-        """The answer to this frame; frames must come in order."""
-        ...

@@ -206,7 +206,7 @@ def evaluate_segments(
     network = OnnxModel.load(file, f"actions.{kind}")
     network.require_vocabulary("parts", classes.parts)
     with tempfile.TemporaryDirectory() as made:
-        folder = DataFolder(Path(made) / "segments", "cell eval actions")
+        folder = DataFolder(Path(made) / "segments", "cell lab eval actions")
         for seed in seeds:
             assembly = record(product, configuration.bench, configuration.devices.simulation, seed)
             write_segments(Source(assembly, product, configuration.bench), folder, frames=kind in WHOLE_FRAMES)

@@ -20,11 +20,11 @@ from cell.runs.run import drive
 from cell.watching.observer import Observer, Outcome
 from cell.wiring.detectors import fitted
 from cell.wiring.no_render_host import without_pixels
-from cell.wiring.node_library import node_registry
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 OF_PERSON = ("hand_near", "hand_too_near", "blind_area")
 

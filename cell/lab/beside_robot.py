@@ -9,13 +9,13 @@ from cell.interfaces.product import Product
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.wiring.no_render_host import without_pixels
-from cell.wiring.node_library import node_registry
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from sim.data.recording import Assembly, Film, drawn_goal
 from sim.rendering.camera import SimCamera
 from skills.motion.planner import MotionPlanner
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 
 def record_beside_robot(configuration: Configuration, product: Product, seed: int) -> Assembly:

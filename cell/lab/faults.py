@@ -28,11 +28,11 @@ from cell.runs.run import drive
 from cell.watching.observer import Outcome, TickRecord
 from cell.wiring.detectors import fitted
 from cell.wiring.no_render_host import without_pixels
-from cell.wiring.node_library import node_registry
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 HOLDING_STATES = ("lift", "carry", "lower")
 LIFTED_M = 0.003

@@ -18,17 +18,17 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.runs.calibrating import wrist_views
 from cell.wiring.detectors import Detectors
+from cell.wiring.drawn_frames import tray_scenes
 from learned.calibration.check import WORLD
 from learned.calibration.solve import Shot, fit_over_empty_plate, fit_wrist_camera, holes_off_m
 from learned.holes.data import Plate, load_plates
 from learned.holes.evaluate import HoleFindings, evaluate_holes
 from learned.holes.model import VOTES, Reading
-from learned.parts.data import Scene, load_scenes
+from learned.parts.data import Scene
 from learned.parts.evaluate import Findings, evaluate_parts
 from sim.data.folder import DataFolder
-from sim.data.objects import write_objects
 from sim.data.plates import write_plates
-from sim.data.splits import mixed_clutter, sometimes_steel
+from sim.data.splits import sometimes_steel
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import visible_poses
 from sim.scene.world import World, build_world
@@ -72,7 +72,7 @@ def score_parts(task: Task, seeds: Sequence[int], mixed: bool) -> dict[str, floa
         mixed: some parts lie or are stacked, and some objects are unknown.
     """
     findings = Findings()
-    for scene in _trays(task, seeds, mixed):
+    for scene in tray_scenes(task.configuration, task.product, seeds, mixed=mixed, steel_share=task.steel_share):
         bench = _bench(task, int(scene.log.removeprefix("seed")), scene)
         detector: PartDetector = task.detectors(bench, "parts").make("parts")
         told = replace(
@@ -117,24 +117,6 @@ def score_calibration(task: Task, seeds: Sequence[int]) -> dict[str, float]:
     }
 
 
-def tray_frames(configuration: Configuration, product: Product, seeds: Sequence[int]) -> list[Frame]:
-    """What the wrist camera sees of one tray for each seed."""
-    scenes = _trays(Task(configuration, product, ""), seeds, mixed=True)
-    return [Frame("wrist", number, 0.0, scene.image, scene.believed) for number, scene in enumerate(scenes)]
-
-
-def _trays(task: Task, seeds: Sequence[int], mixed: bool) -> list[Scene]:
-    settings = task.configuration.devices.simulation
-    with tempfile.TemporaryDirectory(prefix="cell-eval-") as name:
-        folder = DataFolder(Path(name) / "objects", "cell eval parts")
-        for seed in seeds:
-            clutter = mixed_clutter(settings.clutter, seed) if mixed else settings.clutter
-            kinds = sometimes_steel(task.product, task.steel_share, seed)
-            simulation = settings.model_copy(update={"clutter": clutter})
-            write_objects(kinds, task.configuration.bench, simulation, seed, folder)
-        return load_scenes([Path(name) / "objects"], task.product)
-
-
 def _plates(task: Task, seed: int, stills: int) -> list[Plate]:
     kinematics = Kinematics(task.configuration.motion)
 
@@ -143,7 +125,7 @@ def _plates(task: Task, seed: int, stills: int) -> list[Plate]:
 
     kinds = sometimes_steel(task.product, task.steel_share, seed)
     with tempfile.TemporaryDirectory(prefix="cell-eval-") as name:
-        folder, configuration = DataFolder(Path(name) / "plates", "cell eval holes"), task.configuration
+        folder, configuration = DataFolder(Path(name) / "plates", "cell lab eval holes"), task.configuration
         write_plates(kinds, configuration.bench, configuration.devices.simulation, seed, folder, stills, reach, FRAMES)
         return load_plates([Path(name) / "plates"])
 

@@ -25,11 +25,11 @@ from cell.lab.holes_and_parts import calibrated_bench
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Observer, TickRecord
-from cell.wiring.node_library import node_registry
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 PAPER = {3: "AD .955, SG .938, SC .918"}  # Table 1, by the number of goals
 

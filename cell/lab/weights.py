@@ -16,9 +16,9 @@ from cell.interfaces.product import Product
 from cell.lab.actions import evaluate_segments
 from cell.lab.hands import evaluate_hands
 from cell.lab.holes_and_parts import Cameras, Task, score_holes, score_parts
-from cell.lab.tray_camera import tray_camera
 from cell.settings import LEARNED_KINDS
 from cell.wiring.detectors import Detectors
+from cell.wiring.tray_camera import tray_camera
 from learned.grasp.crops import load_crops
 from learned.grasp.evaluate import embedded, evaluate_scenes
 from learned.grasp.model import load_grasp_planner

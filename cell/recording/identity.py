@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-import cell
+from cell.files.files import INSTALLED
 
 INPUTS = ("/observation", "/bench", "/parts")
 NAME = "inputs_sha256"  # of the digest in the metadata `outcome`
@@ -71,7 +71,7 @@ def versions() -> dict[str, str]:
 
 def code_version() -> dict[str, str]:
     """The commit of the checkout that runs, and whether its files were changed; unknown where it is no checkout."""
-    root = Path(cell.__file__).resolve().parents[1]
+    root = INSTALLED.resolve()
     commit = _git(root, "rev-parse", "HEAD")
     if commit is None or not (root / ".git").exists():
         return {"commit": UNKNOWN, "clean": UNKNOWN}

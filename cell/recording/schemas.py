@@ -15,6 +15,7 @@ import orjson
 
 from cell.interfaces.command import Command, Display, GripperCommand
 from cell.interfaces.faults import Judgement
+from cell.interfaces.memory import Memory
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import BenchView, PartsView
 from cell.recording.json_schema import FLAG, INTEGER, NUMBER, OBJECT, TEXT, Schema, array, fields_of, record
@@ -60,6 +61,7 @@ _FIELDS: dict[str, dict[str, Schema]] = {
     "/note/message": {**TICK, "text": TEXT, "weight": TEXT},
     "/note/snapshot": {**TICK, "camera": TEXT, "sequence": INTEGER, "taken_s": NUMBER, "label": TEXT},
     "/note/bracket": {**TICK, "number": INTEGER, "edge": TEXT},
+    "/note/memory": {**TICK, **fields_of(Memory)},
     "/note/skill": {**TICK, "node": TEXT, "status": TEXT, "reason": TEXT},
     "/edit": {**TICK, "files": OBJECT},
     "/hook": {**TICK, "order": TEXT},

@@ -14,6 +14,7 @@ from py_trees.common import Status
 from cell.interfaces.command import Command
 from cell.interfaces.devices import Devices, Gripper, Signals
 from cell.interfaces.faults import Action, Judgement
+from cell.interfaces.memory import Memory
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
@@ -27,6 +28,7 @@ from cell.running.supervisor import Supervisor
 from cell.settings import ControllerSettings
 from cell.watching.observer import End, Observer, Outcome, SentCommand, TickRecord
 from trees.engine.node import StatusChange
+from trees.nodes.services import Tick
 
 STOPPED = "STOPPED"  # status of the root in a tick in which the supervisor stops the run before the tree is asked
 STOPPING = "STOPPING"  # ... and in the ticks of the safe stop
@@ -50,11 +52,10 @@ class TickedTree(Protocol):
 
 
 class TickServices(Protocol):
-    """What the loop renews before every tick; nodes read and fill it."""
+    """What the loop shares with the nodes: it renews what they see and ask for, before every tick."""
 
-    observation: Observation
-    command: Command
-    held_part: str | None
+    now: Tick
+    memory: Memory
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,7 @@ class Controller:
         """One tick; None where the supervisor stops the run before the tree is asked."""
         began_s = time.perf_counter()
         seen, joints = self._look()
-        services.observation, services.command = seen, Command()
+        services.now.observation, services.now.command = seen, Command()
         asked, status, sent = Command(), None, SentCommand()
         changes: Sequence[StatusChange] = ()
         name = "ERROR"
@@ -190,13 +191,13 @@ class Controller:
                 name = STOPPED
                 return None
             status = self._signals.interruptible(tree.tick)
-            name, asked = status.name, replace(services.command)
-            self._judgement = self._supervisor.judge_command(seen, services.command)
-            sent = self._actor.act(services.command, seen, self._judgement)
+            name, asked = status.name, replace(services.now.command)
+            self._judgement = self._supervisor.judge_command(seen, services.now.command)
+            sent = self._actor.act(services.now.command, seen, self._judgement)
         finally:  # a tick that failed is recorded too: it is the one that will be looked at
             if name != STOPPED:
                 changes = tree.status_changes
-            asked = services.command if name == "ERROR" else asked
+            asked = services.now.command if name == "ERROR" else asked
             self._record(seen, name, changes, asked, sent, joints, began_s)
         return status
 
@@ -262,7 +263,7 @@ class Controller:
         halted = Command()
 
         def halt_tree() -> None:
-            services.command = halted
+            services.now.command = halted
             tree.halt()
 
         orders = stop_orders(self._devices, self._gripper, self._seen)
@@ -275,7 +276,7 @@ class Controller:
             return self._stopping_tick(services, changes.pop() if changes else ())
 
         seen = await_rest(orders, problems, tick, self._clock.now_s, self._settings.stop_timeout_s)
-        return condition(seen, services.held_part), [f"{what}: {text}" for what, text in problems.items()]
+        return condition(seen, services.memory.held_part), [f"{what}: {text}" for what, text in problems.items()]
 
     def _stopping_tick(self, services: TickServices, changes: Sequence[StatusChange]) -> Observation | None:
         """One tick without the tree: see, keep the devices alive, record."""
@@ -284,7 +285,7 @@ class Controller:
             seen, joints = self._look()
             words = self._judgement.reasons
             self._judgement = Judgement(Action.STOP, 0.0, words)
-            services.observation = seen
+            services.now.observation = seen
             self._actor.pace(0.0)
             self._record(seen, STOPPING, changes, Command(), SentCommand(), joints, began_s)
         except (Exception, SystemExit):  # nothing may keep the loop from trying again until its time is over

@@ -89,7 +89,7 @@ class LockStep(HeldBack[Job, Answer]):
 
 
 class WorkerProcess(Generic[Job, Answer]):
-    """Runs the detector in a process of its own (`--pace real`), so that it cannot hold up a tick."""
+    """Runs the detector in a process of its own (`--real-time`), so that it cannot hold up a tick."""
 
     def __init__(self, name: str, build: Callable[..., Callable[[Job], Answer]], *arguments: object) -> None:
         """Start the process.

@@ -17,9 +17,9 @@ from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading
 from cell.runs.options import Files, RunOptions
 from cell.settings import LEARNED_KINDS, LogSettings
-from cell.wiring.node_library import USUAL_FOLDER
 from skills.drivers.gripper_database import SHIPPED, read_frames
 from trees.engine.tree import Tree
+from trees.node_library import USUAL_FOLDER
 
 
 def heading(options: RunOptions, files: Files) -> Heading:
@@ -61,7 +61,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         values[f"code.{file.name}.sha256"] = hashlib.sha256(file.read_bytes()).hexdigest()
     if options.world is not None:
         values["world"] = str(options.world.resolve())
-    if options.resume is not None and files.left_off is not None:
+    if options.resume is not None:
         values |= {"resumes": str(options.resume), "left_off": json.dumps(files.left_off.plain())}
     if options.entries:
         values["entries"] = json.dumps(dict(options.entries))

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from typer import Option
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration
 from cell.errors import InputError
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
 from cell.interfaces.resume import LeftOff
-from cell.wiring.node_library import node_registry
 from cell.wiring.services import Planners
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree, unused_entries
+from trees.node_library import node_registry
 
 Pace = Literal["fast", "real"]
 WITHOUT_PIXELS = "cell.wiring.no_render_host:open_bare_cell"
@@ -23,54 +25,71 @@ WITHOUT_PIXELS = "cell.wiring.no_render_host:open_bare_cell"
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What `cell run` was asked for.
+    """What a run is asked for; the command line has an option for each field that explains one.
 
     Attributes:
-        log: file to write; None for a new one in the configured folder.
-        monitor_port: where Groot2 and other monitors may ask; None for no monitor.
-        monitor_hooks: let them put breakpoints and overrides on nodes.
-        watch: take over edits of the tree file while it runs.
-        live_port: where Foxglove and other viewers may connect; None for no server.
-        overwrite: replace a log that is there.
-        inject: FAULT@STATE, a fault that is put in when the work comes to a state; None for none.
-        person: a simulated person's name or file; None for the configuration's.
-        look: what the simulated cell looks like, a preset or a file; None for what the configuration says.
         nodes: files and packages with further nodes.
         beside: further tree files, and folders with them, whose trees may be named.
         entries: of the main tree, set before the first tick.
-        page_port: where the operator's page is served; None for no page.
         orders: lines that an operator types; None for no one.
-        max_duration_s: the run ends by itself after so long; None for the configuration's.
+        max_duration_s: after which the run ends by itself; None for the configuration's.
         images: keep images and joint samples in the log, and make a contact sheet.
         pixels: render what the cameras see; without, a simulated cell's hands, holes and parts come from the truth.
         one_process: simulate, render and detect in this process, as where many runs go on side by side.
-        world: address of a world that `cell world` opened; None for one of the run's own.
-        resume: log of a run that was broken off; this one goes on with its work.
-        brackets: how many are made one after the other; None for one bracket, 0 for until the run is stopped.
     """
 
     tree: Path = DEFAULT_TREE
-    configuration: Path = DEFAULT_CONFIGURATION
-    goal: str = "random"
-    seed: int = 0
+    configuration: Annotated[Path, Option("--config", help="Configuration of the cell.")] = DEFAULT_CONFIGURATION
+    goal: Annotated[str, Option(help="What the simulated person assembles: a goal's name or random.")] = "random"
+    seed: Annotated[int, Option(min=0, help="Same seed, same run.")] = 0
     pace: Pace = "fast"
-    log: Path | None = None
-    monitor_port: int | None = None
-    monitor_hooks: bool = False
-    watch: bool = False
-    live_port: int | None = None
-    overwrite: bool = False
-    person: str | None = None
-    inject: str | None = None
-    look: str | None = None
+    log: Annotated[Path | None, Option(help="Log file (MCAP); by default a new one in the configured folder.")] = None
+    monitor_port: Annotated[
+        int | None,
+        Option(
+            "--monitor",
+            metavar="[PORT]",
+            min=1,
+            max=65534,
+            help="Let Groot2 and `cell monitor` watch; port 1667.",
+        ),
+    ] = None
+    monitor_hooks: Annotated[bool, Option("--breakpoints", help="Let monitors set breakpoints and overrides.")] = False
+    watch: Annotated[bool, Option("--watch", help="Take over edits of the tree file during the run.")] = False
+    live_port: Annotated[
+        int | None,
+        Option(
+            "--live",
+            metavar="[PORT]",
+            min=0,
+            max=65535,
+            help="Serve the log's channels to Foxglove; port 8765.",
+        ),
+    ] = None
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace the file of --log if it exists.")] = False
+    person: Annotated[
+        str | None,
+        Option(help="The simulated person: careful, ordinary, careless, or a YAML file; A,B take turns in a shift."),
+    ] = None
+    inject: Annotated[str | None, Option(help="FAULT@STATE: inject a fault when the work reaches a state.")] = None
+    look: Annotated[
+        str | None, Option(help="Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file.")
+    ] = None
     nodes: tuple[str, ...] = ()
     beside: tuple[Path, ...] = ()
     entries: Mapping[str, Any] = field(default_factory=dict)
-    page_port: int | None = None
+    page_port: Annotated[
+        int | None,
+        Option("--page", metavar="[PORT]", min=0, max=65535, help="Serve the operator's page; port 8780."),
+    ] = None
     orders: Iterable[str] | None = None
-    brackets: int | None = None
-    world: Path | None = None
-    resume: Path | None = None
+    brackets: Annotated[
+        int | None, Option("--shift", metavar="N", min=0, help="A shift of N brackets; 0: until it is stopped.")
+    ] = None
+    world: Annotated[Path | None, Option(help="Use the simulated cell of a `cell lab world` at this address.")] = None
+    resume: Annotated[
+        Path | None, Option(metavar="LOG", help="Continue the work of this log, whose run was broken off.")
+    ] = None
     max_duration_s: float | None = None
     images: bool = True
     pixels: bool = True
@@ -113,7 +132,7 @@ class Files:
     """Everything that was read before any device was opened.
 
     Attributes:
-        left_off: of the run that this one goes on with.
+        left_off: of the run that this one goes on with; empty for a new beginning.
     """
 
     configuration: Configuration
@@ -121,4 +140,4 @@ class Files:
     tree: Tree
     planners: Planners
     faults: FaultTable
-    left_off: LeftOff | None = None
+    left_off: LeftOff = field(default_factory=LeftOff)

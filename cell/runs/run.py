@@ -24,6 +24,7 @@ from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices, TruthEvent
 from cell.interfaces.observation import Observation
+from cell.interfaces.resume import LeftOff
 from cell.log.read.resume import read_left_off, world_of
 from cell.recording.recorder import McapRecorder
 from cell.recording.scene import CellModel
@@ -42,7 +43,7 @@ from cell.viewing.typed_orders import TypedOrders
 from cell.watching.brackets import BracketTally, FinishedBrackets
 from cell.watching.fluency import Fluency
 from cell.watching.lateness import Lateness
-from cell.watching.observer import Level, Observer, Outcome
+from cell.watching.observer import End, Level, Observer, Outcome
 from cell.watching.statistics import RunStatistics
 from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
 from cell.wiring.reload import WatchedTree
@@ -70,6 +71,14 @@ class RunResult:
     summary: dict[str, object]
     rows: dict[str, str]
 
+    @property
+    def end(self) -> End:
+        return self.outcome.end
+
+    @property
+    def reason(self) -> str:
+        return self.outcome.reason
+
 
 def run(options: RunOptions, console: Console) -> RunResult:
     """Run one tree on one cell.
@@ -92,7 +101,7 @@ def run(options: RunOptions, console: Console) -> RunResult:
             console.print(told, highlight=False)
         check_detectors(configuration.bench, product, configuration.perception)
         tally = BracketTally()
-        left_off = None
+        left_off = LeftOff()
         if options.resume is not None:
             left_off = read_left_off(options.resume, product, lambda tick: tally.add(tick.time_s, tick.notes))
             console.print(f"goes on with {options.resume}: {left_off.told}", highlight=False)
@@ -197,8 +206,8 @@ def drive(
         controller = Controller(
             devices, gripper, *executors, configuration.controller, supervisor, observers, operator, signals, own_body
         )
-        clock, journal, seen = devices.clock, controller.journal, controller.observe()
-        services = make_services(configuration, files.planners, motion, clock, journal, seen, files.left_off)
+        journal, seen = controller.journal, controller.observe()
+        services = make_services(configuration, files.planners, motion, journal, seen, files.left_off)
         tree.setup(services, TickClock(services))
         return controller.run(tree, services)
 

@@ -13,8 +13,8 @@ from cell.recording.recorder import McapRecorder
 from cell.runs.heading import tree_texts
 from cell.runs.options import Files, RunOptions
 from cell.watching.observer import Observer
-from cell.wiring.node_library import node_registry
 from trees.engine.tree import Tree
+from trees.node_library import node_registry
 
 if TYPE_CHECKING:
     from cell.viewing.live_server import LiveServer

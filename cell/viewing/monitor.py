@@ -185,7 +185,7 @@ class Monitor(Observer):
         if kind not in ORDERS and kind != "D":
             raise RefusedError(f"unknown request {kind!r}; known: {' '.join([*self._answers, *ORDERS, 'D'])}")
         if not self._with_hooks:
-            raise RefusedError("breakpoints and overrides are off; cell run --monitor-hooks turns them on")
+            raise RefusedError("breakpoints and overrides are off; cell run --breakpoints turns them on")
         if kind == "D":
             return json.dumps(self._hooks.dump()).encode()
         try:
@@ -247,7 +247,7 @@ class Monitor(Observer):
         except zmq.ZMQError as error:
             self._context.destroy(linger=0)
             raise InputError(
-                f"port {port} cannot be used: {error.strerror}; choose another by --monitor-port"
+                f"port {port} cannot be used: {error.strerror}; choose another by --monitor PORT"
             ) from None
         return socket
 

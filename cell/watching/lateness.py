@@ -75,7 +75,7 @@ class Lateness(Observer):
         self._before = record
         if not self._said and self._lost_s() > LOST_S:
             self._said = True
-            text = "the machine is too slow for --pace real: the simulated world falls behind the wall's time"
+            text = "the machine is too slow for --real-time: the simulated world falls behind the wall's time"
             self._say(record.observation.time_s, "warning", text)
 
     def report(self) -> dict[str, object]:

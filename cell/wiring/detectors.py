@@ -163,7 +163,7 @@ def fitting(perception: Perception, product: Product) -> tuple[Perception, str]:
         for use, words in wanted.items():
             if known.get(use, words) != words:
                 told = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"
-                what = f"perception is classical (colours, outlines): {told}; `cell train all` trains detectors for it"
+                what = f"perception is classical (colours, outlines): {told}; `cell train --all` trains others"
                 return perception.model_copy(update={"kind": "classical"}), what
     return perception, ""
 
@@ -223,7 +223,7 @@ def latency_s(perception: Perception, *tasks: str) -> float:
 
 
 def _noted_ms(perception: Perception, task: str) -> float | None:
-    """The p95 of a trained detector's card, from `cell eval latency --note`; None where there is none."""
+    """The p95 of a trained detector's card, from `cell lab eval latency --note`; None where there is none."""
     if (kind := perception.chosen(task).kind) in NO_CARD:
         return None
     return OnnxModel.load(perception.weights(task), f"{task}.{kind}").card.scores.get(LATENCY_SCORE)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Protocol
 
 from py_trees.common import Status
 
 from cell.errors import InputError, Problem
 from cell.interfaces.clock import Clock
 from cell.interfaces.observation import Observation
+from cell.running.controller import TickServices
 from cell.watching.observer import Level, Observer
 from trees.engine.blackboard import UNSET
 from trees.engine.literals import fits
@@ -27,12 +27,6 @@ from trees.nodes.skill_node import SkillNode
 MOVING_NODES = (SkillNode, ActivateGripper)
 
 Stamp = tuple[int, int] | None
-
-
-class Observed(Protocol):
-    """What is needed of the services."""
-
-    observation: Observation
 
 
 class WatchedTree:
@@ -61,7 +55,7 @@ class WatchedTree:
         self._files = self._stamps(tree.texts)
         self._next: Tree | None = None
 
-    def setup(self, services: Observed, clock: Clock) -> None:
+    def setup(self, services: TickServices, clock: Clock) -> None:
         """Set up the tree, and every one that takes its place."""
         self._services = services
         self._clock = clock
@@ -70,7 +64,7 @@ class WatchedTree:
     def tick(self) -> Status:
         """Look for an edit, exchange the tree where that is safe, and tick."""
         self._look()
-        if self._next is not None and is_safe_point(self.tree, self._services.observation):
+        if self._next is not None and is_safe_point(self.tree, self._services.now.observation):
             self._swap(self._next)
         return self.tree.tick()
 
@@ -119,7 +113,7 @@ def is_safe_point(tree: Tree, observation: Observation) -> bool:
     return not (busy or observation.arm.moving or observation.gripper.holding)
 
 
-def take_over(old: Tree, new: Tree, services: Observed, clock: Clock) -> list[str]:
+def take_over(old: Tree, new: Tree, services: TickServices, clock: Clock) -> list[str]:
     """Halt the old tree and make the new one ready; names of entries that were not carried over."""
     old.halt()
     new.setup(services, clock)
@@ -134,7 +128,7 @@ def carry_over(old: Tree, new: Tree) -> list[str]:
         value = old.blackboard.entry(key).value
         if value is UNSET:
             continue
-        if key in list(new.blackboard) and fits(value, new.blackboard.entry(key).kind):
+        if key in new.blackboard and fits(value, new.blackboard.entry(key).kind):
             new.blackboard.entry(key).write(value)
             new.blackboard.entry(key).carried = True
         else:

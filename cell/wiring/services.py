@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from cell.configuration import Configuration
 from cell.errors import InputError, ModelError, SettingError
-from cell.interfaces.clock import Clock
+from cell.interfaces.memory import Memory
 from cell.interfaces.notes import Journal
 from cell.interfaces.observation import Observation
 from cell.interfaces.planning import GraspPlanner, SemanticPlanner
@@ -25,7 +25,8 @@ from learned.semantic.model import BayesPlanner, FactoredPlanner, load_semantic_
 from learned.semantic.risk import act_probability
 from skills.motion.planner import MotionPlanner
 from trees.guard import Guard
-from trees.nodes.services import Services
+from trees.nodes.files import Files, WorkingFolder
+from trees.nodes.services import Services, Tick, Tools
 
 
 class TickClock:
@@ -35,7 +36,7 @@ class TickClock:
         self._services = services
 
     def now_s(self) -> float:
-        return self._services.observation.time_s
+        return self._services.now.observation.time_s
 
     def sleep_until(self, time_s: float) -> None:
         """Nodes never wait; the next tick brings another time."""
@@ -114,20 +115,20 @@ def make_services(
     configuration: Configuration,
     planners: Planners,
     motion: MotionPlanner,
-    clock: Clock,
     journal: Journal,
     observation: Observation,
-    left_off: LeftOff | None = None,
+    left_off: LeftOff = LeftOff(),  # noqa: B008 - frozen
+    files: Files | None = None,
 ) -> Services:
     """What the nodes of a tree work with.
 
     Args:
-        left_off: of a run that was broken off and that this one goes on with.
+        left_off: of a run that was broken off and that this one goes on with; empty for a new beginning.
+        files: what nodes read and write; the working folder unless given.
     """
-    services = Services(
+    tools = Tools(
         product=planners.known,
         bench=configuration.bench,
-        clock=clock,
         motion=motion,
         semantic=planners.semantic,
         rule_semantic=planners.rule_semantic,
@@ -135,14 +136,13 @@ def make_services(
         rule_grasp=planners.rule_grasp,
         guard=_guard(configuration, planners.semantic, planners.goals, planners.confusions),
         journal=journal,
-        observation=observation,
+        files=files or WorkingFolder(),
         teach=_teacher(configuration, planners.known),
         learn=learner(configuration, planners),
-        left_off=left_off,
-        held_part=None if left_off is None else left_off.held_part,
     )
-    for parts in left_off.finished if left_off is not None else ():
-        services.learn(services, parts)
+    services = Services(Tick(observation), tools, Memory(held_part=left_off.held_part, left_off=left_off))
+    for parts in left_off.finished:
+        services.learn(parts)
     return services
 
 
@@ -172,26 +172,28 @@ def _teacher(configuration: Configuration, product: Product) -> Callable[[str, t
     return teach
 
 
-def learner(configuration: Configuration, planners: Planners) -> Callable[[Services, tuple[str, ...]], str | None]:
-    """What nodes call when a bracket was finished: planners and guard know its goal from then on, in this run."""
+def learner(
+    configuration: Configuration, planners: Planners
+) -> Callable[[Tools, tuple[str, ...]], tuple[Tools, str | None]]:
+    """What is asked for tools when a bracket was finished: planners and guard know its goal from then on."""
     goals = planners.goals
 
-    def learn(services: Services, parts: tuple[str, ...]) -> str | None:
-        """Name of the goal that the bracket ended in; None where no bracket of this product ends so."""
+    def learn(tools: Tools, parts: tuple[str, ...]) -> tuple[Tools, str | None]:
+        """The tools, and the name of the goal that the bracket ended in; None where none of this product ends so."""
         nonlocal goals
         try:
             goals = goals.with_bracket(parts)
         except InputError:
-            return None
+            return tools, None
         known = goals.product
-        services.semantic, services.rule_semantic = (
+        semantic, rule_semantic = (
             planner.with_goals(goals, planners.confusions)
             if isinstance(planner, FactoredPlanner | BayesPlanner)
             else planner
-            for planner in (services.semantic, services.rule_semantic)
+            for planner in (tools.semantic, tools.rule_semantic)
         )
-        services.product = known
-        services.guard = _guard(configuration, services.semantic, goals, planners.confusions)
-        return next((name for name, goal in known.goals.items() if goal == parts), None)
+        guard = _guard(configuration, semantic, goals, planners.confusions)
+        tools = replace(tools, product=known, semantic=semantic, rule_semantic=rule_semantic, guard=guard)
+        return tools, next((name for name, goal in known.goals.items() if goal == parts), None)
 
     return learn

@@ -1,4 +1,4 @@
-"""Segments from folders of training data as arrays: `cell data actions`, or `cell data --from LOG` of real runs."""
+"""Segments from folders of training data as arrays: of `cell lab data actions`, or of recorded runs."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def asked(
         return {"track": track, "crops": crops}
     if not segments.seen.size:
         raise InputError(
-            f"{kind} looks at whole frames, and the data have none; make them with: cell data actions --frames"
+            f"{kind} looks at whole frames, and the data have none; make them with: cell lab data actions --frames"
         )
     frames = segments.frames[segments.seen[chosen]]
     if rng is not None:
@@ -200,7 +200,7 @@ def _rows(folder: Path, classes: Classes) -> Iterator[_Row]:
     lines = read_text(path).splitlines()
     header = _parsed(path, 1, lines[0]) if lines else {}
     if header.get("format") != "cell.segments":
-        problem = Problem(Place(path, 1), "no file of segments", "make one with: cell data actions, cell data --from")
+        problem = Problem(Place(path, 1), "no file of segments", "make one with: cell log export --to training")
         raise InputError(problem)
     if header.get("version") != VERSION:
         told = f"segments of version {header.get('version')}"

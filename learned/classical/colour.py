@@ -26,7 +26,7 @@ LEAST_OVEREXPOSED = 0.14
 DRIFT_RAD = 0.25
 LEAST_REFERENCE = 0.35
 LEAST_DISTANCE = 0.30
-_HELP = "choose a clearer colour, or train detectors that need none: cell train all"
+_HELP = "choose a clearer colour, or train detectors that need none: cell train --all"
 
 
 class ColourModel:

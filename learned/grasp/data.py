@@ -2,7 +2,7 @@
 
 The first line says what the file is; every other line is one scene, its parts in one order throughout:
 
-    {"format": "cell.grasp.scenes", "version": 1, "parts": ["o1", "o2", "o3"], "source": "cell data grasp ..."}
+    {"format": "cell.grasp.scenes", "version": 1, "parts": ["o1", "o2", "o3"], "source": "cell lab data grasp ..."}
     {"detections": [{"part": "o1", "confidence": 0.93, "position_m": [0.56, -0.38, 0.016], "yaw_rad": 0.3,
                      "size_m": [0.045, 0.028, 0.02], "box_px": [210, 150, 240, 176]}, ...],
      "truth": [{"part": "o1", "position_m": [0.5601, -0.3802, 0.016], "yaw_rad": 0.303,

@@ -57,7 +57,7 @@ WITH_MARGINS = GripperOutline(palm_size_m=(0.104, 0.076), fitting_m=0.0, margin_
 class DetectionNoise(Model):
     """Standard deviations of what the part detector answers; the defaults are the classical one's in simulation.
 
-    Measured (docs/results.md, perception): position off by .2 to .6 mm in the median and .5 to .9 mm at 95 %, heading
+    Measured (docs/research/results.md): position off by .2 to .6 mm in the median and .5 to .9 mm at 95 %, heading
     by .05 to .2 and .1 to .6 degrees; heights and sizes are the product's own.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""Training data of the small tracker: rows of `cell data hands` as arrays."""
+"""Training data of the small tracker: rows of `cell lab data hands` as arrays."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class _Sample(NamedTuple):
 
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
-    """All rows of a folder of `cell data hands`.
+    """All rows of a folder of `cell lab data hands`.
 
     Raises:
         InputError: it is no such folder, or a line is damaged.

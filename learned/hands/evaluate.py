@@ -25,7 +25,7 @@ def score_readings(reader: HandReader, bench: Bench, folder: Path) -> dict[str, 
     """Shares of hands found, of sides, roles and parts right, errors by the image alone [mm], processor time [ms].
 
     Args:
-        folder: of `cell data hands`.
+        folder: of `cell lab data hands`.
     """
     scored, times_s = _Scored(bench), list[float]()
     for row in rows_of(folder):

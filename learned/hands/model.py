@@ -80,7 +80,7 @@ class SlimReader:
         self._regions = Regions.of(setup)
         self._reader = OnnxModel.load(path, READER_KIND)
         if "around" not in self._reader.inputs:
-            raise ModelError(f"{path}: an older version trained it; train it again with: cell train hands")
+            raise ModelError(f"{path}: an older version trained it; train it again with: cell train --only hands")
         self._finder = OnnxModel.load(finder_file(path), FINDER_KIND)
         self._seen = Ahead(self._see)
         self._closer = CloserLook(self._regions, OnnxModel.load(refiner_file(path), REFINER_KIND))

@@ -56,13 +56,13 @@ def train_hands(
     *,
     score: Callable[[], dict[str, float]],
     epochs: int = EPOCHS,
-    command: str = "cell train hands",
+    command: str = "cell lab train hands",
     quiet: bool = False,
 ) -> dict[str, float]:
     """Train the networks and write them, the reader to `out`, finder and refiner beside it.
 
     Args:
-        folders: of `cell data hands`.
+        folders: of `cell lab data hands`.
         score: scores of the tracker that reads `out`.
 
     Returns:

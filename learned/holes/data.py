@@ -1,4 +1,4 @@
-"""Labelled stills of the plate (plates.jsonl of `cell data plates`)."""
+"""Labelled stills of the plate (plates.jsonl of `cell lab data plates`)."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class ModelCard(Model):
             if known != words:
                 raise ModelError(
                     f"{path}: trained for {use} [{'; '.join(known)}], but the product has [{'; '.join(words)}]; "
-                    "train again for this product (cell train; detectors: cell train all) or choose another kind"
+                    "train again for this product (cell train; detectors: cell train --all) or choose another kind"
                 )
 
 

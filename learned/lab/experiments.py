@@ -10,7 +10,7 @@ import ast
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -47,11 +47,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is measured, what is written of it, and its plots by the end of their file names."""
+    """What is measured, and what is written of it."""
 
     cells: Callable[[Product], Sequence[Cell]]
     sections: tuple[Callable[[Cells], str], ...]
-    plots: Mapping[str, Callable[[Cells, Path], None]] = field(default_factory=dict)
 
 
 def in_turn(work: Callable[..., Values], arguments: Iterable[tuple[Any, ...]]) -> Iterator[Values]:
@@ -129,7 +128,7 @@ def write_page(
     facts: Mapping[str, str],
     scheduler: Scheduler = in_turn,
 ) -> None:
-    """Measure what is not in the store, and write the page and its plots.
+    """Measure what is not in the store, and write it as a page, or as a file of figures (`.json`).
 
     Args:
         facts: command, date, machine and the like, for the head of the page.
@@ -138,19 +137,46 @@ def write_page(
     Raises:
         InputError: the page cannot be written.
     """
-    sections = [f"{head}\n\n| | |\n|---|---|\n" + "\n".join(f"| {name} | {fact} |" for name, fact in facts.items())]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        for name, experiment in experiments.items():
-            cells = measured(name, experiment.cells(product), store, scheduler)
-            sections += [write(cells) for write in experiment.sections]
-            for end, plot in experiment.plots.items():
-                picture = out.with_name(f"{out.stem}_{end}.png")
-                plot(cells, picture)
-                sections.append(f"![{name}]({picture.name})")
-        out.write_text("\n\n".join(sections) + "\n", encoding="utf-8")
+        found = [
+            (experiment, measured(name, experiment.cells(product), store, scheduler))
+            for name, experiment in experiments.items()
+        ]
+        sections = [write(cells) for experiment, cells in found for write in experiment.sections]
+        text = _figures(head, sections, facts) if out.suffix == ".json" else _page(head, sections, facts)
+        out.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{out}: cannot write the page: {error.strerror}") from error
+
+
+def _page(head: str, sections: Sequence[str], facts: Mapping[str, str]) -> str:
+    table = "| | |\n|---|---|\n" + "\n".join(f"| {name} | {fact} |" for name, fact in facts.items())
+    return "\n\n".join([head, table, *sections]) + "\n"
+
+
+def _figures(head: str, sections: Sequence[str], facts: Mapping[str, str]) -> str:
+    """The file of figures (docs/figures) that stands for the page."""
+    title, _, about = head.removeprefix("# ").partition("\n")
+    stated = "; ".join(f"{name}: {fact}" for name, fact in facts.items() if name != "command")
+    command = facts["command"].strip("`")
+    tables = [{**table, "command": command} for section in sections for table in tables_of(section)]
+    return json.dumps({"title": title, "about": f"{about.strip()} {stated}.", "tables": tables}, indent=1) + "\n"
+
+
+def tables_of(section: str) -> Iterator[dict[str, Any]]:
+    """The tables of a section in Markdown, each with its heading and the words before it."""
+    title, about = "", ""
+    for block in section.split("\n\n"):
+        if block.startswith("|"):
+            head, _, *cells = (line[2:-2].split(" | ") for line in block.splitlines())
+            yield {"title": title, "about": about, "head": head, "cells": cells}
+            about = ""
+            continue
+        if block.startswith("#"):
+            heading, _, block = block.partition("\n")
+            title, about = heading.lstrip("# "), ""
+        about = f"{about} {block}".strip()
 
 
 def values_of(cells: Cells, pick: Callable[[Values], float], **wanted: object) -> list[float]:

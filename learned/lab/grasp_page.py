@@ -1,14 +1,10 @@
-"""The page of the experiments on grasp planners: tables, and plots beside them."""
+"""The page of the experiments on grasp planners."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
-
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from learned.grasp.crops import TrayCamera
 from learned.grasp.evaluate import REQUIRED_TYPES, SCENE_SIZES
@@ -80,7 +76,7 @@ def _change(cells: Cells, first: str, second: str, score: str = TYPE) -> str:
 _OBJECTS = tuple(f"object_accuracy_{count}" for count in REQUIRED_TYPES)
 HEAD = (
     "# Experiments on grasp planners\n"
-    "Which planner to take, and how to train one, is in [planners.md](planners.md). Here are the tables behind it.\n\n"
+    "Which planner to take, and how to train one, is in [planners.md](../planners.md).\n\n"
     "An answer is right if the whole of it is: the part can be grasped; or a sequence of moves that works, none "
     "shorter; or help where no sequence works. What is right is decided by the gripper's true outline touching a "
     "neighbour or not (`learned/grasp/physics.py`), compared with simulated grasps by "
@@ -162,39 +158,6 @@ def curve_section(cells: Cells) -> str:
     )
 
 
-def plot_noise(cells: Cells, path: Path) -> None:
-    """Bars by level of noise."""
-    figure = Figure(figsize=(9, 4.6), layout="constrained")
-    axes = figure.subplots()
-    width = 0.8 / len(_NOISE_ROWS)
-    for row, (title, wanted) in enumerate(_NOISE_ROWS.items()):
-        points = {
-            place + (row - len(_NOISE_ROWS) / 2 + 0.5) * width: {"noise": noise, **wanted}
-            for place, noise in enumerate(NOISES)
-        }
-        places, values, errors = _points(cells, points)
-        axes.bar(places, values, width, yerr=errors, error_kw={"lw": 0.8}, label=title)
-    axes.set_xticks(range(len(NOISES)), [name.replace("heights and sizes", "heights\nand sizes") for name in NOISES])
-    axes.set_ylim(0.4, 1.0)
-    _labelled(axes)
-    figure.legend(fontsize="small", loc="outside lower center", ncols=2)
-    figure.savefig(path, dpi=110)
-
-
-def plot_curve(cells: Cells, path: Path) -> None:
-    """Lines by number of training scenes."""
-    figure = Figure(figsize=(6.5, 4), layout="constrained")
-    axes = figure.subplots()
-    for name in ("default", "paper"):
-        places, values, errors = _points(cells, {count: {"planner": name, "scenes": count} for count in CURVE})
-        axes.errorbar(places, values, yerr=errors, marker="o", capsize=3, label=BASELINES[name].title)
-    axes.set_xscale("log")
-    axes.set_xlabel("training scenes")
-    _labelled(axes)
-    axes.legend(fontsize="small")
-    figure.savefig(path, dpi=110)
-
-
 def experiments(camera: TrayCamera, test_seed: int = TEST_SEED) -> dict[str, Experiment]:
     """By name; the camera takes the images of scenes, and the test scenes are those of a seed."""
     asked: dict[str, Any] = {"camera": camera, "test_seed": test_seed}
@@ -203,8 +166,8 @@ def experiments(camera: TrayCamera, test_seed: int = TEST_SEED) -> dict[str, Exp
         "table2": Experiment(partial(table2_cells, **asked), (table2_section,)),
         "table3": Experiment(partial(table3_cells, **asked), (table3_section,)),
     }
-    noise = Experiment(partial(noise_cells, **asked), (noise_section,), {"noise": plot_noise})
-    curve = Experiment(partial(curve_cells, **asked), (curve_section,), {"curve": plot_curve})
+    noise = Experiment(partial(noise_cells, **asked), (noise_section,))
+    curve = Experiment(partial(curve_cells, **asked), (curve_section,))
     return tables | {"noise": noise, "curve": curve}
 
 
@@ -218,25 +181,3 @@ _NOISE_ROWS: Mapping[str, Mapping[str, object]] = {
 
 def _share(cells: Cells, score: str, **wanted: object) -> str:
     return shown_share(cells, score, **{**USUAL, **wanted})
-
-
-def _points(
-    cells: Cells, wanted: Mapping[float, Mapping[str, object]]
-) -> tuple[list[float], list[float], tuple[list[float], list[float]]]:
-    """Places, means over seeds, and how far their intervals reach down and up, where anything was measured."""
-    places, means, down, up = [], [], [], []
-    for place, some in wanted.items():
-        key = {**USUAL, **some}
-        values, low, high = (values_of(cells, score_of(_OBJECTS[0] + end), **key) for end in ("", "_low", "_high"))
-        if values:
-            mean = sum(values) / len(values)
-            places.append(place)
-            means.append(mean)
-            down.append(mean - min(low))
-            up.append(max(high) - mean)
-    return places, means, (down, up)
-
-
-def _labelled(axes: Axes) -> None:
-    axes.set_ylabel("object accuracy, 1 required type")
-    axes.grid(alpha=0.3, axis="y")

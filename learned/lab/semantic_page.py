@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from learned.lab import semantic_page as belief_page
-from learned.lab import semantic_plots as plots
-from learned.lab import semantic_ratio_page as ratio_page
+from learned.lab import semantic_ratio_page
 from learned.lab.experiments import Cells, Experiment, markdown, score_of, shown, shown_share, values_of
 from learned.lab.semantic_belief import ERRORS, OPTIMUM, belief_cells
 from learned.lab.semantic_habits import DEMONSTRATIONS, STRENGTHS, habit_cells
@@ -183,22 +181,20 @@ def stream_section(cells: Cells) -> str:
 
 
 EXPERIMENTS = {
-    "settings": Experiment(settings_cells, (ratio_page.settings_section,)),
-    "ratios": Experiment(ratio_cells, (ratio_page.ratio_section,), {"ratios": plots.plot_ratios}),
+    "settings": Experiment(settings_cells, (semantic_ratio_page.settings_section,)),
+    "ratios": Experiment(ratio_cells, (semantic_ratio_page.ratio_section,)),
     "belief": Experiment(
         belief_cells,
-        (belief_page.noise_section, belief_page.acting_section, belief_page.unknown_section),
-        {"coverage": plots.plot_coverage},
+        (noise_section, acting_section, unknown_section),
     ),
-    "habits": Experiment(habit_cells, (belief_page.habit_section,), {"habits": plots.plot_habits}),
+    "habits": Experiment(habit_cells, (habit_section,)),
     "streams": Experiment(stream_cells, (stream_section,)),
-    "sizes": Experiment(size_cells, (ratio_page.size_section,)),
+    "sizes": Experiment(size_cells, (semantic_ratio_page.size_section,)),
 }
 
 HEAD = (
     "# Experiments on semantic planners\n"
-    "Which planner to take, how to teach goals and how to certify a threshold is in [planners.md](planners.md). Here "
-    "are the tables behind it.\n\n"
+    "Which planner to take, how to teach goals and how to certify a threshold is in [planners.md](../planners.md).\n\n"
     "The goal and what remains to be done, inferred from the parts that are seen in place. All data are generated "
     "(`learned/semantic/scenarios.py`, `demonstrators.py`). `factored` is the default: learned slots and habits with "
     "exact inference under noise; `paper` the graph network and LSTM; `and_or` an AND/OR graph of the states that "

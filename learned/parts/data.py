@@ -1,4 +1,4 @@
-"""Labelled images of trays (objects.jsonl of `cell data objects`), as what the networks are to say about them."""
+"""Labelled images of trays (objects.jsonl of `cell lab data objects`), as what the networks are to say about them."""
 
 from __future__ import annotations
 

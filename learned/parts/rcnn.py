@@ -160,7 +160,7 @@ def load_rcnn(path: Path, product: Product) -> nn.Module:
     except OSError as error:
         raise ModelError(f"{path}: cannot read the weights: {error.strerror}") from error
     except (KeyError, TypeError, ValueError, RuntimeError, pickle.UnpicklingError) as error:
-        raise ModelError(f"{path}: not weights of `cell train parts --kind rcnn`, or damaged") from error
+        raise ModelError(f"{path}: not weights of `cell lab train parts --kind rcnn`, or damaged") from error
     card.require_vocabulary(path, {"parts": tuple(product.parts)})
     return network.eval()
 

@@ -215,7 +215,7 @@ def train_parts(
     """Train both networks, and write the centre net to `out` and the pose net beside it.
 
     Returns:
-        What was learned from; `cell eval parts` scores detectors, as that takes images.
+        What was learned from; `cell lab eval parts` scores detectors, as that takes images.
     """
     centre, pose = CentreTraining(), PoseTraining()
     if epochs is not None:

@@ -143,7 +143,7 @@ class Confusions:
             raise InputError(Problem(Place(path), f"no confusions of actions: {str(error).splitlines()[0]}")) from error
         if (read.parts, read.positions) != (layout.parts, layout.positions):
             what = f"learned for parts {', '.join(read.parts)} and positions {', '.join(read.positions)}"
-            raise InputError(Problem(Place(path), what, "learn them again: cell train noise"))
+            raise InputError(Problem(Place(path), what, "learn them again: cell train --only noise --recorded DIR"))
         numbers = {
             f"{part} at {position}": i * len(layout.positions) + p
             for i, part in enumerate(layout.parts)
@@ -250,7 +250,7 @@ def _kinds(layout: Layout) -> dict[Pattern, Bools]:
 
 
 def confirmed_reports(path: Path) -> list[Reported]:
-    """Detected actions of a file of segments (`cell data --from LOG`) beside what the holes showed later.
+    """Detected actions of a file of segments (`cell log export --to training`) beside what the holes showed later.
 
     Where the hole of a detected assembly turned out to be empty, the action was what filled another hole meanwhile.
 
@@ -263,7 +263,7 @@ def confirmed_reports(path: Path) -> list[Reported]:
         raise InputError(Problem(Place(path), f"cannot be read: {error}")) from error
     if not rows or rows[0].get("format") != "cell.segments":
         raise InputError(
-            Problem(Place(path, 1), "no file of segments", "make one with: cell data --from LOG --out DIR")
+            Problem(Place(path, 1), "no file of segments", "make one with: cell log export LOG --to training --out DIR")
         )
     found: list[Reported] = []
     for number, row in enumerate(rows[1:], start=1):

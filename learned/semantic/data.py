@@ -3,7 +3,7 @@
 Header: what the file is, the product it was recorded with, and where it comes from.
 
     {"format": "cell.demonstrations", "version": 1, "parts": ["o1", "o2", "o3"], "positions": ["p1", ...],
-     "goals": {"g0": ["o1", ...], ...}, "source": "cell data semantic --seed 0"}
+     "goals": {"g0": ["o1", ...], ...}, "source": "cell lab data semantic --seed 0"}
 
 Demonstration: the goal, and the placements in the order in which they were made.
 

@@ -57,7 +57,7 @@ def load_semantic_planner(
     Args:
         kind: "paper", "factored", "and_or", or "bayes", which has no weights and ignores `path`; "auto" is "factored"
             where its weights are of this product, else "bayes", which is as good where nobody's habits were recorded.
-        path: weights from `cell train semantic`.
+        path: weights from `cell train --only semantic`.
         goals: learned beside the product's own; `paper` and `and_or` know those that they were trained on alone.
         confusions: what the action detector takes for what; read by `factored` and `bayes`.
 
@@ -74,7 +74,7 @@ def load_semantic_planner(
     if kind not in get_args(SemanticKind):
         raise InputError(f"no semantic planner {kind!r}; there are {', '.join(get_args(SemanticKind))}")
     if path is None:
-        raise InputError(f"the semantic planner {kind!r} needs a weights file (make one with `cell train semantic`)")
+        raise InputError(f"the semantic planner {kind!r} needs a weights file: `cell train --only semantic`")
     if kind == "and_or":
         return AndOrPlanner(product, AndOrGraph.load(path, Layout.of(product)))
     model = OnnxModel.load(path, f"semantic.{kind}")
@@ -162,7 +162,7 @@ class FactoredPlanner(LearnedPlanner):
         if not isinstance(error, float):
             raise ModelError(f"{model.path}: the card's error rate is {error!r}, not a number")
         if missing := set(FACTORED_OUTPUTS) - set(model.outputs):
-            raise ModelError(f"{model.path}: has no outputs {sorted(missing)}; train it again (cell train semantic)")
+            raise ModelError(f"{model.path}: has no outputs {sorted(missing)}; again: cell train --only semantic")
         noise = Noise.of(self.layout, error)
         self._product, self._goals = product, goals
         self.layout = Layout.of(goals.product)

@@ -181,4 +181,4 @@ def _command(kind: str, seed: int, ratio: float, augment: bool, data: Path | Non
     options += [f"--ratio {ratio}"] if ratio != TRAIN_RATIO else []
     options += ["--augment"] if augment else []
     options += [f"--data {data}"] if data is not None else []
-    return " ".join(["cell train semantic", *options])
+    return " ".join(["cell lab train semantic", *options])

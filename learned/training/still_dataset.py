@@ -1,4 +1,4 @@
-"""Labelled images of `cell data`: JSON lines beside the images, the first line about all of them."""
+"""Labelled images of `cell lab data`: JSON lines beside the images, the first line about all of them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def load_stills(
     """All images of some folders.
 
     Args:
-        what: the command `cell data WHAT` that made them, and the name of their file.
+        what: the command `cell lab data WHAT` that made them, and the name of their file.
         labelled: adds the labels of a row.
 
     Raises:
@@ -85,19 +85,19 @@ def pose_of(entry: dict[str, Any]) -> Pose:
 
 
 def labelled_rows(folder: Path, what: str, made: Callable[[dict[str, Any]], Row]) -> list[Row]:
-    """What is made of each row of `cell data WHAT`.
+    """What is made of each row of `cell lab data WHAT`.
 
     Raises:
         InputError: the file is missing, or a row is wrong; the message names file and line.
     """
     path = folder / f"{what}.jsonl"
     rows = []
-    for number, line in enumerate(read_text(path, f"make it with: cell data {what} --out DIR").splitlines()[1:], 2):
+    for number, line in enumerate(read_text(path, f"make it with: cell lab data {what} --out DIR").splitlines()[1:], 2):
         try:
             rows.append(made(json.loads(line)))
         except (KeyError, TypeError, ValueError) as error:
             wrong = f"no {error} in it" if isinstance(error, KeyError) else str(error)
-            raise InputError(Problem(Place(path, number), f"not a row of `cell data {what}`: {wrong}")) from None
+            raise InputError(Problem(Place(path, number), f"not a row of `cell lab data {what}`: {wrong}")) from None
     return rows
 
 

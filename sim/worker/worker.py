@@ -23,7 +23,15 @@ from sim.worker.event_log import ActionEvent, Diary
 from sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, Handwork, Script
 from sim.worker.intrusion import Intrusion, Sequel
 from sim.worker.placing import Placing, positions_in_order
-from sim.worker.side_tasks import Errands, Replies, choice_answer, goal_answer, help_answer, mend_answer, where_answer
+from sim.worker.side_tasks import (
+    Errands,
+    Replies,
+    choice_answer,
+    goal_answer,
+    help_answer,
+    mend_answer,
+    where_answer,
+)
 from sim.worker.stock import Stock
 from sim.worker.waiting import Waiting
 from sim.worker.worker_sight import Sight, WorkerWorld

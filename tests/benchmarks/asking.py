@@ -12,11 +12,11 @@ from cell.interfaces.devices import Devices
 from cell.running.operator import OperatorChannel
 from cell.runs.options import Files
 from cell.runs.run import drive
-from cell.wiring.node_library import node_registry
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from tests.integration.cell_rig import CONFIGURATION, PRODUCT, Diary, motion_planner
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 
 def assembled(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from cell.commands.weights import shipped_weights
+from cell.commands.training.weights import shipped_weights
 from learned.grasp.evaluate import evaluate_scenes
 from learned.grasp.model import load_grasp_planner
 from learned.grasp.scenes import draw_scenes

@@ -1,4 +1,4 @@
-"""Many short runs by `cell sweep` on two workers, some of them killed on the way, against the same runs one by one.
+"""Many short runs by `cell lab sweep` on two workers, some of them killed on the way, against the same runs one by one.
 
 python -m tests.benchmarks.many_runs --runs 1000 --kill 2 --out /tmp/many
 
@@ -60,7 +60,7 @@ def sweep(spec: Path, out: Path, of: int, kill_at: list[int]) -> None:
     Args:
         of: how many workers there are.
     """
-    command = [sys.executable, "-m", "cell", "sweep", str(spec), "--out", str(out), "--workers", str(of)]
+    command = [sys.executable, "-m", "cell", "lab", "sweep", str(spec), "--out", str(out), "--workers", str(of)]
     before, began_s, killed = len(rows(out)), time.perf_counter(), 0
     seen: list[tuple[float, int]] = []  # when there were how many rows
     kill_at = [at for at in kill_at if at > before]

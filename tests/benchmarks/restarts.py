@@ -58,6 +58,8 @@ class Trial:
     message: str = ""
     doing: str = ""
     state: str = ""
+    _controller: subprocess.Popen[str] | None = field(default=None, init=False)
+    _killed: bool = field(default=False, init=False)
 
     def run(self) -> dict[str, Any]:
         """The row of the table."""
@@ -86,8 +88,6 @@ class Trial:
             show(display)
 
         cell.devices.panel.show = shown  # type: ignore[method-assign]
-        self._controller: subprocess.Popen[str] | None = None
-        self._killed = False
         address = self.folder / "world.sock"
         period_s = simulation.physics.control_period_s
         server = WorldServer(
@@ -124,9 +124,21 @@ class Trial:
             server.end()
 
     def _control(self, address: Path, log: Path, more: tuple[str, ...]) -> dict[str, Any]:
-        command = [sys.executable, "-m", "cell", "run", "--world", str(address), "--log", str(log), "--json", *more]
+        command = [
+            sys.executable,
+            "-m",
+            "cell",
+            "lab",
+            "run",
+            "--world",
+            str(address),
+            "--log",
+            str(log),
+            "--json",
+            *more,
+        ]
         if self.brackets:
-            command += ["--brackets", str(self.brackets)]
+            command += ["--shift", str(self.brackets)]
         with (self.folder / f"{log.stem}.err").open("w") as errors:
             self._controller = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
             out, _ = self._controller.communicate()

@@ -10,9 +10,10 @@ from py_trees.common import Status
 
 from cell.configuration import load_configuration, load_faults
 from cell.interfaces.clock import ManualClock
-from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
+from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices
-from cell.interfaces.observation import ArmMode, ArmState, GripperState, JointSamples, ObjectStatus, Observation
+from cell.interfaces.memory import Memory
+from cell.interfaces.observation import ArmMode, ArmState, GripperState, JointSamples, ObjectStatus
 from cell.interfaces.perception import Action, BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
 from cell.running.controller import Controller
@@ -23,6 +24,7 @@ from cell.running.supervisor import Supervisor
 from cell.settings import ControllerSettings
 from cell.watching.observer import Level, Observer, Outcome, TickRecord
 from trees.engine.node import StatusChange
+from trees.nodes.services import Tick
 
 PARKED = (0.0,) * 6
 FAULTS = load_faults(load_configuration())
@@ -128,11 +130,10 @@ class FakePanel:
 
 @dataclass
 class FakeServices:
-    """What the loop renews."""
+    """What the loop renews, and a memory."""
 
-    observation: Observation
-    command: Command = field(default_factory=Command)
-    held_part: str | None = None
+    now: Tick
+    memory: Memory = field(default_factory=Memory)
 
 
 @dataclass
@@ -215,7 +216,7 @@ class Rig:
             [self.observer, *observers],
             self.operator,
         )
-        self.services = FakeServices(self.controller.observe())
+        self.services = FakeServices(Tick(self.controller.observe()))
 
     def run(self, act: Callable[[int], Status]) -> tuple[Outcome, FakeTree]:
         """Run a tree that calls `act`."""

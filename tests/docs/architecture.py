@@ -11,7 +11,8 @@ import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from graphlib import TopologicalSorter
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -49,13 +50,13 @@ class Layout:
 def rooms(project: Mapping[str, Any]) -> list[str]:
     """The rooms that the contracts of pyproject.toml name, the highest first."""
     contracts = [contract for contract in project["tool"]["importlinter"]["contracts"] if contract["type"] == "layers"]
-    inner = {
-        container: [f"{container}.{name}" for name in _names(contract)]
-        for contract in contracts
-        for container in contract.get("containers", [])
-    }
-    outer = [name for contract in contracts if "containers" not in contract for name in _names(contract)]
-    return [room for name in outer for room in inner.get(name, [name])]
+    order: TopologicalSorter[str] = TopologicalSorter()
+    for contract in contracts:
+        if "containers" not in contract:
+            for high, low in pairwise(contract["layers"]):
+                for name, below in product(_parts(high), _parts(low)):
+                    order.add(below, name)
+    return list(order.static_order())
 
 
 def imports(names: list[str]) -> Imports:
@@ -128,12 +129,12 @@ def picture(root: Path) -> str:
     return "\n".join([*lines, "</svg>", ""])
 
 
-def _names(contract: Mapping[str, Any]) -> list[str]:
-    return [name.strip(" ()") for layer in contract["layers"] for name in layer.split("|")]
+def _parts(layer: str) -> list[str]:
+    return [name.strip(" ()") for name in layer.split("|")]
 
 
 def _room_of(module: str, names: list[str]) -> str | None:
-    return next((name for name in names if module == name or module.startswith(f"{name}.")), None)
+    return max((name for name in names if module == name or module.startswith(f"{name}.")), key=len, default=None)
 
 
 def _path(pair: tuple[str, str], row_of: Mapping[str, int]) -> list[str]:

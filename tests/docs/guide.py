@@ -1,4 +1,4 @@
-"""Does what a guide says: its blocks are files to write, settings to change and commands to type, in order."""
+"""Does what a guide says: its blocks are files to write, edits, settings to change and commands to type, in order."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ import yaml
 
 from tests import ROOT
 
-_BLOCK = re.compile(r"```(yaml|python|console)\n(.*?)```", re.DOTALL)
+_BLOCK = re.compile(r"```(yaml|python|xml|diff|console)\n(.*?)```", re.DOTALL)
+_FILE = re.compile(r"^(?:# |<!-- |--- )| -->$")
 LONG = ("cell run", "cell train")
 
 
@@ -26,7 +27,7 @@ class Step:
     """One block of a file, or one command.
 
     Attributes:
-        kind: yaml, python or console.
+        kind: yaml, python, xml, diff or console.
     """
 
     kind: str
@@ -49,9 +50,11 @@ def steps(page: str) -> list[Step]:
 class Reader:
     """Somebody who does what the guide says.
 
+    A command has `  # status N` behind it if that is not 0.
+
     Attributes:
         folder: where they are; `cd` changes it.
-        printed: what the last command printed on standard output.
+        printed: what the last command printed.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -68,12 +71,19 @@ class Reader:
             self._type(step.text)
             return
         head, _, body = step.text.partition("\n")
-        file = self.folder / head.removeprefix("# ").strip()
+        file = self.folder / _FILE.sub("", head).strip()
+        if step.kind == "diff":
+            old, new = (_side(body, sign) for sign in "-+")
+            text = file.read_text()
+            assert text.count(old) == 1, f"{file.name} does not have these lines once:\n{old}"
+            file.write_text(text.replace(old, new))
+            return
         if step.kind == "yaml" and file.name == "cell.yaml":
             body = yaml.safe_dump(_changed(yaml.safe_load(file.read_text()), yaml.safe_load(body)), sort_keys=False)
         file.write_text(body)
 
     def _type(self, line: str) -> None:
+        line, _, status = line.partition("  # status ")
         words = shlex.split(line)
         if words[0] == "cd":
             self.folder = self.folder / words[1]
@@ -81,7 +91,8 @@ class Reader:
         settings = dict(word.split("=", 1) for word in _settings(words))
         command = words[len(settings) :]
         programs = {"cell": [sys.executable, "-m", "cell"], "python": [sys.executable]}
-        extra = ["--json"] if command[:2] == ["cell", "run"] else []
+        assembles = command[:2] == ["cell", "run"] and not any(word.startswith("trees/") for word in command)
+        extra = ["--json"] if assembles else []
         path = os.pathsep.join([str(ROOT), str(self.folder / settings.pop("PYTHONPATH", "."))])
         done = subprocess.run(
             [*programs[command[0]], *command[1:], *extra],
@@ -91,10 +102,15 @@ class Reader:
             text=True,
             check=False,
         )
-        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
-        self.printed = done.stdout
+        assert done.returncode == int(status or 0), f"{line}\n{done.stdout}{done.stderr}"
+        self.printed = done.stdout + done.stderr
         if extra:
             assert json.loads(done.stdout.splitlines()[-1])["correct"] is True, done.stderr
+
+
+def _side(body: str, sign: str) -> str:
+    """The lines of an edit as they are on one side."""
+    return "".join(f"{line[1:]}\n" for line in body.splitlines() if line[0] in (" ", sign))
 
 
 def _settings(words: list[str]) -> Iterator[str]:

@@ -11,7 +11,7 @@ import time
 
 from tests.processes import started
 
-RUN = ("-m", "cell", "run", "--brackets", "2", "--seed", "33", "--page", "--page-port", "0", "--log")
+RUN = ("-m", "cell", "run", "--shift", "2", "--seed", "33", "--page", "0", "--log")
 MOMENT = "Boolean(document.querySelector('#does')?.textContent.includes('carrying'))"
 LONGEST_S = 600.0
 

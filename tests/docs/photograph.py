@@ -1,18 +1,14 @@
-"""docs/cell.png: a portrait of the cell in the middle of a run; docs/looks.png: a contact sheet of looks."""
+"""docs/cell.png: a portrait of the cell in the middle of a run."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.configuration import load_configuration, load_product
 from cell.watching.observer import TickRecord
-from sim.data.look_sheet import look_sheet
-from sim.scene.look_range import look_range
 from sim.scene.world import World
 from tests.docs.portrait import portrait
 from tests.integration.cell_rig import ASSEMBLE, Diary, run_tree, with_person
@@ -52,14 +48,6 @@ def photograph(moment: str = MOMENT, after_s: float = AFTER_S) -> NDArray[np.uin
     if diary.image is None:
         raise ValueError(f"in the run of {GOAL} with seed {SEED} nothing says '{moment}'")
     return diary.image
-
-
-def look_sheet_of(seeds: Mapping[str, int]) -> NDArray[np.uint8]:
-    """So many seeds of each look."""
-    configuration = load_configuration()
-    product, simulation = load_product(configuration), configuration.devices.simulation
-    looks = [(look_range(name), seed) for name, count in seeds.items() for seed in range(count)]
-    return look_sheet(product, configuration.bench, simulation, looks)
 
 
 def png(image: NDArray[np.uint8]) -> bytes:

@@ -1,6 +1,6 @@
-"""Makes what in docs/ is made by programs: `make pictures`. Plots of experiments come from `cell eval`.
+"""Makes what in docs/ is made by programs: `make pictures`.
 
-python -m tests.docs.pictures [docs/looks.png ...]
+python -m tests.docs.pictures [docs/parts.png ...]
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from cell.wiring.node_library import node_registry
 from tests import ROOT
-from tests.docs import architecture, reference
+from tests.docs import architecture, figures, reference, reference_pages
+from trees.node_library import node_registry
 from trees.views.picture import picture
 
 
@@ -19,31 +19,39 @@ def _tree(name: str) -> Callable[[], str]:
     return lambda: picture(ROOT / "trees" / f"{name}.xml", node_registry())
 
 
+def _reference(name: str) -> str:
+    return reference.pages()[name]
+
+
 MADE: dict[str, Callable[[], str]] = {
-    reference.PAGE: reference.page,
+    **{name: partial(_reference, name) for name in reference.pages()},
+    **reference_pages.PAGES,
     "docs/architecture.svg": lambda: architecture.picture(ROOT),
     "docs/assemble.svg": _tree("assemble"),
     "docs/clear_and_grasp.svg": _tree("clear_and_grasp"),
+    **figures.made(),
 }
 PHOTOGRAPH = "docs/cell.png"
 PARTS = "docs/parts.png"
-LOOKS = "docs/looks.png"
 PAGE = "docs/page.png"
-SEEDS = {"nominal": 1, "varied": 14, "hard": 9}
+FILM = "docs/assembly.webp"
+README = "README.md"
 
 
 def main(names: list[str]) -> None:
     """Make these, or all."""
+    from tests.docs.first_run import first_run, readme
     from tests.docs.page_shot import shot
     from tests.docs.parts_sheet import sheet
-    from tests.docs.photograph import look_sheet_of, photograph, png
+    from tests.docs.photograph import photograph, png
 
     made: dict[str, Callable[[], bytes]] = {
         **{name: partial(_text, make) for name, make in MADE.items()},
         PHOTOGRAPH: lambda: png(photograph()),
         PARTS: lambda: png(sheet()),
-        LOOKS: lambda: png(look_sheet_of(SEEDS)),
         PAGE: shot,
+        FILM: lambda: first_run().film,
+        README: lambda: readme().encode(),
     }
     if unknown := set(names) - set(made):
         sys.exit(f"nothing makes {', '.join(sorted(unknown))}; known: {', '.join(made)}")

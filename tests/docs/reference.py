@@ -1,9 +1,11 @@
-"""docs/configuration.md: every key of every YAML file, from the JSON schemas of the models that read them."""
+"""docs/configuration.md and its pages: every key of every YAML file, from the schemas of the models that read them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache, partial
+from itertools import groupby
 from typing import Any
 
 import orjson
@@ -20,9 +22,11 @@ FILES: dict[str, type[Model]] = {
     "config/products.yaml": Product,
     "config/faults.yaml": FaultTable,
     "config/looks/varied.yaml": LookFile,
-    "A person's file, for `cell run --person FILE`": Person,
+    "A person's file, for `cell lab run --person FILE`": Person,
 }
-PAGE = "docs/configuration.md"
+INDEX, FOLDER = "docs/configuration.md", "docs/configuration"
+DIVIDED = "config/cell.yaml"  # a page a section
+NAMES = {"config/looks/varied.yaml": "look", "A person's file, for `cell lab run --person FILE`": "person"}
 UNITS = {
     "_rad_s3": "rad/s³", "_rad_s2": "rad/s²", "_rad_s": "rad/s", "_m_s3": "m/s³", "_m_s2": "m/s²", "_m_s": "m/s",
     "_rad": "rad", "_mm": "mm", "_m2": "m²", "_m": "m", "_ms": "ms", "_s": "s", "_hz": "Hz", "_px": "px", "_kg": "kg",
@@ -31,9 +35,9 @@ UNITS = {
 BOUNDS = {"exclusiveMinimum": "> {}", "minimum": "≥ {}", "exclusiveMaximum": "< {}", "maximum": "≤ {}"}
 HEAD = """# Every key of the configuration
 
-`make pictures` writes this page from the models that read the files; edit their docstrings, not the page.
+`make pictures` writes these pages from the models that read the files; edit their docstrings, not the pages.
 [bench.md](bench.md) and [product.md](product.md) are the guides. A key without a default must stand in the file.
-Unknown keys and values out of range are refused before anything moves, with file, line and column. `cell schema` writes
+Unknown keys and values out of range are refused before anything moves, with file, line and column. `cell init` writes
 the same as JSON schemas, with which an editor completes and checks the files while you type.
 """
 
@@ -46,15 +50,24 @@ class Section:
     paths: list[str] = field(default_factory=list)
 
 
-def page() -> str:
-    """The whole page in Markdown."""
-    lines = [HEAD]
+@cache
+def pages() -> dict[str, str]:
+    """Markdown by the page's path: the index first, then a page a file, of the cell's own file a page a section."""
+    index, made = [HEAD], dict[str, str]()
     for file, model in FILES.items():
         schema = model.model_json_schema()
-        lines += [f"## {file}", schema["description"], ""]
-        for section in sections(schema):
-            lines += _section(section, schema)
-    return "\n".join(lines).rstrip() + "\n"
+        index += [f"## {file}", schema["description"], ""]
+        for place, group in groupby(sections(schema), partial(_page, file)):
+            found = list(group)
+            name = place or NAMES.get(file, file.rpartition("/")[2].removesuffix(".yaml"))
+            path = f"{FOLDER}/{name}.md"
+            lines = [f"# {name}", f"{file}: {found[0].schema['description']}", ""]
+            for section in found:
+                lines += _section(section, schema, place)
+            assert path not in made, path
+            made[path] = "\n".join(lines).rstrip() + "\n"
+            index += [f"### [{name}]({path.removeprefix('docs/')})", ", ".join(_keys(found[0])), ""]
+    return {INDEX: "\n".join(index).rstrip() + "\n", **made}
 
 
 def sections(schema: dict[str, Any]) -> list[Section]:
@@ -84,9 +97,18 @@ def undocumented(schema: dict[str, Any]) -> list[str]:
     ]
 
 
-def _section(section: Section, schema: dict[str, Any]) -> Iterator[str]:
-    if section.paths != [""]:
-        yield "### " + ", ".join(f"`{path}`" for path in section.paths)
+def _page(file: str, section: Section) -> str:
+    """The section of the outermost level that a page is about; "" for the whole file."""
+    return section.paths[0].partition(".")[0] if file == DIVIDED else ""
+
+
+def _keys(section: Section) -> Iterator[str]:
+    yield from (f"`{key}`" for key in section.schema["properties"])
+
+
+def _section(section: Section, schema: dict[str, Any], place: str) -> Iterator[str]:
+    if section.paths[0] != place:
+        yield "## " + ", ".join(f"`{path}`" for path in section.paths)
         yield section.schema["description"]
         yield ""
     yield "| key | type | default | unit, range | meaning |"

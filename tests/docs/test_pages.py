@@ -9,14 +9,17 @@ import pytest
 
 from tests import ROOT
 
-GENERATED = ("configuration.md", "semantic.md", "grasp.md")
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+RESEARCH = sorted((DOCS / "research").glob("*.md"))
+GENERATED = [DOCS / "configuration.md", *RESEARCH]
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+ENTRY = re.compile(r"- (?:[^:\n]+: )?([\w/*-]+\.md)$", re.MULTILINE)
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
 FILE = re.compile(r"`((?:cell|trees|skills|learned|sim|config|tests|docs)/[\w/.]+\.\w+)`")
 OWN = ("config/cell.yaml", "trees/fetch_two.xml", "trees/mine.xml", "tests/trees/test_patient.py")  # of the reader
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *RESEARCH], ids=lambda page: f"{page.parent.name}/{page.name}")
 def test_links_and_files_that_a_page_names_exist(page: Path) -> None:
     text = page.read_text()
     links = [link for link in LINK.findall(text) if "://" not in link]
@@ -29,10 +32,12 @@ def test_lines_are_wrapped(page: Path) -> None:
     code = False
     for number, line in enumerate(page.read_text().splitlines(), 1):
         code ^= line.startswith("```")
-        if not code and not line.startswith(("|", "![", "    ")) and page.name not in GENERATED:
+        if not code and not line.startswith(("|", "![", "    ")) and page not in GENERATED:
             assert len(line) <= 120, f"{page.name}:{number}"
 
 
-def test_every_page_is_in_the_index() -> None:
-    index = (ROOT / "docs" / "README.md").read_text()
-    assert [page.name for page in PAGES if page.name != "README.md" and f"({page.name})" not in index] == []
+def test_every_page_is_in_the_nav_of_the_site() -> None:
+    nav = (ROOT / "mkdocs.yml").read_text()
+    names = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    listed = {path.relative_to(DOCS).as_posix() for entry in ENTRY.findall(nav) for path in DOCS.glob(entry)}
+    assert names - listed == set()

@@ -1,4 +1,4 @@
-"""docs/configuration.md tells every key of every YAML file, and is the page that the models make."""
+"""docs/configuration.md and its pages have every key of every YAML file, and are what the models make."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from cell.files.model import Model
 from tests import ROOT
-from tests.docs.reference import FILES, PAGE, page, undocumented
+from tests.docs.reference import FILES, FOLDER, INDEX, pages, sections, undocumented
 
 
 @pytest.mark.parametrize("model", FILES.values())
@@ -61,5 +61,19 @@ def test_docstrings_name_only_keys_that_exist(model: type[Model]) -> None:
             assert set(each.meanings()) <= set(each.model_fields), each
 
 
-def test_the_page_is_what_the_models_say() -> None:
-    assert (ROOT / PAGE).read_text() == page(), "make pictures"
+@pytest.mark.parametrize("name", pages())
+def test_a_page_is_what_the_models_say(name: str) -> None:
+    assert (ROOT / name).read_text() == pages()[name], "make pictures"
+
+
+def test_every_page_is_made_and_in_the_index() -> None:
+    stored = {f"{FOLDER}/{page.name}" for page in (ROOT / FOLDER).iterdir()}
+    assert stored == set(pages()) - {INDEX}, "make pictures; delete what it does not make"
+    assert [name for name in stored if f"({name.removeprefix('docs/')})" not in pages()[INDEX]] == []
+
+
+@pytest.mark.parametrize("model", FILES.values())
+def test_every_key_stands_on_a_page(model: type[Model]) -> None:
+    rows = [line for text in pages().values() for line in text.splitlines() if line.startswith("| `")]
+    keys = [key for section in sections(model.model_json_schema()) for key in section.schema["properties"]]
+    assert [key for key in keys if not any(row.startswith(f"| `{key}` |") for row in rows)] == []

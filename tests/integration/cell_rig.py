@@ -12,13 +12,13 @@ from cell.interfaces.product import Product
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Observer, Outcome, TickRecord
-from cell.wiring.node_library import node_registry
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from sim.scene.clutter import ScenePart
 from skills.motion.planner import MotionPlanner
 from tests import ROOT
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 ASSEMBLE = ROOT / "trees" / "assemble.xml"
 COMMISSION = ROOT / "trees" / "commission.xml"

@@ -115,7 +115,7 @@ def test_a_hand_near_the_part_stops_the_arm_which_goes_on_afterwards(monkeypatch
     near_s, tell = (4.0, 5.0), WaitForHandClearOfPart.update
 
     def update(node: WaitForHandClearOfPart) -> Status:
-        near = near_s[0] <= node.services.observation.time_s < near_s[1]
+        near = near_s[0] <= node.services.now.observation.time_s < near_s[1]
         return Status.RUNNING if near else tell(node)
 
     monkeypatch.setattr(WaitForHandClearOfPart, "update", update)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from pathlib import Path
 
@@ -9,7 +10,21 @@ import pytest
 
 from cell.errors import InputError
 from learned.lab import experiments
-from learned.lab.experiments import Cell, code_version, kept, measured, number, shown, shown_share, values_of
+from learned.lab.experiments import (
+    Cell,
+    Cells,
+    Experiment,
+    code_version,
+    kept,
+    markdown,
+    measured,
+    number,
+    shown,
+    shown_share,
+    values_of,
+    write_page,
+)
+from tests.learned.products import DEFAULT
 
 asked: list[int] = []
 
@@ -79,3 +94,21 @@ def test_a_share_of_several_seeds_shows_the_ends_of_all_their_intervals() -> Non
     assert shown_share(found, "a", seed=2) == ".700 (.600 - .800)"
     assert shown_share(found, "a", seed=3) == "-"
     assert values_of(found, lambda values: values["a"], seed=1) == [0.5]
+
+
+def test_figures_hold_the_tables_of_the_page(tmp_path: Path) -> None:
+    def section(found: Cells) -> str:
+        table = markdown(("", "square"), [(str(key["number"]), str(values["square"])) for key, values in found])
+        return f"## Squares\nOf few numbers.\n\nSmall ones:\n\n{table}\n\nThe same again:\n\n{table}"
+
+    tables = {"squares": Experiment(lambda _product: cells()[:2], (section,))}
+    store, facts = kept(tmp_path / "cells"), {"command": "`measure`", "date": "some day"}
+    for name in ("page.md", "figures.json"):
+        write_page("# A title\nWords.", tables, DEFAULT, store, tmp_path / name, facts)
+    assert "| 1 | 1 |" in (tmp_path / "page.md").read_text()
+    found = json.loads((tmp_path / "figures.json").read_text())
+    assert (found["title"], found["about"]) == ("A title", "Words. date: some day.")
+    told = {"title": "Squares", "command": "measure", "head": ["", "square"], "cells": [["0", "0"], ["1", "1"]]}
+    first, second = found["tables"]
+    assert first == {**told, "about": "Of few numbers. Small ones:"}
+    assert second == {**told, "about": "The same again:"}

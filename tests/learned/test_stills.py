@@ -23,7 +23,7 @@ def test_a_binary_file_is_told_by_its_name(tmp_path: Path, content: bytes) -> No
 
 
 def test_a_missing_file_says_how_it_is_made(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cell data parts --out DIR"):
+    with pytest.raises(InputError, match="cell lab data parts --out DIR"):
         load_stills([tmp_path], "parts", unlabelled)
 
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from cell.commands.main import main
-from cell.commands.weights import shipped_weights
+from cell.commands.training.weights import shipped_weights
 from cell.files.files import shipped
 from learned.inference.onnx_model import OnnxModel
 from learned.semantic.model import BayesPlanner, FactoredPlanner, load_semantic_planner
@@ -66,7 +66,7 @@ def test_without_recordings_the_grasp_planner_is_trained_and_bayes_chosen(
 @pytest.mark.usefixtures("short")
 def test_recorded_assemblies_train_the_semantic_planner_too(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorded = config.with_name("recorded")
-    data = ["data", "semantic", "--count", "30", "--out", str(recorded / "demonstrations.jsonl")]
+    data = ["lab", "data", "semantic", "--count", "30", "--out", str(recorded / "demonstrations.jsonl")]
     assert main(data) == 0
     assert main(["train", "--config", str(config), "--recorded", str(recorded)]) == 0
     told = capsys.readouterr().err
@@ -77,12 +77,12 @@ def test_recorded_assemblies_train_the_semantic_planner_too(config: Path, capsys
 def test_a_folder_without_recordings_is_refused(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for folder in (config.parent, config.with_name("nowhere")):
         assert main(["train", "--config", str(config), "--recorded", str(folder)]) == 2
-        assert f"--recorded {folder}: nothing of `cell data --from LOG" in capsys.readouterr().err
+        assert f"--recorded {folder}: nothing of `cell log export --to training`" in capsys.readouterr().err
 
 
 @pytest.mark.torch
 def test_nothing_that_torch_says_of_itself_reaches_the_user(config: Path) -> None:
-    words = ["-m", "cell", "train", "semantic", "--kind", "factored", "--config", str(config), "--json"]
+    words = ["-m", "cell", "lab", "train", "semantic", "--kind", "factored", "--config", str(config), "--json"]
     found = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=True, timeout=500)
     for word in ("triton", "torchvision", "initializer", "Warning", "torch.onnx"):
         assert word not in found.stderr

@@ -397,7 +397,7 @@ def test_what_another_process_made_is_added_as_if_it_were_made_here(tmp_path: Pa
     def write(folder: DataFolder, seed: int) -> None:
         folder.row("things", {"seed": seed, "image": folder.image(f"images/{seed}.png", picture + seed)})
 
-    here, there = DataFolder(tmp_path / "here", "cell data"), DataFolder(tmp_path / "there", "cell data")
+    here, there = DataFolder(tmp_path / "here", "cell lab data"), DataFolder(tmp_path / "there", "cell lab data")
     for seed in (3, 4):
         write(here, seed)
         piece = DataPiece()

@@ -19,7 +19,6 @@ from pathlib import Path
 from cell.errors import InputError
 from cell.interfaces.clock import ManualClock
 from cell.viewing.monitor import Monitor
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from trees.engine.blackboard import Scope
 from trees.engine.script import ScriptError, parse_script
@@ -27,6 +26,7 @@ from trees.engine.status import NodeError
 from trees.files.build.registry import Registry
 from trees.files.check import Circumstances, findings
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 LIMIT_S = 1.0  # of processor time
 SOURCES = (*sorted((ROOT / "trees" / "jobs").glob("*.xml")), ROOT / "trees" / "commission.xml")

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import HOLDING, seen_parts, services
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.nodes.moving import MoveAside, PickPart
 from trees.testing import TreeBench
 
@@ -33,7 +33,7 @@ def ticked_to_its_end(tree: TreeBench) -> str:
 def test_a_part_that_could_not_be_put_aside_is_put_back_before_the_next_look() -> None:
     """The fingers would open over the tray to take the next one, and drop it."""
     answers = {"CheckGraspability": "FSS", "MoveAside": "F", "GripperIsEmpty": "SFS", "PickPart": "S"}
-    made = TreeBench(TREE, node_registry(), answers, FOUND)
+    made = TreeBench(TREE, answers, FOUND)
     while made.tick(0.1) == "R" and "start PickPart" not in made.events:
         pass
     began = [event.split()[1] for event in made.events if event.startswith("start")]
@@ -56,13 +56,13 @@ def test_every_tree_gives_way_before_and_after_it_places_a_part(name: str) -> No
 @pytest.mark.parametrize("kind", [PickPart, MoveAside])
 def test_what_the_gripper_holds_is_not_forgotten_where_another_part_is_to_be_taken(kind: type[Any]) -> None:
     at = services()
-    at.observation = replace(at.observation, gripper=HOLDING)
-    at.held_part, at.held_lying = "o2", True
+    at.now.observation = replace(at.now.observation, gripper=HOLDING)
+    at.memory.held_part, at.memory.held_lying = "o2", True
     node = kind("take")
     node.setup(services=at)
     node.parts.entry.value, node.index.entry.value = seen_parts("o3", "o1"), 0
     node.make_skill()
-    assert (at.held_part, at.held_lying) == ("o2", True)
+    assert (at.memory.held_part, at.memory.held_lying) == ("o2", True)
 
 
 @pytest.mark.parametrize("tree", ["ahead", "assemble", "eager"])
@@ -76,21 +76,21 @@ def test_a_person_is_asked_to_take_out_what_cannot_be_put_back(
     """As what a person pulled down in the fingers; the run ends well where it goes back after that."""
     returns = {"EmptyFingers::2/EmptyOrPutBack::5/ReturnToTray::10": first, "ReturnToTray": then}
     answers = {"GripperIsEmpty": "F", **returns}
-    made = TreeBench(ROOT / "trees" / f"{tree}.xml", node_registry(), answers, main="PutBack")
+    made = TreeBench(ROOT / "trees" / f"{tree}.xml", answers, main="PutBack")
     told = ticked_to_its_end(made)
     assert (made.started("AskForHelp"), told[-1]) == (asked, end)
 
 
 def test_clearing_takes_nothing_more_where_the_fingers_stay_full() -> None:
     answers = {"GripperIsEmpty": "F", "ReturnToTray": "F"}
-    made = TreeBench(TREE, node_registry(), answers, FOUND, main="ClearAndGrasp", provided={"part": "o3"})
+    made = TreeBench(TREE, answers, FOUND, main="ClearAndGrasp", provided={"part": "o3"})
     told = ticked_to_its_end(made)
     assert (told[-1], made.started("AskForHelp"), made.started("PickPart")) == ("F", 2, 0)
 
 
 def test_a_part_that_is_not_seen_is_looked_for_a_second_apart_and_soon_asked_for() -> None:
     answers = {"FindPart": "F", "FindLying": "F"}
-    made = TreeBench(TREE, node_registry(), answers, FOUND, main="ClearAndGrasp", provided={"part": "o3"})
+    made = TreeBench(TREE, answers, FOUND, main="ClearAndGrasp", provided={"part": "o3"})
     told = ticked_to_its_end(made)
     assert (told[-1], made.started("LookAtTray")) == ("F", 3)
     assert len(told) >= 20
@@ -101,6 +101,6 @@ def test_a_part_that_could_not_be_set_upright_does_not_count_as_one_that_is_not_
     """Several may lie there, each to be tried twice; where all were, nothing is left to be seen."""
     answers = {"FindPart": "F", "FindLying": lies, "SetUpright": "F"}
     found = {**FOUND, "FindLying": {"index": 0}}
-    made = TreeBench(TREE, node_registry(), answers, found, main="ClearAndGrasp", provided={"part": "o3"})
+    made = TreeBench(TREE, answers, found, main="ClearAndGrasp", provided={"part": "o3"})
     told = ticked_to_its_end(made)
     assert (told[-1], made.started("LookAtTray")) == ("F", looks)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.wiring.node_library import node_registry
 from tests.trees.nodes.rig import PRODUCT
 from trees.engine.literals import LiteralError, converted, from_text
 from trees.files.check import findings
+from trees.node_library import node_registry
 from trees.nodes.poses import FramedPose
 
 

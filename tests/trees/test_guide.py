@@ -12,9 +12,9 @@ from types import ModuleType
 
 import pytest
 
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from trees.files.check import check
+from trees.node_library import node_registry
 
 BLOCK = re.compile(r"```(xml|python)\n(?:<!-- (.*?) -->|# (.*?\.py))\n(.*?)```", re.DOTALL)
 FILES = {xml or python: text for _, xml, python, text in BLOCK.findall((ROOT / "docs" / "authoring.md").read_text())}
@@ -36,10 +36,11 @@ def guide_tests(file: str) -> dict[str, Callable[[], None]]:
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the shipped trees and the guide's own, in which its examples run and its leaf can be imported."""
     shutil.copytree(ROOT / "trees", tmp_path / "trees", ignore=shutil.ignore_patterns("*.py", "nodes"))
+    shutil.copytree(ROOT / "config", tmp_path / "config", ignore=shutil.ignore_patterns("*.py"))
     for name in TREES:
         (tmp_path / name).write_text(FILES[name])
-    leaf = ModuleType("trees.nodes.counting")
-    exec(compile(FILES["trees/nodes/counting.py"], "docs/authoring.md", "exec"), leaf.__dict__)
+    leaf = ModuleType("nodes.every_nth")
+    exec(compile(FILES["nodes/every_nth.py"], "docs/authoring.md", "exec"), leaf.__dict__)
     monkeypatch.setitem(sys.modules, leaf.__name__, leaf)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -52,7 +53,7 @@ def named_tests(slow: bool) -> list[tuple[str, str]]:
 
 def test_the_guide_has_examples_of_each_kind() -> None:
     assert len(TREES) >= 2
-    assert "trees/nodes/counting.py" in MODULES
+    assert "nodes/every_nth.py" in MODULES
     assert len(named_tests(slow=False)) >= 3
     assert len(named_tests(slow=True)) == 1
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import services
 from trees.engine.node import RUNNING
@@ -18,7 +17,7 @@ PREDICTED = {"PredictNextObject": {"part": Part("o3")}, "ChooseSparePart": {"par
 
 @pytest.mark.parametrize("name", ["ahead", "assemble", "eager", "shift", "shift_ahead"])
 def test_a_part_that_is_not_there_is_asked_for_and_the_answer_awaited(name: str) -> None:
-    made = TreeBench(ROOT / "trees" / f"{name}.xml", node_registry(), MISSING, PREDICTED)
+    made = TreeBench(ROOT / "trees" / f"{name}.xml", MISSING, PREDICTED)
     for _ in range(60):
         assert made.tick(0.1) == "R"
     (asks,) = [one for one in made.tree.nodes if type(one).__name__ == "AskForHelp" and one.status is RUNNING]
@@ -31,7 +30,7 @@ def test_a_kit_waits_for_help_and_tries_again_only_where_it_was_given(
 ) -> None:
     monkeypatch.chdir(ROOT)
     told = {"FindPart": "F", "AskForHelp": answers * 9}
-    made = TreeBench(ROOT / "trees" / "jobs" / "kit.xml", node_registry(), told, services=services())
+    made = TreeBench(ROOT / "trees" / "jobs" / "kit.xml", told, services=services())
     while made.tick(0.1) == "R":
         pass
     assert made.started("AskForHelp") == looks

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from trees.testing import TreeBench
 
@@ -18,7 +17,7 @@ BEGUN = {
 
 
 def bench(answers: Mapping[str, str]) -> TreeBench:
-    return TreeBench(ROOT / "trees" / "shift.xml", node_registry(), {**BEGUN, **answers})
+    return TreeBench(ROOT / "trees" / "shift.xml", {**BEGUN, **answers})
 
 
 def run(made: TreeBench, ticks: int) -> str:
@@ -78,7 +77,7 @@ def test_a_bracket_with_something_wrong_in_it_does_not_end() -> None:
 
 def test_ahead_of_the_person_a_shift_goes_the_same_way_and_asks_beside_the_work() -> None:
     answers = {**BEGUN, "ShiftIsOver": "FS", "AssemblyFinished": "FFS", "AskWhichGoal": "RRS", "HoldsNeededPart": "F"}
-    made = TreeBench(ROOT / "trees" / "shift_ahead.xml", node_registry(), answers)
+    made = TreeBench(ROOT / "trees" / "shift_ahead.xml", answers)
     assert run(made, 60).endswith("S")
     assert (made.started("BeginBracket"), made.started("EndBracket")) == (2, 2)
     order = [event.removeprefix("start ") for event in made.events if event.startswith("start ")]

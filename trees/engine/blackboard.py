@@ -136,6 +136,9 @@ class Scope:
         """Let `key` mean an entry of another scope."""
         self._entries[key] = entry
 
+    def __contains__(self, key: object) -> bool:
+        return key in self._entries
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._entries)
 

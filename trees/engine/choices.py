@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Sequence as Children
+from dataclasses import replace
 from enum import Enum
 from functools import cached_property
 from typing import Any, ClassVar, cast
@@ -15,33 +16,36 @@ from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control,
 from trees.engine.operators import same_number
 from trees.engine.ports import Input, InputPort
 from trees.engine.status import Results
+from trees.engine.traits import Traits
+
+_FAILS_OR_SKIPS: Results = frozenset((FAILURE, SKIPPED))
+
+
+def _chosen_ends(below: Children[Results], _: Mapping[str, str]) -> Results:
+    condition, *branches = below
+    found = set(condition & {SKIPPED})
+    for status, ends in zip((SUCCESS, FAILURE), [*branches, frozenset((FAILURE,))], strict=False):
+        found |= ends if status in condition else frozenset()
+    return frozenset(found)
+
+
+def _never_chosen(child: int, below: Children[Results]) -> int | None:
+    chooses = {1: SUCCESS, 2: FAILURE}.get(child)
+    return 0 if chooses and chooses not in below[0] else None
 
 
 class _Conditional(Control):
     """The second child where the first one succeeds, the third, or FAILURE, where it fails."""
 
-    instant = True
+    traits = Traits(instant=True, results=_chosen_ends, barrier=_never_chosen)
     children_min = 2
     children_max = 3
-
-    @classmethod
-    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        condition, *branches = below
-        found = set(condition & {SKIPPED})
-        for status, ends in zip((SUCCESS, FAILURE), [*branches, frozenset((FAILURE,))], strict=False):
-            found |= ends if status in condition else frozenset()
-        return frozenset(found)
-
-    @classmethod
-    def barrier(cls, child: int, below: Children[Results]) -> int | None:
-        chooses = {1: SUCCESS, 2: FAILURE}.get(child)
-        return 0 if chooses and chooses not in below[0] else None
 
 
 class IfThenElse(_Conditional):
     """The first child decides once whether the second or the third is ticked until it finishes."""
 
-    comes_back = False
+    traits = replace(_Conditional.traits, comes_back=False)
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
@@ -74,6 +78,8 @@ class IfThenElse(_Conditional):
 class WhileDoElse(_Conditional):
     """The first child decides in every tick whether the second or the third goes on; the other is halted."""
 
+    traits = replace(_Conditional.traits, asked_before=lambda child: range(1 if child == 1 else 0))
+
     def run(self) -> Status:
         self.set_status(RUNNING)
         condition, *branches = self.children
@@ -83,10 +89,6 @@ class WhileDoElse(_Conditional):
         if status is not RUNNING:
             self.reset_children()
         return status
-
-    @classmethod
-    def asked_before(cls, child: int) -> range:
-        return range(1) if child == 1 else range(0)
 
     def _branch(self, branches: list[TreeNode], chosen: int) -> Status:
         if len(branches) > 1:
@@ -100,8 +102,8 @@ class WhileDoElse(_Conditional):
 class TryCatch(Control):
     """All children but the last in order; where one fails, the last cleans up, and this node fails."""
 
+    traits = Traits(comes_back=False, results=lambda below, _: _FAILS_OR_SKIPS.union(*below[:-1]))
     children_min = 2
-    comes_back = False
 
     catch_on_halt = InputPort(bool, "clean up after a halt, too, in one tick", default=False)
 
@@ -110,10 +112,6 @@ class TryCatch(Control):
         self._index = 0
         self._skipped = 0
         self._cleaning = False
-
-    @classmethod
-    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        return frozenset((FAILURE, SKIPPED)).union(*below[:-1])
 
     def run(self) -> Status:
         if self.status is not RUNNING:
@@ -149,12 +147,9 @@ class TryCatch(Control):
 class _Switch(Control):
     """Ticks the child whose case equals the variable, else the last one; another that runs is halted."""
 
+    traits = Traits(results=lambda below, _: _FAILS_OR_SKIPS.union(*below))
     cases: ClassVar[int]
     variable: Input[Any]
-
-    @classmethod
-    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        return frozenset((FAILURE, SKIPPED)).union(*below)
 
     def run(self) -> Status:
         chosen = self.children[self._match()]

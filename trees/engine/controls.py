@@ -4,12 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Sequence as Children
+from dataclasses import replace
 
 from py_trees import composites
 from py_trees.common import Status
 
 from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.status import Results
+from trees.engine.traits import Traits
+
+
+def _in_order(continue_on: Status) -> Traits:
+    """Of a round that a child with this result does not end."""
+    passing = {continue_on, SKIPPED}
+
+    def barrier(child: int, below: Children[Results]) -> int | None:
+        return None if below[child - 1] & passing else child - 1
+
+    def results(below: Children[Results], _: Mapping[str, str]) -> Results:
+        last = next((n for n in range(1, len(below)) if barrier(n, below) is not None), len(below))
+        found = {status for ends in below[:last] for status in ends - passing}
+        if last == len(below) and below and below[-1] & passing:
+            found |= {SKIPPED} if all(SKIPPED in ends for ends in below) else set()
+            found |= {continue_on} if any(continue_on in ends for ends in below) else set()
+        return frozenset(found)
+
+    return Traits(instant=True, results=results, barrier=barrier)
 
 
 class _InOrder(Control):
@@ -19,21 +39,7 @@ class _InOrder(Control):
         continue_on: a child with this result passes on to the next one; the other result ends the round.
     """
 
-    instant = True
     continue_on = SUCCESS
-
-    @classmethod
-    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        last = next((n for n in range(1, len(below)) if cls.barrier(n, below) is not None), len(below))
-        found = {status for ends in below[:last] for status in ends - {cls.continue_on, SKIPPED}}
-        if last == len(below) and below and below[-1] & {cls.continue_on, SKIPPED}:
-            found |= {SKIPPED} if all(SKIPPED in ends for ends in below) else set()
-            found |= {cls.continue_on} if any(cls.continue_on in ends for ends in below) else set()
-        return frozenset(found)
-
-    @classmethod
-    def barrier(cls, child: int, below: Children[Results]) -> int | None:
-        return next((n for n, ends in enumerate(below[:child]) if not ends & {cls.continue_on, SKIPPED}), None)
 
 
 class _Ordered(_InOrder):
@@ -44,7 +50,6 @@ class _Ordered(_InOrder):
         with_memory: after the round was ended, the next one begins at the child that ended it.
     """
 
-    comes_back = False
     asynchronous = False
     with_memory = False
 
@@ -99,22 +104,21 @@ class _Ordered(_InOrder):
 class Sequence(_Ordered, composites.Sequence):
     """All children in order; fails with the first that fails and resumes a RUNNING one."""
 
-    succeeds_after = "all"
+    traits = replace(_in_order(SUCCESS), comes_back=False, succeeds_after="all")
     memory = True
 
 
 class AsyncSequence(Sequence):
     """A Sequence that can be interrupted after every child, also where each finishes at once."""
 
-    instant = False
+    traits = replace(Sequence.traits, instant=False)
     asynchronous = True
 
 
 class SequenceWithMemory(Sequence):
     """A Sequence that, after a failure, begins again at the child that failed."""
 
-    instant = False
-    succeeds_after = ""  # its first children may have succeeded long ago
+    traits = replace(AsyncSequence.traits, succeeds_after="")  # its first children may have succeeded long ago
     asynchronous = True
     with_memory = True
 
@@ -122,7 +126,7 @@ class SequenceWithMemory(Sequence):
 class Fallback(_Ordered, composites.Selector):
     """Children in order until one succeeds; resumes a RUNNING one."""
 
-    succeeds_after = "one"
+    traits = replace(_in_order(FAILURE), comes_back=False, succeeds_after="one")
     continue_on = FAILURE
     memory = True
 
@@ -130,7 +134,7 @@ class Fallback(_Ordered, composites.Selector):
 class AsyncFallback(Fallback):
     """A Fallback that can be interrupted after every child, also where each finishes at once."""
 
-    instant = False
+    traits = replace(Fallback.traits, instant=False)
     asynchronous = True
 
 
@@ -162,17 +166,13 @@ class _Reactive(_InOrder):
 class ReactiveSequence(_Reactive, composites.Sequence):
     """Checks all earlier children again in every tick; fails, and halts the rest, with the first that fails."""
 
-    succeeds_after = "all"
+    traits = replace(_in_order(SUCCESS), succeeds_after="all", asked_before=range)
     memory = False
-
-    @classmethod
-    def asked_before(cls, child: int) -> range:
-        return range(child)
 
 
 class ReactiveFallback(_Reactive, composites.Selector):
     """Checks all earlier children again in every tick; the first that succeeds or runs halts the rest."""
 
-    succeeds_after = "one"
+    traits = replace(_in_order(FAILURE), succeeds_after="one")
     continue_on = FAILURE
     memory = False

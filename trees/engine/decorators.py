@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Sequence as Children
+from dataclasses import replace
 from typing import ClassVar
 
 from py_trees.common import Status
@@ -12,37 +13,39 @@ from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Decorato
 from trees.engine.ports import EntryPort, InputPort
 from trees.engine.script import Script
 from trees.engine.script import Script as Code
-from trees.engine.status import ANY, Results
+from trees.engine.status import ANY, NEVER, Results
+from trees.engine.traits import Traits
 
 
-class _Passing(Decorator):
-    """Answers what its child answers, and perhaps more: `adds`."""
-
-    adds: ClassVar[Results] = frozenset()
-
-    @classmethod
-    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        return below[0] | cls.adds if below else ANY
+def _passing(adds: Results = NEVER) -> Traits:
+    """Of a decorator that answers what its child answers, and perhaps more; it begins no child again."""
+    return Traits(comes_back=False, results=lambda below, _: below[0] | adds if below else ANY)
 
 
-class SubTree(_Passing):
+class SubTree(Decorator):
     """Another tree of the file, with a blackboard of its own joined by its attributes."""
 
     node_type = "SubTree"
-    instant = True
-    succeeds_after = "all"
-    comes_back = False
+    traits = replace(_passing(), instant=True, succeeds_after="all")
 
     def run(self) -> Status:
         self.set_status(RUNNING)
         return reset_if_done(self.decorated, self.decorated.execute())
 
 
+def _mapped(on_success: Status, on_failure: Status, on_skip: Status) -> Traits:
+    """Of a decorator that answers so where its child ends so."""
+    answers = {SUCCESS: on_success, FAILURE: on_failure, SKIPPED: on_skip}
+
+    def results(below: Children[Results], _: Mapping[str, str]) -> Results:
+        return frozenset(answers[status] for status in below[0]) - {RUNNING}
+
+    return Traits(instant=True, comes_back=False, results=results)
+
+
 class _Mapped(Decorator):
     """Changes the child's result."""
 
-    instant = True
-    comes_back = False
     on_success = SUCCESS
     on_failure = FAILURE
     on_skip = SKIPPED
@@ -54,15 +57,11 @@ class _Mapped(Decorator):
             return RUNNING
         return self.on_success if status is SUCCESS else self.on_failure if status is FAILURE else self.on_skip
 
-    @classmethod
-    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        answers = {SUCCESS: cls.on_success, FAILURE: cls.on_failure, SKIPPED: cls.on_skip}
-        return frozenset(answers[status] for status in below[0]) - {RUNNING}
-
 
 class Inverter(_Mapped):
     """Turns SUCCESS into FAILURE and FAILURE into SUCCESS."""
 
+    traits = _mapped(FAILURE, SUCCESS, SKIPPED)
     on_success = FAILURE
     on_failure = SUCCESS
 
@@ -70,32 +69,29 @@ class Inverter(_Mapped):
 class ForceSuccess(_Mapped):
     """Succeeds whatever the child's result is."""
 
+    traits = _mapped(SUCCESS, SUCCESS, SKIPPED)
     on_failure = SUCCESS
 
 
 class ForceFailure(_Mapped):
     """Fails whatever the child's result is."""
 
-    never_succeeds = True
+    traits = _mapped(FAILURE, FAILURE, SKIPPED)
     on_success = FAILURE
 
 
 class KeepRunningUntilFailure(_Mapped):
     """Begins the child again in the next tick until it fails."""
 
-    instant = False
-    comes_back = True
-    never_succeeds = True
+    traits = replace(_mapped(RUNNING, FAILURE, RUNNING), instant=False, comes_back=True)
     on_success = RUNNING
     on_skip = RUNNING
 
 
-class Timeout(_Passing):
+class Timeout(Decorator):
     """Halts a child that still runs when the time is up, and fails."""
 
-    adds = frozenset((FAILURE,))
-    comes_back = False
-    succeeds_after = "all"
+    traits = replace(_passing(frozenset((FAILURE,))), succeeds_after="all")
 
     msec = InputPort(int, "time in [ms], counted from the first tick")
 
@@ -118,10 +114,10 @@ class Timeout(_Passing):
         return reset_if_done(self.decorated, self.decorated.execute())
 
 
-class Delay(_Passing):
+class Delay(Decorator):
     """Waits before it ticks the child."""
 
-    comes_back = False
+    traits = _passing()
     delay_msec = InputPort(int, "time in [ms] before the child's first tick")
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
@@ -138,11 +134,10 @@ class Delay(_Passing):
         return reset_if_done(self.decorated, self.decorated.execute())
 
 
-class RunOnce(_Passing):
+class RunOnce(Decorator):
     """Ticks the child to its end once in the tree's life; afterwards it is skipped, or its result repeated."""
 
-    adds = ANY
-    comes_back = False
+    traits = _passing(ANY)
     then_skip = InputPort(bool, "answer SKIPPED afterwards instead of the first result", default=True)
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
@@ -160,11 +155,10 @@ class RunOnce(_Passing):
         return status
 
 
-class Precondition(_Passing):
+class Precondition(Decorator):
     """Ticks the child only where a script is true; not asked again while the child runs."""
 
-    adds = ANY
-    comes_back = False
+    traits = _passing(ANY)
     if_ = InputPort(Code, "script that must be true", name="if")
     else_ = InputPort(Status, "answer where it is not", default=FAILURE, name="else")
 
@@ -185,9 +179,10 @@ class Precondition(_Passing):
         super().on_halt()
 
 
-class _Updated(_Passing):
+class _Updated(Decorator):
     """Ticks the child where an entry was written since this node last looked; `otherwise` where it was not."""
 
+    traits = _passing()
     otherwise: ClassVar[Status]
 
     entry = EntryPort("the entry", "input")
@@ -207,15 +202,13 @@ class _Updated(_Passing):
 class SkipUnlessUpdated(_Updated):
     """Skips the child until the entry is written, and again until it is written anew."""
 
-    adds = ANY
-    comes_back = False
+    traits = _passing(ANY)
     otherwise = SKIPPED
 
 
 class WaitValueUpdate(_Updated):
     """Runs until the entry is written, then ticks the child."""
 
-    comes_back = False
     otherwise = RUNNING
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 from py_trees.common import Status
@@ -10,13 +9,13 @@ from py_trees.common import Status
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Node, TreeNode
 from trees.engine.ports import EntryPort, InputPort
 from trees.engine.script import Script as Code
-from trees.engine.status import Results
+from trees.engine.traits import Traits
 
 
 class _Instant(TreeNode):
     """A leaf that answers at once: there is nothing to begin or to cancel."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
         """py_trees' hook, unused: `run` decides."""
@@ -26,9 +25,7 @@ class _Instant(TreeNode):
 class AlwaysSuccess(_Instant):
     """Succeeds."""
 
-    @classmethod
-    def results(cls, below: Sequence[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        return frozenset((SUCCESS,))
+    traits = Traits(instant=True, results=lambda *_: frozenset((SUCCESS,)))
 
     def run(self) -> Status:
         return SUCCESS
@@ -37,11 +34,7 @@ class AlwaysSuccess(_Instant):
 class AlwaysFailure(_Instant):
     """Fails."""
 
-    never_succeeds = True
-
-    @classmethod
-    def results(cls, below: Sequence[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        return frozenset((FAILURE,))
+    traits = Traits(instant=True, results=lambda *_: frozenset((FAILURE,)))
 
     def run(self) -> Status:
         return FAILURE

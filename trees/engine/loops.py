@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Sequence as Children
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
 from py_trees.common import Status
 
@@ -12,13 +12,23 @@ from trees.engine.decorators import reset_if_done
 from trees.engine.node import FAILURE, IDLE, RUNNING, SUCCESS, Decorator, TreeNode
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import ANY, Results
+from trees.engine.traits import Traits
+
+
+def _rounds(port: str, continue_on: Status) -> Traits:
+    """Of a decorator of which a port says how many rounds there are."""
+
+    def results(below: Children[Results], values: Mapping[str, str]) -> Results:
+        endless = values.get(port, "").strip() == "-1"
+        return below[0] - {continue_on} if endless else below[0]
+
+    return Traits(results=results)
 
 
 class _Rounds(Decorator):
     """Rounds of the child until one ends with another result than `continue_on`, or their number is reached."""
 
     continue_on = SUCCESS
-    rounds: ClassVar[str]  # the port that says how many
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
@@ -47,11 +57,6 @@ class _Rounds(Decorator):
         """Number of rounds, -1 for no limit."""
         raise NotImplementedError
 
-    @classmethod
-    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:
-        endless = values.get(cls.rounds, "").strip() == "-1"
-        return below[0] - {cls.continue_on} if endless else below[0]
-
     def on_halt(self) -> None:
         self._round = 0
         super().on_halt()
@@ -60,7 +65,7 @@ class _Rounds(Decorator):
 class Repeat(_Rounds):
     """Ticks the child to its end so many times, one round a tick at most; fails as soon as it fails."""
 
-    rounds = "num_cycles"
+    traits = _rounds("num_cycles", SUCCESS)
     num_cycles = InputPort(int, "rounds, -1 for no limit")
 
     def limit(self) -> int:
@@ -70,9 +75,9 @@ class Repeat(_Rounds):
 class RetryUntilSuccessful(_Rounds):
     """Begins a failed child again, one attempt a tick at most, until it succeeds or the attempts are used up."""
 
+    traits = _rounds("num_attempts", FAILURE)
     continue_on = FAILURE
 
-    rounds = "num_attempts"
     num_attempts = InputPort(int, "attempts, -1 for no limit")
 
     def limit(self) -> int:
@@ -82,13 +87,10 @@ class RetryUntilSuccessful(_Rounds):
 class _Loop(Decorator):
     """Ticks the child once for every item of a queue, written to an entry before each round."""
 
+    traits = Traits(results=lambda *_: ANY)
     if_empty = InputPort(Status, "answer where the queue is empty", default=SUCCESS)
     queue: Any
     value: Any
-
-    @classmethod
-    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        return ANY
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)

@@ -13,13 +13,13 @@ from py_trees.common import Status
 
 from cell.interfaces.clock import Clock, ManualClock
 from trees.engine.ports import Port
-from trees.engine.status import ANY, EITHER, Results
 from trees.engine.status import FAILURE as FAILURE
 from trees.engine.status import IDLE as IDLE
 from trees.engine.status import RUNNING as RUNNING
 from trees.engine.status import SKIPPED as SKIPPED
 from trees.engine.status import SUCCESS as SUCCESS
 from trees.engine.status import NodeError as NodeError  # node modules import it from here
+from trees.engine.traits import Traits, refuse_former
 
 
 @dataclass(frozen=True)
@@ -76,14 +76,7 @@ class TreeNode(behaviour.Behaviour):
         node_type: how Groot2 files it: Action, Condition, Control, Decorator or SubTree.
         children_min, children_max: legal numbers of children; None for any number.
         tag: element name in XML, the class name unless given.
-        needs_guard: a tree file must let a guard be asked in every tick while this node runs.
-        guards: SUCCESS means that what needs a guard may go on.
-        claims: devices that it commands while it runs, such as "arm"; two such nodes cannot run at once.
-        at_once: its children run at the same time.
-        instant: it never answers RUNNING by itself, only while a child does.
-        succeeds_after: what its SUCCESS says about its children: "all" succeeded, "one" of them did, or "" nothing.
-        never_succeeds: no SUCCESS comes from it, whatever is below.
-        comes_back: it may tick a child again that ended, or whose elder siblings go on.
+        traits: what the checks of tree files know of it.
         persistent: names of attributes that outlive an edit of the running tree, such as what was answered last.
         abstract: said by a class that is only a base of others, and no node of its own; not inherited.
         uid: number in the tree, counted from 1 in the order of the file.
@@ -94,14 +87,7 @@ class TreeNode(behaviour.Behaviour):
     children_min: ClassVar[int] = 0
     children_max: ClassVar[int | None] = 0
     tag: ClassVar[str] = ""
-    needs_guard: ClassVar[bool] = False
-    guards: ClassVar[bool] = False
-    claims: ClassVar[tuple[str, ...]] = ()
-    at_once: ClassVar[bool] = False
-    instant: ClassVar[bool] = False
-    succeeds_after: ClassVar[str] = ""
-    never_succeeds: ClassVar[bool] = False
-    comes_back: ClassVar[bool] = True
+    traits: ClassVar[Traits] = Traits()
     persistent: ClassVar[tuple[str, ...]] = ()
     abstract: ClassVar[bool] = True
 
@@ -109,20 +95,9 @@ class TreeNode(behaviour.Behaviour):
     full_path = ""
     conditions: Conditions | None = None
 
-    @classmethod
-    def asked_before(cls, child: int) -> range:  # noqa: ARG003  # who overrides it reads it
-        """Children that are asked again in every tick while `child` runs, and must have succeeded for it to run."""
-        return range(0)
-
-    @classmethod
-    def results(cls, below: Sequence[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        """How it can end, from how each of its children can, and its attributes in the file; more where in doubt."""
-        return ANY if below else EITHER
-
-    @classmethod
-    def barrier(cls, child: int, below: Sequence[Results]) -> int | None:  # noqa: ARG003
-        """The elder child whose results keep `child` from ever being ticked, if one does."""
-        return None
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        refuse_former(cls)
 
     @classmethod
     def further_port(cls, name: str) -> Port | None:  # noqa: ARG003  # who overrides it reads it

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from collections.abc import Sequence as Children
 
 from py_trees.common import Status
 
 from trees.engine.node import FAILURE, RUNNING, SKIPPED, SUCCESS, Control, TreeNode
 from trees.engine.ports import InputPort
-from trees.engine.status import ANY, NEVER, NodeError, Results
+from trees.engine.status import ANY, NEVER, NodeError
+from trees.engine.traits import Traits
 
 
 class _AtOnce(Control):
     """All children in every tick."""
 
-    at_once = True
+    traits = Traits(at_once=True, results=lambda below, _: ANY if any(below) else NEVER)
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
         self._finished: set[TreeNode] = set()
         self._succeeded = 0
         self._failed = 0
-
-    @classmethod
-    def results(cls, below: Children[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        return ANY if any(below) else NEVER
 
     def on_halt(self) -> None:
         self._finished.clear()

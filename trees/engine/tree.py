@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from py_trees.common import Status
 
@@ -20,6 +20,15 @@ class Origin(NamedTuple):
 
     tag: str
     attributes: Mapping[str, str]
+
+
+@runtime_checkable
+class OnBlackboard(Protocol):
+    """Services that hold something which nodes and scripts read as entries."""
+
+    def stand_on(self, blackboard: Scope) -> None:
+        """Write it to entries of the main tree, now and as it changes."""
+        ...
 
 
 class Tree:
@@ -62,6 +71,8 @@ class Tree:
     def setup(self, services: Any, clock: Clock) -> None:
         """Give the leaves their services and all nodes the clock; before the first tick."""
         self._runtime.clock = clock
+        if isinstance(services, OnBlackboard):
+            services.stand_on(self.blackboard)
         for node in self.nodes:
             node.setup(services=services)
 

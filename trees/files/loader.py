@@ -87,14 +87,26 @@ def build(library: Library, registry: Registry, main: str, provided: Mapping[str
     builder = Builder(library, registry, runtime)
     root = builder.tree(main, scope)
     unused = set(provided) - {*scope, *library.models.get(main, {})}
-    for key, value in provided.items():
+    own = {key: value for key, value in registry.entries.items() if key in scope}
+    problems = _own_written(builder, {id(scope.entry(key)) for key in own})
+    for key, value in {**own, **provided}.items():
         scope.entry(key).value = value
     given = {id(scope.entry(key)) for key, port in library.models.get(main, {}).items() if port.direction != "output"}
     given |= builder.mentioned
-    problems = check_dataflow(builder, given, registry.words) + check_order(builder.uses, builder.nodes, given)
+    problems += check_dataflow(builder, given, registry.words) + check_order(builder.uses, builder.nodes, given)
     scopes = (scope, *builder.scopes)
     tree = Tree(main, root, tuple(builder.nodes), scope, library.texts, runtime, builder.origins, scopes, unused)
     return tree, problems
+
+
+def _own_written(builder: Builder, own: set[int]) -> list[Problem]:
+    """Ports and scripts that write what only the cell itself writes."""
+    what = "{} writes {{{}}}, which only the cell itself writes"
+    return [
+        Problem(use.place, what.format(use.user, use.entry.name), "read it, or give yours another name")
+        for use in builder.uses
+        if use.writes and id(use.entry) in own
+    ]
 
 
 def unused_entries(trees: Mapping[Path, Tree]) -> list[Problem]:

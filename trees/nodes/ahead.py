@@ -41,17 +41,17 @@ class ChooseSparePart(CellNode):
 
     def initialise(self) -> None:
         self._rests_since_s = self._held = None
-        self._begun_s = self.services.observation.time_s
+        self._begun_s = self.now.observation.time_s
 
     def update(self) -> Status:
-        status, seen = self._chosen(), self.services.observation
+        status, seen = self._chosen(), self.now.observation
         waits = status is Status.RUNNING and seen.time_s - self._begun_s >= TELLS_S and not seen.arm.moving
         if waits and +remaining(self.services, self.state.get()):
-            self.services.show(message=f"waiting: {self.feedback_message}")
+            self.now.show(message=f"waiting: {self.feedback_message}")
         return status
 
     def _chosen(self) -> Status:
-        seen = self.services.observation
+        seen = self.now.observation
         if seen.bench is None:
             self.feedback_message = "no view of the bench yet"
             return Status.RUNNING
@@ -78,10 +78,10 @@ class ChooseSparePart(CellNode):
 
     def _spare(self) -> Counter[str]:
         """How many of each type remain for the robot whatever the person does next."""
-        bench = self.services.observation.bench
+        bench = self.now.observation.bench
         assert bench is not None
         left = remaining(self.services, self.state.get())
-        steady = self.services.observation.time_s - self._held_since_s >= self.steady_s.get()
+        steady = self.now.observation.time_s - self._held_since_s >= self.steady_s.get()
         if self._held is not None and steady:
             left[self._held] -= 1
         elif bench.action.kind in BUSY:
@@ -98,11 +98,11 @@ class HoldsNeededPart(CellNode):
     part = OutputPort(Part, "type of the part in the gripper")
 
     def update(self) -> Status:
-        part = self.services.held_part
-        if part is None or not self.services.observation.gripper.holding:
+        part = self.memory.held_part
+        if not part or not self.now.observation.gripper.holding:
             self.feedback_message = "nothing is in the gripper"
             return Status.FAILURE
-        if self.services.held_lying:
+        if self.memory.held_lying:
             self.feedback_message = f"{part} is held as it lay, and fits into no hole so"
             return Status.FAILURE
         if remaining(self.services, self.state.get())[part] <= 0:
@@ -133,7 +133,7 @@ class AwaitPosition(CellNode):
 
     def update(self) -> Status:
         part, state, plan = self.part.get(), self.state.get(), self.plan.get()
-        if remaining(self.services, state)[part] <= 0 or not self.services.observation.gripper.holding:
+        if remaining(self.services, state)[part] <= 0 or not self.now.observation.gripper.holding:
             self.feedback_message = f"no {part} to be placed"
             return Status.FAILURE
         position, reason = sure_position(self.services, plan, state, part)
@@ -142,18 +142,18 @@ class AwaitPosition(CellNode):
         elif self._waits_for_hand(position):
             position, reason = None, f"the hand is near the way to {position}"
         if position is None:
-            if reason != self.feedback_message or not self.services.observation.arm.moving:
+            if reason != self.feedback_message or not self.now.observation.arm.moving:
                 self.feedback_message = reason
-                self.services.show(message=f"holding {part}; {reason}")
+                self.now.show(message=f"holding {part}; {reason}")
             return Status.RUNNING
         self.position.set(Hole(position))
         note_verdict(self.services, part, position, judge(self.services, plan, state, part, position))
-        self.services.show(message=f"bringing {part} to {position}")
+        self.now.show(message=f"bringing {part} to {position}")
         self.feedback_message = f"{part} to {position}"
         return Status.SUCCESS
 
     def _waits_for_hand(self, position: str) -> bool:
-        now_s = self.services.observation.time_s
+        now_s = self.now.observation.time_s
         self._sure_since_s = now_s if self._sure_since_s is None else self._sure_since_s
         near = _clear_m(self.services, position) < self.clear_m.get()
         return near and now_s - self._sure_since_s < self.patience_s.get()
@@ -169,23 +169,23 @@ class RecallTray(CellNode):
     oldest_s = InputPort(float, "oldest look that is still believed", default=60.0)
 
     def update(self) -> Status:
-        services = self.services
-        if services.tray_seen_s is None:
+        memory = self.memory
+        if memory.tray_seen_s < 0:
             self.feedback_message = "not known what stands in the tray"
             return Status.FAILURE
-        if services.observation.time_s - services.tray_seen_s > self.oldest_s.get():
+        if self.now.observation.time_s - memory.tray_seen_s > self.oldest_s.get():
             self.feedback_message = "the last look is too long ago"
             return Status.FAILURE
-        standing = tuple(part for part in services.tray_parts if part.upright)
-        lying = tuple(part for part in services.tray_parts if not part.upright)
-        self.parts.set(PartsView(-1, services.tray_seen_s, standing, lying))
-        self.feedback_message = " ".join(part.part for part in services.tray_parts) or "nothing"
+        standing = tuple(part for part in memory.tray_parts if part.upright)
+        lying = tuple(part for part in memory.tray_parts if not part.upright)
+        self.parts.set(PartsView(-1, memory.tray_seen_s, standing, lying))
+        self.feedback_message = " ".join(part.part for part in memory.tray_parts) or "nothing"
         return Status.SUCCESS
 
 
 def remaining(services: Services, state: AssemblyState) -> Counter[str]:
     """How many parts of each type are still to be placed."""
-    left = Counter({name: part.quantity for name, part in services.product.parts.items()})
+    left = Counter({name: part.quantity for name, part in services.tools.product.parts.items()})
     left.subtract(state.placed.values())
     return left
 
@@ -196,7 +196,7 @@ def sure_position(services: Services, plan: AssemblyPlan, state: AssemblyState, 
     A position that the person is about to fill is left to them.
     """
     reason, sure = "nowhere to put it yet", []
-    bench = services.observation.bench
+    bench = services.now.observation.bench
     theirs = None if bench is None or bench.action.kind != "assembly" else bench.action.position
     for position in plan.guidance.get(part, ()):
         verdict = judge(services, plan, state, part, position)
@@ -217,7 +217,7 @@ def _ease(services: Services, position: str) -> tuple[float, float]:
 
 def _clear_m(services: Services, position: str) -> float:
     """Least distance of the hand from the way of the tool to a position; infinite where no hand is seen."""
-    bench = services.observation.bench
+    bench = services.now.observation.bench
     if bench is None or bench.hand is None:
         return math.inf
     way = np.array(services.tool_on_bench_m()), hole_on_bench_m(services, position)

@@ -13,6 +13,7 @@ from cell.interfaces.skill import Skill
 from trees.engine.node import SUCCESS
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.nodes.poses import (
     FINGERS_DOWN,
     TOOL,
@@ -32,39 +33,39 @@ FEELING_M_S = 0.05  # faster, and what is met is pushed before the arm knows
 class MoveToPose(SkillNode):
     """Move the tool to a pose by a free way; not turned, the fingers point down."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     pose = InputPort(FramedPose, "where the tool (TCP) goes")
 
     def make_skill(self) -> Skill:
-        from skills.move_to import MoveToPose as Motion
+        from skills import move_to
 
         services, pose = self.services, self.pose.get()
         target = world_from_tool(services, pose)
-        return Motion(services.motion, target, str(pose), services.standing, services.held_part)
+        return move_to.MoveToPose(services.tools.motion, target, str(pose), *self.surroundings)
 
 
 class MoveToJoints(SkillNode):
     """Move the arm to joint angles by a free way."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     joints_deg = InputPort(list[float], "six angles in [deg] from the base to the flange: 0;-90;90;-90;-90;0")
 
     def make_skill(self) -> Skill:
-        from skills.move_to import MoveToJoints as Motion
+        from skills import move_to
 
         angles = self.joints_deg.get()
         if len(angles) != 6:
             raise NodeError(f"the arm has 6 joints, not {len(angles)}")
         services = self.services
-        return Motion(services.motion, np.radians(angles), services.standing, services.held_part)
+        return move_to.MoveToJoints(services.tools.motion, np.radians(angles), *self.surroundings)
 
 
 class MoveStraight(SkillNode):
     """Move the tool on a straight line to a pose."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     pose = InputPort(FramedPose, "where the tool (TCP) goes")
     speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1)
@@ -74,13 +75,13 @@ class MoveStraight(SkillNode):
 
         services, pose = self.services, self.pose.get()
         speed, target = _speed(services, self.speed_m_s.get()), world_from_tool(services, pose)
-        return StraightMove(services.motion, lambda _: target, str(pose), speed, services.standing, services.held_part)
+        return StraightMove(services.tools.motion, lambda _: target, str(pose), speed, *self.surroundings)
 
 
 class MoveBy(SkillNode):
     """Move the tool on a straight line by a distance from where it is, and turn it."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     by = InputPort(FramedPose, "how far along the axes of a frame, and how much turned: world: 0 0 0.1; 0 0 90")
     speed_m_s = InputPort(float, "speed of the tool in [m/s]", default=0.1)
@@ -94,19 +95,19 @@ class MoveBy(SkillNode):
         def target(world_from_tool: Pose) -> Pose:
             return moved_by(world_from_tool @ FINGERS_DOWN, axes, by.pose) @ FINGERS_DOWN
 
-        return StraightMove(services.motion, target, f"by {by}", speed, services.standing, services.held_part)
+        return StraightMove(services.tools.motion, target, f"by {by}", speed, *self.surroundings)
 
 
 class MoveUntilContact(SkillNode):
     """Move the tool on a straight line until it meets something; fails where it meets nothing."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     by = InputPort(FramedPose, "the longest way along the axes of a frame: world: 0 0 -0.05")
     speed_m_s = InputPort(float, f"speed of the tool in [m/s], at most {FEELING_M_S}", default=0.02)
 
     def make_skill(self) -> Skill:
-        from skills.grasping.straight import MoveUntilContact as Motion
+        from skills.grasping import straight
 
         services, by = self.services, self.by.get()
         speed = self.speed_m_s.get()
@@ -114,13 +115,15 @@ class MoveUntilContact(SkillNode):
             raise NodeError(
                 f"speed_m_s is {speed:g}; more than 0 and at most {FEELING_M_S} where contact is looked for"
             )
-        return Motion(services.motion, frame_pose(services, by.frame).rotation @ np.array(by.pose.position_m), speed)
+        return straight.MoveUntilContact(
+            services.tools.motion, frame_pose(services, by.frame).rotation @ np.array(by.pose.position_m), speed
+        )
 
 
 class GetToolPose(CellNode):
     """Tell where the tool is, to come back there later."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     pose = OutputPort(FramedPose, "where the tool (TCP) is, in the world")
 
@@ -134,7 +137,7 @@ class ToolIsAt(CellNode):
     """The tool is at a pose, within a distance and an angle."""
 
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     pose = InputPort(FramedPose, "where it should be")
     within_m = InputPort(float, "how far off it may be in [m]", default=0.005)
@@ -161,7 +164,7 @@ def moved_by(start: Pose, axes: Pose, by: Pose) -> Pose:
 
 
 def _speed(services: Services, speed_m_s: float) -> float:
-    most = services.motion.settings.line_speed_m_s
+    most = services.tools.motion.settings.line_speed_m_s
     if not 0 < speed_m_s <= most:
         raise NodeError(f"speed_m_s is {speed_m_s:g}; more than 0 and at most {most:g}, the configuration's limit")
     return speed_m_s
@@ -173,7 +176,7 @@ OPENING_M, SPEED_M_S, FORCE_N = (0.0, 0.085), (0.02, 0.15), (20.0, 235.0)  # of 
 class OpenGripper(SkillNode):
     """Open the fingers; a part that is held is let go, though never over the bracket, where PlacePart does that."""
 
-    claims = ("gripper",)
+    traits = Traits(claims=("gripper",))
 
     opening_m = InputPort(float, "distance between the fingers in [m]", default=OPENING_M[1])
     speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1)
@@ -184,16 +187,16 @@ class OpenGripper(SkillNode):
         services = self.services
         opening = _within("opening_m", self.opening_m.get(), OPENING_M)
         speed = _within("speed_m_s", self.speed_m_s.get(), SPEED_M_S)
-        if services.observation.gripper.holding and near_bracket(services, tool_pose(services)):
+        if services.now.observation.gripper.holding and near_bracket(services, tool_pose(services)):
             raise NodeError("a part would be let go over the bracket; PlacePart does that, behind its guard")
         goal = GripperCommand(opening, speed)
-        return MoveFingers(services.motion.settings, goal, f"opening the fingers to {opening * 1000:.0f} mm")
+        return MoveFingers(services.tools.motion.settings, goal, f"opening the fingers to {opening * 1000:.0f} mm")
 
 
 class CloseGripper(SkillNode):
     """Close the fingers; fails where they close on nothing, unless nothing is expected."""
 
-    claims = ("gripper",)
+    traits = Traits(claims=("gripper",))
 
     force_n = InputPort(float, "force of the fingers in [N]", default=60.0)
     speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1)
@@ -204,14 +207,14 @@ class CloseGripper(SkillNode):
 
         force = _within("force_n", self.force_n.get(), FORCE_N)
         goal = GripperCommand(0.0, _within("speed_m_s", self.speed_m_s.get(), SPEED_M_S), force)
-        settings, must_hold = self.services.motion.settings, self.on_something.get()
+        settings, must_hold = self.tools.motion.settings, self.on_something.get()
         return MoveFingers(settings, goal, f"closing the fingers with {force:.0f} N", must_hold=must_hold)
 
 
 class SetGripForce(SkillNode):
     """Hold what is held with another force; fails where nothing is held."""
 
-    claims = ("gripper",)
+    traits = Traits(claims=("gripper",))
 
     force_n = InputPort(float, "force of the fingers in [N]")
 
@@ -219,10 +222,10 @@ class SetGripForce(SkillNode):
         from skills.grasping.phases import MoveFingers
 
         force = _within("force_n", self.force_n.get(), FORCE_N)
-        if not self.services.observation.gripper.holding:
+        if not self.now.observation.gripper.holding:
             raise NodeError("the gripper holds nothing")
         goal = GripperCommand(0.0, SPEED_M_S[0], force)
-        return MoveFingers(self.services.motion.settings, goal, f"holding with {force:.0f} N", must_hold=True)
+        return MoveFingers(self.tools.motion.settings, goal, f"holding with {force:.0f} N", must_hold=True)
 
 
 def _within(name: str, value: float, limits: tuple[float, float]) -> float:

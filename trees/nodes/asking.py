@@ -10,6 +10,7 @@ from py_trees.common import Status
 from cell.interfaces.operator import HELP_GIVEN, PLACED_BY_HAND, Answer, Question
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 
 TRAY_MARGIN_M = 0.05
@@ -28,17 +29,17 @@ class Asks(CellNode):
 
     def answered(self) -> str | None:
         """What somebody answered, None as long as nobody did."""
-        return None if self._question is None else self.services.observation.operator.answer(self._question.number)
+        return None if self._question is None else self.now.observation.operator.answer(self._question.number)
 
     def planned(self, known: bool) -> Status:
         """Succeeds when the plan knows what was said, and after a while in any case: some planners take nothing in."""
-        now_s = self.services.observation.time_s
+        now_s = self.now.observation.time_s
         self._said_s = now_s if self._said_s is None else self._said_s
         return Status.SUCCESS if known or now_s - self._said_s > PLANNED_S else Status.RUNNING
 
     def late(self, wait_s: float) -> bool:
         """Whether nobody answered in time; then it is said."""
-        if self.services.observation.time_s - self._asked_s <= wait_s:
+        if self.now.observation.time_s - self._asked_s <= wait_s:
             return False
         self.feedback_message = f"nobody answered within {wait_s:g} s"
         return True
@@ -46,8 +47,8 @@ class Asks(CellNode):
     def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
         self._said_s = None
         if self._question is not None:
-            self.services.withdraw(self._question)
-            self.services.show(help_request=None)
+            self.now.withdraw(self._question)
+            self.now.show(help_request=None)
             self._question = None
 
 
@@ -67,15 +68,15 @@ class AskForHelp(Asks):
 
     def initialise(self) -> None:
         services, part = self.services, self.part.get()
-        title = services.product.title(part)
-        reason = next(reversed(services.reasons), "")
-        tried = "; ".join(f"{why} ({count} times)" for why, count in services.reasons.items() if count > 1)
-        services.reasons.clear()
+        title = services.tools.product.title(part)
+        reasons, services.memory.reasons = services.memory.reasons, {}
+        reason = next(reversed(list(reasons)), "")
+        tried = "; ".join(f"{why} ({count} times)" for why, count in reasons.items() if count > 1)
         text = ": ".join(words for words in (title if part else "", reason, self.text.get()) if words)
-        services.show(help_request=text)
-        services.journal.note("help", text=text, part=part, reason=reason, tried=tried)
+        services.now.show(help_request=text)
+        services.tools.journal.note("help", text=text, part=part, reason=reason, tried=tried)
         self.feedback_message = text
-        self._asked_s, self._standing, self._hand_there = services.observation.time_s, self._placed(), False
+        self._asked_s, self._standing, self._hand_there = services.now.observation.time_s, self._placed(), False
         if self.wait_s.get() > 0:
             todo = self.text.get()
             answers = (Answer(HELP_GIVEN, "done, look again"), Answer(PLACED_BY_HAND, "I place it myself"))
@@ -90,7 +91,7 @@ class AskForHelp(Asks):
         if answer == HELP_GIVEN or self._hand_was_in_tray():
             self.feedback_message = "help was given" if answer else "somebody was at the tray"
             return Status.SUCCESS
-        placing = services.observation.operator.newest("place", self._asked_s)
+        placing = services.now.observation.operator.newest("place", self._asked_s)
         if answer == PLACED_BY_HAND or placing is not None or self._placed() > self._standing:
             self.feedback_message = "the person places it"
             return Status.FAILURE
@@ -98,11 +99,11 @@ class AskForHelp(Asks):
 
     def _placed(self) -> int:
         """In how many holes such a part is seen."""
-        view, part = self.services.observation.bench, self.part.get()
+        view, part = self.now.observation.bench, self.part.get()
         return sum(hole.part == part for hole in view.holes.values()) if view and part else 0
 
     def _hand_was_in_tray(self) -> bool:
-        view, tray = self.services.observation.bench, self.services.bench.tray
+        view, tray = self.now.observation.bench, self.tools.bench.tray
         if view is None or view.hand_unknown:
             return False
         if view.hand is None:
@@ -126,10 +127,10 @@ class AskOperator(Asks):
 
     def initialise(self) -> None:
         text, answers = self.text.get(), tuple(Answer(words, words) for words in self.answers.get())
-        self._asked_s = self.services.observation.time_s
+        self._asked_s = self.now.observation.time_s
         self._question = self.services.ask("choice" if answers else "text", text, todo=text, answers=answers)
-        self.services.show(help_request=text)
-        self.services.journal.note("help", text=text, answers=[one.value for one in answers])
+        self.now.show(help_request=text)
+        self.tools.journal.note("help", text=text, answers=[one.value for one in answers])
         self.feedback_message = f"asks: {text}"
 
     def update(self) -> Status:
@@ -156,7 +157,7 @@ class AskWhichGoal(Asks):
     _asks = False  # this node, or another one the same
 
     def initialise(self) -> None:
-        self._asked_s, self._asks = self.services.observation.time_s, False
+        self._asked_s, self._asks = self.now.observation.time_s, False
 
     def update(self) -> Status:
         services, plan, state = self.services, self.plan.get(), self.state.get()
@@ -166,20 +167,20 @@ class AskWhichGoal(Asks):
         if self._asks and (told := self.state.get().told_goal) is not None:
             self.feedback_message = f"it is {told}"
             return self.planned(plan.goal_belief.get(told, 0.0) > SURE)
-        if not services.guard.asks_for_goal(plan, state):
+        if not services.tools.guard.asks_for_goal(plan, state):
             self.feedback_message = "the goal is clear by now" if self._asks else "nothing to ask"
             return Status.SUCCESS if self._asks else Status.FAILURE
-        if not (services.observation.operator.present or self.unattended.get()):
+        if not (services.now.observation.operator.present or self.unattended.get()):
             self.feedback_message = "nobody to ask"
             return Status.FAILURE
-        if not any(one.kind == "goal" for one in services.display.questions):
+        if not any(one.kind == "goal" for one in services.now.display.questions):
             self._ask(plan, state)
         self._asks = True
         return Status.FAILURE if self.late(self.wait_s.get()) else Status.RUNNING
 
     def _ask(self, plan: AssemblyPlan, state: AssemblyState) -> None:
         services = self.services
-        product = services.product
+        product = services.tools.product
         ranked = sorted(product.goals, key=lambda goal: -plan.goal_belief.get(goal, 0.0))[:LIKELIEST_N]
         answers = [
             Answer(goal, f"{goal} ({plan.goal_belief.get(goal, 0.0):.0%})", product.goal_placements(goal))
@@ -192,11 +193,11 @@ class AskWhichGoal(Asks):
             reason = "this looks like no product that I know"
         elif state.taken_out:
             reason = f"I took this for {plan.goal}, and what I placed was taken out again"
-        elif services.guard.fits_none(state):
+        elif services.tools.guard.fits_none(state):
             reason = "what is in the bracket fits no product that I know"
         self._question = services.ask("goal", reason, todo="say which one you build", answers=tuple(answers))
-        services.show(help_request=f"{reason}; which one is it?")
-        services.journal.note("help", text=reason, goals=ranked)
+        services.now.show(help_request=f"{reason}; which one is it?")
+        services.tools.journal.note("help", text=reason, goals=ranked)
         self.feedback_message = reason
 
 
@@ -205,12 +206,12 @@ class HearOperator(CellNode):
 
     state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
     persistent = ("_heard_s",)
-    instant = True
+    traits = Traits(instant=True)
 
     _heard_s = -math.inf
 
     def update(self) -> Status:
-        said = self.services.observation.operator.newest("goal", self._heard_s)
+        said = self.now.observation.operator.newest("goal", self._heard_s)
         if said is not None:
             self._heard_s = said.time_s
             tell_goal(self, self.state.get(), said.value)
@@ -222,14 +223,14 @@ class WaitWhilePaused(CellNode):
     """Begin nothing new while the operator wants a pause."""
 
     def update(self) -> Status:
-        if self.services.observation.operator.pause == "none":
+        if self.now.observation.operator.pause == "none":
             return Status.SUCCESS
         self.feedback_message = "paused by the operator"
-        self.services.show(message=self.feedback_message)
+        self.now.show(message=self.feedback_message)
         return Status.RUNNING
 
 
 def tell_goal(node: AskWhichGoal | HearOperator, state: AssemblyState, goal: str) -> None:
     """Write into the state of the assembly what a person said of its goal."""
     node.state.set(replace(state, told_goal=goal))
-    node.services.journal.note("belief", told=goal)
+    node.tools.journal.note("belief", told=goal)

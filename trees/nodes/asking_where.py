@@ -33,7 +33,7 @@ class AskPosition(Asks):
     _told: Placement | None = None
 
     def initialise(self) -> None:
-        self._asked_s, self._placed = self.services.observation.time_s, self.state.get().placed
+        self._asked_s, self._placed = self.now.observation.time_s, self.state.get().placed
         self._told = None
         self._by_hand: set[str] = set()  # types that the person places
 
@@ -47,11 +47,11 @@ class AskPosition(Asks):
             self.feedback_message = "the person goes on"
             return Status.FAILURE
         if self._question is None:
-            if self._by_hand or services.observation.time_s - self._asked_s >= self.settle_s.get():
+            if self._by_hand or services.now.observation.time_s - self._asked_s >= self.settle_s.get():
                 self._ask(part)
             return Status.RUNNING
         answer = self.answered()
-        if answer == PLACED_BY_HAND or services.observation.operator.newest("place", self._asked_s) is not None:
+        if answer == PLACED_BY_HAND or services.now.observation.operator.newest("place", self._asked_s) is not None:
             self._by_hand.add(self._part)
             self.terminate(Status.RUNNING)
         elif answer is not None:
@@ -62,16 +62,16 @@ class AskPosition(Asks):
     def _next_part(self) -> str | None:
         """The type to ask for."""
         services, state = self.services, self.state.get()
-        held = services.held_part if services.observation.gripper.holding else None
-        needed = Counter({name: part.quantity for name, part in services.product.parts.items()})
+        held = services.memory.held_part if services.now.observation.gripper.holding else None
+        needed = Counter({name: part.quantity for name, part in services.tools.product.parts.items()})
         needed.subtract(Counter(state.placed.values()))
         left = sorted((part for part in needed if needed[part] > 0), key=lambda part: (part != held, needed[part]))
         asked = [part for part in left if part not in self._by_hand]
         if state.told_goal != UNKNOWN_GOAL:
             self.feedback_message = "nobody said that this is a new product"
-        elif len(left) < 2 or services.guard.sure_of_next(self.plan.get(), held if held in left else None):
+        elif len(left) < 2 or services.tools.guard.sure_of_next(self.plan.get(), held if held in left else None):
             self.feedback_message = "it follows from what is placed"
-        elif not services.observation.operator.present:
+        elif not services.now.observation.operator.present:
             self.feedback_message = "nobody to ask"
         elif not asked:
             self.feedback_message = "the person places the rest"
@@ -81,21 +81,21 @@ class AskPosition(Asks):
 
     def _ask(self, part: str) -> None:
         services, state = self.services, self.state.get()
-        positions = tuple(name for name in services.product.positions if name not in state.placed)
-        title = services.product.title(part)
+        positions = tuple(name for name in services.tools.product.positions if name not in state.placed)
+        title = services.tools.product.title(part)
         listed = f"{', '.join(positions[:-1])} or {positions[-1]}"
         reason = f"where does the {title} go: {listed}?"
         answers = (*(Answer(name, name) for name in positions), Answer(PLACED_BY_HAND, "I place it myself"))
-        self._part, self._asked_s = part, services.observation.time_s
+        self._part, self._asked_s = part, services.now.observation.time_s
         self._question = services.ask(
             "where", reason, todo="say where I should put it", part=part, positions=positions, answers=answers
         )
-        services.show(help_request=reason)
-        services.journal.note("help", text=reason, part=part, positions=list(positions))
+        services.now.show(help_request=reason)
+        services.tools.journal.note("help", text=reason, part=part, positions=list(positions))
         self.feedback_message = reason
 
     def _tell(self, position: str) -> None:
         self._told, state = (self._part, position), self.state.get()
         self.state.set(replace(state, told_parts={**state.told_parts, position: self._part}))
-        self.services.journal.note("belief", told_part=[self._part, position])
+        self.tools.journal.note("belief", told_part=[self._part, position])
         self.feedback_message = f"{self._part} goes to {position}"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from py_trees.common import Status
 
+from cell.interfaces.memory import without
 from cell.interfaces.perception import PartDetection, PartsView
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import NodeError
@@ -23,17 +24,17 @@ class LookAtTray(CellNode):
     _asked_s = 0.0
 
     def initialise(self) -> None:
-        self._asked_s = self.services.observation.time_s
-        self.services.command.look = True
+        self._asked_s = self.now.observation.time_s
+        self.now.command.look = True
 
     def update(self) -> Status:
-        observation = self.services.observation
+        observation = self.now.observation
         view = observation.parts
         if view is not None and view.time_s > self._asked_s:
             self.parts.set(view)
-            self.services.tray_parts, self.services.tray_seen_s = view.seen, view.time_s
-            for part in view.detections:
-                self.services.turned.pop(part.part, None)
+            memory = self.memory
+            memory.tray_parts, memory.tray_seen_s = view.seen, view.time_s
+            memory.turned = without(memory.turned, *(part.part for part in view.detections))
             lying = "".join(f", {part.part} on its side" for part in view.others)
             self.feedback_message = "sees " + (" ".join(part.part for part in view.detections) or "nothing") + lying
             return Status.SUCCESS
@@ -58,11 +59,11 @@ class FindPart(CellNode):
         if not candidates:
             self.feedback_message = f"no {part} in the tray"
             lies = any(seen.part == part for seen in parts.others)
-            title = self.services.product.title(part)
-            self.services.failed(lies_on_its_side(title) if lies else f"there is no {title} in the tray")
+            title = self.tools.product.title(part)
+            self.memory.failed(lies_on_its_side(title) if lies else f"there is no {title} in the tray")
             return Status.FAILURE
         plans = {i: self.services.solve(parts, i) for i in candidates}
-        vain = {i: self.services.tried_in_vain(parts.detections[i]) for i in candidates}
+        vain = {i: self.memory.tried_in_vain(parts.detections[i]) for i in candidates}
         self.index.set(min(candidates, key=lambda i: (plans[i].needs_help, vain[i], -plans[i].graspable)))
         return Status.SUCCESS
 
@@ -77,7 +78,7 @@ class CheckGraspability(CellNode):
     def update(self) -> Status:
         index = self.index.get()
         plan = self.services.solve(self.parts.get(), index)
-        self.services.journal.note("plan", required=index, graspable=plan.graspable, solution=plan.text)
+        self.tools.journal.note("plan", required=index, graspable=plan.graspable, solution=plan.text)
         self.feedback_message = f"graspable with probability {plan.graspable:.2f}"
         return Status.SUCCESS if plan.graspable >= self.threshold.get() else Status.FAILURE
 
@@ -93,13 +94,13 @@ class DecodeSolution(CellNode):
         plan = self.services.solve(self.parts.get(), self.index.get())
         self.feedback_message = plan.text
         if plan.needs_help or not plan.blockers:
-            self.services.failed(self._why(self.parts.get(), self.index.get()))
+            self.memory.failed(self._why(self.parts.get(), self.index.get()))
             return Status.FAILURE
         self.blocker.set(plan.blockers[0])
         return Status.SUCCESS
 
     def _why(self, parts: PartsView, index: int) -> str:
-        title = self.services.product.title(part_and_others(parts, index)[0].part)
+        title = self.tools.product.title(part_and_others(parts, index)[0].part)
         why = self.services.why_not_graspable(parts, index) or "what stands around it cannot be moved away"
         lying = self._lying_in_the_way(parts, index)
         return f"the {title} cannot be taken: {lying or why.partition(': ')[2] or why}"
@@ -110,9 +111,9 @@ class DecodeSolution(CellNode):
             return ""
         place = parts.detections[index].world_from_part.position_m[:2]
         near = min(parts.others, key=lambda one: math.dist(one.world_from_part.position_m[:2], place))
-        if near.part not in self.services.product.parts:
+        if near.part not in self.tools.product.parts:
             return "something that I do not know lies in the way"
-        return f"the {self.services.product.title(near.part)} that lies on its side is in the way"
+        return f"the {self.tools.product.title(near.part)} that lies on its side is in the way"
 
 
 def seen_part(parts: PartsView, index: int) -> PartDetection:

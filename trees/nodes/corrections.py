@@ -9,6 +9,7 @@ from py_trees.common import Status
 from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, Answer
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.nodes.asking import Asks
 from trees.nodes.mistakes import KINDS, Mistake, Mistakes, mistakes_in, reason_of, todo_of
 from trees.nodes.services import CellNode
@@ -33,7 +34,7 @@ class AwaitMistake(CellNode):
         self._since_s: dict[Mistake, float] = {}  # when each was first seen
 
     def update(self) -> Status:
-        view = self.services.observation.bench
+        view = self.now.observation.bench
         if view is None:
             self.feedback_message = "no view of the bench yet"
             return Status.RUNNING
@@ -45,19 +46,19 @@ class AwaitMistake(CellNode):
         for kind in KINDS:
             if told := tuple(one for one in settled if one.kind == kind):
                 self.mistakes.set(told)
-                self.feedback_message = reason_of(self.services.product, told)
+                self.feedback_message = reason_of(self.tools.product, told)
                 return Status.SUCCESS
         self.feedback_message = f"watches {' '.join(one.position for one in now)}" if now else ""
         return Status.RUNNING
 
     def _stood_s(self, mistake: Mistake) -> float:
         """How long it was seen so; a hole that a hand covers tells nothing new."""
-        view = self.services.observation.bench
+        view = self.now.observation.bench
         assert view is not None
         return view.holes[mistake.position].seen_s - self._since_s[mistake]
 
     def _hidden(self) -> list[Mistake]:
-        view, kept = self.services.observation.bench, self.state.get().kept
+        view, kept = self.now.observation.bench, self.state.get().kept
         assert view is not None
         assert self._began_s is not None
         last_s = {name: view.holes[name].seen_s if name in view.holes else self._began_s for name in self._positions}
@@ -69,7 +70,7 @@ class AwaitMistake(CellNode):
 
     @property
     def _positions(self) -> tuple[str, ...]:
-        return self.services.product.positions
+        return self.tools.product.positions
 
 
 class AwaitMisfit(CellNode):
@@ -85,11 +86,11 @@ class AwaitMisfit(CellNode):
 
     def update(self) -> Status:
         services, state = self.services, self.state.get()
-        if state.told_goal is not None or not services.guard.fits_none(state):
+        if state.told_goal is not None or not services.tools.guard.fits_none(state):
             self._since_s = None
             self.feedback_message = ""
             return Status.RUNNING
-        now_s = services.observation.time_s
+        now_s = services.now.observation.time_s
         self._since_s = now_s if self._since_s is None else self._since_s
         self.feedback_message = "it fits no product that is known"
         return Status.SUCCESS if now_s - self._since_s >= self.settle_s.get() else Status.RUNNING
@@ -116,7 +117,7 @@ class AskToMend(Asks):
     _asked: Mistakes = ()
 
     def initialise(self) -> None:
-        self._asked_s, self._done_s = self.services.observation.time_s, None
+        self._asked_s, self._done_s = self.now.observation.time_s, None
         self._asked = self._standing(self.mistakes.get())
         again, self._before = self._asked == self._before, ()
         if self._asked:
@@ -134,11 +135,11 @@ class AskToMend(Asks):
         if (named := self._named(answer)) is not None:
             keep(self, tuple(one for one in self._asked if one is not named), f"a person says that {answer} is wrong")
             self.terminate(Status.RUNNING)
-            self._asked, self._asked_s = (named,), services.observation.time_s
+            self._asked, self._asked_s = (named,), services.now.observation.time_s
             self._ask("")
         elif answer is not None:
-            self._done_s = services.observation.time_s if self._done_s is None else self._done_s
-            if services.observation.time_s - self._done_s >= self.look_s.get():
+            self._done_s = services.now.observation.time_s if self._done_s is None else self._done_s
+            if services.now.observation.time_s - self._done_s >= self.look_s.get():
                 self.feedback_message = "it still looks the same"
                 return self._in_vain()
         elif self.wait_s.get() > 0 and self.late(self.wait_s.get()):
@@ -147,7 +148,7 @@ class AskToMend(Asks):
 
     def _ask(self, tried: str) -> None:
         services, mistakes = self.services, self._asked
-        reason, todo = reason_of(services.product, mistakes), todo_of(mistakes)
+        reason, todo = reason_of(services.tools.product, mistakes), todo_of(mistakes)
         answers = [Answer(HELP_GIVEN, "done, look again")]
         if mistakes[0].kind == "surplus" and len(mistakes) > 1:
             answers += [Answer(one.position, f"{one.position} is wrong") for one in mistakes]
@@ -157,8 +158,10 @@ class AskToMend(Asks):
         self._question = services.ask(
             "mend", reason, tried=tried, todo=todo, positions=positions, answers=tuple(answers)
         )
-        services.show(help_request=f"{reason}: {todo}")
-        services.journal.note("help", text=f"{reason}: {todo}", reason=reason, tried=tried, positions=list(positions))
+        services.now.show(help_request=f"{reason}: {todo}")
+        services.tools.journal.note(
+            "help", text=f"{reason}: {todo}", reason=reason, tried=tried, positions=list(positions)
+        )
         self.feedback_message = reason
 
     def _named(self, answer: str | None) -> Mistake | None:
@@ -171,7 +174,7 @@ class AskToMend(Asks):
 
     def _standing(self, mistakes: Mistakes) -> Mistakes:
         """Those that still look as they were told."""
-        view = self.services.observation.bench
+        view = self.now.observation.bench
         holes = view.holes if view else {}
         now = mistakes_in(self.services, self.plan.get(), self.state.get())
         return tuple(
@@ -202,13 +205,13 @@ class BracketIsRight(CellNode):
     state = InputPort(AssemblyState, "what is placed so far")
     plan = InputPort(AssemblyPlan, "belief over goals")
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
         services, plan, state = self.services, self.plan.get(), self.state.get()
         if found := mistakes_in(services, plan, state):
-            self.feedback_message = reason_of(services.product, found[:1])
-        elif services.observation.operator.present and services.guard.asks_for_goal(plan, state):
+            self.feedback_message = reason_of(services.tools.product, found[:1])
+        elif services.now.observation.operator.present and services.tools.guard.asks_for_goal(plan, state):
             self.feedback_message = "it is not known which product this is"
         else:
             self.feedback_message = ""
@@ -223,5 +226,5 @@ def keep(node: AskToMend | LeaveMistake, mistakes: Mistakes, why: str, known_wro
     known_wrong = known_wrong and mistakes[0].kind != "hidden"  # what cannot be read is not known
     wrong = {**state.known_wrong, **holes} if known_wrong else state.known_wrong
     node.state.set(replace(state, kept={**state.kept, **holes}, known_wrong=wrong))
-    node.services.journal.note("belief", kept=holes, known_wrong=known_wrong, reason=why)
+    node.tools.journal.note("belief", kept=holes, known_wrong=known_wrong, reason=why)
     node.feedback_message = why

@@ -91,7 +91,7 @@ class ForEachType(ForEach):
     part = OutputPort(Part, "the type of this round", name="type")
 
     def items(self) -> list[Any]:
-        return list(self.services.product.parts)
+        return list(self.services.tools.product.parts)
 
     def begin(self, item: Any) -> None:
         self.part.set(Part(item))
@@ -105,7 +105,7 @@ class ForEachHole(ForEach):
 
     def items(self) -> list[Any]:
         named = self.positions.get_or(None)
-        known = self.services.product.positions
+        known = self.services.tools.product.positions
         wrong = [name for name in named or () if name not in known]
         if wrong:
             raise NodeError(f"the product has no position '{wrong[0]}'; one of {', '.join(known)}")
@@ -127,7 +127,7 @@ class ForEachRow(ForEach):
 
     def items(self) -> list[Any]:
         path = self.file.get()
-        text = self.services.files.read(path, self.services.journal)
+        text = self.services.tools.files.read(path, self.services.tools.journal)
         if text is None:
             raise NodeError(f"there is no file {path}")
         return rows_of(text, path, tuple(further_of(self)))

@@ -12,6 +12,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.pose import Array
 from cell.interfaces.skill import Skill, SkillStatus
 from trees.engine.ports import InputPort
+from trees.engine.traits import Traits
 from trees.nodes.skill_node import SkillNode
 
 PAUSE_S = 0.5  # a hold that ended so long ago is over
@@ -26,7 +27,7 @@ class GiveWay(SkillNode):
     leads away from the hand; while it is at work, the motion is halted, and begins anew when the hand has left.
     """
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
     persistent = ("_since_s", "_held_s", "_palm_m")
 
     after_s = InputPort(float, "how long arm and hand may wait for each other before it gives way in [s]", default=8.0)
@@ -42,13 +43,13 @@ class GiveWay(SkillNode):
         self._held_rad, self._out_s = None, math.inf
 
     def make_skill(self) -> Skill:
-        from skills.move_to import GiveWay as GiveWaySkill
+        from skills import move_to
 
         services = self.services
-        return GiveWaySkill(services.motion, services.standing, services.held_part)
+        return move_to.GiveWay(services.tools.motion, *self.surroundings)
 
     def update(self) -> Status:
-        seen = self.services.observation
+        seen = self.now.observation
         if self._waited_long(seen):
             self._begin(seen)
         elif self._held_rad is None:
@@ -63,13 +64,13 @@ class GiveWay(SkillNode):
         if seen.time_s - self._out_s > self.wait_s.get() or self._left(seen):
             return Status.SUCCESS
         self.feedback_message = "waits until the hand has left"
-        self.services.show(message=f"waiting: {self.feedback_message}")
+        self.now.show(message=f"waiting: {self.feedback_message}")
         return Status.RUNNING
 
     def _begin(self, seen: Observation) -> None:
         """Look for a way out, also where the last one was blocked in the middle."""
         if self._skill is not None:
-            self._skill.halt(self.services.command)
+            self._skill.halt(self.now.command)
         if self._held_rad is None:
             self._held_rad = np.array(seen.arm.positions_rad)
         self._skill, self._since_s = self.make_skill(), seen.time_s
@@ -99,7 +100,7 @@ class GiveWay(SkillNode):
         """From the hands to the arm, as it stands or where it would; infinite where no hand is."""
         from skills.motion.near_hand import separation_of
 
-        found = separation_of(self.services.motion.separation, seen, None, joints_rad)
+        found = separation_of(self.tools.motion.separation, seen, None, joints_rad)
         return math.inf if found is None else found.distance_m
 
     def _left(self, seen: Observation) -> bool:

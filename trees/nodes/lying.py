@@ -9,6 +9,7 @@ import math
 
 from py_trees.common import Status
 
+from cell.interfaces.memory import more, without
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InputPort, OutputPort
@@ -42,7 +43,7 @@ class FindLying(CellNode):
         found = []
         for number, one in enumerate(view.seen):
             away_m = 0.0 if there is None else math.dist(_place(one), there)
-            vain = self.services.tried_in_vain(one)
+            vain = self.memory.tried_in_vain(one)
             wanted = one.lies is not None and part in ("", one.part) and away_m <= self.within_m.get()
             if wanted and vain < self.tries.get() and not self._turned_in_vain(one):
                 found.append((vain, away_m, -one.confidence, number))
@@ -55,11 +56,11 @@ class FindLying(CellNode):
         return Status.SUCCESS
 
     def _turned_in_vain(self, one: PartDetection) -> bool:
-        turned = self.services.turned[one.part]
+        turned = self.memory.turned.get(one.part, 0)
         if turned < self.turns.get():
             return False
-        title = self.services.product.title(one.part)
-        self.services.failed(f"I turned the {title} {turned} times, and still see it lie on its side")
+        title = self.tools.product.title(one.part)
+        self.memory.failed(f"I turned the {title} {turned} times, and still see it lie on its side")
         return True
 
 
@@ -88,7 +89,7 @@ class TakesLying(SkillNode):
     def update(self) -> Status:
         status = super().update()
         if status is Status.FAILURE:
-            self.services.failed_at(self._target)
+            self.memory.failed_at(self._target)
         return status
 
 
@@ -99,16 +100,17 @@ class SetUpright(TakesLying):
     """
 
     def skill(self) -> Skill:
-        from skills.lying import SetUpright as Motion
+        from skills import lying
 
-        return Motion(self.services.motion, self._target, self.services.standing)
+        return lying.SetUpright(self.tools.motion, self._target, self.memory.standing)
 
     def update(self) -> Status:
         status = super().update()
         if status is Status.SUCCESS:  # it lies no more as it lay: nobody need be told
-            self.services.reasons.pop(lies_on_its_side(self.services.product.title(self._target.part)), None)
-            self.services.in_vain = tuple(one for one in self.services.in_vain if one.upright)  # there is room now
-            self.services.turned[self._target.part] += 1
+            memory, part = self.memory, self._target.part
+            memory.reasons = without(memory.reasons, lies_on_its_side(self.tools.product.title(part)))
+            memory.in_vain = tuple(one for one in memory.in_vain if one.upright)  # there is room now
+            memory.turned = more(memory.turned, part)
         return status
 
 
@@ -116,9 +118,9 @@ class PickLying(TakesLying):
     """Take a part as it lies and lift it, to put it down elsewhere with `PutDown`; no hole takes it so."""
 
     def skill(self) -> Skill:
-        from skills.lying import PickLying as Motion
+        from skills import lying
 
-        return Motion(self.services.motion, self._target, self.services.standing)
+        return lying.PickLying(self.tools.motion, self._target, self.memory.standing)
 
 
 def _place(one: PartDetection) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from trees.engine.literals import shown
 from trees.engine.node import FAILURE, RUNNING, SUCCESS, Decorator
 from trees.engine.ports import InOutPort, InputPort, OutputPort, Port, further_of
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.nodes.each import rows_of
 from trees.nodes.poses import FARTHEST_M, FramedPose
 from trees.nodes.services import CellNode
@@ -25,7 +26,7 @@ FORMAT = "cell.blackboard"
 class CountUp(CellNode):
     """Add to a counter, which begins with 0."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     count = InOutPort(int, "the counter", unset_ok=True)
     by = InputPort(int, "how much", default=1)
@@ -39,7 +40,7 @@ class CountIsReached(CellNode):
     """A counter is at a number, or above it."""
 
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     count = InputPort(int, "the counter", unset_ok=True)
     limit = InputPort(int, "the number")
@@ -53,25 +54,25 @@ class CountIsReached(CellNode):
 class StartTimer(CellNode):
     """Start a timer, or start it again."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     timer = OutputPort(float, "when it was started in [s]")
 
     def update(self) -> Status:
-        self.timer.set(self.services.observation.time_s)
+        self.timer.set(self.now.observation.time_s)
         return SUCCESS
 
 
 class ReadTimer(CellNode):
     """Tell how long ago a timer was started."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     timer = InputPort(float, "when it was started in [s]")
     elapsed_s = OutputPort(float, "time since then in [s]")
 
     def update(self) -> Status:
-        self.elapsed_s.set(self.services.observation.time_s - self.timer.get())
+        self.elapsed_s.set(self.now.observation.time_s - self.timer.get())
         return SUCCESS
 
 
@@ -79,13 +80,13 @@ class TimerIsOver(CellNode):
     """A timer was started at least so long ago."""
 
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     timer = InputPort(float, "when it was started in [s]")
     after_s = InputPort(float, "how long in [s]")
 
     def update(self) -> Status:
-        elapsed = self.services.observation.time_s - self.timer.get()
+        elapsed = self.now.observation.time_s - self.timer.get()
         self.feedback_message = f"{elapsed:.2f} of {self.after_s.get():g} s"
         return SUCCESS if elapsed >= self.after_s.get() else FAILURE
 
@@ -95,7 +96,7 @@ class KeepResult(Decorator):
 
     result = OutputPort(str, "SUCCESS, FAILURE or SKIPPED")
     reason = OutputPort(str, "what the child said at its end")
-    comes_back = False
+    traits = Traits(comes_back=False)
 
     def run(self) -> Status:
         self.set_status(RUNNING)
@@ -117,7 +118,7 @@ class SaveBlackboard(CellNode):
         return InputPort(Any, f"saved as '{name}'")
 
     def update(self) -> Status:
-        path, files, journal = self.file.get(), self.services.files, self.services.journal
+        path, files, journal = self.file.get(), self.tools.files, self.tools.journal
         if (before := files.read(path, journal)) is not None:
             _entries(before, path)  # what is another's stays
         entries = {name: _plain(name, port.get()) for name, port in further_of(self).items()}
@@ -139,7 +140,7 @@ class LoadBlackboard(CellNode):
 
     def update(self) -> Status:
         path = self.file.get()
-        text = self.services.files.read(path, self.services.journal)
+        text = self.tools.files.read(path, self.tools.journal)
         if text is None:
             raise NodeError(f"there is no file {path}")
         entries, ports = _entries(text, path), further_of(self)
@@ -163,7 +164,7 @@ class AppendRow(CellNode):
 
     def update(self) -> Status:
         path, ports = self.file.get(), further_of(self)
-        before = self.services.files.read(path, self.services.journal) or ""
+        before = self.tools.files.read(path, self.tools.journal) or ""
         if before:
             rows_of(before, path, tuple(ports))  # it is such a table
         text = io.StringIO()
@@ -175,7 +176,7 @@ class AppendRow(CellNode):
             writer.writerow(head)
         writer.writerow([_cell(ports[column].get()) for column in head])
         joint = "" if not before or before.endswith("\n") else "\n"
-        self.services.files.write(path, before + joint + text.getvalue(), self.services.journal)
+        self.tools.files.write(path, before + joint + text.getvalue(), self.tools.journal)
         return SUCCESS
 
 

@@ -44,10 +44,10 @@ Mistakes = tuple[Mistake, ...]
 
 def mistakes_in(services: Services, plan: AssemblyPlan, state: AssemblyState) -> Mistakes:
     """What looks wrong now, by holes; without what a person said is right, and without what cannot be read."""
-    view, product = services.observation.bench, services.product
+    view, product = services.now.observation.bench, services.tools.product
     holes = view.holes if view else {}
     seen = {name: hole for name, hole in holes.items() if hole.part and state.known_wrong.get(name) != hole.part}
-    goal = services.guard.sure_goal(plan, state)
+    goal = services.tools.guard.sure_goal(plan, state)
     wanted = product.goal_placements(goal) if goal is not None else {}
     return tuple(_judged(product, seen, wanted, state.kept))
 

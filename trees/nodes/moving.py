@@ -9,10 +9,12 @@ from enum import Enum
 
 from py_trees.common import Status
 
+from cell.interfaces.memory import NEVER_S
 from cell.interfaces.perception import PartsView
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.nodes.clutter import part_and_others
 from trees.nodes.services import CellNode
 from trees.nodes.skill_node import SkillNode
@@ -30,7 +32,7 @@ class NamedPose(Enum):
 class ActivateGripper(CellNode):
     """Activate the gripper, once, and wait until it is ready."""
 
-    claims = ("gripper",)
+    traits = Traits(claims=("gripper",))
 
     timeout_s = InputPort(float, "longest wait for the gripper", default=6.0)
 
@@ -40,7 +42,7 @@ class ActivateGripper(CellNode):
         self._asked_s = None
 
     def update(self) -> Status:
-        seen = self.services.observation
+        seen = self.now.observation
         if seen.gripper.activated:
             return Status.SUCCESS
         self.feedback_message = "the gripper opens and closes once"
@@ -48,7 +50,7 @@ class ActivateGripper(CellNode):
             if seen.share == 0:
                 return Status.RUNNING
             self._asked_s = seen.worked_s
-            self.services.command.activate_gripper = True
+            self.now.command.activate_gripper = True
         late = seen.worked_s - self._asked_s > self.timeout_s.get()
         return Status.FAILURE if late else Status.RUNNING
 
@@ -57,35 +59,34 @@ class GripperIsEmpty(CellNode):
     """Nothing is between the fingers, so that no part can be put into a wrong hole any more."""
 
     node_type = "Condition"
-    guards = True
-    instant = True
+    traits = Traits(guards=True, instant=True)
 
     def update(self) -> Status:
-        return Status.FAILURE if self.services.observation.gripper.holding else Status.SUCCESS
+        return Status.FAILURE if self.now.observation.gripper.holding else Status.SUCCESS
 
 
 class IdentifyHeldPart(CellNode):
     """Tell by the distance of the fingers which part is between them, unless this controller took it."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
         from skills.pick import held_type
 
-        services, motion = self.services, self.services.motion
-        taken_here = services.held_part is not None and (motion.hold is not None or motion.lying is not None)
+        services, memory, motion = self.services, self.memory, self.tools.motion
+        taken_here = memory.held_part and (motion.hold is not None or motion.lying is not None)
         if not taken_here and services.tool_tilt_rad() > DOWN_RAD:
             self.feedback_message = "the tool leans, so that it is not known how it holds the part"
-            services.failed("I do not know how I hold it")
+            memory.failed("I do not know how I hold it")
             return Status.FAILURE
-        if services.held_part is None:
-            opening_m = services.observation.gripper.opening_m
-            services.held_part = held_type(services.product, opening_m, services.motion.settings)
-        if services.held_part is None:
+        if not memory.held_part:
+            opening_m = services.now.observation.gripper.opening_m
+            memory.held_part = held_type(services.tools.product, opening_m, motion.settings) or ""
+        if not memory.held_part:
             self.feedback_message = "something is in the gripper, and its width says not what"
-            services.failed("I do not know what I hold")
+            memory.failed("I do not know what I hold")
             return Status.FAILURE
-        self.feedback_message = f"holds {services.held_part}"
+        self.feedback_message = f"holds {memory.held_part}"
         return Status.SUCCESS
 
 
@@ -95,10 +96,10 @@ class MoveTo(SkillNode):
     pose = InputPort(NamedPose, "park: away from bracket and person; look: the wrist camera sees the tray")
 
     def make_skill(self) -> Skill:
-        from skills.move_to import MoveTo as MoveToSkill
+        from skills import move_to
 
         services = self.services
-        return MoveToSkill(services.motion, self.pose.get().value, services.standing, services.held_part)
+        return move_to.MoveTo(services.tools.motion, self.pose.get().value, *self.surroundings)
 
 
 class PickPart(SkillNode):
@@ -114,14 +115,14 @@ class PickPart(SkillNode):
         part, others = part_and_others(parts, self.index.get())
         services.takes(part, others)
         self._target, self._seen_s = part, parts.time_s  # when the tray was seen is known again once the part is held
-        return Pick(services.motion, part, services.standing)
+        return Pick(services.tools.motion, part, services.memory.standing)
 
     def update(self) -> Status:
         status = super().update()
         if status is Status.SUCCESS:
-            self.services.tray_seen_s = self._seen_s
+            self.memory.tray_seen_s = self._seen_s
         elif status is Status.FAILURE:
-            self.services.failed_at(self._target)
+            self.memory.failed_at(self._target)
         return status
 
 
@@ -132,11 +133,11 @@ class MoveAside(SkillNode):
     index = InputPort(int, "number of the part among the seen ones")
 
     def make_skill(self) -> Skill:
-        from skills.move_aside import MoveAside as MoveAsideSkill
+        from skills import move_aside
 
         part, others = part_and_others(self.parts.get(), self.index.get())
         self.services.takes(part, others)
-        return MoveAsideSkill(self.services.motion, part, self.services.standing)
+        return move_aside.MoveAside(self.tools.motion, part, self.memory.standing)
 
 
 class ReturnToTray(SkillNode):
@@ -145,7 +146,7 @@ class ReturnToTray(SkillNode):
     def make_skill(self) -> Skill:
         from skills.put_down import PutBack
 
-        if self.services.held_part is None:
+        if not self.memory.held_part:
             raise NodeError("nothing was picked yet, so the part in the gripper has no known type")
-        self.services.tray_seen_s = None
-        return PutBack(self.services.motion, self.services.held_part, self.services.standing)
+        self.memory.tray_seen_s = NEVER_S
+        return PutBack(self.tools.motion, self.memory.held_part, self.memory.standing)

@@ -45,7 +45,7 @@ class WaitForAction(CellNode):
     _said = False
 
     def initialise(self) -> None:
-        self._began_s, self._said = self.services.observation.time_s, False
+        self._began_s, self._said = self.now.observation.time_s, False
 
     def update(self) -> Status:
         seen, awaited = self.action.get_or(None), self.awaited.get().value
@@ -59,9 +59,9 @@ class WaitForAction(CellNode):
 
     def _say(self, awaited: str) -> None:
         """Once, so that what is told after it stays."""
-        if not self._said and self.services.observation.time_s - self._began_s >= self.say_s.get():
+        if not self._said and self.now.observation.time_s - self._began_s >= self.say_s.get():
             self._said = True
-            self.services.show(message=f"waiting until you {DONE_BY[awaited]}")
+            self.now.show(message=f"waiting until you {DONE_BY[awaited]}")
 
 
 class HandWatch(CellNode):
@@ -82,8 +82,8 @@ class HandWatch(CellNode):
         raise NotImplementedError
 
     def update(self) -> Status:
-        view = self.services.observation.bench
-        if view is None or self.services.observation.time_s - view.time_s > self.stale_s.get():
+        view = self.now.observation.bench
+        if view is None or self.now.observation.time_s - view.time_s > self.stale_s.get():
             self.feedback_message = "no fresh view of the bench"
             return Status.RUNNING
         if view.hand is None:
@@ -95,7 +95,7 @@ class HandWatch(CellNode):
         if nearest_m >= self.distance_m.get():
             return Status.SUCCESS
         self.feedback_message = f"the hand is near the way to {name}"
-        self.services.show(message=f"waiting: {self.feedback_message}")
+        self.now.show(message=f"waiting: {self.feedback_message}")
         return Status.RUNNING
 
 
@@ -132,8 +132,8 @@ class WaitForHandClearOfSpot(HandWatch):
 
 def hole_on_bench_m(services: Services, position: str) -> Array:
     """Where a hole is on the bench, (2,)."""
-    hole = np.array([*services.product.bracket.holes_m[position], 0.0])
-    return services.bench.bracket.pose.transform(hole)[:2]
+    hole = np.array([*services.tools.product.bracket.holes_m[position], 0.0])
+    return services.tools.bench.bracket.pose.transform(hole)[:2]
 
 
 def beginning(start: Array, end: Array, length_m: float) -> tuple[Array, Array]:
@@ -183,22 +183,22 @@ class AssemblyFinished(CellNode):
         services, reason = self.services, self._why_not()
         self.feedback_message = reason
         if not reason:
-            services.show(message="the bracket is assembled", help_request=None)
+            services.now.show(message="the bracket is assembled", help_request=None)
             return Status.SUCCESS
-        seen = services.observation
+        seen = services.now.observation
         told = self._full_since_s is not None and seen.time_s - self._full_since_s >= TELLS_S
         if told and not seen.arm.moving:
-            services.show(message=f"waiting: {reason}")
+            services.now.show(message=f"waiting: {reason}")
         return Status.FAILURE
 
     def _why_not(self) -> str:
         """What is still waited for; empty where it is finished."""
         services, state = self.services, self.state.get()
-        view, placed = services.observation.bench, state.placed
-        if open_positions := [position for position in services.product.positions if position not in placed]:
+        view, placed = services.now.observation.bench, state.placed
+        if open_positions := [position for position in services.tools.product.positions if position not in placed]:
             self._full_since_s = self._away_since_s = None
             return f"{len(open_positions)} positions are open"
-        now_s = services.observation.time_s
+        now_s = services.now.observation.time_s
         self._full_since_s = now_s if self._full_since_s is None else self._full_since_s
         left = self.action.get().action.kind == "idle" or self._left(view)
         asked = {position for position, part in state.kept.items() if part is None}
@@ -209,7 +209,7 @@ class AssemblyFinished(CellNode):
 
     def _left(self, view: BenchView | None) -> bool:
         """Whether the hand has been away from every hole for long enough."""
-        now_s = self.services.observation.time_s
+        now_s = self.now.observation.time_s
         if not self._away(view):
             self._away_since_s = None
             return False
@@ -221,6 +221,6 @@ class AssemblyFinished(CellNode):
             return False
         if view.hand is None:
             return True
-        holes = [hole_on_bench_m(self.services, position) for position in self.services.product.positions]
+        holes = [hole_on_bench_m(self.services, position) for position in self.tools.product.positions]
         points = (view.hand.palm_m, view.hand.fingertips_m)
         return all(math.dist(point, hole) >= self.away_m.get() for point in points for hole in holes)

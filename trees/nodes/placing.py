@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from py_trees.common import Status
 
+from cell.interfaces.memory import more, without
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Skill
 from trees.engine.ports import InOutPort, InputPort
@@ -19,7 +20,7 @@ TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 class PlacePart(SkillNode):
     """Put the part in the gripper into its hole (Alg. 1 line 12)."""
 
-    needs_guard = True
+    traits = replace(SkillNode.traits, needs_guard=True)
 
     part = InputPort(Part, "type of the part in the gripper")
     position = InputPort(Hole, "hole to put it into")
@@ -30,16 +31,16 @@ class PlacePart(SkillNode):
         from skills.place import Place
 
         services = self.services
-        self._begun_s = services.observation.time_s
-        return Place(services.motion, self.position.get(), self.part.get(), services.standing)
+        self._begun_s = services.now.observation.time_s
+        return Place(services.tools.motion, self.position.get(), self.part.get(), services.memory.standing)
 
     def update(self) -> Status:
         status, services = super().update(), self.services
-        where = self.part.get(), self.position.get()
+        where = _where(self.part.get(), self.position.get())
         if status is Status.SUCCESS:
-            services.unplaced.pop(where, None)
-        elif status is Status.FAILURE and services.observation.time_s - self._begun_s >= TRIED_S:
-            services.unplaced[where] += 1
+            services.memory.unplaced = without(services.memory.unplaced, where)
+        elif status is Status.FAILURE and services.now.observation.time_s - self._begun_s >= TRIED_S:
+            services.memory.unplaced = more(services.memory.unplaced, where)
         return status
 
 
@@ -57,11 +58,12 @@ class PlacedInVain(CellNode):
 
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()
-        if self.services.unplaced[part, position] < self.tries.get():
+        memory, where = self.memory, _where(part, position)
+        if memory.unplaced.get(where, 0) < self.tries.get():
             return Status.FAILURE
-        del self.services.unplaced[part, position]
-        self.feedback_message = f"the {self.services.product.title(part)} does not go into {position}"
-        self.services.failed(self.feedback_message)
+        memory.unplaced = without(memory.unplaced, where)
+        self.feedback_message = f"the {self.tools.product.title(part)} does not go into {position}"
+        memory.failed(self.feedback_message)
         return Status.SUCCESS
 
 
@@ -75,18 +77,18 @@ class VerifyPlacement(CellNode):
     _begun_s = 0.0
 
     def initialise(self) -> None:
-        self._begun_s = self.services.observation.time_s
+        self._begun_s = self.now.observation.time_s
 
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()
-        view = self.services.observation.bench
+        view = self.now.observation.bench
         hole = view.holes.get(position) if view else None
         if hole is not None and hole.seen_s > self._begun_s and hole.part == part and hole.upright:
             self.feedback_message = f"{part} is at {position}"
             return Status.SUCCESS
         seen = "nothing" if hole is None else f"{hole.part or 'nothing'}{'' if hole.upright else ', tilted'}"
         self.feedback_message = f"sees {seen} at {position}"
-        late = self.services.observation.time_s - self._begun_s > self.timeout_s.get()
+        late = self.now.observation.time_s - self._begun_s > self.timeout_s.get()
         return Status.FAILURE if late else Status.RUNNING
 
 
@@ -102,6 +104,10 @@ class RecordPlacement(CellNode):
         state = self.state.get()
         by_robot = {**state.by_robot, position: part}
         self.state.set(replace(state.with_placement(part, position), by_robot=by_robot))
-        self.services.show(message=f"placed {part} at {position}")
-        self.services.journal.note("belief", edge=[part, position], source="robot")
+        self.now.show(message=f"placed {part} at {position}")
+        self.tools.journal.note("belief", edge=[part, position], source="robot")
         return Status.SUCCESS
+
+
+def _where(part: str, position: str) -> str:
+    return f"{part} at {position}"

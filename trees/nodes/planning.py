@@ -6,6 +6,7 @@ from py_trees.common import Status
 
 from cell.interfaces.planning import AssemblyPlan, AssemblyState
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import Hole, Part
 from trees.guard import Verdict
 from trees.nodes.services import CellNode, Services
@@ -23,9 +24,9 @@ class InferGoal(CellNode):
     def update(self) -> Status:
         state = self.state.get()
         if self._plan is None or state != self._state:
-            self._plan = self.services.infer(state)
+            self._plan = self.tools.infer(state)
             self._state = state
-            self.services.journal.note(
+            self.tools.journal.note(
                 "belief", placed=dict(state.placed), goals=dict(self._plan.goal_belief), goal=self._plan.goal
             )
         self.plan.set(self._plan)
@@ -44,8 +45,8 @@ class DecodeGuidance(CellNode):
         plan = self.plan.get()
         if plan is not self._shown:
             self._shown = plan
-            self.services.show(guidance=dict(plan.guidance), goal_belief=dict(plan.goal_belief))
-            self.services.journal.note("plan", guidance={part: list(to) for part, to in plan.guidance.items()})
+            self.now.show(guidance=dict(plan.guidance), goal_belief=dict(plan.goal_belief))
+            self.tools.journal.note("plan", guidance={part: list(to) for part, to in plan.guidance.items()})
         self.feedback_message = "; ".join(f"{part}: {' '.join(to) or '-'}" for part, to in plan.guidance.items())
         return Status.SUCCESS
 
@@ -76,7 +77,7 @@ class DecodePlan(CellNode):
     def update(self) -> Status:
         part = self.part.get()
         positions = list(self.plan.get().guidance.get(part, ()))
-        self.services.journal.note("plan", next=[part, *positions])
+        self.tools.journal.note("plan", next=[part, *positions])
         self.positions.set(positions)
         self.feedback_message = " ".join([part, *positions])
         return Status.SUCCESS if positions else Status.FAILURE
@@ -99,14 +100,14 @@ class ChoosePosition(CellNode):
             self.feedback_message = verdict.reason
             if verdict.decision == "act":
                 self.position.set(Hole(position))
-                self.services.show(message=f"fetching {part} for {position}")
+                self.now.show(message=f"fetching {part} for {position}")
                 return Status.SUCCESS
             if verdict.decision == "ask":
-                self.services.show(help_request=verdict.reason)
-                if not self.services.observation.operator.present:  # else AskWhichGoal asks, and waits for the answer
-                    self.services.journal.note("help", text=verdict.reason)
+                self.now.show(help_request=verdict.reason)
+                if not self.now.observation.operator.present:  # else AskWhichGoal asks, and waits for the answer
+                    self.tools.journal.note("help", text=verdict.reason)
                 return Status.FAILURE
-        self.services.show(message=f"waiting: {self.feedback_message}")
+        self.now.show(message=f"waiting: {self.feedback_message}")
         return Status.FAILURE
 
 
@@ -114,8 +115,7 @@ class CheckPlacement(CellNode):
     """Is this placement still right? (ticked again and again while the part is carried)"""
 
     node_type = "Condition"
-    guards = True
-    instant = True
+    traits = Traits(guards=True, instant=True)
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")
@@ -136,8 +136,7 @@ class WithoutGuard(CellNode):
     """Says in the file, and in the log, why what follows runs without the guard; succeeds."""
 
     node_type = "Condition"
-    guards = True
-    instant = True
+    traits = Traits(guards=True, instant=True)
 
     reason = InputPort(str, "why that is safe")
 
@@ -146,7 +145,7 @@ class WithoutGuard(CellNode):
     def update(self) -> Status:
         self.feedback_message = f"no guard: {self.reason.get()}"
         if not self._noted:
-            self.services.journal.note(
+            self.tools.journal.note(
                 "verdict", subject="every placement", decision="unguarded", reason=self.reason.get()
             )
             self._noted = True
@@ -155,12 +154,14 @@ class WithoutGuard(CellNode):
 
 def judge(services: Services, plan: AssemblyPlan, state: AssemblyState, part: str, position: str) -> Verdict:
     """The guard's verdict on one placement with what is seen in this tick."""
-    view = services.observation.bench
+    view = services.now.observation.bench
     reachable = services.reachable(part, position)
-    present = services.observation.operator.present
-    return services.guard.judge(plan, state, view.holes if view else {}, part, position, reachable, present)
+    present = services.now.observation.operator.present
+    return services.tools.guard.judge(plan, state, view.holes if view else {}, part, position, reachable, present)
 
 
 def note_verdict(services: Services, part: str, position: str, verdict: Verdict) -> None:
     """Write a verdict and its reason into the log."""
-    services.journal.note("verdict", subject=f"{part} at {position}", decision=verdict.decision, reason=verdict.reason)
+    services.tools.journal.note(
+        "verdict", subject=f"{part} at {position}", decision=verdict.decision, reason=verdict.reason
+    )

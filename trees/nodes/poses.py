@@ -94,7 +94,7 @@ def frame_pose(services: Services, frame: str) -> Pose:
     Raises:
         NodeError: the cell has no such frame.
     """
-    bench, product = services.bench, services.product
+    bench, product = services.tools.bench, services.tools.product
     if frame == WORLD:
         return Pose((0.0, 0.0, 0.0))
     if frame == TRAY:
@@ -111,8 +111,8 @@ def frame_pose(services: Services, frame: str) -> Pose:
 
 def tool_pose(services: Services) -> Pose:
     """Where the tool (TCP) is, its z upwards as in files."""
-    joints = np.array(services.observation.arm.positions_rad)
-    return services.motion.kinematics.forward(joints) @ FINGERS_DOWN
+    joints = np.array(services.now.observation.arm.positions_rad)
+    return services.tools.motion.kinematics.forward(joints) @ FINGERS_DOWN
 
 
 def world_pose(services: Services, pose: FramedPose) -> Pose:
@@ -127,6 +127,6 @@ def world_from_tool(services: Services, pose: FramedPose) -> Pose:
 
 def near_bracket(services: Services, world: Pose) -> bool:
     """Whether a part that is let go there could fall into a hole."""
-    x, y, _ = (services.bench.bracket.pose.inverse() @ world).position_m
-    holes = services.product.bracket.holes_m.values()
+    x, y, _ = (services.tools.bench.bracket.pose.inverse() @ world).position_m
+    holes = services.tools.product.bracket.holes_m.values()
     return any(abs(x - hole_x) < BRACKET_GAP_M and abs(y - hole_y) < BRACKET_GAP_M for hole_x, hole_y in holes)

@@ -1,10 +1,9 @@
-"""What the nodes work with: product, planners, guard and motion, and the observation and command of the tick."""
+"""What nodes are given: the observation and command of the tick, tools, and a memory that outlives the tick."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,15 +11,15 @@ import numpy as np
 
 from cell.errors import ModelError
 from cell.interfaces.bench import Bench
-from cell.interfaces.clock import Clock
 from cell.interfaces.command import Command, Display
+from cell.interfaces.memory import NEVER_S, PREFIX, Memory
 from cell.interfaces.notes import Journal
 from cell.interfaces.observation import Observation
 from cell.interfaces.operator import Question, QuestionKind
 from cell.interfaces.perception import PartDetection, PartsView
 from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan, GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
-from cell.interfaces.resume import LeftOff
+from trees.engine.blackboard import Scope
 from trees.engine.node import Node
 from trees.guard import Guard
 from trees.nodes.files import Files, WorkingFolder
@@ -29,70 +28,22 @@ from trees.nodes.files import Files, WorkingFolder
 if TYPE_CHECKING:
     from skills.motion.planner import MotionPlanner
 
-IN_VAIN_N, SAME_SPOT_M = 12, 0.015  # failed grasps that are remembered; parts so near to each other are the same
 GRASPABLE = 0.5  # probability from which a plan says that a part can be grasped
 
 
 @dataclass
-class Services:
-    """Given to every node by `Tree.setup`; the controller renews `observation` and `command` before each tick.
+class Tick:
+    """What is seen and asked for in the tick under way; the controller renews the first two before each.
 
     Attributes:
-        semantic, grasp: the chosen planners, usually learned.
-        rule_semantic, rule_grasp: rule-based planners that answer where the chosen ones cannot be used.
-        held_part: type of the part that was picked last; whether it is still held, the gripper tells.
-        held_lying: that part was taken as it lay, and is still held so.
-        tray_parts: what stands or lies in the tray as last seen, without what was taken since.
-        files: tables and saved values of the user.
-        teach: notes a goal, its name and the part at every position, where goals are kept, and says under which name;
-            None where they are kept nowhere.
-        put_down: what the robot stood elsewhere in this run; no camera looks there.
-        reasons: why the robot could not get a part, and how often, since it asked last; the last one is the newest.
-        learn: tells the planners how a bracket was finished, so that they know its goal from then on.
-        left_off: what a run that was broken off knew, until this one has gone on with it; None for a new beginning.
-        brackets: how many were begun in this run.
-        in_vain: parts as they were seen when a grasp failed, the newest last.
-        turned: by type, how often one that lay was turned since any of them was seen to stand.
-        unplaced: by type and position, how often in a row a part did not go in.
-        tray_seen_s: when that was seen; None where it is not known, as something else was moved or a grasp failed.
+        observation: what the devices and the detectors said.
+        command: what the nodes ask of the devices.
+        display: what the person is shown, from some tick on.
     """
 
-    product: Product
-    bench: Bench
-    clock: Clock
-    motion: MotionPlanner
-    semantic: SemanticPlanner
-    rule_semantic: SemanticPlanner
-    grasp: GraspPlanner
-    rule_grasp: GraspPlanner
-    guard: Guard
-    journal: Journal
     observation: Observation
     command: Command = field(default_factory=Command)
     display: Display = field(default_factory=Display)
-    held_part: str | None = None
-    held_lying: bool = False
-    tray_parts: tuple[PartDetection, ...] = ()
-    put_down: tuple[PartDetection, ...] = ()
-    files: Files = field(default_factory=WorkingFolder)
-    teach: Callable[[str, tuple[str, ...]], str] | None = None
-    reasons: Counter[str] = field(default_factory=Counter)
-    learn: Callable[[Services, tuple[str, ...]], str | None] = lambda *_: None
-    left_off: LeftOff | None = None
-    brackets: int = 0
-    in_vain: tuple[PartDetection, ...] = ()
-    turned: Counter[str] = field(default_factory=Counter)
-    unplaced: Counter[tuple[str, str]] = field(default_factory=Counter)
-    _asked: int = 0
-    tray_seen_s: float | None = None
-    _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
-    _solved: dict[int, GraspPlan] = field(default_factory=dict)
-    _solved_view: PartsView | None = None
-
-    @property
-    def standing(self) -> tuple[PartDetection, ...]:
-        """All parts that the arm keeps clear of, beside those in holes."""
-        return self.tray_parts + self.put_down
 
     def show(self, **changes: Any) -> None:
         """Change what the person is shown; fields as in Display."""
@@ -101,39 +52,37 @@ class Services:
             self.display = changed
             self.command.display = changed
 
-    def ask(self, kind: QuestionKind, reason: str, **details: Any) -> Question:
-        """Ask a person; the question stands until it is withdrawn.
-
-        Args:
-            details: further fields of the question.
-        """
-        self._asked += 1
-        question = Question(self._asked, kind, reason, **details)
-        self.show(questions=(*self.display.questions, question))
-        return question
-
     def withdraw(self, question: Question) -> None:
         """Ask no longer."""
         self.show(questions=tuple(one for one in self.display.questions if one.number != question.number))
 
-    def takes(self, part: PartDetection, others: tuple[PartDetection, ...], *, lying: bool = False) -> None:
-        """Note what the gripper is about to take; while it holds something, it takes nothing."""
-        self.tray_seen_s = None
-        if not self.observation.gripper.holding:
-            self.held_part, self.tray_parts, self.held_lying = part.part, others, lying
 
-    def failed(self, reason: str) -> None:
-        """Note why a part could not be had; who asks for help tells it."""
-        count = self.reasons.pop(reason, 0)
-        self.reasons[reason] = count + 1
+@dataclass(frozen=True)
+class Tools:
+    """What nodes work with; other tools take their place where a goal was learned.
 
-    def failed_at(self, part: PartDetection) -> None:
-        """Note that this part could not be grasped."""
-        self.in_vain = (*self.in_vain, part)[-IN_VAIN_N:]
+    Attributes:
+        semantic, grasp: the chosen planners, usually learned.
+        rule_semantic, rule_grasp: rule-based planners that answer where the chosen ones cannot be used.
+        journal: takes notes for the log.
+        files: tables and saved values of the user.
+        teach: notes a goal, its name and the part at every position, where goals are kept, and says under which name;
+            None where they are kept nowhere.
+        learn: the tools that know how a bracket was finished, and the name of its goal; None where it has none.
+    """
 
-    def tried_in_vain(self, part: PartDetection) -> int:
-        """How often such a part could not be grasped where this one stands."""
-        return sum(one.part == part.part and _near(one, part) for one in self.in_vain)
+    product: Product
+    bench: Bench
+    motion: MotionPlanner
+    semantic: SemanticPlanner
+    rule_semantic: SemanticPlanner
+    grasp: GraspPlanner
+    rule_grasp: GraspPlanner
+    guard: Guard
+    journal: Journal
+    files: Files = field(default_factory=WorkingFolder)
+    teach: Callable[[str, tuple[str, ...]], str] | None = None
+    learn: Callable[[Tools, tuple[str, ...]], tuple[Tools, str | None]] = lambda tools, _: (tools, None)
 
     def infer(self, state: AssemblyState) -> AssemblyPlan:
         """The chosen planner's answer if the guard lets it pass, else the rule-based planner's."""
@@ -147,6 +96,57 @@ class Services:
             plan = self.rule_semantic.plan(state)
         return plan.with_told({at: part for at, part in state.told_parts.items() if at not in state.placed})
 
+
+@dataclass
+class Services:
+    """Given to every node by `Tree.setup`.
+
+    Attributes:
+        memory: what outlives a tick; it stands on the blackboard of the main tree, as `@memory_held_part` and so on.
+    """
+
+    now: Tick
+    tools: Tools
+    memory: Memory = field(default_factory=Memory)
+    _reachable: dict[tuple[str, str], bool] = field(default_factory=dict)
+    _solved: dict[int, GraspPlan] = field(default_factory=dict)
+    _solved_view: PartsView | None = None
+
+    def stand_on(self, blackboard: Scope) -> None:
+        """Write the memory to entries of a tree, and to the log, whole now and then as it changes."""
+
+        def remembered(changed: Mapping[str, object]) -> None:
+            for name, value in changed.items():
+                blackboard.entry(PREFIX + name).write(value)
+            self.tools.journal.note("memory", **changed)
+
+        self.memory.follow(remembered)
+
+    def ask(self, kind: QuestionKind, reason: str, **details: Any) -> Question:
+        """Ask a person; the question stands until it is withdrawn.
+
+        Args:
+            details: further fields of the question.
+        """
+        self.memory.questions += 1
+        question = Question(self.memory.questions, kind, reason, **details)
+        self.now.show(questions=(*self.now.display.questions, question))
+        return question
+
+    def takes(self, part: PartDetection, others: tuple[PartDetection, ...], *, lying: bool = False) -> None:
+        """Note what the gripper is about to take; while it holds something, it takes nothing."""
+        memory = self.memory
+        memory.tray_seen_s = NEVER_S
+        if not self.now.observation.gripper.holding:
+            memory.held_part, memory.tray_parts, memory.held_lying = part.part, others, lying
+
+    def learn(self, parts: tuple[str, ...]) -> str | None:
+        """From now on planners and guard know how a bracket was finished; the name of its goal, if it has one."""
+        self.tools, name = self.tools.learn(self.tools, parts)
+        if name is not None:
+            self.memory.finished = tuple(dict.fromkeys((*self.memory.finished, parts)))
+        return name
+
     def solve(self, parts: PartsView, required: int) -> GraspPlan:
         """How to get at one detected part: the chosen planner's answer if the arm agrees, else the rule's.
 
@@ -159,7 +159,7 @@ class Services:
         return self._solved[required]
 
     def _solution(self, parts: PartsView, required: int) -> GraspPlan:
-        for planner in (self.grasp, self.rule_grasp):
+        for planner in (self.tools.grasp, self.tools.rule_grasp):
             try:
                 plan = planner.plan(parts.seen, required)
                 refusal = self._refusal(plan, parts, required)
@@ -167,7 +167,7 @@ class Services:
                 refusal = str(error)
             if refusal is None:
                 return plan
-            self.journal.note("verdict", subject="grasp plan", decision="refused", reason=refusal)
+            self.tools.journal.note("verdict", subject="grasp plan", decision="refused", reason=refusal)
         if self.why_not_graspable(parts, required) is None:
             return GraspPlan(1.0, (), False, "grasp")
         return GraspPlan(0.0, (), True, "help")
@@ -185,16 +185,18 @@ class Services:
 
         seen = parts.seen
         others = seen[:required] + seen[required + 1 :]
-        return why_not_graspable(self.motion, seen[required], others, np.array(self.observation.arm.positions_rad))
+        return why_not_graspable(
+            self.tools.motion, seen[required], others, np.array(self.now.observation.arm.positions_rad)
+        )
 
     def tool_tilt_rad(self) -> float:
         """How far the fingers point away from straight down."""
-        tool = self.motion.kinematics.forward(np.array(self.observation.arm.positions_rad))
+        tool = self.tools.motion.kinematics.forward(np.array(self.now.observation.arm.positions_rad))
         return math.acos(min(1.0, max(-1.0, -float(tool.rotation[2, 2]))))
 
     def tool_on_bench_m(self) -> tuple[float, float]:
         """Where the tool is above the bench, (x, y)."""
-        x, y, _ = self.motion.kinematics.forward(np.array(self.observation.arm.positions_rad)).position_m
+        x, y, _ = self.tools.motion.kinematics.forward(np.array(self.now.observation.arm.positions_rad)).position_m
         return x, y
 
     def reachable(self, part: str, position: str) -> bool:
@@ -202,13 +204,8 @@ class Services:
         from skills.place import can_place
 
         if (part, position) not in self._reachable:
-            self._reachable[part, position] = can_place(self.motion, part, position)
+            self._reachable[part, position] = can_place(self.tools.motion, part, position)
         return self._reachable[part, position]
-
-
-def _near(one: PartDetection, other: PartDetection) -> bool:
-    ours, theirs = one.world_from_part.position_m, other.world_from_part.position_m
-    return math.dist(ours[:2], theirs[:2]) < SAME_SPOT_M
 
 
 class CellNode(Node):
@@ -217,3 +214,18 @@ class CellNode(Node):
     abstract = True
 
     services: Services
+
+    @property
+    def now(self) -> Tick:
+        """What is seen and asked for in this tick."""
+        return self.services.now
+
+    @property
+    def tools(self) -> Tools:
+        """What this node works with."""
+        return self.services.tools
+
+    @property
+    def memory(self) -> Memory:
+        """What all nodes remember."""
+        return self.services.memory

@@ -11,6 +11,7 @@ from cell.interfaces.resume import LeftOff
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 
 SETTLED_S = 1.0  # holes must look empty for so long
@@ -34,7 +35,7 @@ class WaitForEmptyBracket(CellNode):
 
     def update(self) -> Status:
         services = self.services
-        view = services.observation.bench
+        view = services.now.observation.bench
         filled = filled_holes(self)
         if view is not None and filled is not None and self._goes_on(filled):
             self.feedback_message = f"goes on with the bracket that is there: {' '.join(filled) or 'still empty'}"
@@ -45,22 +46,21 @@ class WaitForEmptyBracket(CellNode):
             if filled and self._question is None:
                 todo = "take the bracket out and put an empty one in"
                 self._question = services.ask("bracket", "the bracket is finished", todo=todo)
-                services.show(message="waiting for an empty bracket")
+                services.now.show(message="waiting for an empty bracket")
             return Status.RUNNING
         self._empty_s = view.time_s if self._empty_s is None else self._empty_s
         return Status.SUCCESS if view.time_s - self._empty_s >= SETTLED_S else Status.RUNNING
 
     def terminate(self, new_status: Status) -> None:  # noqa: ARG002 - however it ends
         if self._question is not None:
-            self.services.withdraw(self._question)
+            self.now.withdraw(self._question)
             self._question = None
 
     def _goes_on(self, filled: list[str]) -> bool:
-        services = self.services
-        if services.brackets:
+        memory = self.memory
+        if memory.brackets:
             return False
-        under_way = services.left_off is not None and services.left_off.bracket > 0 and not services.left_off.ended
-        return under_way or 0 < len(filled) < len(services.product.positions)
+        return memory.left_off.under_way or 0 < len(filled) < len(self.tools.product.positions)
 
 
 class BeginBracket(CellNode):
@@ -70,14 +70,15 @@ class BeginBracket(CellNode):
     state = OutputPort(AssemblyState, "what is placed so far")
 
     def update(self) -> Status:
-        left, self.services.left_off = self.services.left_off or LeftOff(), None
-        resumed = left.bracket > 0 and not left.ended
+        memory = self.memory
+        left, memory.left_off = memory.left_off, LeftOff()
+        resumed = left.under_way
         number = left.bracket if resumed else max(self.number.get(), left.bracket) + 1
         self.number.set(number)
         self.state.set(left.state if resumed else AssemblyState({}))
-        self.services.brackets += 1
-        self.services.journal.note("bracket", number=number, edge="begin", **({"resumed": True} if resumed else {}))
-        self.services.show(message=f"bracket {number}", help_request=None)
+        memory.brackets += 1
+        self.tools.journal.note("bracket", number=number, edge="begin", **({"resumed": True} if resumed else {}))
+        self.now.show(message=f"bracket {number}", help_request=None)
         self.feedback_message = f"bracket {number}"
         return Status.SUCCESS
 
@@ -90,7 +91,7 @@ class BracketTaken(CellNode):
     settle_s = InputPort(float, "how long the holes must look empty", default=1.0)
     persistent = ("_bracket", "_most", "_empty_s")
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     _bracket = 0
     _most = 0
@@ -100,7 +101,7 @@ class BracketTaken(CellNode):
         if self.number.get() != self._bracket:
             self._bracket, self._most, self._empty_s = self.number.get(), 0, None
         self._most = max(self._most, len(self.state.get().placed))
-        view = self.services.observation.bench
+        view = self.now.observation.bench
         if self._most < LEAST_PLACED_N or view is None or filled_holes(self) != []:
             self._empty_s = None
             self.feedback_message = ""
@@ -120,13 +121,15 @@ class EndBracket(CellNode):
 
     def update(self) -> Status:
         services = self.services
-        view, placed, kept = services.observation.bench, self.state.get().placed, self.state.get().kept
-        seen = [view.holes[name].part if view and name in view.holes else None for name in services.product.positions]
+        view, placed, kept = services.now.observation.bench, self.state.get().placed, self.state.get().kept
+        seen = [
+            view.holes[name].part if view and name in view.holes else None for name in services.tools.product.positions
+        ]
         parts = tuple(part for part in seen if part is not None)
         finished = len(parts) == len(seen)
-        learned = services.learn(services, parts) if finished and not kept else None
+        learned = services.learn(parts) if finished and not kept else None
         self.feedback_message = f"bracket {self.number.get()} {'finished' if finished else 'taken away'}"
-        services.journal.note(
+        services.tools.journal.note(
             "bracket",
             number=self.number.get(),
             edge="end",
@@ -143,10 +146,10 @@ class ShiftIsOver(CellNode):
 
     number = InputPort(int, "which bracket of the shift was the last")
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
-        wanted = self.services.observation.operator.brackets
+        wanted = self.now.observation.operator.brackets
         done = self.number.get()
         self.feedback_message = f"{done} of {'any number' if wanted is None else max(wanted, done)} done"
         return Status.SUCCESS if wanted is not None and done >= wanted else Status.FAILURE
@@ -154,8 +157,8 @@ class ShiftIsOver(CellNode):
 
 def filled_holes(node: CellNode) -> list[str] | None:
     """Names of the holes that are seen filled; None as long as some were never seen."""
-    view = node.services.observation.bench
-    positions = node.services.product.positions
+    view = node.services.now.observation.bench
+    positions = node.tools.product.positions
     if view is None or any(name not in view.holes for name in positions):
         return None
     return [name for name in positions if view.holes[name].part is not None]
@@ -168,20 +171,20 @@ class TeachGoal(CellNode):
     state = InputPort(AssemblyState, "what is placed so far")
 
     def update(self) -> Status:
-        services, placed, seen = self.services, self.state.get().placed, self.services.observation.bench
-        for position in services.product.positions:
+        services, placed, seen = self.services, self.state.get().placed, self.now.observation.bench
+        for position in services.tools.product.positions:
             hole = seen.holes.get(position) if seen is not None else None
             if hole is None or hole.part is None or hole.part != placed.get(position) or not hole.upright:
                 self.feedback_message = f"{position} is not sure: {placed.get(position, 'nothing')} is believed there"
                 return FAILURE
-        if services.teach is None:
+        if services.tools.teach is None:
             raise NodeError("goals are kept nowhere: set planners.semantic.goals in the configuration")
-        parts = tuple(placed[position] for position in services.product.positions)
+        parts = tuple(placed[position] for position in services.tools.product.positions)
         try:
-            name = services.teach(self.name_given.get(), parts)
+            name = services.tools.teach(self.name_given.get(), parts)
         except InputError as error:
             raise NodeError(str(error)) from None
         self.feedback_message = f"goal {name}: {' '.join(parts)}"
-        services.show(message=f"learned goal {name}")
-        services.journal.note("belief", goal=name, parts=list(parts), source="shown")
+        services.now.show(message=f"learned goal {name}")
+        services.tools.journal.note("belief", goal=name, parts=list(parts), source="shown")
         return SUCCESS

@@ -7,6 +7,7 @@ from py_trees.common import Status
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import OutputSignal, Signal
 from trees.nodes.services import CellNode
 
@@ -27,7 +28,7 @@ class SignalNode(CellNode):
         Raises:
             NodeError: nothing is known of it.
         """
-        known, name = self.services.observation.signals, self.signal.get()
+        known, name = self.now.observation.signals, self.signal.get()
         if name not in known:
             raise NodeError(f"nothing is known of signal {name!r}; known: {', '.join(known) or 'none'}")
         self.feedback_message = f"{name} is {'on' if known[name] else 'off'}"
@@ -38,7 +39,7 @@ class SignalIs(SignalNode):
     """A signal is on, or off."""
 
     node_type = "Condition"
-    instant = True
+    traits = Traits(instant=True)
 
     def update(self) -> Status:
         return SUCCESS if self.is_so() else FAILURE
@@ -52,10 +53,10 @@ class WaitForSignal(SignalNode):
     _begun_s = 0.0
 
     def initialise(self) -> None:
-        self._begun_s = self.services.observation.time_s
+        self._begun_s = self.now.observation.time_s
 
     def update(self) -> Status:
-        seen, timeout_s = self.services.observation, self.timeout_s.get()
+        seen, timeout_s = self.now.observation, self.timeout_s.get()
         waited_s = seen.time_s - self._begun_s
         if self.signal.get() not in seen.signals and waited_s <= KNOWN_WITHIN_S:
             self.feedback_message = "waits for the module"
@@ -75,17 +76,17 @@ class SetSignal(CellNode):
     _begun_s = 0.0
 
     def initialise(self) -> None:
-        name, known = self.signal.get(), self.services.observation.signals
+        name, known = self.signal.get(), self.now.observation.signals
         if name not in known:
             raise NodeError(f"nothing is known of signal {name!r}; known: {', '.join(known) or 'none'}")
-        self._begun_s = self.services.observation.worked_s
+        self._begun_s = self.now.observation.worked_s
 
     def update(self) -> Status:
         services, name, value = self.services, self.signal.get(), self.value.get()
-        if services.observation.signals.get(name) == value:
+        if services.now.observation.signals.get(name) == value:
             self.feedback_message = f"{name} is {'on' if value else 'off'}"
             return SUCCESS
         self.feedback_message = f"sets {name}"
-        services.command.signals = {**services.command.signals, name: value}
-        late = services.observation.worked_s - self._begun_s > self.timeout_s.get()
+        services.now.command.signals = {**services.now.command.signals, name: value}
+        late = services.now.observation.worked_s - self._begun_s > self.timeout_s.get()
         return FAILURE if late else RUNNING

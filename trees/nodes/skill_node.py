@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from py_trees.common import Status
 
+from cell.interfaces.perception import PartDetection
 from cell.interfaces.skill import Progress, Skill, SkillStatus
+from trees.engine.traits import Traits
 from trees.nodes.services import CellNode
 
 _STATUS = {
@@ -20,9 +20,15 @@ class SkillNode(CellNode):
     """Base of the nodes that move arm or gripper; a subclass says which skill it runs."""
 
     abstract = True
-    claims: ClassVar[tuple[str, ...]] = ("arm", "gripper")
+    traits = Traits(claims=("arm", "gripper"))
 
     _skill: Skill | None = None
+
+    @property
+    def surroundings(self) -> tuple[tuple[PartDetection, ...], str | None]:
+        """Parts that the arm keeps clear of, and the type of the one that it may carry."""
+        memory = self.memory
+        return memory.standing, memory.held_part or None
 
     def make_skill(self) -> Skill:
         """The skill for the present values of the ports."""
@@ -34,23 +40,23 @@ class SkillNode(CellNode):
     def update(self) -> Status:
         progress = self.poll()
         if progress.status is SkillStatus.FAILURE:
-            self.services.failed(progress.reason)
+            self.memory.failed(progress.reason)
         return _STATUS[progress.status]
 
     def poll(self) -> Progress:
         """Let the skill carry on, and tell what it does."""
         assert self._skill is not None, "initialise comes first"
-        progress = self._skill.poll(self.services.observation, self.services.command)
+        progress = self._skill.poll(self.now.observation, self.now.command)
         if progress.reason != self.feedback_message:
             self.feedback_message = progress.reason
-            self.services.show(message=progress.reason)
-            self.services.journal.note(
+            self.now.show(message=progress.reason)
+            self.tools.journal.note(
                 "skill", node=type(self).__name__, status=progress.status.value, reason=progress.reason
             )
         return progress
 
     def terminate(self, new_status: Status) -> None:
         if new_status is Status.INVALID and self._skill is not None:
-            self._skill.halt(self.services.command)
-            self.services.journal.note("skill", node=type(self).__name__, status="halted", reason="halted")
+            self._skill.halt(self.now.command)
+            self.tools.journal.note("skill", node=type(self).__name__, status="halted", reason="halted")
         self._skill = None

@@ -12,6 +12,7 @@ from cell.interfaces.skill import Skill
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InputPort, OutputPort
 from trees.engine.status import NodeError
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import Part
 from trees.nodes.poses import FramedPose, near_bracket, world_pose
 from trees.nodes.services import CellNode
@@ -57,31 +58,31 @@ class PutDown(SkillNode):
     _spot: Pose | None = None
 
     def make_skill(self) -> Skill:
-        from skills.put_down import PutDown as Motion
+        from skills import put_down
 
         services, part, spot = self.services, self.part.get(), self.spot.get()
         self._spot = world_pose(services, spot)
         if near_bracket(services, self._spot):
             raise NodeError(f"{spot} is at the bracket; PlacePart puts parts there, behind its guard")
-        return Motion(services.motion, part, self._spot, str(spot), services.standing)
+        return put_down.PutDown(services.tools.motion, part, self._spot, str(spot), services.memory.standing)
 
     def update(self) -> Status:
         status = super().update()
         if status is SUCCESS and self._spot is not None:
-            self.services.put_down += (self._standing(self._spot),)
+            self.memory.put_down += (self._standing(self._spot),)
         return status
 
     def _standing(self, spot: Pose) -> PartDetection:
         from skills.put_down import stands_at
 
-        kind = self.services.product.parts[self.part.get()]
+        kind = self.tools.product.parts[self.part.get()]
         return PartDetection(self.part.get(), 1.0, stands_at(spot, kind.peg_length_m), kind.size_m, (0, 0, 0, 0))
 
 
 class GridSpot(CellNode):
     """Tell one spot of a grid, row by row; fails where the grid has no such spot."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     corner = InputPort(FramedPose, "spot number 0; columns go on along its x, rows along its y")
     columns = InputPort(int, "spots in a row")

@@ -8,8 +8,10 @@ from py_trees.common import Status
 
 from cell.interfaces.perception import Action, HoleView
 from cell.interfaces.planning import AssemblyState
+from cell.interfaces.resume import LeftOff
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import Goal, Hole
 from trees.nodes.services import CellNode
 
@@ -35,8 +37,8 @@ class StartGraph(CellNode):
     state = OutputPort(AssemblyState, "what is placed so far")
 
     def update(self) -> Status:
-        left, self.services.left_off = self.services.left_off, None
-        kept = AssemblyState({}) if left is None else left.state
+        memory = self.memory
+        kept, memory.left_off = memory.left_off.state, LeftOff()
         if self.state.carried and self.state.entry:
             kept = self.state.entry.value
         self.state.set(kept)
@@ -54,7 +56,7 @@ class DetectAction(CellNode):
     _seen: SeenAction | None = None
 
     def update(self) -> Status:
-        view = self.services.observation.bench
+        view = self.now.observation.bench
         if view is None or view.sequence == self._sequence:
             self.feedback_message = "waiting for the detector"
             return Status.RUNNING
@@ -87,10 +89,10 @@ class UpdateGraph(CellNode):
                 return Status.SUCCESS
             if action.position not in state.placed:
                 self.state.set(state.with_placement(action.part, action.position, _shares(action)))
-                self.services.show(help_request=None)
+                self.now.show(help_request=None)
                 told: dict[str, object] = {"posterior": dict(action.posterior)} if action.posterior else {}
                 told |= {"shown": True} if action.shown else {}  # the hole tells it, too
-                self.services.journal.note("belief", edge=[action.part, action.position], source="action", **told)
+                self.tools.journal.note("belief", edge=[action.part, action.position], source="action", **told)
             self.feedback_message = f"{action.part} is at {action.position}"
         return Status.SUCCESS
 
@@ -114,7 +116,7 @@ class ReconcileGraph(CellNode):
         self._asked: set[str] = set()  # holes that the person was asked about
 
     def update(self) -> Status:
-        view = self.services.observation.bench
+        view = self.now.observation.bench
         state = self.state.get()
         placed = dict(state.placed)
         self._hear(view.action if view else None)
@@ -123,18 +125,18 @@ class ReconcileGraph(CellNode):
                 placed.pop(position, None)
                 if hole.part is not None:
                     placed[position] = hole.part
-                self.services.journal.note("belief", edge=[hole.part, position], source="seen hole")
+                self.tools.journal.note("belief", edge=[hole.part, position], source="seen hole")
         doubts = {
             position: shares
             for position, shares in state.doubts.items()
             if position in self._said and position in placed
         }
         if placed != dict(state.placed):
-            self.services.show(help_request=None)
+            self.now.show(help_request=None)
         if placed != dict(state.placed) or doubts != dict(state.doubts):
             now = replace(state.seen(placed), doubts=doubts)
             if now.taken_out != state.taken_out:
-                self.services.journal.note("belief", taken_out=dict(now.taken_out))
+                self.tools.journal.note("belief", taken_out=dict(now.taken_out))
             self.state.set(now)
         return Status.SUCCESS
 
@@ -178,12 +180,12 @@ class ReconcileGraph(CellNode):
             text = (
                 f"what is in {position}? The hand seemed to place {said.part}, the hole shows {hole.part or 'nothing'}"
             )
-            self.services.show(help_request=text)
-            self.services.journal.note("help", text=text)
+            self.now.show(help_request=text)
+            self.tools.journal.note("help", text=text)
         return False
 
     def _note(self, outcome: str, position: str, said: Action, hole: HoleView) -> None:
-        self.services.journal.note(
+        self.tools.journal.note(
             "belief",
             contradiction=position,
             outcome=outcome,
@@ -216,10 +218,10 @@ class ReadHole(CellNode):
     _begun_s = 0.0
 
     def initialise(self) -> None:
-        self._begun_s = self.services.observation.time_s
+        self._begun_s = self.now.observation.time_s
 
     def update(self) -> Status:
-        position, seen = self.position.get(), self.services.observation
+        position, seen = self.position.get(), self.now.observation
         hole = seen.bench.holes.get(position) if seen.bench else None
         if hole is None or hole.seen_s <= self._begun_s:
             self.feedback_message = f"waits for a clear view of {position}"
@@ -233,14 +235,14 @@ class ReadHole(CellNode):
 class GoalPart(CellNode):
     """Tell which part a goal has at a position."""
 
-    instant = True
+    traits = Traits(instant=True)
 
     goal = InputPort(Goal, "the goal")
     position = InputPort(Hole, "the hole")
     part = OutputPort(str, "type of the part that belongs there")
 
     def update(self) -> Status:
-        part = self.services.product.goal_placements(self.goal.get())[self.position.get()]
+        part = self.tools.product.goal_placements(self.goal.get())[self.position.get()]
         self.part.set(part)
         self.feedback_message = f"{part} belongs at {self.position.get()}"
         return SUCCESS

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from difflib import get_close_matches
 from xml.sax.saxutils import quoteattr
 
 from py_trees.common import Status
 
+from cell.errors import InputError
 from trees.engine.blackboard import UNSET
 from trees.engine.literals import type_name
 from trees.engine.node import TreeNode
@@ -18,11 +20,27 @@ ORDER = ("Action", "Condition", "Control", "Decorator", "SubTree")
 WIDTH = 110
 
 
-def palette_text(registry: Registry) -> str:
-    """All nodes by kind, the cell's own first: name, meaning, and a line for each port."""
+def named(registry: Registry, text: str) -> tuple[str, ...]:
+    """The node of this name, or all whose name or meaning has this text.
+
+    Raises:
+        InputError: there is none; the message says which names are like it.
+    """
+    if text in registry.classes:
+        return (text,)
+    word = text.lower()
+    found = tuple(tag for tag, node in registry.classes.items() if word in f"{tag} {meaning_of(node)}".lower())
+    if not found:
+        near = get_close_matches(text, registry.classes, 5, 0.5)
+        raise InputError(f"there is no node {text!r}" + (f"; near to it: {', '.join(near)}" if near else ""))
+    return found
+
+
+def palette_text(registry: Registry, chosen: Collection[str] | None = None) -> str:
+    """Nodes by kind, the cell's own first: name, meaning, and a line for each port."""
     lines: list[str] = []
     for title, own in (("Nodes of this cell", True), ("Nodes of the language", False)):
-        tags = [tag for tag, node in registry.classes.items() if (node not in BUILT_IN) is own]
+        tags = [tag for tag in chosen or registry.classes if (registry.classes[tag] not in BUILT_IN) is own]
         if not tags:
             continue
         lines += [title, "=" * len(title)]
@@ -33,8 +51,8 @@ def palette_text(registry: Registry) -> str:
     return "\n".join(lines)
 
 
-def palette_list(registry: Registry) -> list[dict[str, object]]:
-    """All nodes as plain data."""
+def palette_list(registry: Registry, chosen: Collection[str] | None = None) -> list[dict[str, object]]:
+    """Nodes as plain data."""
     return [
         {
             "name": tag,
@@ -44,6 +62,7 @@ def palette_list(registry: Registry) -> list[dict[str, object]]:
             "ports": [_port_data(port) for port in registry.ports(tag).values()],
         }
         for tag, node in registry.classes.items()
+        if tag in (chosen or registry.classes)
     ]
 
 

@@ -73,13 +73,16 @@ class _Box:
         return 16 + max(LETTER_PX * 1.2 * len(self.name), LETTER_PX * 0.84 * len(self.words))
 
 
-def picture(path: Path, registry: Registry) -> str:
+def picture(path: Path, registry: Registry, beside: Iterable[Path] = ()) -> str:
     """SVG of the main tree and of every tree that it reaches; of all trees where a file names no main tree.
+
+    Args:
+        beside: further files, and folders with them, whose trees it may name.
 
     Raises:
         InputError: everything that is wrong with the file.
     """
-    library = read_checked(path, registry)
+    library = read_checked(path, registry, beside)
 
     def box(element: Element) -> _Box:
         tag = node_tag(element)

@@ -1,52 +1,38 @@
-"""A tree as text: a file as it stands (`cell show FILE`), or a loaded tree with what it does now."""
+"""A tree file as text (`cell show FILE`)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from cell.errors import InputError
-from trees.engine.node import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
-from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.checks.structure import check_structure
 from trees.files.loader import in_order
 from trees.files.parse.library import Library, read_library
 from trees.files.parse.xml_file import Element, node_tag
 
-MARKS = {IDLE: " ", RUNNING: "*", SUCCESS: "+", FAILURE: "x", SKIPPED: "-"}
 
-
-def show_file(path: Path, registry: Registry) -> str:
+def show_file(path: Path, registry: Registry, beside: Iterable[Path] = ()) -> str:
     """Every tree of a file, the main one first, with the connections of its ports.
+
+    Args:
+        beside: further files, and folders with them, whose trees it may name.
 
     Raises:
         InputError: everything that is wrong with the file.
     """
-    library = read_checked(path, registry)
+    library = read_checked(path, registry, beside)
     return "\n\n".join("\n".join(_tree_lines(library, identifier)) for identifier in reading_order(library)) + "\n"
 
 
-def show_tree(tree: Tree) -> str:
-    """A loaded tree with the status and feedback of every node: * running, + success, x failure, - skipped."""
-    lines = []
-    waiting = [(tree.root, "", "")]
-    while waiting:
-        node, lead, below = waiting.pop()
-        feedback = f"  -- {node.feedback_message}" if node.feedback_message else ""
-        lines.append(f"[{MARKS[node.status]}] {lead}{node.name}{feedback}")
-        children = list(node.children)
-        waiting += reversed([(child, *_branch(below, child is children[-1])) for child in children])  # type: ignore[misc]
-    return "\n".join(lines) + "\n"
-
-
-def read_checked(path: Path, registry: Registry) -> Library:
+def read_checked(path: Path, registry: Registry, beside: Iterable[Path] = ()) -> Library:
     """The trees of a file, free of mistakes in their structure.
 
     Raises:
         InputError: everything that is wrong.
     """
-    library = read_library(path)
+    library = read_library(path, beside)
     if problems := library.problems + check_structure(library, registry):
         raise InputError(*in_order(problems))
     return library

@@ -25,16 +25,18 @@ def read_left_off(path: Path, product: Product, told: Callable[[LoggedTick], Non
         LogError: it cannot be read.
         InputError: it is of another product.
     """
-    left = LeftOff()
-    for log in _parts(path):
+    left, remembers = LeftOff(), False
+    for number, log in enumerate(_parts(path)):
         if (name := log.metadata.get("product", product.name)) != product.name:
             raise InputError(f"{path}: the run was with product {name!r}, this one is with {product.name!r}")
-        if "left_off" in log.metadata and not left.bracket and not left.placed:
+        if "left_off" in log.metadata and number == 0:
             left = LeftOff.of(json.loads(log.metadata["left_off"]))
         for tick in log.ticks:
             told(tick)
             for topic, fields in tick.notes:
-                left = _after(left, topic, fields, product)
+                remembers = remembers or topic == "memory"
+                if not (remembers and topic == "skill"):
+                    left = _after(left, topic, fields, product)
     return left
 
 
@@ -56,6 +58,7 @@ def _parts(path: Path) -> Iterator[Log]:
 
 def _after(left: LeftOff, topic: str, fields: dict[str, Any], product: Product) -> LeftOff:
     """What is known after one more note."""
+    graph = left.graph
     if topic == "bracket" and fields["edge"] == "begin":
         if fields.get("resumed"):
             return replace(left, bracket=fields["number"], ended=False)
@@ -65,22 +68,29 @@ def _after(left: LeftOff, topic: str, fields: dict[str, Any], product: Product) 
         return _ended(left, fields, product)
     if topic == "belief" and fields.get("edge"):
         part, position = fields["edge"]
-        others = {name: kind for name, kind in left.placed.items() if name != position}
-        return replace(left, placed={**others, position: part} if part is not None else others)
+        others = {name: kind for name, kind in graph.placed.items() if name != position}
+        return _seen(left, placed={**others, position: part} if part is not None else others)
     if topic == "belief" and "told" in fields:
-        return replace(left, told_goal=fields["told"])
+        return _seen(left, told_goal=fields["told"])
     if topic == "belief" and "told_part" in fields:
         part, position = fields["told_part"]
-        return replace(left, told_parts={**left.told_parts, position: part})
+        return _seen(left, told_parts={**graph.told_parts, position: part})
     if topic == "belief" and "taken_out" in fields:
-        return replace(left, taken_out=fields["taken_out"])
+        return _seen(left, taken_out=fields["taken_out"])
     if topic == "belief" and "kept" in fields:
         wrong = fields["kept"] if fields["known_wrong"] else {}
-        return replace(left, kept={**left.kept, **fields["kept"]}, known_wrong={**left.known_wrong, **wrong})
-    if topic == "skill":  # "grasping o1", "carrying o1"
+        return _seen(left, kept={**graph.kept, **fields["kept"]}, known_wrong={**graph.known_wrong, **wrong})
+    if topic == "memory":
+        return replace(left, held_part=fields.get("held_part", left.held_part))
+    if topic == "skill":  # of older logs: "grasping o1", "carrying o1"
         named = [word for word in str(fields.get("reason")).split() if word in product.parts]
         return replace(left, held_part=named[-1]) if named else left
     return left
+
+
+def _seen(left: LeftOff, **changes: Any) -> LeftOff:
+    """With another assembly graph."""
+    return replace(left, graph=replace(left.graph, **changes))
 
 
 def _ended(left: LeftOff, fields: dict[str, Any], product: Product) -> LeftOff:

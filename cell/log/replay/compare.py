@@ -10,13 +10,14 @@ from typing import Any
 
 from cell.interfaces.command import Command, Display
 from cell.interfaces.faults import Judgement
-from cell.log.read.reader import LoggedTick, Note
+from cell.log.read.reader import Log, LoggedTick, Note
 from cell.recording.json_schema import without_nulls
 from cell.recording.schemas import asked_of_devices, judged, plain
 from trees.engine.node import StatusChange
 
 _NUMBER = re.compile(r"::\d+")
 NOTHING = "nothing"
+MEMORY = "memory"
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,8 @@ class Difference:
 
     Attributes:
         aspect: "node", "status", "command", "display", "judgement", a topic of notes ("belief", "plan", "verdict",
-            "help", "skill"), or for two logs also an input: "time", "arm", "gripper", "bench", "parts", "length".
+            "help", "skill", "memory"), or for two logs also an input: "time", "arm", "gripper", "bench", "parts",
+            "length".
         node: path of the node where `aspect` is "node".
     """
 
@@ -130,17 +132,25 @@ def decided(
     )
 
 
-def differences(number: int, time_s: float, was: Decisions, now: Decisions, by_name: bool = False) -> list[Difference]:
+def remembers(log: Log) -> bool:
+    """Whether a log tells what nodes remember; older ones do not."""
+    return any(topic == MEMORY for tick in log.ticks for topic, _ in tick.notes)
+
+
+def differences(
+    number: int, time_s: float, was: Decisions, now: Decisions, by_name: bool = False, memory: bool = True
+) -> list[Difference]:
     """Where two ticks decided otherwise, nodes first, in the order in which they were ticked.
 
     Args:
+        memory: both tell what nodes remember.
         by_name: the two come from different trees: nodes are the same if their paths without numbers are.
     """
     found = [
         Difference(number, time_s, "node", before, after, node)
         for node, before, after in _changed_nodes(was.changes, now.changes, by_name)
     ]
-    topics = dict.fromkeys(topic for topic, _ in (*was.notes, *now.notes))
+    topics = dict.fromkeys(topic for topic, _ in (*was.notes, *now.notes) if memory or topic != MEMORY)
     pairs: list[tuple[str, Any, Any]] = [(topic, _about(was, topic), _about(now, topic)) for topic in topics]
     status = f"{now.status}: {now.error}" if now.error else now.status
     # Where the recorded tick raised, a device may have: nodes, notes and command tell whether this one is the same.

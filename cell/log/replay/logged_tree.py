@@ -14,9 +14,9 @@ from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
 from cell.log.read.reader import Log, LogStream
-from cell.wiring.node_library import node_registry
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 FOLDER = "tree/"
 PRODUCT, CONFIGURATION = "product.yaml", "configuration.yaml"

@@ -15,14 +15,13 @@ import yaml
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.errors import InputError, LogError
 from cell.files.yaml_file import load_yaml
-from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
 from cell.interfaces.faults import SIGNALS, Action, FaultTable, Judgement
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.product import Product
 from cell.interfaces.resume import LeftOff
 from cell.log.read.reader import Log, LoggedTick
-from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged
+from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
 from cell.log.replay.logged_tree import write_files
 from cell.recording.identity import what_changed
 from cell.running.controller import STOPPED, STOPPING
@@ -30,7 +29,6 @@ from cell.running.device_writer import withhold
 from cell.running.safe_stop import failure
 from cell.running.supervisor import make_supervisor
 from cell.wiring.detectors import fitted
-from cell.wiring.node_library import node_registry
 from cell.wiring.reload import take_over
 from cell.wiring.services import Planners, TickClock, load_planners, make_services
 from skills.motion.planner import MotionPlanner
@@ -39,6 +37,7 @@ from trees.engine.node import StatusChange
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.nodes.files import LoggedFiles
 
 PLANNERS = ("semantic", "grasp")
@@ -52,11 +51,15 @@ class Changes:
 
     Attributes:
         weights: ONNX file by planner, "semantic" or "grasp".
+        nodes: files and packages with further nodes.
+        beside: further files, and folders with them, whose trees `tree` may name.
     """
 
     tree: Path | None = None
     configuration: Path | None = None
     weights: Mapping[str, Path] = field(default_factory=dict)
+    nodes: tuple[str, ...] = ()
+    beside: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,8 @@ class Replay:
         _refuse_without_beginning(log)
         self.log = log
         self.remarks: list[str] = []
-        self._by_name = changes.tree is not None
+        self._by_name, self._memory = changes.tree is not None, remembers(log)
+        self._nodes = changes.nodes
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
         configuration, product, planners, self.tree, faults = _load(log, changes)
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
@@ -103,13 +107,11 @@ class Replay:
             configuration,
             planners,
             motion,
-            ManualClock(log.ticks[0].time_s),
             self._journal,
             log.ticks[0].observation,
-            LeftOff.of(json.loads(log.metadata["left_off"])) if "left_off" in log.metadata else None,
+            LeftOff.of(json.loads(log.metadata["left_off"])) if "left_off" in log.metadata else LeftOff(),
+            LoggedFiles([fields for tick in log.ticks for topic, fields in tick.notes if topic == "file"]),
         )
-        read = [fields for tick in log.ticks for topic, fields in tick.notes if topic == "file"]
-        self._services.files = LoggedFiles(read)
         self._clock = TickClock(self._services)
         self.tree.setup(self._services, self._clock)
         self._hooks = Hooks(self.tree, _nobody)
@@ -131,7 +133,7 @@ class Replay:
                 break
             now = self._tick(tick)
             if tick.time_s >= from_s:
-                found = differences(tick.number, tick.time_s, logged(tick), now, self._by_name)
+                found = differences(tick.number, tick.time_s, logged(tick), now, self._by_name, self._memory)
                 comparison.add(found)
                 if watch(Step(tick, now, self.tree.blackboard.values(), found)) is False:
                     break
@@ -153,7 +155,7 @@ class Replay:
         return tick.status == "ERROR" and self.log.outcome.get("reason") == MID_TICK
 
     def _tick(self, tick: LoggedTick) -> Decisions:
-        self._services.observation, self._services.command = tick.observation, Command()
+        self._services.now.observation, self._services.now.command = tick.observation, Command()
         judgement = self._supervisor.judge(tick.observation)
         if tick.status == STOPPED:
             return decided(STOPPED, (), (), Command(), judgement)
@@ -162,7 +164,7 @@ class Replay:
         for kind, fields in tick.inputs:
             self._take(kind, fields, tick)
         error = ""
-        command = self._services.command
+        command = self._services.now.command
         try:
             status = self.tree.tick().name
             asked = replace(command)
@@ -200,7 +202,7 @@ class Replay:
         """Let an edited tree take over as it did in the run."""
         with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
             write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
-            following = _tree(self.log, Path(folder), node_registry())
+            following = _tree(self.log, Path(folder), node_registry(more=self._nodes))
         take_over(self.tree, following, self._services, self._clock)
         self.tree, self._hooks = following, Hooks(following, _nobody)
 
@@ -227,8 +229,12 @@ def _load(log: Log, changes: Changes) -> tuple[Configuration, Product, Planners,
         else:
             configuration = load_configuration(changes.configuration)
             product = load_product(configuration, changes.configuration)
-        registry = node_registry(product, (), configuration)
-        tree = load_tree(changes.tree, registry) if changes.tree else _tree(log, folder, registry)
+        registry = node_registry(product, changes.nodes, configuration)
+        tree = (
+            load_tree(changes.tree, registry, None, {}, changes.beside)
+            if changes.tree
+            else _tree(log, folder, registry)
+        )
         recorded = folder / "faults.yaml"
         own = changes.configuration is None and recorded.exists()
         faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)

@@ -22,7 +22,7 @@ from cell.log.read.reader import Log, LoggedTick
 from cell.log.replay.logged_tree import logged_tree
 from cell.log.report.for_rerun import write_for_rerun
 from cell.recording.images import Video
-from cell.wiring.node_library import node_registry
+from trees.node_library import node_registry
 from trees.views.groot2 import StatusBoard, tree_xml
 
 Row = dict[str, Any]

@@ -12,7 +12,7 @@ from typing import Any
 import orjson
 
 from cell.log.read.reader import Log, LogStream
-from cell.log.replay.compare import Comparison, Difference, differences, input_differences, logged
+from cell.log.replay.compare import Comparison, Difference, differences, input_differences, logged, remembers
 from cell.recording.schemas import plain
 
 FOREVER = float("inf")
@@ -112,8 +112,10 @@ def diff(one: Log, other: Log) -> Comparison:
     by_name = one.attachments.keys() != other.attachments.keys() or any(
         one.attachments[name] != other.attachments[name] for name in one.attachments if name.startswith("tree/")
     )
+    memory = remembers(one) and remembers(other)
     for a, b in zip(one.ticks, other.ticks, strict=False):
-        comparison.add([*input_differences(a, b), *differences(a.number, a.time_s, logged(a), logged(b), by_name)])
+        decided = differences(a.number, a.time_s, logged(a), logged(b), by_name, memory)
+        comparison.add([*input_differences(a, b), *decided])
     shorter, longer = sorted((one, other), key=lambda log: len(log.ticks))
     if len(shorter.ticks) != len(longer.ticks):
         tick = longer.ticks[len(shorter.ticks)]

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 from cell.errors import LogError
 from cell.log.read.reader import Log, LoggedTick, LogStream
 from cell.log.replay.logged_tree import logged_tree
-from cell.wiring.node_library import node_registry
+from trees.node_library import node_registry
 from trees.views.groot2 import StatusBoard, tree_xml
 
 

@@ -1,9 +1,9 @@
 """Training data from recorded runs: demonstrations, segments, crops and scenes, with a manifest that says whose labels.
 
-DIR/demonstrations.jsonl  ordered placements with their goal        cell train semantic --data
-DIR/scenes.jsonl          parts in the tray, look by look           cell train grasp --data
+DIR/demonstrations.jsonl  ordered placements with their goal        cell lab train semantic --data
+DIR/scenes.jsonl          parts in the tray, look by look           cell lab train grasp --data
 DIR/grasps.jsonl          grasps that were tried in these scenes, and whether they came off
-DIR/segments.jsonl        45 frames of hand track with the action  cell train actions --data
+DIR/segments.jsonl        45 frames of hand track with the action  cell lab train actions --data
 DIR/windows/              what these look at around the fingertips, as PNG files
 DIR/crops.jsonl, crops/   hands and parts as PNG files
 DIR/scenes/000001.png     the image of each scene, by its number

@@ -277,6 +277,6 @@ def _listening(port: int) -> socket.socket:
         listening.listen(32)
     except OSError as error:
         listening.close()
-        problem = f"port {port} cannot be used for the page: {error.strerror}; choose another by --page-port"
+        problem = f"port {port} cannot be used for the page: {error.strerror}; choose another by --page PORT"
         raise InputError(problem) from None
     return listening

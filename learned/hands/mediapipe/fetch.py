@@ -96,7 +96,7 @@ def _convert(archive: zipfile.ZipFile, folder: Path, wheel: str) -> list[Path]:
                 },
                 vocabulary={},
                 data_sha256=hashlib.sha256(content).hexdigest(),
-                command="cell hands fetch",
+                command="cell lab hands",
                 seed=0,
             )
             files.append(network_file(folder, "palm" if network == "palm" else "landmark", size))

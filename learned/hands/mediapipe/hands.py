@@ -20,7 +20,7 @@ Network = Literal["palm", "landmark"]
 SIZES: tuple[Size, ...] = ("lite", "full")
 PALM_KIND, LANDMARK_KIND = "hands.mediapipe_palm", "hands.mediapipe_landmark"
 ON_THE_BENCH: Size = "lite"
-FETCH = "make hands, or: cell hands fetch"
+FETCH = "make hands, or: cell lab hands"
 
 
 def model_folder() -> Path:
@@ -47,7 +47,7 @@ class MediaPipeHands:
     """The two networks.
 
     Args:
-        folder: where they were written to by `cell hands fetch`.
+        folder: where they were written to by `cell lab hands`.
 
     Raises:
         ModelError: they are not there.

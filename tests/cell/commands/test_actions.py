@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands import actions
 from cell.commands.main import main
-from cell.commands.terminal import CONFIGURATION
+from cell.commands.options import seeds_of
+from cell.commands.training import networks
+from cell.commands.training.asked import Training
 from cell.lab.actions import Tally
 
 
@@ -24,22 +25,22 @@ def test_some_recordings_to_learn_from_have_steel_parts_and_those_for_the_scores
     def make(_what: str, folder: Path, options: dict[str, Any], *flags: str) -> None:
         made[folder] = options | {"flags": flags}
 
-    monkeypatch.setattr(actions, "make_data", make)
-    folders, validation = actions._recordings(tmp_path / "actions_slim.onnx", None, CONFIGURATION, 4200.0)
+    monkeypatch.setattr(networks, "make_data", make)
+    folders, validation = networks.recordings(Training(kind="slim"), tmp_path / "actions_slim.onnx", 4200.0)
     counts = dict.fromkeys((False, True), 0)
     for folder in folders:
-        counts["--physics" in made[folder]["flags"]] += made[folder]["--recordings"]
+        counts["--physics" in made[folder]["flags"]] += len(seeds_of(made[folder]["--seeds"]))
     assert len(set(folders)) == len(folders)
     assert counts[True] / sum(counts.values()) == pytest.approx(0.42, abs=0.01)
-    spent_s = counts[False] * actions.DATA_S + counts[True] * actions.PHYSICS_S
-    assert spent_s == pytest.approx(actions.DATA_SHARE * 4200, rel=0.02)
-    assert {made[folder]["--steel-share"] for folder in folders} == {actions.STEEL_SHARE}
-    assert 0 < actions.STEEL_SHARE < 1
+    spent_s = counts[False] * networks.ACTION_S + counts[True] * networks.ACTION_PHYSICS_S
+    assert spent_s == pytest.approx(networks.ACTION_DATA * 4200, rel=0.02)
+    assert {made[folder]["--steel-share"] for folder in folders} == {networks.STEEL_SHARE}
+    assert 0 < networks.STEEL_SHARE < 1
     assert "--steel-share" not in made[validation]
 
 
 def test_steel_changes_what_is_seen_and_not_what_is_done(tmp_path: Path) -> None:
-    words = ["data", "actions", "--look", "nominal", "--recordings", "1", "--first-seed", "3", "--thin"]
+    words = ["lab", "data", "actions", "--look", "nominal", "--seeds", "3:4", "--thin"]
     found = {}
     for share in ("0", "1"):
         out = tmp_path / share
@@ -63,26 +64,26 @@ def _colour(path: Path) -> float:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["train", "actions", "--kind", "vgg"], "no action detector 'vgg' can be trained; legal: slim, paper"),
-        (["train", "actions", "--out", "."], "--out"),
-        (["train", "actions", "--data", "d", "--validation", "d"], "is --data, too"),
+        (["lab", "train", "actions", "--kind", "vgg"], "--kind vgg: unknown kind of actions; legal: slim, paper"),
+        (["lab", "train", "actions", "--out", "."], "--out"),
+        (["lab", "train", "actions", "--data", "d", "--validation", "d"], "is --data, too"),
         (
-            ["train", "actions", "--data", "a", "--data", "b", "--validation", "c"],
+            ["lab", "train", "actions", "--data", "a", "--data", "b", "--validation", "c"],
             "made from copied.mcap, as --data b",
         ),
-        (["eval", "actions", "--confusions", "there.json"], "there.json: is there already"),
+        (["lab", "eval", "actions", "--confusions", "there.json"], "there.json: is there already"),
         (
-            ["eval", "actions", "--kind", "classical", "--weights", "x.onnx"],
+            ["lab", "eval", "actions", "--kind", "classical", "--weights", "x.onnx"],
             "they go with --kind slim",
         ),
-        (["eval", "actions", "--confusions", "nowhere.txt"], "must end in .json"),
+        (["lab", "eval", "actions", "--confusions", "nowhere.txt"], "must end in .json"),
     ],
 )
 def test_what_cannot_end_well_is_told_before_it_begins(
     words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(actions, "make_data", lambda *_: pytest.fail("recordings are made"))
+    monkeypatch.setattr(networks, "make_data", lambda *_: pytest.fail("recordings are made"))
     (tmp_path / "there.json").write_text("mine")
     for name, log, content in (("a", "sunday.mcap", "0a"), ("b", "monday.mcap", "1b"), ("c", "copied.mcap", "1b")):
         (tmp_path / name).mkdir()
@@ -105,9 +106,20 @@ def test_an_interrupted_evaluation_tells_what_is_done_and_that_it_is_not_all(
         return {"slim": Tally(rows=[(0, 0, False)], latency_s=[0.01])}
 
     monkeypatch.setattr("cell.lab.actions.evaluate_actions", watch)
-    words = ["eval", "actions", "--kind", "slim", "--recordings", "3", "--json", "--out", str(tmp_path / "rows.jsonl")]
+    words = [
+        "lab",
+        "eval",
+        "actions",
+        "--kind",
+        "slim",
+        "--seeds",
+        "900000:900003",
+        "--json",
+        "--out",
+        str(tmp_path / "rows.jsonl"),
+    ]
     for most, status in ((0, 1), (2, 1), (3, 0)):
-        assert main(words) == status
+        assert main(["lab", "eval", "actions", *words]) == status
         told = capsys.readouterr()
         assert ("interrupted after" in told.err) == bool(status)
         lines = [json.loads(line) for line in told.out.splitlines()]

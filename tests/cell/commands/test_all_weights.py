@@ -1,4 +1,4 @@
-"""`cell train all` covers all shipped weights, goes on where it stopped, and writes over nothing of anybody's."""
+"""`cell train --all` covers all shipped weights, goes on where it stopped, and writes over nothing of anybody's."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands import all_weights
-from cell.commands.all_weights import ROWS, steps_of_shipped
-from cell.commands.children import Children
 from cell.commands.main import main
+from cell.commands.training import shipped as training
+from cell.commands.training.children import Children
+from cell.commands.training.shipped import ROWS, steps_of_shipped
 from cell.configuration import load_configuration
 from cell.files.files import shipped
 from cell.lab import weights
@@ -35,7 +35,7 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
         return 0
 
     monkeypatch.setattr(Children, "run", copy)
-    monkeypatch.setattr(all_weights, "_note_latencies", lambda *_: None)
+    monkeypatch.setattr(training, "_note_latencies", lambda *_: None)
     return calls
 
 
@@ -49,16 +49,16 @@ def test_every_shipped_file_is_made_by_one_step() -> None:
 
 
 def test_it_says_what_it_would_do_and_makes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["train", "all", "--plan", "--out", str(tmp_path / "new"), "--budget", "10m"]) == 0
+    assert main(["train", "--all", "--plan", "--out", str(tmp_path / "new"), "--budget", "10m"]) == 0
     told = capsys.readouterr().err
-    assert "cell train holes --budget" in told
+    assert "cell lab train holes --budget" in told
     assert not (tmp_path / "new").exists()
 
 
 def test_the_longest_comes_first_and_two_at_a_time_take_at_most_two_hours(capsys: pytest.CaptureFixture[str]) -> None:
     seconds = [step.seconds for step in steps_of_shipped()]
     assert seconds == sorted(seconds, reverse=True)
-    assert main(["train", "all", "--plan", "--out", "none/such"]) == 0
+    assert main(["train", "--all", "--plan", "--out", "none/such"]) == 0
     told = " ".join(capsys.readouterr().err.split())
     whole, two = re.search(r"about (\d+) minutes of one CPU core, (\d+) minutes with --jobs 2", told).groups()  # type: ignore[union-attr]
     assert float(whole) == pytest.approx(sum(seconds) / 60, abs=1)
@@ -69,26 +69,26 @@ def test_the_longest_comes_first_and_two_at_a_time_take_at_most_two_hours(capsys
 @pytest.mark.usefixtures("trained")
 def test_the_plan_tells_what_is_left(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "new"
-    assert main(["train", "all", "--out", str(out), "--only", "holes"]) == 0
+    assert main(["train", "--all", "--out", str(out), "--only", "holes"]) == 0
     capsys.readouterr()
-    assert main(["train", "all", "--out", str(out), "--only", "holes", "--only", "semantic", "--plan"]) == 0
+    assert main(["train", "--all", "--out", str(out), "--only", "holes", "--only", "semantic", "--plan"]) == 0
     told = " ".join(capsys.readouterr().err.split())
     assert "(made before): holes_plate.onnx" in told
     assert "about 3 minutes of one CPU core" in told
-    assert main(["train", "all", "--out", str(out), "--only", "holes", "--plan"]) == 0
+    assert main(["train", "--all", "--out", str(out), "--only", "holes", "--plan"]) == 0
     assert "nothing is left" in capsys.readouterr().err
 
 
 def test_interrupted_it_goes_on_with_the_next_training(tmp_path: Path, trained: list[list[str]]) -> None:
     out = tmp_path / "new"
-    assert main(["train", "all", "--out", str(out), "--only", "holes"]) == 0
+    assert main(["train", "--all", "--out", str(out), "--only", "holes"]) == 0
     assert len(trained) == 1
-    assert main(["train", "all", "--out", str(out)]) == 0
+    assert main(["train", "--all", "--out", str(out)]) == 0
     assert len(trained) == len(list(steps_of_shipped()))  # the holes only once
-    assert main(["train", "all", "--out", str(out)]) == 0
+    assert main(["train", "--all", "--out", str(out)]) == 0
     assert len(trained) == len(list(steps_of_shipped()))
     (out / "holes_plate.onnx").unlink()
-    assert main(["train", "all", "--out", str(out)]) == 0
+    assert main(["train", "--all", "--out", str(out)]) == 0
     assert trained[-1][-1].endswith("holes_plate.onnx")
     assert all("--overwrite" in words for words in trained)  # what an interrupted one left in the folder
 
@@ -100,14 +100,14 @@ def test_ctrl_c_ends_it_with_a_word_on_how_to_go_on(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Children, "run", interrupted)
-    assert main(["train", "all", "--out", str(tmp_path / "new")]) == 1
+    assert main(["train", "--all", "--out", str(tmp_path / "new")]) == 1
     told = capsys.readouterr().err
     assert "the same command goes on with what is not made yet" in told
     assert told.rstrip().endswith("cell: interrupted")
 
 
 def test_two_at_a_time_make_the_same_files(tmp_path: Path, trained: list[list[str]]) -> None:
-    assert main(["train", "all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 0
+    assert main(["train", "--all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 0
     assert len(trained) == len(list(steps_of_shipped()))
     for path in WEIGHTS.iterdir():
         assert (tmp_path / "new" / path.name).read_bytes() == path.read_bytes()
@@ -123,7 +123,7 @@ def test_when_one_of_two_fails_no_other_begins(
         return 3
 
     monkeypatch.setattr(Children, "run", failing)
-    assert main(["train", "all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 2
+    assert main(["train", "--all", "--out", str(tmp_path / "new"), "--jobs", "2"]) == 2
     told = " ".join(capsys.readouterr().err.split())
     assert "ended with status 3 (see" in told
     assert len(begun) < len(list(steps_of_shipped()))
@@ -136,7 +136,7 @@ def test_the_lines_that_it_ends_with_take_the_folder_into_use(
     for name in ("cell.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text())
     config = tmp_path / "cell.yaml"
-    assert main(["train", "all", "--out", str(tmp_path / "new"), "--config", str(config)]) == 0
+    assert main(["train", "--all", "--out", str(tmp_path / "new"), "--config", str(config)]) == 0
     told = capsys.readouterr().err.splitlines()
     line = next(line for line in told if line.startswith("perception:"))
     text = config.read_text()
@@ -151,24 +151,24 @@ def test_the_lines_that_it_ends_with_take_the_folder_into_use(
 @pytest.mark.usefixtures("trained")
 def test_what_it_did_not_make_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = {path.name: path.read_bytes() for path in WEIGHTS.iterdir()}
-    assert main(["train", "all", "--out", str(WEIGHTS)]) == 2
+    assert main(["train", "--all", "--out", str(WEIGHTS)]) == 2
     assert "shipped weights" in capsys.readouterr().err
     assert {path.name: path.read_bytes() for path in WEIGHTS.iterdir()} == before
     (tmp_path / "holes_plate.onnx").write_text("mine")
-    assert main(["train", "all", "--out", str(tmp_path)]) == 2
+    assert main(["train", "--all", "--out", str(tmp_path)]) == 2
     told = capsys.readouterr().err
     assert "not empty" in told
-    assert "cell train" not in told.replace("`cell train all`", "")  # no plan that is not carried out
+    assert "cell lab train" not in told.replace("`cell train --all`", "")  # no plan that is not carried out
     assert (tmp_path / "holes_plate.onnx").read_text() == "mine"
 
 
 @pytest.mark.usefixtures("trained")
 def test_a_folder_of_another_product_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "new"
-    assert main(["train", "all", "--out", str(out), "--only", "holes"]) == 0
+    assert main(["train", "--all", "--out", str(out), "--only", "holes"]) == 0
     rows = (out / ROWS).read_text().splitlines()
     (out / ROWS).write_text(rows[0].replace('"made_for": "', '"made_for": "0') + "\n" + "\n".join(rows[1:]))
-    assert main(["train", "all", "--out", str(out)]) == 2
+    assert main(["train", "--all", "--out", str(out)]) == 2
     assert "was made for another product or bench, or its" in " ".join(capsys.readouterr().err.split())
 
 
@@ -178,14 +178,17 @@ def test_wrong_names_and_folders_are_told(
     monkeypatch.setattr(weights, "_SCORED", {})  # all is told before anything is scored
     (tmp_path / "notes.txt").write_text("mine")
     for words, told in (
-        (["train", "all", "--only", "arms"], "legal: hands, actions"),
-        (["train", "all", "--budget", "soon"], "90s, 30m or 2h"),
-        (["train", "all", "--budget", "0s", "--plan"], "more than nothing, as 90s"),
-        (["train", "all", "--out", str(tmp_path / "notes.txt")], "notes.txt is a file; name a folder"),
-        (["train", "all", "--out", str(tmp_path / "notes.txt" / "in"), "--plan"], "notes.txt is a file; name a folder"),
-        (["eval", "weights", str(tmp_path / "none")], "no such folder"),
-        (["eval", "weights", str(tmp_path), "--only", "arms"], "legal: hands"),
-        (["eval", "weights", str(tmp_path), "--only", "holes", "--recordings", "1"], "cannot read the weights"),
+        (["train", "--only", "arms"], "legal: hands, actions"),
+        (["train", "--all", "--budget", "soon"], "90s, 30m or 2h"),
+        (["train", "--all", "--budget", "0s", "--plan"], "more than nothing, as 90s"),
+        (["train", "--all", "--out", str(tmp_path / "notes.txt")], "notes.txt is a file; name a folder"),
+        (
+            ["train", "--all", "--out", str(tmp_path / "notes.txt" / "in"), "--plan"],
+            "notes.txt is a file; name a folder",
+        ),
+        (["lab", "eval", "weights", str(tmp_path / "none")], "no such folder"),
+        (["lab", "eval", "weights", str(tmp_path), "--only", "arms"], "legal: hands"),
+        (["lab", "eval", "weights", str(tmp_path), "--only", "holes", "--seeds", "900000"], "cannot read the weights"),
     ):
         assert main(words) == 2
         assert told in " ".join(capsys.readouterr().err.split())
@@ -198,7 +201,7 @@ def test_of_a_part_of_them_only_what_is_there_is_told(tmp_path: Path, capsys: py
     for name in ("cell.yaml", "products.yaml"):
         (tmp_path / "config" / name).write_text(shipped("config", name).read_text())
     config = tmp_path / "config" / "cell.yaml"
-    assert main(["train", "all", "--out", str(tmp_path / "new"), "--config", str(config), "--only", "holes"]) == 0
+    assert main(["train", "--all", "--out", str(tmp_path / "new"), "--config", str(config), "--only", "holes"]) == 0
     told = capsys.readouterr().err
     assert "perception:\n  holes: {kind: plate, weights: ../new/holes_plate.onnx}\n" in told
     assert "planners:" not in told

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cell.commands.main import main
-from cell.commands.terminal import CONFIGURATION
+from cell.commands.options import CONFIGURATION
 from cell.errors import InputError
 from skills.motion.settings import MotionSettings
 
@@ -218,7 +218,7 @@ def test_a_log_that_is_there_stays(taken: str, tmp_path: Path, capsys: pytest.Ca
 
 def test_a_typing_mistake_in_the_goal_leaves_an_old_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "log.mcap").write_bytes(b"my only log")
-    assert main(["run", "--log", str(tmp_path / "log.mcap"), "--overwrite", "--goal", "g9"]) == 2
+    assert main(["lab", "run", "--log", str(tmp_path / "log.mcap"), "--overwrite", "--goal", "g9"]) == 2
     assert "unknown goal 'g9'" in capsys.readouterr().err
     assert (tmp_path / "log.mcap").read_bytes() == b"my only log"
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands import children
-from cell.commands.children import Children
 from cell.commands.terminal import BESIDE
+from cell.commands.training import children
+from cell.commands.training.children import Children
 
 LIMIT_S = 120.0  # against waiting for ever
 

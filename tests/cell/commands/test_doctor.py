@@ -140,7 +140,7 @@ def test_weights_of_detectors_that_are_missing_make_the_machine_unfit(
     assert "MISSING detectors learned\n" in told
     assert "hands_slim" in told
     assert "cannot read the weights" in told
-    assert "cell train all" in told
+    assert "cell train --all" in told
 
 
 def test_what_a_product_of_ones_own_is_seen_by_is_a_note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

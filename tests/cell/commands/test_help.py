@@ -8,12 +8,12 @@ from typing import Any
 from rich.markup import render
 from typer.main import get_command
 
-from cell.commands.main import app
+from cell.commands.main import application
 
 
 def test_no_word_of_any_help_is_taken_for_a_style() -> None:
     """Square brackets are: of "[s]" nothing was left."""
-    texts = list(_texts(get_command(app), "cell"))
+    texts = list(_texts(get_command(application()), "cell"))
     assert len(texts) > 300
     lost = [(name, text) for name, text in texts if render(text).plain != text.replace("\\[", "[")]
     assert lost == []

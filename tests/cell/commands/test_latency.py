@@ -1,11 +1,11 @@
-"""`cell eval latency --untrained`: how long a network takes that nobody has trained; nothing of it reaches a card."""
+"""`cell lab eval latency --untrained`: the time of an untrained network, which reaches no card."""
 
 from __future__ import annotations
 
 import pytest
 
 from cell.commands.main import main
-from cell.lab.latency import answers_ms
+from cell.wiring.latency import answers_ms
 
 
 @pytest.mark.parametrize(
@@ -13,7 +13,7 @@ from cell.lab.latency import answers_ms
     [(["--untrained", "lrcn"], "legal: slim, paper"), (["--untrained", "paper", "--note"], "leave --untrained out")],
 )
 def test_what_cannot_be_timed_is_told(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["eval", "latency", *words]) == 2
+    assert main(["lab", "eval", "latency", *words]) == 2
     assert said in " ".join(capsys.readouterr().err.split())
 
 

@@ -1,4 +1,4 @@
-"""`cell log files`: what a run was made with comes out of its log, and nothing of the user's is touched."""
+"""`cell lab files`: what a run was made with comes out of its log, and nothing of the user's is touched."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.log_files import check_name
+from cell.commands.lab.logs import check_name
 from cell.commands.main import main
 from cell.errors import LogError
 from cell.log.read.reader import LogStream
@@ -18,7 +18,7 @@ LOG = ROOT / "tests" / "cases" / "assembly-g0-seed5.mcap"
 
 
 def test_the_files_of_a_run_come_out_of_its_log(tmp_path: Path) -> None:
-    assert main(["log", "files", str(LOG), "--out", str(tmp_path / "files")]) == 0
+    assert main(["lab", "files", str(LOG), "--out", str(tmp_path / "files")]) == 0
     stream = LogStream(LOG)
     next(iter(stream))
     assert {"configuration.yaml", "product.yaml"} <= set(stream.attachments)
@@ -27,7 +27,7 @@ def test_the_files_of_a_run_come_out_of_its_log(tmp_path: Path) -> None:
 
 
 def test_the_look_that_was_drawn_is_a_look_file_without_ranges(tmp_path: Path) -> None:
-    assert main(["log", "files", str(LOG), "--out", str(tmp_path)]) == 0
+    assert main(["lab", "files", str(LOG), "--out", str(tmp_path)]) == 0
     looks = look_range(str(tmp_path / "look.yaml"))
     assert isinstance(looks.draw(1), Look)
     assert looks.draw(1) == looks.draw(2)
@@ -35,7 +35,7 @@ def test_the_look_that_was_drawn_is_a_look_file_without_ranges(tmp_path: Path) -
 
 def test_what_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "product.yaml").write_text("mine")
-    assert main(["log", "files", str(LOG), "--out", str(tmp_path)]) == 2
+    assert main(["lab", "files", str(LOG), "--out", str(tmp_path)]) == 2
     assert "product.yaml: is there already" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["product.yaml"]
 

@@ -10,9 +10,9 @@ from subprocess import PIPE, Popen
 
 import pytest
 
-from cell.commands.children import Children
-from cell.commands.made_data import make_data
 from cell.commands.main import main
+from cell.commands.training.children import Children
+from cell.commands.training.made_data import make_data
 from cell.errors import InputError
 from cell.files.files import UNFINISHED, shipped
 from cell.interfaces.bench import Bench
@@ -29,7 +29,7 @@ def test_data_are_made_once_and_what_was_interrupted_is_made_anew(tmp_path: Path
     (folder / UNFINISHED / "half.jsonl").write_text("{")
     mine.parent.mkdir()
     mine.write_text("mine")
-    options = {"--look": "nominal", "--recordings": 1, "--first-seed": 3}
+    options = {"--look": "nominal", "--seeds": "3"}
     make_data("actions", folder, options, "--thin")
     assert (folder / "manifest.json").exists()
     assert not (folder / UNFINISHED).exists()
@@ -50,8 +50,8 @@ def test_data_are_not_made_on_by_a_process_that_its_training_left_behind(tmp_pat
     makes = f"""
 import signal, sys
 from pathlib import Path
-from cell.commands.children import Children
-from cell.commands.made_data import make_data
+from cell.commands.training.children import Children
+from cell.commands.training.made_data import make_data
 signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests may run where a shell has it ignored
 sys.executable = {str(maker)!r}
 make_data("hands", Path({str(tmp_path / "some")!r}), {{}})
@@ -74,7 +74,7 @@ def test_recordings_whose_physics_diverged_are_left_out_and_counted(
         return assembly
 
     monkeypatch.setattr("sim.data.recording.record", half_of_them)
-    words = ["data", "actions", "--thin", "--physics", "--look", "nominal", "--recordings", "2", "--first-seed", "3"]
+    words = ["lab", "data", "actions", "--thin", "--physics", "--look", "nominal", "--seeds", "3:5"]
     assert main([*words, "--out", str(tmp_path / "some")]) == 0
     manifest = json.loads((tmp_path / "some" / "manifest.json").read_text())
     assert manifest["left_out_seeds"] == [4]
@@ -99,11 +99,11 @@ def test_data_of_other_options_or_of_another_product_are_not_taken(tmp_path: Pat
     config = tmp_path / "cell.yaml"
     for name in ("cell.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text())
-    folder, options = tmp_path / "some", {"--look": "nominal", "--recordings": 1, "--first-seed": 3, "--config": config}
+    folder, options = tmp_path / "some", {"--look": "nominal", "--seeds": "3", "--config": config}
     make_data("actions", folder, options, "--thin")
     make_data("actions", folder, options, "--thin")
-    with pytest.raises(InputError, match=r"otherwise \(--recordings\); remove the folder"):
-        make_data("actions", folder, {**options, "--recordings": 2}, "--thin")
+    with pytest.raises(InputError, match=r"otherwise \(--seeds\); remove the folder"):
+        make_data("actions", folder, {**options, "--seeds": "3:5"}, "--thin")
     products = tmp_path / "products.yaml"
     products.write_text(products.read_text().replace("mass_kg: 0.08", "mass_kg: 0.09"))
     with pytest.raises(InputError, match="product or bench"):
@@ -114,7 +114,7 @@ def test_a_folder_without_hands_is_told_before_any_frames_are_made(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "empty").mkdir()
-    words = ["train", "hands", "--data", str(tmp_path / "empty"), "--out", str(tmp_path / "hands.onnx")]
+    words = ["lab", "train", "hands", "--data", str(tmp_path / "empty"), "--out", str(tmp_path / "hands.onnx")]
     assert main(words) == 2
     assert "hands.jsonl: cannot be read" in " ".join(capsys.readouterr().err.split())
     assert [path.name for path in tmp_path.iterdir()] == ["empty"]
@@ -123,7 +123,7 @@ def test_a_folder_without_hands_is_told_before_any_frames_are_made(
 def test_a_share_of_lying_parts_without_mixed_trays_is_refused_instead_of_passed_over(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["data", "objects", "--lying-share", "0.5", "--recordings", "1", "--out", str(tmp_path / "new")]) == 2
+    assert main(["lab", "data", "objects", "--lying-share", "0.5", "--seeds", "0", "--out", str(tmp_path / "new")]) == 2
     assert "--lying-share is for trays of --mixed" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
@@ -131,9 +131,9 @@ def test_a_share_of_lying_parts_without_mixed_trays_is_refused_instead_of_passed
 @pytest.mark.parametrize(
     ("training", "folder"),
     [
-        ("holes", "q.plates-nominal"),
-        ("parts", "q.objects-nominal"),
-        ("hands", "q.nominal"),
+        ("holes", "q.data/nominal"),
+        ("parts", "q.data/nominal"),
+        ("hands", "q.data/nominal"),
         ("actions", "q.data/nominal-physics-000000"),
     ],
 )
@@ -144,7 +144,7 @@ def test_a_folder_of_somebody_is_told_before_any_data_are_made(
     mine = tmp_path / folder / "notes.txt"
     mine.parent.mkdir(parents=True)
     mine.write_text("mine")
-    assert main(["train", training, "--budget", "10m", "--out", str(tmp_path / "q.onnx")]) == 2
+    assert main(["lab", "train", training, "--budget", "10m", "--out", str(tmp_path / "q.onnx")]) == 2
     assert f"{tmp_path / folder}: is not an empty folder; remove it, or choose another" in capsys.readouterr().err
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [mine]
 
@@ -152,7 +152,7 @@ def test_a_folder_of_somebody_is_told_before_any_data_are_made(
 def test_data_that_are_interrupted_leave_nothing_that_is_in_their_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ["data", "objects", "--look", "nominal", "--recordings", "2", "--out", str(tmp_path / "new")]
+    words = ["lab", "data", "objects", "--look", "nominal", "--seeds", "0:2", "--out", str(tmp_path / "new")]
     taken = 0
 
     def interrupted(*_: object) -> None:

@@ -13,8 +13,9 @@ import cv2
 import pytest
 
 from cell.commands.main import main
+from cell.commands.options import CONFIGURATION
 from cell.commands.run import TREE
-from cell.commands.terminal import BESIDE, CONFIGURATION
+from cell.commands.terminal import BESIDE
 from tests import ROOT
 from tests.processes import finished
 from trees.views.picture import draws_text
@@ -33,14 +34,14 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
 def test_a_broken_tree_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "broken.xml"
     path.write_text('<root BTCPP_format="4">\n  <BehaviorTree ID="A">\n    <Sequence>\n  </BehaviorTree>\n</root>\n')
-    for command in (["check", path], ["run", "--tree", path], ["show", path]):
+    for command in (["check", path], ["run", path], ["show", path]):
         assert f"{path}:4:" in complaint(capsys, *command)
 
 
 def test_an_unknown_node_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "unknown.xml"
     path.write_text('<root BTCPP_format="4">\n <BehaviorTree ID="A">\n  <MakeTea/>\n </BehaviorTree>\n</root>')
-    for command in (["check", path], ["run", "--tree", path]):
+    for command in (["check", path], ["run", path]):
         message = complaint(capsys, *command)
         assert f"{path}:3:" in message
         assert "MakeTea" in message
@@ -92,14 +93,14 @@ def test_a_factory_that_is_not_there_is_named_by_line(tmp_path: Path, capsys: py
     ("arguments", "words"),
     [
         (["run", "--nonsense"], "--nonsense"),
-        (["run", "--pace", "slow"], "slow"),
+        (["run", "--page", "soon"], "--page"),
         (["run", "--seed", "-1"], "0"),
         (["frobnicate"], "frobnicate"),
         (["check"], "type: cell check [OPTIONS] FILE..."),
         (["log", "info"], "type: cell log info [OPTIONS] LOG..."),
         (["check", "no/such/file.xml"], "no/such/file.xml: cannot be read"),
-        (["eval", "grasp", "--kind", "magic"], "magic"),
-        (["run", "--live-port", "99999"], "--live-port"),
+        (["lab", "eval", "grasp", "--kind", "magic"], "magic"),
+        (["run", "--live", "99999"], "--live"),
     ],
 )
 def test_other_bad_input(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -201,7 +202,7 @@ def test_ctrl_c_before_a_command_has_begun_is_told_without_a_traceback(
     def interrupted(_: list[str]) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cell.commands.main._with_command", interrupted)
+    monkeypatch.setattr("cell.commands.main.application", interrupted)
     assert main(["nodes"]) == 1
     assert capsys.readouterr().err == "cell: interrupted\n"
     monkeypatch.setenv(BESIDE, "1")  # the command that runs this one says it

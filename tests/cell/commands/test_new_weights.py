@@ -76,6 +76,6 @@ def test_an_interrupted_training_goes_on_without_being_told_to_overwrite(
         return {}
 
     monkeypatch.setattr("learned.semantic.train.train_semantic", train)
-    statuses = [main(["train", "semantic", "--out", str(out), *more]) for more in ([], [], [], ["--overwrite"])]
+    statuses = [main(["lab", "train", "semantic", "--out", str(out), *more]) for more in ([], [], [], ["--overwrite"])]
     assert statuses == [1, 0, 2, 0]
     assert calls == [False, True, True]

@@ -41,7 +41,7 @@ def test_configured_weights_are_scored(
     words, kind = COMMANDS[detector]
     own = f"{{kind: learned, {detector}: {{kind: {kind}, weights: mine.onnx}}}}"
     config = configured(tmp_path, "{kind: learned, folder: mine}" if whole else own)
-    assert main(["eval", *words, "--recordings", "1", "--first-seed", "900000", "--config", str(config)]) == 2
+    assert main(["lab", "eval", *words, "--seeds", "900000:900001", "--config", str(config)]) == 2
     told = "".join(capsys.readouterr().err.split())
     assert f"{tmp_path}/mine" in told
     assert "cannotreadtheweights" in told
@@ -53,14 +53,14 @@ def test_a_kind_that_is_not_there_is_told_before_anything_is_rendered(
 ) -> None:
     monkeypatch.setattr(things, "write_plates", None)
     monkeypatch.setattr(things, "write_objects", None)
-    legal = {"holes": "classical, plate", "parts": "classical, centre, rcnn"}[detector]
-    assert main(["eval", detector, "--kind", "bogus"]) == 2
-    assert f"--kind bogus: there is no such one; legal: {legal}\n" in capsys.readouterr().err
+    legal = {"holes": "plate, classical", "parts": "centre, classical, rcnn"}[detector]
+    assert main(["lab", "eval", detector, "--kind", "bogus"]) == 2
+    assert f"--kind bogus: unknown kind; legal: {legal}\n" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["holes", "--kind"], ["parts", "--kind"], ["hands", "--kinds"]])
+@pytest.mark.parametrize("words", [["holes", "--kind"], ["parts", "--kind"], ["hands", "--kind"]])
 def test_weights_that_nothing_reads_are_refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["eval", *words, "classical", "--weights", "x.onnx"]) == 2
+    assert main(["lab", "eval", *words, "classical", "--weights", "x.onnx"]) == 2
     assert "--weights x.onnx: nothing reads them: " in capsys.readouterr().err
 
 
@@ -74,7 +74,7 @@ def test_weights_of_another_product_are_not_scored(
         file.write_text(re.sub(r"\bo1\b", "ball", file.read_text()))
     own = ["--weights", str(WEIGHTS / weights_file(detector, kind)), "--config", str(config)]
     chosen = ["--kind", kind] if detector == "actions" else []
-    assert main(["eval", *words, *chosen, *own, "--recordings", "1"]) == 2
+    assert main(["lab", "eval", *words, *chosen, *own, "--seeds", "900000"]) == 2
     assert "trained for parts [o1; o2; o3], but the product has [ball; o2; o3]" in capsys.readouterr().err
 
 
@@ -84,7 +84,7 @@ def test_weights_of_another_detector_are_told_as_what_they_are(
     """The finder beside them was missed first."""
     weights = tmp_path / "hi.onnx"
     weights.write_bytes((WEIGHTS / "holes_plate.onnx").read_bytes())
-    assert main(["eval", "hands", "--weights", str(weights)]) == 2
+    assert main(["lab", "eval", "hands", "--weights", str(weights)]) == 2
     assert "hi.onnx: holds a 'holes.plate' model, but a 'hands.slim' model is wanted" in capsys.readouterr().err
 
 
@@ -93,7 +93,10 @@ def test_a_tracker_that_is_chosen_by_name_has_the_configured_weights(
 ) -> None:
     config, image = configured(tmp_path, "{kind: learned, hands: {kind: slim, weights: mine.onnx}}"), tmp_path / "a.png"
     cv2.imwrite(str(image), np.zeros((360, 480, 3), np.uint8))
-    assert main(["see", str(image), "--hands", "slim", "--config", str(config), "--out", str(tmp_path / "b.png")]) == 2
+    assert (
+        main(["lab", "see", str(image), "--hands", "slim", "--config", str(config), "--out", str(tmp_path / "b.png")])
+        == 2
+    )
     assert f"{tmp_path}/mine.onnx" in "".join(capsys.readouterr().err.split())
 
 
@@ -104,5 +107,5 @@ def test_photographs_without_networks_say_how_to_get_them(
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((36, 48, 3), np.uint8))
     truth = tmp_path / "truth.json"
     truth.write_text('{"a.png": []}')
-    assert main(["eval", "hands", "--photos", str(tmp_path), "--truth", str(truth)]) == 2
-    assert "cell hands fetch" in capsys.readouterr().err
+    assert main(["lab", "eval", "hands", "--photos", str(tmp_path), "--truth", str(truth)]) == 2
+    assert "cell lab hands" in capsys.readouterr().err

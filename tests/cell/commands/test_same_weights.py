@@ -1,4 +1,4 @@
-"""`cell eval weights` gives a verdict for each network: the same, apart by chance, or apart."""
+"""`cell lab eval weights` gives a verdict for each network: the same, apart by chance, or apart."""
 
 from __future__ import annotations
 
@@ -52,7 +52,10 @@ def test_planners_are_scored_on_the_same_trays_and_orders_whatever_their_cards_t
     card = OnnxModel.card_of(file)
     save_onnx(onnx.load(file), file, card.model_copy(update={"scores": dict.fromkeys(card.scores, 0.5)}))
     monkeypatch.setattr(weights, "Sample", partial(weights.Sample, scenes=20))
-    assert main(["eval", "weights", str(tmp_path / "again"), "--only", "grasp", "--only", "semantic", "--json"]) == 0
+    assert (
+        main(["lab", "eval", "weights", str(tmp_path / "again"), "--only", "grasp", "--only", "semantic", "--json"])
+        == 0
+    )
     networks = json.loads(capsys.readouterr().out)["networks"]
     assert sorted(networks) == ["grasp pairwise", "grasp paper", "semantic factored", "semantic paper"]
     for figures in networks.values():
@@ -72,7 +75,7 @@ def test_what_was_measured_is_kept_and_both_folders_are_scored_on_the_same(
 
     monkeypatch.setitem(weights._SCORED, "holes", scored)
     shutil.copy(WEIGHTS / "holes_plate.onnx", tmp_path)
-    words = ["eval", "weights", str(tmp_path), "--only", "holes", "--first-seed", "907000", "--json"]
+    words = ["lab", "eval", "weights", str(tmp_path), "--only", "holes", "--seeds", "907000:907006", "--json"]
     assert main([*words, "--out", str(tmp_path / "rows.jsonl")]) == 0
     assert asked == [(WEIGHTS, 907000), (tmp_path, 907000)]
     told = json.loads(capsys.readouterr().out)["networks"]["holes plate"]["right"]
@@ -88,7 +91,7 @@ def test_weights_of_another_product_are_told_before_anything_is_scored(
     for name in ("cell.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text().replace("o3", "relief"))
     config = tmp_path / "cell.yaml"
-    assert main(["eval", "weights", str(WEIGHTS), "--only", "holes", "--config", str(config)]) == 2
+    assert main(["lab", "eval", "weights", str(WEIGHTS), "--only", "holes", "--config", str(config)]) == 2
     told = " ".join(capsys.readouterr().err.split())
     assert "knows the parts o1, o2, o3, and this product has o1, o2, relief" in told
     assert "--against FOLDER" in told

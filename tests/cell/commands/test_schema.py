@@ -1,4 +1,4 @@
-"""`cell schema`: what editors are told agrees with what the program reads."""
+"""`cell lab schema`: what editors are told agrees with what the program reads."""
 
 from __future__ import annotations
 
@@ -77,13 +77,13 @@ def test_keys_are_explained() -> None:
 
 def test_schemas_are_renewed_and_nothing_else_is_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "schema"
-    assert main(["schema", str(folder)]) == 0
+    assert main(["lab", "schema", str(folder)]) == 0
     assert f"# yaml-language-server: $schema={folder / 'cell.json'}" in capsys.readouterr().err
     assert {path.name for path in folder.iterdir()} == set(schemas())
-    assert main(["schema", str(folder)]) == 0
+    assert main(["lab", "schema", str(folder)]) == 0
     (folder / "look.json").write_text("mine")
     (folder / "cell.json").unlink()
-    assert main(["schema", str(folder)]) == 2
+    assert main(["lab", "schema", str(folder)]) == 2
     assert f"{folder / 'look.json'}: is no schema of this program" in capsys.readouterr().err
     assert (folder / "look.json").read_text() == "mine"
     assert not (folder / "cell.json").exists()

@@ -1,4 +1,4 @@
-"""`cell see`: what is found is drawn and told, and nothing that exists is lost."""
+"""`cell lab see`: what is found is drawn and told, and nothing that exists is lost."""
 
 import json
 import re
@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.frame_sources import _video
+from cell.commands.lab.frame_sources import _video
+from cell.commands.lab.see import _chosen
 from cell.commands.main import main
-from cell.commands.see import _chosen
 from cell.commands.terminal import BAD_INPUT
 from cell.configuration import DEFAULT_CONFIGURATION, load_configuration
 from cell.interfaces.pose import Pose
@@ -36,7 +36,7 @@ def written(path: Path, image: Any) -> Path:
 
 
 def see(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, Any]:
-    assert main(["see", *map(str, words), "--perception", "classical", "--json"]) == 0
+    assert main(["lab", "see", *map(str, words), "--perception", "classical", "--json"]) == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
     return found
 
@@ -71,7 +71,7 @@ def test_all_detectors_are_taken_as_said_also_those_that_are_chosen_by_themselve
 def test_many_frames_do_not_go_into_one_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The last one would be all that is left of them."""
     out = tmp_path / "one.png"
-    assert main(["see", "sim:7", "--out", str(out)]) == BAD_INPUT
+    assert main(["lab", "see", "sim:7", "--out", str(out)]) == BAD_INPUT
     said = " ".join(capsys.readouterr().err.split())
     assert "--frames 1" in said
     assert ".mp4" in said
@@ -81,10 +81,10 @@ def test_many_frames_do_not_go_into_one_picture(tmp_path: Path, capsys: pytest.C
 def test_nothing_is_overwritten_unasked(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
     kept = written(Path("kept.png"), np.zeros((4, 4, 3), np.uint8))
     before = kept.read_bytes()
-    assert main(["see", str(picture), "--out", "kept.png"]) == BAD_INPUT
+    assert main(["lab", "see", str(picture), "--out", "kept.png"]) == BAD_INPUT
     assert "--overwrite" in capsys.readouterr().err
     assert kept.read_bytes() == before
-    assert main(["see", str(picture), "--out", ".", "--perception", "classical"]) == BAD_INPUT
+    assert main(["lab", "see", str(picture), "--out", ".", "--perception", "classical"]) == BAD_INPUT
     see(capsys, picture, "--out", "kept.png", "--overwrite")
     assert kept.read_bytes() != before
 
@@ -114,12 +114,12 @@ def test_a_picture_is_enough_to_see_its_holes_and_no_other_picture_counts(
     for name, canvas in (("a", bare), ("b", filled), ("c", filled)):
         written(tmp_path / "many" / f"{name}.png", canvas.image(np.random.default_rng(3)))
     written(tmp_path / "many" / "d.png", np.full((360, 480, 3), 90, np.uint8))
-    assert main(["see", "many", "--perception", kind, "--json"]) == 0
+    assert main(["lab", "see", "many", "--perception", kind, "--json"]) == 0
     views = json.loads(capsys.readouterr().out.splitlines()[-1])["frames"]
     assert [view["holes"]["p2"]["part"] for view in views[:3]] == [None, "o2", "o2"]
     assert [len(view["holes"]) for view in views[:3]] == [6, 6, 6]
     assert [view["health"] for view in views] == ["", "", "", "without contrast"]
-    assert main(["see", "many/b.png", "--perception", kind, "--json"]) == 0
+    assert main(["lab", "see", "many/b.png", "--perception", kind, "--json"]) == 0
     (alone,) = json.loads(capsys.readouterr().out.splitlines()[-1])["frames"]
     assert {**views[1], "sequence": 0} == {"file": "b.png", **alone}
 
@@ -133,7 +133,7 @@ def test_a_photograph_that_cannot_be_read_is_left_out_of_a_folder(
     for name in ("a.png", "a.bmp", "c.png"):
         written(folder / name, np.full((360, 480, 3), 90, np.uint8))
     (folder / "b.jpg").write_text("no image")
-    assert main(["see", str(folder), "--perception", "classical", "--json"]) == 0
+    assert main(["lab", "see", str(folder), "--perception", "classical", "--json"]) == 0
     told = capsys.readouterr()
     assert [view["file"] for view in json.loads(told.out)["frames"]] == ["a.bmp", "a.png", "c.png"]
     assert json.loads(told.out)["written"] == [f"photos-2026-seen/{name}.png" for name in ("a.bmp", "a.png", "c")]
@@ -145,7 +145,7 @@ def test_what_is_looked_at_is_never_written_over(picture: Path, capsys: pytest.C
     folder = Path("many")
     written(folder / "000000.png", np.full((360, 480, 3), 90, np.uint8))
     for source, out in ((picture, "./bench.png"), (folder, "many")):
-        assert main(["see", str(source), "--out", out, "--overwrite"]) == BAD_INPUT
+        assert main(["lab", "see", str(source), "--out", out, "--overwrite"]) == BAD_INPUT
         assert "is what is looked at" in capsys.readouterr().err
     assert picture.read_bytes() == before
     assert [file.name for file in folder.iterdir()] == ["000000.png"]
@@ -155,7 +155,7 @@ def test_frames_of_several_sizes_are_no_video(picture: Path, capsys: pytest.Capt
     """All but those of the first size were missing in it, without a word."""
     for number, size in enumerate(((360, 480, 3), (100, 120, 3))):
         written(Path("many") / f"{number}.png", np.full(size, 90, np.uint8))
-    assert main(["see", "many", "--out", "many.mp4", "--perception", "classical"]) == BAD_INPUT
+    assert main(["lab", "see", "many", "--out", "many.mp4", "--perception", "classical"]) == BAD_INPUT
     assert "several sizes" in capsys.readouterr().err
     assert not list(picture.parent.glob("*.mp4"))
 
@@ -188,11 +188,11 @@ def test_a_video_whose_end_is_missing_is_seen_as_far_as_it_goes_and_that_is_said
     content = Path("whole.avi").read_bytes()
     Path("cut.avi").write_bytes(content[: 2 * len(content) // 3])
     words = ["--perception", "classical", "--overwrite", "--out", "seen.mp4"]
-    assert main(["see", "whole.avi", *words]) == 0
+    assert main(["lab", "see", "whole.avi", *words]) == 0
     assert "ends early" not in capfd.readouterr().err
-    assert main(["see", "cut.avi", *words, "--frames", "5"]) == 0
+    assert main(["lab", "see", "cut.avi", *words, "--frames", "5"]) == 0
     assert "ends early" not in capfd.readouterr().err, "all that was asked for is there"
-    assert main(["see", "cut.avi", *words]) == 0
+    assert main(["lab", "see", "cut.avi", *words]) == 0
     assert re.search(r"cell: cut\.avi: ends early: 1\d of 20 frames could be read\n", capfd.readouterr().err)
 
 
@@ -274,7 +274,7 @@ def test_bad_input_is_named(picture: Path, capsys: pytest.CaptureFixture[str], w
         Path(name).write_text("no picture")
     written(Path("small.png"), np.zeros((8, 8, 3), np.uint8))
     before = set(picture.parent.iterdir())
-    assert main(["see", *words]) == BAD_INPUT
+    assert main(["lab", "see", *words]) == BAD_INPUT
     assert said in capsys.readouterr().err
     assert set(picture.parent.iterdir()) == before
 
@@ -283,5 +283,5 @@ def test_a_product_that_no_weights_know_is_seen_by_colour(picture: Path, capsys:
     for name in ("cell.yaml", "products.yaml"):
         text = DEFAULT_CONFIGURATION.with_name(name).read_text("utf-8")
         picture.with_name(name).write_text(re.sub(r"\bo1\b", "ball", text))
-    assert main(["see", str(picture), "--config", "cell.yaml"]) == 0
+    assert main(["lab", "see", str(picture), "--config", "cell.yaml"]) == 0
     assert "perception is classical" in capsys.readouterr().err

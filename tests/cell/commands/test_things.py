@@ -1,19 +1,34 @@
-"""`cell train holes|parts`: the command on a model card makes the same weights again."""
+"""`cell lab train`: the command on a model card makes the same network again."""
 
 from __future__ import annotations
 
 import shlex
 from pathlib import Path
 
-from cell.commands import things
-from cell.commands.all_weights import steps_of_shipped
+import pytest
+from typer.main import get_command
+
+from cell.commands.training.asked import Training
+from cell.commands.training.shipped import Step, steps_of_shipped
+from cell.commands.training.tasks import TASKS, train_app
 
 
 def test_the_command_on_a_card_names_the_data_that_was_learned_from() -> None:
     own = [Path("data/week 12"), Path("data/week13")]
-    words = shlex.split(things._command("holes", "12m", 23, 0, own))
+    words = shlex.split(Training(budget="12m", data=own).command("holes", epochs=23))
+    assert words[:4] == ["cell", "lab", "train", "holes"]
     assert [words[at + 1] for at, word in enumerate(words) if word == "--data"] == list(map(str, own))
-    words = next(list(step.words) for step in steps_of_shipped() if step.words[0] == "parts")
-    told = dict(zip(words[1::2], words[2::2], strict=True))
-    again = things._command("parts", told["--budget"], int(told["--epochs"]), int(told["--seed"]), ())
-    assert shlex.split(again) == ["cell", "train", *words]
+    assert words[words.index("--epochs") + 1] == "23"
+
+
+@pytest.mark.parametrize("step", list(steps_of_shipped()), ids=lambda step: step.files[0])
+def test_every_card_of_shipped_weights_can_be_typed_today(step: Step) -> None:
+    words = list(step.words)
+    command = get_command(train_app()).commands[words[0]]  # type: ignore[attr-defined]
+    given = command.make_context(words[0], words[1:]).params
+    asked = TASKS[words[0]].chosen(Training(**given))
+    again = shlex.split(asked.command(words[0], epochs=given.get("epochs")))[4:]
+    usual = ["--kind", TASKS[words[0]].kinds[0]]
+    budget = ["--budget", Training().budget]
+    assert {*words[1:]} <= {*again, *usual}
+    assert {*again} <= {*words[1:], *usual, *budget}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.weights import writing
+from cell.commands.training.weights import writing
 from cell.errors import InputError
 
 

@@ -117,6 +117,6 @@ def test_commands_refuse_what_makes_no_sense(tmp_path: Path, capsys: pytest.Capt
     assert main(["compare", "a.xml", "b.xml", "--fail-if", "right is bad"]) == 2
     spec = tmp_path / "spec.yaml"
     spec.write_text("trees: [none.xml]\n")
-    assert main(["sweep", str(spec), "--out", str(tmp_path / "out")]) == 2
+    assert main(["lab", "sweep", str(spec), "--out", str(tmp_path / "out")]) == 2
     assert "none.xml" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -38,7 +38,7 @@ def workers(of: int) -> list[psutil.Process]:
 def test_a_sweep_whose_worker_is_killed_has_all_runs(tmp_path: Path) -> None:
     spec, out = tmp_path / "spec.yaml", tmp_path / "out"
     spec.write_text(SPEC)
-    command = [sys.executable, "-m", "cell", "sweep", str(spec), "--out", str(out), "--workers", "1", "--json"]
+    command = [sys.executable, "-m", "cell", "lab", "sweep", str(spec), "--out", str(out), "--workers", "1", "--json"]
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     told = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "env": {**os.environ, "TMPDIR": str(scratch)}}

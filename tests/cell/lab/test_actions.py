@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from cell.commands.models import eval_app
+from cell.commands.main import main
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.errors import InputError
 from cell.interfaces.devices import TruthEvent
@@ -155,7 +154,9 @@ def test_table_1_has_a_row_for_each_number_of_goals() -> None:
         with_goals(PRODUCT, 4)
 
 
-def test_an_evaluation_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_evaluation_goes_on_where_it_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     asked: list[int] = []
 
     def watch(_: object, __: object, kinds: list[str], seeds: list[int], **___: object) -> dict[str, Tally]:
@@ -166,20 +167,20 @@ def test_an_evaluation_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pyt
         return dict.fromkeys(kinds, tally)
 
     monkeypatch.setattr("cell.lab.actions.evaluate_actions", watch)
-    words = ["actions", "--look", "nominal", "--recordings", "3", "--out", str(tmp_path / "rows.jsonl"), "--json"]
-    stopped = CliRunner().invoke(eval_app, words)
-    assert "interrupted after 2 of 3" in stopped.output
-    assert json.loads(stopped.output.splitlines()[-1])["kinds"]["slim"]["all_segments"]["n"] == 4
+    out = str(tmp_path / "rows.jsonl")
+    words = ["lab", "eval", "actions", "--look", "nominal", "--seeds", "900000:900003", "--out", out, "--json"]
+    assert main(words) == 1
+    stopped = capsys.readouterr()
+    assert "interrupted after 2 of 3" in stopped.err
+    assert json.loads(stopped.out.splitlines()[-1])["kinds"]["slim"]["all_segments"]["n"] == 4
     asked.clear()
-    whole = CliRunner().invoke(eval_app, words)
+    assert main(words) == 0
     assert asked == [900_002]
-    found = json.loads(whole.output.splitlines()[-1])
+    found = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert found["recordings"] == 3
     assert found["kinds"]["slim"]["outside_guard"] == share(3, 4)
     assert found["kinds"]["slim"]["placements"] == share(3, 6)
-    asked.clear()
-    other = CliRunner().invoke(eval_app, [*words, "--look", "varied"])
-    assert isinstance(other.exception, InputError)
+    assert main([*words, "--look", "varied"]) == 2
 
 
 def test_detectors_watch_with_the_camera_where_its_calibration_finds_it(monkeypatch: pytest.MonkeyPatch) -> None:

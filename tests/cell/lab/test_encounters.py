@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cell.commands.encounters import _tell_assembly
+from cell.commands.lab.encounters import _tell_assembly
 from cell.configuration import DEFAULT_CONFIGURATION
 from cell.files.row_store import Row
 from cell.interfaces.operator import OperatorOrder

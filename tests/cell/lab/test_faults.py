@@ -1,4 +1,4 @@
-"""Faults that are put in end as the table of faults promises; a sample, `cell eval faults` runs them all."""
+"""Faults that are put in end as the table of faults promises; a sample, `cell lab eval faults` runs them all."""
 
 from __future__ import annotations
 
@@ -74,4 +74,4 @@ def test_a_fault_or_state_that_there_is_not_is_refused() -> None:
         Injection.parse("@carry")
     with pytest.raises(InputError, match="unknown state 'fly'; legal: look, "):
         Injection.parse("arm_lost@fly")
-    assert main(["run", "--inject", "nothing@carry"]) == 2
+    assert main(["lab", "run", "--inject", "nothing@carry"]) == 2

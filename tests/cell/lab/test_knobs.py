@@ -1,4 +1,4 @@
-"""`cell eval knobs`: one value of the look is turned, the rest stays; what is no knob is said before anything runs."""
+"""`cell lab eval knobs`: one value of the look is turned; what is no knob is said before anything runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cell.commands.main import main
 from cell.configuration import load_configuration, simulated
 from cell.lab.knobs import SCORED, at
 
-HOLES = ["eval", "knobs", "holes", "--recordings", "1", "--first-seed", "807100"]
+HOLES = ["lab", "eval", "knobs", "holes", "--seeds", "807100:807101"]
 
 
 @pytest.mark.parametrize("detector", SCORED)
@@ -55,7 +55,7 @@ def test_values_are_scored_once_and_drawn(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_hands_are_scored_by_rule_where_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["eval", "knobs", "hands", "--recordings", "1", "--first-seed", "807100", "--no-physics", "--json"]
+    words = ["lab", "eval", "knobs", "hands", "--seeds", "807100:807101", "--no-physics", "--json"]
     assert main([*words, "--knob", "camera.brightness_ev=0"]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     (row,) = told["rows"]
@@ -67,7 +67,7 @@ def test_hands_are_scored_by_rule_where_that_is_asked_for(capsys: pytest.Capture
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["eval", "knobs", "feet"], "legal: actions, hands, holes, parts"),
+        (["lab", "eval", "knobs", "feet"], "legal: actions, hands, holes, parts"),
         ([*HOLES, "--knob", "light.ambiance=1"], "legal: light.ambient, "),
         ([*HOLES, "--knob", "rain=1"], "legal: camera.blue_gain, "),
         ([*HOLES, "--knob", "light.ambient=7"], "less than or equal to 1, not 7"),

@@ -50,6 +50,7 @@ def test_what_a_file_holds_is_not_run_again_and_an_interrupted_table_is_printed(
     monkeypatch.setattr(system, "evaluate_system", evaluate)
     out = tmp_path / "rows.jsonl"
     words = [
+        "lab",
         "eval",
         "system",
         "--perception",
@@ -60,8 +61,8 @@ def test_what_a_file_holds_is_not_run_again_and_an_interrupted_table_is_printed(
         "1",
         "--goals",
         "3",
-        "--runs",
-        "3",
+        "--seeds",
+        "900000:900003",
         "--out",
         str(out),
     ]
@@ -84,12 +85,12 @@ def test_an_assembly_that_a_signal_ended_is_no_row_and_the_last_one(
     ends = iter(["finished", "interrupted", "finished"])
     monkeypatch.setattr(system, "evaluate_system", lambda *_, **__: row(3, 900_000) | {"end": next(ends)})
     out = tmp_path / "rows.jsonl"
-    assert main(["eval", "system", "--look", "nominal", "--runs", "3", "--out", str(out)]) == 1
+    assert main(["lab", "eval", "system", "--look", "nominal", "--seeds", "900000:900003", "--out", str(out)]) == 1
     assert '"finished"' in out.read_text()
     assert '"interrupted"' not in out.read_text()
     assert next(ends) == "finished"
 
 
 def test_cameras_and_detectors_must_be_legal() -> None:
-    assert main(["eval", "system", "--cameras", "good"]) == 2
-    assert main(["eval", "system", "--perception", "good"]) == 2
+    assert main(["lab", "eval", "system", "--cameras", "good"]) == 2
+    assert main(["lab", "eval", "system", "--perception", "good"]) == 2

@@ -16,6 +16,7 @@ from cell.recording.json_schema import fields_of, with_nulls, without_nulls
 from cell.recording.schemas import TOPICS, plain, schema
 
 UNNAMED = {"/snapshot", "/edit", "/hook"}  # what they hold is named by the tree, the files and the monitor
+LISTS_OF_LISTS = {"finished"}  # of a memory: no viewer reads a schema with them
 
 PLAIN = {"boolean", "string", "number", "integer"}
 
@@ -76,7 +77,7 @@ def test_schemas_hold_for_every_message_of_a_log_and_name_every_field(commission
             assert schema_record is not None
             rules, content = json.loads(schema_record.data), json.loads(message.data)
             jsonschema.validate(content, rules)
-            assert channel.topic in UNNAMED or not unnamed(rules, content), channel.topic
+            assert channel.topic in UNNAMED or set(unnamed(rules, content)) <= LISTS_OF_LISTS, channel.topic
             checked.add(channel.topic)
     assert checked >= {"/tick", "/judgement", "/timing", "/observation", "/bench", "/parts", "/command", "/display"}
 

@@ -177,7 +177,7 @@ def test_commands_reach_the_devices_and_what_was_sent_is_recorded() -> None:
     display = Display(message="hello")
 
     def act(tick: int) -> Status:
-        command = rig.services.command
+        command = rig.services.now.command
         if tick == 0:
             command.follow, command.gripper = trajectory, GripperCommand(0.0404)
             command.activate_gripper = command.look = True
@@ -200,8 +200,8 @@ def test_stop_wins_over_follow() -> None:
 
     def act(tick: int) -> Status:
         if tick == 0:
-            rig.services.command.follow = JointTrajectory(np.array([0.0]), np.zeros((1, 6)))
-            rig.services.command.stop_arm = True
+            rig.services.now.command.follow = JointTrajectory(np.array([0.0]), np.zeros((1, 6)))
+            rig.services.now.command.stop_arm = True
         return after(1, Status.SUCCESS)(tick)
 
     rig.run(act)
@@ -213,7 +213,7 @@ def test_an_answer_is_seen_only_after_its_latency() -> None:
     seen: dict[int, int | None] = {}
 
     def act(tick: int) -> Status:
-        view = rig.services.observation.bench
+        view = rig.services.now.observation.bench
         seen[tick] = None if view is None else view.sequence
         if tick == 0:
             rig.overhead.newest = frame(7)  # observed by tick 1 at 0.04 s, answered at 0.14 s

@@ -137,7 +137,7 @@ def test_a_product_that_no_weights_know_is_seen_by_colour_and_that_is_said() -> 
     found, told = fitting(learned, other)
     assert found.kind == "classical"
     assert "knows the parts o1, o2, o3, and this product has valve, o2, o3" in told
-    assert "cell train all" in told
+    assert "cell train --all" in told
     own = {task: {"kind": kind} for task, kind in LEARNED_KINDS.items()}
     chosen = Perception.model_validate({"kind": "learned", **own})
     assert fitting(chosen, other) == (chosen, "")  # what was chosen by itself is checked, not replaced

@@ -8,7 +8,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.errors import InputError
-from cell.wiring.node_library import node_registry
+from trees.node_library import node_registry
 
 OWN = """
 from py_trees.common import Status
@@ -56,16 +56,16 @@ def test_check_takes_them_from_the_option_and_the_environment_and_runs_nothing_u
     Path("tree.xml").write_text(TREE)
     assert main(["check", "tree.xml"]) == 2
     assert "there is no node 'Both'" in capsys.readouterr().err
-    assert main(["check", "tree.xml", "--nodes", "mine.py"]) == 0
+    assert main(["check", "tree.xml", "--with", "mine.py"]) == 0
     Path("nodes").mkdir()
     Path("mine.py").rename("nodes/mine.py")
     with Path("nodes/mine.py").open("a") as file:
         file.write("\nfrom pathlib import Path\nPath('was_run').touch()\n")
     capsys.readouterr()
     assert main(["check", "tree.xml"]) == 2
-    assert "nodes/ is not loaded: add --nodes nodes" in capsys.readouterr().err
+    assert "nodes/ is not loaded: add --with nodes" in capsys.readouterr().err
     assert not Path("was_run").exists()
-    assert main(["check", "tree.xml", "--nodes", "nodes"]) == 0
+    assert main(["check", "tree.xml", "--with", "nodes"]) == 0
     assert Path("was_run").exists()
     monkeypatch.setenv("CELL_NODES", "nodes")
     assert main(["check", "tree.xml"]) == 0

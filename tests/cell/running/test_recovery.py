@@ -47,7 +47,7 @@ def test_an_empty_gripper_that_restarted_is_activated_once_somebody_acknowledged
 
     def act(tick: int) -> Status:
         if tick == 0:
-            rig.services.command.gripper = OPEN
+            rig.services.now.command.gripper = OPEN
         if tick == 3:
             gripper.lost = True
         calls.append(list(gripper.calls))
@@ -84,7 +84,7 @@ def test_fingers_that_grip_keep_their_force_while_the_arm_is_held_and_a_hand_kno
 
     def act(tick: int) -> Status:
         if tick == 0:
-            rig.services.command.gripper = GripperCommand(0.0, 0.1, 40.0)
+            rig.services.now.command.gripper = GripperCommand(0.0, 0.1, 40.0)
         if tick == 5:
             rig.arm.mode = "safeguard_stop"
         gripper.moving = tick == 8  # without its force the part would fall out
@@ -121,7 +121,7 @@ def test_a_gripper_that_restarted_is_left_alone_as_long_as_nobody_acknowledges()
 
     def act(tick: int) -> Status:
         gripper.lost = tick >= 3
-        rig.services.command.activate_gripper = tick == 8
+        rig.services.now.command.activate_gripper = tick == 8
         return Status.SUCCESS if tick == 30 else Status.RUNNING
 
     rig.run(act)
@@ -155,7 +155,7 @@ def test_a_protective_stop_is_unlocked_by_an_acknowledgement_and_goes_on() -> No
             rig.operator.put(OperatorOrder("acknowledge"))
         if "acknowledge" in rig.arm.calls:
             rig.arm.mode = "normal"
-        commands.append(rig.services.command)
+        commands.append(rig.services.now.command)
         return Status.SUCCESS if tick == 40 else Status.RUNNING
 
     outcome, _ = rig.run(act)
@@ -172,7 +172,7 @@ def test_an_arm_that_is_held_off_its_path_is_an_alarm_and_gives_the_path_up_once
 
     def act(tick: int) -> Status:
         if tick == 3:
-            rig.services.command.follow = JointTrajectory(np.array([0.0, 1.0]), np.array([PARKED, (0.1,) * 6]))
+            rig.services.now.command.follow = JointTrajectory(np.array([0.0, 1.0]), np.array([PARKED, (0.1,) * 6]))
             rig.arm.positions_rad = (0.05,) * 6
         early.extend(rig.panel.alarms if tick == 200 else ())
         if tick == 300:

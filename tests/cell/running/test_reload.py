@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from py_trees.common import Status
@@ -23,7 +24,6 @@ from cell.runs.options import RunOptions
 from cell.runs.run import run
 from cell.watching.observer import TickRecord
 from cell.watching.statistics import RunStatistics
-from cell.wiring.node_library import node_registry
 from cell.wiring.reload import WatchedTree, take_over
 from tests import ROOT
 from tests.cell.fakes import FakeObserver, FakeServices, Rig
@@ -32,6 +32,7 @@ from trees.engine.node import Node
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.nodes.skill_node import SkillNode
 
 
@@ -51,7 +52,7 @@ class Wait(Node):
 class NotingServices(FakeServices):
     """What the loop renews, and a journal for the skill."""
 
-    journal: ListJournal = field(default_factory=ListJournal)
+    tools: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(journal=ListJournal()))
 
 
 class EndlessSkill:
@@ -98,7 +99,7 @@ class Bench:
         self.watched = WatchedTree(
             self.first, self.load, path, [self.observer], lambda tree, _: self.swaps.append(tree)
         )
-        self.services = NotingServices(Rig().services.observation)
+        self.services = NotingServices(Rig().services.now)
         self.watched.setup(self.services, ManualClock())
 
     def load(self) -> Tree:
@@ -150,16 +151,16 @@ def test_the_assembly_graph_outlives_an_edit_and_begins_anew_afterwards(tmp_path
     path.write_text(WHOLE.format(f"{start}<Sleep msec='1'/>"))
     old, new = load_tree(path, node_registry()), load_tree(path, node_registry())
     rig = services()
-    old.setup(rig, rig.clock)
+    old.setup(rig, ManualClock())
     old.tick()
     old.blackboard.entry("state").write(AssemblyState({"p2": "o1"}))
-    assert take_over(old, new, rig, rig.clock) == []
+    assert take_over(old, new, rig, ManualClock()) == []
     new.tick()
-    assert new.blackboard.values() == {"state": AssemblyState({"p2": "o1"})}
+    assert new.blackboard.entry("state").value == AssemblyState({"p2": "o1"})
     assert "goes on with 1 parts" in [node.feedback_message for node in new.nodes]
     new.halt()
     new.tick()
-    assert new.blackboard.values() == {"state": AssemblyState({})}
+    assert new.blackboard.entry("state").value == AssemblyState({})
 
 
 def test_the_old_tree_is_halted_once(make: Callable[[str], Bench]) -> None:
@@ -215,15 +216,15 @@ def test_no_exchange_while_a_motion_node_runs(make: Callable[[str], Bench]) -> N
 
 def test_no_exchange_while_the_arm_moves_or_a_part_is_held(make: Callable[[str], Bench]) -> None:
     bench = make("<Wait/>")
-    rest = bench.services.observation
+    rest = bench.services.now.observation
     holding = GripperState(0.0, True, ObjectStatus.CONTACT_CLOSING, 0.02, 0.0, 0)
     assert holding.holding
     bench.edit("<Wait/><Wait/>")
     for unsafe in (moving(rest), replace(rest, gripper=holding)):
-        bench.services.observation = unsafe
+        bench.services.now.observation = unsafe
         bench.watched.tick()
         assert bench.watched.tree is bench.first
-    bench.services.observation = rest
+    bench.services.now.observation = rest
     bench.watched.tick()
     assert bench.watched.tree is not bench.first
 

@@ -171,7 +171,7 @@ def test_the_stop_keeps_arm_and_gripper_alive_and_is_recorded() -> None:
 
 def test_the_summary_tells_what_the_gripper_holds() -> None:
     rig = Rig()
-    rig.services.held_part = "o3"
+    rig.services.memory.held_part = "o3"
     held = GripperState(0.0, True, ObjectStatus.CONTACT_CLOSING, 0.04, 0.0, 0)
 
     def state() -> GripperState:
@@ -228,7 +228,7 @@ def test_a_hold_makes_nobody_move_and_a_paused_node_goes_on() -> None:
     allowed: list[float] = []
 
     def act(tick: int) -> Status:
-        seen: Observation = rig.services.observation
+        seen: Observation = rig.services.now.observation
         allowed.append(seen.share)
         if tick == 3:
             rig.arm.mode = "safeguard_stop"

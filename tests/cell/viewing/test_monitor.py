@@ -27,7 +27,6 @@ from cell.viewing.live_view import Keys, MonitorClient, view
 from cell.viewing.monitor import Monitor
 from cell.viewing.stepping import Stepper
 from cell.watching.observer import SentCommand, TickRecord
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.cell.fakes import Rig
 from trees.engine.node import Node
@@ -35,6 +34,7 @@ from trees.engine.ports import InputPort
 from trees.engine.tree import Tree
 from trees.files.build.registry import Registry
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.views.groot2 import tree_xml
 
 T = TypeVar("T")
@@ -77,7 +77,7 @@ class Bench:
         self.tree: Tree = load_tree(path, Registry([Count]))
         self.tree.setup(None, ManualClock())
         self.monitor = Monitor(self.tree, Registry([Count]), self.port, hooks)
-        self.observation = Rig().services.observation
+        self.observation = Rig().services.now.observation
         self._thread = ThreadPoolExecutor(1)
 
     def tick(self) -> Status:
@@ -235,7 +235,7 @@ def test_a_malformed_request_gets_an_error(make: Callable[..., Bench], frames: l
 def test_hooks_are_refused_unless_asked_for(make: Callable[..., Bench], kind: str) -> None:
     head, text = make().ask(kind, b'{"uid": 6, "mode": 1, "desired_status": "FAILURE"}')
     assert head == b"error"
-    assert b"--monitor-hooks" in text
+    assert b"--breakpoints" in text
 
 
 def test_a_replaced_node_is_not_ticked(make: Callable[..., Bench]) -> None:
@@ -386,7 +386,7 @@ def test_the_assembly_tree_is_served_whole() -> None:
 
 def test_a_port_in_use_is_bad_input(make: Callable[..., Bench]) -> None:
     bench = make()
-    with pytest.raises(InputError, match="--monitor-port"):
+    with pytest.raises(InputError, match="--monitor PORT"):
         Monitor(bench.tree, Registry([Count]), bench.port)
 
 
@@ -546,7 +546,7 @@ def test_a_pause_is_refused_where_hooks_are_off(make: Callable[..., Bench]) -> N
         stepper.press("p", {})
         stepper.keep(bench.statuses(), {})
         assert not stepper.paused
-        assert "--monitor-hooks turns them on" in stepper.told
+        assert "--breakpoints turns them on" in stepper.told
         assert bench.tick() is Status.RUNNING
     finally:
         client.close()

@@ -1,4 +1,4 @@
-"""`cell data|train|eval grasp`: files in, files out, and mistakes named before anything is trained."""
+"""`cell lab data|train|eval grasp`: files in, files out, and mistakes named before anything is trained."""
 
 from __future__ import annotations
 
@@ -19,25 +19,24 @@ def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
 
 def test_drawn_scenes_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "scenes.jsonl"
-    assert (
-        run(monkeypatch, "data", "grasp", "--scenes", "4", "--clutter", "tray", "--seed", "2", "--out", str(out)) == 0
-    )
+    words = ["--count", "4", "--clutter", "tray", "--seed", "2", "--out", str(out)]
+    assert run(monkeypatch, "lab", "data", "grasp", *words) == 0
     assert len(read_scenes(out, PRODUCT)) == 4
-    assert json.loads(out.read_text().splitlines()[0])["source"].startswith("cell data grasp --scenes 4")
-    assert run(monkeypatch, "data", "grasp", "--scenes", "1", "--out", str(out)) == 2
+    assert json.loads(out.read_text().splitlines()[0])["source"].startswith("cell lab data grasp --count 4")
+    assert run(monkeypatch, "lab", "data", "grasp", "--count", "1", "--out", str(out)) == 2
     assert len(read_scenes(out, PRODUCT)) == 4
 
 
 def test_a_planner_is_scored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(monkeypatch, "eval", "grasp", "--kind", "rule", "--scenes", "12", "--json") == 0
+    assert run(monkeypatch, "lab", "eval", "grasp", "--kind", "rule", "--scenes", "12", "--json") == 0
     scores = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert 0.0 < scores["object_accuracy_1"] <= 1.0
     assert "needless_moves_6" in scores
 
 
 def test_an_experiment_needs_a_page_and_a_page_an_experiment(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run(monkeypatch, "eval", "grasp", "--experiment", "table2") == 2
-    assert run(monkeypatch, "eval", "grasp", "--out", "page.md") == 2
+    assert run(monkeypatch, "lab", "eval", "grasp", "--experiment", "table2") == 2
+    assert run(monkeypatch, "lab", "eval", "grasp", "--page", "page.md") == 2
 
 
 @pytest.mark.torch
@@ -45,10 +44,10 @@ def test_damaged_scenes_are_named_before_training(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = tmp_path / "scenes.jsonl"
-    assert run(monkeypatch, "data", "grasp", "--scenes", "2", "--out", str(data)) == 0
+    assert run(monkeypatch, "lab", "data", "grasp", "--count", "2", "--out", str(data)) == 0
     data.write_text(data.read_text().replace('"confidence"', '"certainty"', 1))
     out = tmp_path / "grasp.onnx"
-    assert run(monkeypatch, "train", "grasp", "--data", str(data), "--out", str(out)) == 2
+    assert run(monkeypatch, "lab", "train", "grasp", "--data", str(data), "--out", str(out)) == 2
     assert "scenes.jsonl:2: detections.0.confidence" in capsys.readouterr().err.replace("\n", "")
     assert not out.exists()
 

@@ -85,6 +85,3 @@ def test_the_page_has_a_row_for_every_planner(tmp_path: Path, monkeypatch: pytes
     for baseline in BASELINES.values():
         assert f"| {baseline.title} | .500 (.400 - .600)" in text
     assert text.count("\n## ") == sum(len(experiment.sections) for experiment in tables.values())
-    for picture in ("grasp_noise.png", "grasp_curve.png"):
-        assert picture in text
-        assert (tmp_path / picture).stat().st_size > 5000

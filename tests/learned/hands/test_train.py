@@ -286,7 +286,7 @@ def test_what_looks_like_a_hand_is_shown_as_none_unless_one_is_there(tmp_path: P
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cell data hands"):
+    with pytest.raises(InputError, match="cell lab data hands"):
         load_hands([tmp_path], SETUP, TYPES, 0)
     (tmp_path / "hands.jsonl").write_text('{"format": "cell.hands"}\n{"file": 3}\n')
     with pytest.raises(InputError, match=r"hands\.jsonl:2"):

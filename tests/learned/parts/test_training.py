@@ -153,5 +153,5 @@ def test_boxes_of_faster_rcnn_are_judged_as_those_of_other_detectors() -> None:
 def test_a_backbone_that_there_is_not_is_told_before_data_are_made(capsys: pytest.CaptureFixture[str]) -> None:
     from cell.commands.main import main
 
-    assert main(["train", "parts", "--kind", "rcnn", "--backbone", "vgg"]) == 2
+    assert main(["lab", "train", "parts", "--kind", "rcnn", "--backbone", "vgg"]) == 2
     assert "legal: resnet101" in capsys.readouterr().err

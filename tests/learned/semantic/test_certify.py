@@ -52,7 +52,7 @@ def test_what_one_threshold_promises_is_the_exact_upper_bound() -> None:
 
 def test_recorded_runs_are_certified(capsys: pytest.CaptureFixture[str]) -> None:
     logs = [word for name in ("g0-seed5", "g2-seed3") for word in ("--from", f"tests/cases/assembly-{name}.mcap")]
-    assert main(["eval", "semantic", "--certify", "0.01", *logs]) == 0
+    assert main(["lab", "eval", "semantic", "--certify", "0.01", *logs]) == 0
     told = " ".join(capsys.readouterr().err.split())
     assert "2 runs certify no threshold for at most 1 % wrong acts" in told
-    assert main(["eval", "semantic", "--certify", "0.01"]) == 2
+    assert main(["lab", "eval", "semantic", "--certify", "0.01"]) == 2

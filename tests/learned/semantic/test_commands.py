@@ -1,4 +1,4 @@
-"""`cell data semantic` and what `cell eval semantic` refuses."""
+"""`cell lab data semantic` and what `cell lab eval semantic` refuses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.commands.weights import new_weights, shipped_weights
+from cell.commands.training.weights import new_weights, shipped_weights
 from cell.files.files import shipped
 from learned.semantic.and_or import AndOrGraph
 from learned.semantic.data import load_demonstrations
@@ -17,32 +17,32 @@ from tests.learned.products import DEFAULT
 
 def test_generated_demonstrations_are_written(tmp_path: Path) -> None:
     path = tmp_path / "some.jsonl"
-    assert main(["data", "semantic", "--out", str(path), "--count", "30", "--strength", "2", "--seed", "4"]) == 0
+    assert main(["lab", "data", "semantic", "--out", str(path), "--count", "30", "--strength", "2", "--seed", "4"]) == 0
     assert len(load_demonstrations(path, DEFAULT)) == 30
-    assert '"source":"cell data semantic --count 30 --strength 2 --seed 4"' in path.read_text().splitlines()[0]
-    assert main(["data", "semantic", "--out", str(path), "--scenarios"]) == 2
+    assert '"source":"cell lab data semantic --count 30 --strength 2 --seed 4"' in path.read_text().splitlines()[0]
+    assert main(["lab", "data", "semantic", "--out", str(path), "--scenarios"]) == 2
     assert len(load_demonstrations(path, DEFAULT)) == 30
     path.unlink()
-    assert main(["data", "semantic", "--out", str(path), "--scenarios"]) == 0
+    assert main(["lab", "data", "semantic", "--out", str(path), "--scenarios"]) == 0
     assert len(load_demonstrations(path, DEFAULT)) == 186
 
 
 def test_demonstrations_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("")
-    assert main(["data", "semantic", "--out", str(tmp_path / "file" / "some.jsonl"), "--count", "1"]) == 2
+    assert main(["lab", "data", "semantic", "--out", str(tmp_path / "file" / "some.jsonl"), "--count", "1"]) == 2
     assert "cannot write the demonstrations" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--experiment", "ratios"], "--experiment needs --out FILE"),
-        (["--out", "page.md"], "--out is for --experiment"),
-        (["--kind", "magic"], "no semantic planner 'magic'; there are auto, paper, factored, and_or, bayes"),
+        (["--experiment", "ratios"], "--experiment needs --page FILE"),
+        (["--page", "page.md"], "--page is for --experiment"),
+        (["--kind", "magic"], "--kind magic: unknown kind; legal: factored, paper, and_or, bayes, auto"),
     ],
 )
 def test_bad_options(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["eval", "semantic", *arguments]) == 2
+    assert main(["lab", "eval", "semantic", *arguments]) == 2
     assert words in " ".join(capsys.readouterr().err.split())
 
 
@@ -56,6 +56,9 @@ def test_training_for_a_configuration_leaves_the_shipped_weights_alone(tmp_path:
     for name in ("cell.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text())
     before = shipped_weights("semantic", "and_or").read_bytes()
-    assert main(["train", "semantic", "--kind", "and_or", "--config", str(tmp_path / "cell.yaml"), "--seed", "3"]) == 0
+    assert (
+        main(["lab", "train", "semantic", "--kind", "and_or", "--config", str(tmp_path / "cell.yaml"), "--seed", "3"])
+        == 0
+    )
     assert AndOrGraph.load(tmp_path / "semantic_and_or.json", Layout.of(DEFAULT)).card.seed == 3
     assert shipped_weights("semantic", "and_or").read_bytes() == before

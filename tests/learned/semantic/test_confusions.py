@@ -192,12 +192,12 @@ def test_confirmed_actions_are_read_from_segments_and_train_the_noise(
     config.parent.mkdir()
     for name in ("cell.yaml", "products.yaml"):
         (config.parent / name).write_text(shipped("config", name).read_text())
-    assert main(["train", "noise", "--data", str(path), "--out", str(out), "--config", str(config)]) == 0
+    assert main(["lab", "train", "noise", "--data", str(path), "--out", str(out), "--config", str(config)]) == 0
     told = "".join(capsys.readouterr().err.split())
     assert told.endswith("planners.semantic.confusions:../confusions.json")  # as a path in that file
     assert json.loads(out.read_text())["reports_n"] == 4
     out.write_text("mine")
-    words = ["train", "noise", "--data", str(path), "--out", str(out), "--config", str(config)]
+    words = ["lab", "train", "noise", "--data", str(path), "--out", str(out), "--config", str(config)]
     assert main(words) == 2
     assert "confusions.json: exists already; choose another --out, or add --overwrite" in capsys.readouterr().err
     assert out.read_text() == "mine"

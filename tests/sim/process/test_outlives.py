@@ -29,7 +29,7 @@ TURN_RAD, LONG_S = 1.2, 4.0
 @contextmanager
 def world(folder: Path, *more: str) -> Iterator[Path]:
     address = folder / "world.sock"
-    with started([sys.executable, "-m", "cell", "world", "--at", str(address), *more]) as process:
+    with started([sys.executable, "-m", "cell", "lab", "world", "--at", str(address), *more]) as process:
         assert process.stderr is not None
         assert "the world is at" in process.stderr.readline()
         yield address

@@ -27,10 +27,10 @@ def test_the_log_is_the_same_whichever_process_simulates(tmp_path: Path) -> None
     chosen = ["--config", str(configuration), "--goal", "g1", "--seed", "3"]
     line, digests = recorded([*cell, "run", *chosen, "--log", str(tmp_path / "here.mcap"), "--json"])
     address = tmp_path / "world.sock"
-    with started([*cell, "world", *chosen, "--at", str(address)]) as world:
+    with started([*cell, "lab", "world", *chosen, "--at", str(address)]) as world:
         assert world.stderr is not None
         assert "the world is at" in world.stderr.readline()
-        there = [*cell, "run", *chosen, "--world", str(address), "--log", str(tmp_path / "there.mcap"), "--json"]
+        there = [*cell, "lab", "run", *chosen, "--world", str(address), "--log", str(tmp_path / "there.mcap"), "--json"]
         other_line, other_digests = recorded(there)
     assert digests == other_digests
     assert {"/camera/overhead", "/bench", "/joint_samples", "/can", "/truth", "/tick"} <= set(digests)
@@ -69,7 +69,7 @@ def test_an_address_without_a_world_is_bad_input(tmp_path: Path, there: bool) ->
     address = tmp_path / "world.sock"
     if there:
         address.write_text("no socket")
-    command = [sys.executable, "-m", "cell", "run", "--world", str(address), "--log", str(tmp_path / "l.mcap")]
+    command = [sys.executable, "-m", "cell", "lab", "run", "--world", str(address), "--log", str(tmp_path / "l.mcap")]
     result = finished(command)
     assert result.returncode == 2
     assert result.stderr.startswith(f"cell: {address}: no world is there")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cProfile
 import re
 import time
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from cell.interfaces.clock import ManualClock
 from trees.engine.controls import ReactiveSequence
 from trees.engine.node import Control, Decorator, Node
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.traits import Traits
 from trees.engine.vocabulary import Hole, Part
 from trees.files.build.registry import Registry
 from trees.files.check import check, findings
@@ -50,7 +52,7 @@ class Go(Node):
 class Put(Node):
     """Must not run without a guard."""
 
-    needs_guard = True
+    traits = Traits(needs_guard=True)
 
     def update(self) -> Status:
         return Status.SUCCESS
@@ -59,8 +61,7 @@ class Put(Node):
 class Allow(Node):
     """A guard."""
 
-    guards = True
-    instant = True
+    traits = Traits(guards=True, instant=True)
 
     def update(self) -> Status:
         return Status.SUCCESS
@@ -497,8 +498,7 @@ HOSTILE = {
     + "".join(f'<BehaviorTree ID="T{i}"><AlwaysSuccess/></BehaviorTree>' for i in range(3_000))
     + "</root>",
 }
-# A sound file of nearly the largest size takes .1 s where this was written, the worst hostile one .6 s.
-TIMES_A_GOOD_FILE = 15
+TIMES_A_GOOD_FILE = 15  # the worst hostile file takes 6 times as long
 
 
 @pytest.fixture(scope="module")
@@ -513,6 +513,22 @@ def checked_s(path: Path, bad: bool) -> float:
     begun_s = time.process_time()
     assert bool(check([path], REGISTRY)) == bad
     return time.process_time() - begun_s
+
+
+@pytest.mark.parametrize("wide", ["Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "Parallel"])
+def test_the_work_of_a_check_grows_with_the_children_not_with_their_square(tmp_path: Path, wide: str) -> None:
+    """Calls are counted, as times vary with what else the machine does."""
+    status = "AlwaysFailure" if "Fallback" in wide else "AlwaysSuccess"
+
+    def calls(children: int) -> int:
+        path = tmp_path / f"{children}.xml"
+        many = f"<{status}/>" * children
+        path.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="M"><{wide}>{many}</{wide}></BehaviorTree></root>')
+        profile = cProfile.Profile()
+        assert profile.runcall(check, [path], REGISTRY) == []
+        return sum(entry.callcount for entry in profile.getstats())
+
+    assert calls(1_200) <= 3 * calls(600)
 
 
 @pytest.mark.parametrize("name", HOSTILE)
@@ -678,7 +694,7 @@ def test_a_file_may_be_included_on_several_ways(write: Write) -> None:
 class Arm(Node):
     """Moves the arm."""
 
-    claims = ("arm",)
+    traits = Traits(claims=("arm",))
 
     def update(self) -> Status:
         return Status.RUNNING

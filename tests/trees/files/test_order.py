@@ -12,7 +12,6 @@ from py_trees.common import Status
 
 from cell.errors import Problem
 from cell.interfaces.clock import ManualClock
-from cell.wiring.node_library import node_registry
 from tests.trees.engine.random_trees import Features, Generator
 from trees.engine.blackboard import UNSET
 from trees.engine.node import Node
@@ -21,6 +20,7 @@ from trees.files.build.registry import Registry
 from trees.files.check import check
 from trees.files.loader import build
 from trees.files.parse.library import read_library
+from trees.node_library import node_registry
 
 LETTERS = {"S": Status.SUCCESS, "F": Status.FAILURE, "R": Status.RUNNING}
 NAMES = ("a", "b")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,7 +12,8 @@ from cell.interfaces.clock import ManualClock
 from tests.trees.engine.differential import Ours, Refused
 from tests.trees.engine.random_trees import Features, Generator
 from trees.engine.node import RUNNING, Node
-from trees.engine.status import ANY, Results
+from trees.engine.status import ANY
+from trees.engine.traits import Traits
 from trees.files.build.registry import Registry
 from trees.files.checks.reach import _Reach
 from trees.files.parse.library import bottom_up, called, read_library
@@ -21,9 +22,7 @@ from trees.files.parse.library import bottom_up, called, read_library
 class Leaf(Node):
     """A leaf that may skip itself, as those of the random trees do."""
 
-    @classmethod
-    def results(cls, below: Sequence[Results], values: Mapping[str, str]) -> Results:  # noqa: ARG003
-        return ANY
+    traits = Traits(results=lambda *_: ANY)
 
     def update(self) -> Status:
         return RUNNING

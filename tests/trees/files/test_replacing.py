@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.wiring.node_library import node_registry
 from trees.files.check import Circumstances, findings
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.testing import TreeBench, assert_ticks
 
 RETRY = """<root BTCPP_format="4" main_tree_to_execute="FetchOne"><include path="{shipped}"/>
@@ -30,7 +30,7 @@ def test_a_retry_around_a_node_of_a_shipped_tree_is_five_lines(tmp_path: Path) -
     file = tmp_path / "retry.xml"
     file.write_text(RETRY.format(shipped=SHIPPED))
     assert findings([file], node_registry()).problems == []
-    bench = TreeBench(file, node_registry(), {"PickPart": "FS"}, {"FindPart": {"index": 0}})
+    bench = TreeBench(file, {"PickPart": "FS"}, {"FindPart": {"index": 0}})
     assert_ticks(bench, "RS")
     assert bench.started("PickPart") == 2
     assert bench.started("FindPart") == 1  # without the retry the tray is looked at again
@@ -115,7 +115,7 @@ def test_an_entry_that_the_tree_does_not_have_is_refused(tmp_path: Path, capsys:
     log = tmp_path / "log.mcap"
     assert main(["check", str(file), *(word for one in legal for word in ("--set", one))]) == 0
     capsys.readouterr()
-    for command in (["run", "--tree", str(file), "--log", str(log)], ["check", str(file)]):
+    for command in (["run", str(file), "--log", str(log)], ["check", str(file)]):
         assert main([*command, "--set", "text=1", "--set", "tex=2"]) == 2
         said = capsys.readouterr().err
         assert "'tex' is given, and the main tree has no such entry" in said

@@ -8,7 +8,6 @@ from typing import Any, cast
 
 from cell.configuration import load_configuration, load_product
 from cell.errors import ModelError
-from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
@@ -17,7 +16,7 @@ from cell.interfaces.planning import AssemblyPlan, AssemblyState, GraspPlan
 from cell.interfaces.pose import Pose
 from skills.motion.planner import MotionPlanner
 from trees.guard import Guard, GuardSettings
-from trees.nodes.services import Services
+from trees.nodes.services import Services, Tick, Tools
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIGURATION = load_configuration()
@@ -61,10 +60,9 @@ class ScriptedGrasps:
 
 def services(**changes: Any) -> Services:
     """Services whose motion planner is absent and whose arm reaches everything."""
-    made = Services(
+    tools = Tools(
         product=PRODUCT,
         bench=BENCH,
-        clock=ManualClock(),
         motion=cast(MotionPlanner, None),
         semantic=ScriptedPlanner(SURE),
         rule_semantic=ScriptedPlanner(SURE),
@@ -72,23 +70,24 @@ def services(**changes: Any) -> Services:
         rule_grasp=ScriptedGrasps({}),
         guard=Guard(PRODUCT, GuardSettings()),
         journal=ListJournal(),
-        observation=Observation(0, 0.0, STANDING, EMPTY_GRIPPER),
     )
+    known = {name: changes.pop(name) for name in list(changes) if name in vars(tools)}
+    made = Services(Tick(Observation(0, 0.0, STANDING, EMPTY_GRIPPER)), replace(tools, **known))
     made.reachable = lambda part, position: True  # type: ignore[method-assign]  # noqa: ARG005
     made.why_not_graspable = lambda parts, required: None  # type: ignore[method-assign]  # noqa: ARG005
     made.tool_on_bench_m = lambda: (0.5, -0.4)  # type: ignore[method-assign]
     for name, value in changes.items():
-        setattr(made, name, value)
+        setattr(made.now if hasattr(made.now, name) else made.memory, name, value)
     return made
 
 
 def see(to: Services, time_s: float, **changes: Any) -> None:
     """Give the services a new bench view and an empty command."""
     fields: dict[str, Any] = {"hand": None, "holes": EMPTY_HOLES, "action": IDLE, **changes}
-    sequence = to.observation.bench.sequence + 1 if to.observation.bench else 0
+    sequence = to.now.observation.bench.sequence + 1 if to.now.observation.bench else 0
     view = BenchView(sequence=sequence, time_s=time_s, **fields)
-    to.observation = replace(to.observation, tick=to.observation.tick + 1, time_s=time_s, bench=view)
-    to.command = Command()
+    to.now.observation = replace(to.now.observation, tick=to.now.observation.tick + 1, time_s=time_s, bench=view)
+    to.now.command = Command()
 
 
 def hand_at(x: float, y: float) -> HandSample:

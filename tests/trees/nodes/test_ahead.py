@@ -81,16 +81,16 @@ def test_a_robot_that_fetches_nothing_says_why() -> None:
     for time_s, said in ((1.0, ""), (2.0, ""), (9.0, "waiting: the person may take what remains")):
         see(at, time_s, hand=hand_at(1.0, 0.2), action=TRANSIT)
         assert node.update() is Status.RUNNING
-        assert at.display.message == said
+        assert at.now.display.message == said
     done = services()
     node = chooser(done, DONE)
     see(done, 9.0, action=TRANSIT)
     assert node.update() is Status.RUNNING
-    assert not done.display.message  # what the end is waited for, the end says
+    assert not done.now.display.message  # what the end is waited for, the end says
 
 
 def waiter(at: Services, part: str = "o1") -> AwaitPosition:
-    at.observation = replace(at.observation, gripper=HOLDING)
+    at.now.observation = replace(at.now.observation, gripper=HOLDING)
     node = AwaitPosition("await")
     node.setup(services=at)
     for port, value in (("state", AssemblyState({})), ("plan", SURE), ("part", part)):
@@ -153,10 +153,10 @@ def test_a_robot_that_stands_with_a_part_says_what_it_waits_for_also_after_it_ha
     node.plan.entry.value = replace(SURE, next_belief={("o1", "p1"): 0.6})  # type: ignore[union-attr]
     see(at, 1.0)
     node.update()
-    at.show(message="arm at park")
+    at.now.show(message="arm at park")
     see(at, 2.0)
     node.update()
-    assert at.display.message.startswith("holding o1; o1 at p")
+    assert at.now.display.message.startswith("holding o1; o1 at p")
 
 
 def test_a_part_in_the_gripper_is_kept_as_long_as_it_is_needed() -> None:
@@ -165,7 +165,7 @@ def test_a_part_in_the_gripper_is_kept_as_long_as_it_is_needed() -> None:
     node.setup(services=at)
     node.state.entry.value = AssemblyState({})  # type: ignore[union-attr]
     assert node.update() is Status.FAILURE
-    at.observation = replace(at.observation, gripper=HOLDING)
+    at.now.observation = replace(at.now.observation, gripper=HOLDING)
     assert node.update() is Status.SUCCESS
     node.state.entry.value = AssemblyState({"p5": "o3"})  # type: ignore[union-attr]
     assert node.update() is Status.FAILURE
@@ -178,9 +178,9 @@ def test_the_tray_is_believed_for_a_while_after_a_look() -> None:
     node.setup(services=at)
     node.oldest_s.entry.value = 60.0  # type: ignore[union-attr]
     assert node.update() is Status.FAILURE
-    at.tray_parts, at.tray_seen_s = parts.detections[1:], 5.0
-    at.observation = replace(at.observation, time_s=64.0)
+    at.memory.tray_parts, at.memory.tray_seen_s = parts.detections[1:], 5.0
+    at.now.observation = replace(at.now.observation, time_s=64.0)
     assert node.update() is Status.SUCCESS
     assert [part.part for part in node.parts.entry.value.detections] == ["o2"]  # type: ignore[union-attr]
-    at.observation = replace(at.observation, time_s=66.0)
+    at.now.observation = replace(at.now.observation, time_s=66.0)
     assert node.update() is Status.FAILURE

@@ -28,7 +28,7 @@ DOUBTFUL = AssemblyPlan(
 def says(to: Services, *orders: OperatorOrder, **state: Any) -> None:
     """What the operator has said so far."""
     known = OperatorState(present=True, said=orders, **state)
-    to.observation = replace(to.observation, operator=known)
+    to.now.observation = replace(to.now.observation, operator=known)
 
 
 def asking(to: Services) -> Any:
@@ -39,31 +39,31 @@ def test_without_waiting_it_asks_and_goes_on() -> None:
     to = services()
     node: Any = alone(AskForHelp("help"), to, text=TEXT, part="o3")
     assert node.execute() is Status.SUCCESS
-    assert to.display.help_request == f"safety valve (o3): {TEXT}"
-    assert to.display.questions == ()
+    assert to.now.display.help_request == f"safety valve (o3): {TEXT}"
+    assert to.now.display.questions == ()
 
 
 def test_a_question_says_why_what_was_tried_and_what_to_do() -> None:
     to = services()
     for _ in range(3):
-        to.failed("there is no safety valve (o3) in the tray")
+        to.memory.failed("there is no safety valve (o3) in the tray")
     node = asking(to)
     assert node.execute() is Status.RUNNING
-    (question,) = to.display.questions
+    (question,) = to.now.display.questions
     assert question.reason == "there is no safety valve (o3) in the tray"
     assert question.tried == "there is no safety valve (o3) in the tray (3 times)"
     assert (question.todo, question.part) == (TEXT, "o3")
-    assert not to.reasons
+    assert not to.memory.reasons
 
 
 def test_help_that_was_given_succeeds_and_the_question_goes() -> None:
     to = services()
     node = asking(to)
     node.execute()
-    says(to, OperatorOrder("answer", HELP_GIVEN, to.display.questions[0].number))
+    says(to, OperatorOrder("answer", HELP_GIVEN, to.now.display.questions[0].number))
     assert node.execute() is Status.SUCCESS
-    assert to.display.questions == ()
-    assert to.display.help_request is None
+    assert to.now.display.questions == ()
+    assert to.now.display.help_request is None
 
 
 def test_a_part_that_the_person_places_ends_it_without_another_try() -> None:
@@ -115,7 +115,7 @@ def test_nobody_answers() -> None:
     assert node.execute() is Status.RUNNING
     see(to, 60.1)
     assert node.execute() is Status.FAILURE
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()
 
 
 def test_a_halt_withdraws_the_question() -> None:
@@ -123,7 +123,7 @@ def test_a_halt_withdraws_the_question() -> None:
     node = asking(to)
     node.execute()
     node.halt()
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()
 
 
 def which_goal(to: Services, plan: AssemblyPlan) -> Any:
@@ -135,7 +135,7 @@ def test_a_doubtful_first_act_is_asked_and_the_answer_changes_the_state() -> Non
     says(to)
     node = which_goal(to, DOUBTFUL)
     assert node.execute() is Status.RUNNING
-    (question,) = to.display.questions
+    (question,) = to.now.display.questions
     assert [answer.value for answer in question.answers] == ["g0", "g1", "g2", UNKNOWN_GOAL]
     assert dict(question.answers[0].placements)["p6"] == "o3"
     says(to, OperatorOrder("answer", "g0", question.number))
@@ -143,7 +143,7 @@ def test_a_doubtful_first_act_is_asked_and_the_answer_changes_the_state() -> Non
     assert node.state.get() == AssemblyState({"p6": "o2"}, told_goal="g0")
     node.plan.entry.value = SURE
     assert node.execute() is Status.SUCCESS
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()
 
 
 @pytest.mark.parametrize("answered", [0, 1])
@@ -154,7 +154,7 @@ def test_two_branches_of_a_tree_ask_one_question_and_both_hear_the_answer(answer
     nodes[1].state = nodes[0].state  # one blackboard
     for node in (*nodes, *nodes):
         assert node.execute() is Status.RUNNING
-    (question,) = to.display.questions
+    (question,) = to.now.display.questions
     says(to, OperatorOrder("answer", "g0", question.number))
     for node in nodes[::-1] if answered else nodes:
         assert node.execute() is Status.RUNNING
@@ -162,8 +162,8 @@ def test_two_branches_of_a_tree_ask_one_question_and_both_hear_the_answer(answer
         node.plan.entry.value = SURE
         node.execute()
     assert [node.status for node in nodes] == [Status.SUCCESS, Status.SUCCESS]
-    assert to.display.questions == ()
-    assert to._asked == 1
+    assert to.now.display.questions == ()
+    assert to.memory.questions == 1
 
 
 def test_the_other_branch_asks_on_where_the_one_that_asked_is_halted() -> None:
@@ -173,9 +173,9 @@ def test_the_other_branch_asks_on_where_the_one_that_asked_is_halted() -> None:
     for node in nodes:
         node.execute()
     nodes[0].halt()
-    assert not to.display.questions
+    assert not to.now.display.questions
     assert nodes[1].execute() is Status.RUNNING
-    assert [one.kind for one in to.display.questions] == ["goal"]
+    assert [one.kind for one in to.now.display.questions] == ["goal"]
 
 
 def test_where_nothing_is_doubtful_or_nobody_is_there_it_fails_at_once() -> None:
@@ -184,7 +184,7 @@ def test_where_nothing_is_doubtful_or_nobody_is_there_it_fails_at_once() -> None
     assert which_goal(to, SURE).execute() is Status.FAILURE
     to = services()
     assert which_goal(to, DOUBTFUL).execute() is Status.FAILURE
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()
 
 
 def test_where_the_tree_says_so_it_asks_though_nobody_is_known_to_be_there() -> None:
@@ -192,7 +192,7 @@ def test_where_the_tree_says_so_it_asks_though_nobody_is_known_to_be_there() -> 
     node = which_goal(to, DOUBTFUL)
     node.unattended.entry.value = True
     assert node.execute() is Status.RUNNING
-    assert [question.kind for question in to.display.questions] == ["goal"]
+    assert [question.kind for question in to.now.display.questions] == ["goal"]
 
 
 def test_an_operator_corrects_the_goal_once() -> None:

@@ -10,7 +10,6 @@ from py_trees.common import Status
 
 from cell.interfaces.operator import PLACED_BY_HAND, OperatorOrder, OperatorState
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
-from cell.wiring.node_library import node_registry
 from learned.semantic.model import BayesPlanner
 from tests import ROOT
 from tests.trees.nodes.rig import EMPTY_HOLES, HOLDING, PRODUCT, SURE, see, services
@@ -23,7 +22,7 @@ NOTHING = AssemblyPlan({"g0": 0.0, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 1.0}, {},
 
 
 def says(to: Services, *orders: OperatorOrder) -> None:
-    to.observation = replace(to.observation, operator=OperatorState(present=True, said=orders))
+    to.now.observation = replace(to.now.observation, operator=OperatorState(present=True, said=orders))
 
 
 def asking(to: Services, state: AssemblyState = NEW, plan: AssemblyPlan = NOTHING) -> Any:
@@ -49,9 +48,9 @@ def test_where_nothing_was_placed_for_a_while_it_asks_and_the_answer_becomes_the
     to = services()
     node = asking(to)
     assert later(to, node, 0.0) is Status.RUNNING
-    assert not to.display.questions, "the person may go on"
+    assert not to.now.display.questions, "the person may go on"
     assert later(to, node, 6.1) is Status.RUNNING
-    (question,) = to.display.questions
+    (question,) = to.now.display.questions
     assert question.reason == "where does the gate valve (o1) go: p3 or p5?"
     assert (question.kind, question.part, question.positions) == ("where", "o1", ("p3", "p5"))
     assert [answer.value for answer in question.answers] == ["p3", "p5", PLACED_BY_HAND]
@@ -59,42 +58,44 @@ def test_where_nothing_was_placed_for_a_while_it_asks_and_the_answer_becomes_the
     assert node.execute() is Status.RUNNING
     state = node.state.get()
     assert state.told_parts == {"p5": "o1"}
-    plan = replace(to, semantic=BayesPlanner(PRODUCT)).infer(state)
+    plan = replace(to.tools, semantic=BayesPlanner(PRODUCT)).infer(state)
     assert plan.next_part == "o1"
     assert plan.guidance["o1"][0] == "p5"
     assert plan.next_belief["o1", "p5"] == 1.0
-    assert to.guard.judge(plan, state, EMPTY_HOLES, "o1", "p5", True).decision == "act"
+    assert to.tools.guard.judge(plan, state, EMPTY_HOLES, "o1", "p5", True).decision == "act"
     node.plan.entry.value = plan
     assert node.execute() is Status.SUCCESS
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()
 
 
 def test_a_part_that_the_person_places_is_followed_by_the_next_type_and_then_by_nothing() -> None:
     to = services()
     node = asked(to)
     for number, part in enumerate(["o1", "o2"], start=1):
-        (question,) = to.display.questions
+        (question,) = to.now.display.questions
         assert (question.number, question.part) == (number, part)
         says(to, OperatorOrder("answer", PLACED_BY_HAND, number))
         node.execute()
         node.execute()
     assert node.status is Status.FAILURE
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()
 
 
 def test_the_part_in_the_gripper_is_asked_for_first_and_though_another_is_told() -> None:
     state = replace(NEW, told_parts={"p5": "o1"})
     to = services()
-    plan = replace(to, semantic=BayesPlanner(PRODUCT)).infer(state)
-    for held, holes in ((None, None), ("o1", None), ("o2", ("p3", "p5"))):
+    plan = replace(to.tools, semantic=BayesPlanner(PRODUCT)).infer(state)
+    for held, holes in (("", None), ("o1", None), ("o2", ("p3", "p5"))):
         to = services()
-        to.held_part = held
-        if held is not None:
-            to.observation = replace(to.observation, gripper=HOLDING)
+        to.memory.held_part = held
+        if held:
+            to.now.observation = replace(to.now.observation, gripper=HOLDING)
         node = asking(to, state, plan)
         later(to, node, 0.0)
         later(to, node, 7.0)
-        assert [(one.part, one.positions) for one in to.display.questions] == ([] if holes is None else [(held, holes)])
+        assert [(one.part, one.positions) for one in to.now.display.questions] == (
+            [] if holes is None else [(held, holes)]
+        )
 
 
 def test_the_order_to_place_it_oneself_is_an_answer_once() -> None:
@@ -103,7 +104,7 @@ def test_the_order_to_place_it_oneself_is_an_answer_once() -> None:
     says(to, OperatorOrder("place", "o1", time_s=8.0))
     for time_s in (8.0, 8.1, 8.2):
         later(to, node, time_s)
-    assert [(one.number, one.part) for one in to.display.questions] == [(2, "o2")]
+    assert [(one.number, one.part) for one in to.now.display.questions] == [(2, "o2")]
 
 
 def test_it_is_withdrawn_when_the_person_goes_on() -> None:
@@ -111,7 +112,7 @@ def test_it_is_withdrawn_when_the_person_goes_on() -> None:
     node = asked(to)
     node.state.set(NEW.with_placement("o1", "p3"))
     assert node.execute() is Status.FAILURE
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()
 
 
 @pytest.mark.parametrize(
@@ -143,9 +144,7 @@ def test_a_screw_where_nothing_follows_from_the_graph_asks_where_and_then_fetche
         "AskWhichGoal": "F",
         "AskPosition": "RS",
     }
-    made = TreeBench(
-        ROOT / "trees" / f"{name}.xml", node_registry(), {**answers, "WaitForAction": "SR", "AwaitMisfit": "R"}
-    )
+    made = TreeBench(ROOT / "trees" / f"{name}.xml", {**answers, "WaitForAction": "SR", "AwaitMisfit": "R"})
     for _ in range(30):
         made.tick(0.1)
     order = [event.removeprefix("start ") for event in made.events if event.startswith("start ")]
@@ -155,7 +154,7 @@ def test_a_screw_where_nothing_follows_from_the_graph_asks_where_and_then_fetche
 @pytest.mark.parametrize("name", ["ahead", "shift_ahead"])
 def test_one_part_ahead_it_is_asked_beside_the_work(name: str) -> None:
     answers = {"AssemblyFinished": "F", "BracketTaken": "F", "AwaitPosition": "R", "AskPosition": "R"}
-    made = TreeBench(ROOT / "trees" / f"{name}.xml", node_registry(), {**answers, "AwaitMisfit": "R"})
+    made = TreeBench(ROOT / "trees" / f"{name}.xml", {**answers, "AwaitMisfit": "R"})
     for _ in range(3):
         made.tick(0.1)
     assert "start AskPosition" in made.events

@@ -11,14 +11,15 @@ from typing import Any
 import pytest
 from py_trees.common import Status
 
+from cell.interfaces.clock import ManualClock
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.operator import OperatorOrder, OperatorState
 from cell.interfaces.perception import HoleView, PartsView
 from cell.interfaces.planning import AssemblyState, GraspPlan
-from cell.wiring.node_library import node_registry
 from tests.trees.nodes.rig import HOLDING, PRODUCT, ScriptedGrasps, see, seen_parts, services
 from trees.engine.status import NodeError
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 from trees.nodes.each import rows_of
 from trees.nodes.files import LoggedFiles, WorkingFolder
 from trees.nodes.poses import FramedPose
@@ -36,7 +37,7 @@ def run(body: str, to: Services, ticks: int = 50, **provided: Any) -> tuple[Stat
     file = Path("tree.xml")
     file.write_text(f'<root BTCPP_format="4" main_tree_to_execute="Main">{text}</TreeNodesModel></root>')
     tree = load_tree(file, node_registry(PRODUCT), provided=provided)
-    tree.setup(to, to.clock)
+    tree.setup(to, ManualClock())
     for _ in range(ticks):
         status = tree.tick()
         if status is not Status.RUNNING:
@@ -238,13 +239,13 @@ def test_the_bell_and_pictures_are_asked_for_once() -> None:
     to = services()
     assert alone(Beep("b"), services=to).execute() is Status.SUCCESS
     assert alone(Beep("b"), services=to).execute() is Status.SUCCESS
-    assert to.display.beeps == 2
+    assert to.now.display.beeps == 2
     node = alone(TakeSnapshot("s"), services=to, label="before")
     assert node.execute() is Status.RUNNING
     see(to, 0.1)
     assert node.execute() is Status.SUCCESS
-    assert isinstance(to.journal, ListJournal)
-    assert to.journal.notes[-1] == (
+    assert isinstance(to.tools.journal, ListJournal)
+    assert to.tools.journal.notes[-1] == (
         "snapshot",
         {"camera": "overhead", "sequence": 0, "taken_s": 0.1, "label": "before"},
     )
@@ -258,7 +259,7 @@ def test_holes_are_read_from_a_view_that_is_newer_than_the_question() -> None:
     assert run(body, to, ticks=3)[0] is Status.RUNNING
     see(to, 2.0, holes={"p1": HoleView("o2", 1.0, 0.5, upright=False)})
     file = load_tree(Path("tree.xml"), node_registry(PRODUCT))
-    file.setup(to, to.clock)
+    file.setup(to, ManualClock())
     assert file.tick() is Status.RUNNING
     see(to, 2.1, holes={"p1": HoleView("o2", 1.0, 2.1, upright=False)})
     assert file.tick() is Status.SUCCESS
@@ -284,7 +285,7 @@ def test_a_goal_is_taught_only_as_it_is_seen() -> None:
     see(to, 2.0, holes=holes)
     assert node.execute() is Status.SUCCESS
     assert taught == [("new", tuple(shown.values()))]
-    to.teach = None
+    to.tools = replace(to.tools, teach=None)
     assert node.execute() is Status.FAILURE
 
 
@@ -305,15 +306,15 @@ def test_what_devices_cannot_do_is_a_failure_with_its_reason(node: str, told: st
     file = Path("tree.xml")
     file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{node}</BehaviorTree></root>')
     tree = load_tree(file, node_registry(PRODUCT))
-    tree.setup(to, to.clock)
+    tree.setup(to, ManualClock())
     assert tree.tick() is Status.FAILURE
     assert told in tree.root.feedback_message
 
 
 def test_nothing_is_let_go_over_the_bracket(monkeypatch: pytest.MonkeyPatch) -> None:
     to = services()
-    to.observation = replace(to.observation, gripper=HOLDING)
-    monkeypatch.setattr("trees.nodes.arm.tool_pose", lambda to: to.bench.bracket.pose)
+    to.now.observation = replace(to.now.observation, gripper=HOLDING)
+    monkeypatch.setattr("trees.nodes.arm.tool_pose", lambda to: to.tools.bench.bracket.pose)
     status, _ = run("<OpenGripper/>", to)
     assert status is Status.FAILURE
 
@@ -324,12 +325,12 @@ def test_an_operator_may_answer_in_words_of_their_own() -> None:
     body = '<AskOperator text="which batch?" answers="" wait_s="0" answer="{a}"/>'
     file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>')
     tree = load_tree(file, node_registry(PRODUCT))
-    tree.setup(to, to.clock)
+    tree.setup(to, ManualClock())
     assert tree.tick() is Status.RUNNING
-    (question,) = to.display.questions
+    (question,) = to.now.display.questions
     assert (question.kind, question.answers) == ("text", ())
     said = OperatorOrder("answer", "Batch 7b", question.number)
-    to.observation = replace(to.observation, operator=OperatorState(said=(said,)))
+    to.now.observation = replace(to.now.observation, operator=OperatorState(said=(said,)))
     assert tree.tick() is Status.SUCCESS
     assert tree.blackboard.values()["a"] == "Batch 7b"
 
@@ -340,19 +341,19 @@ def test_an_operator_is_asked_and_answered_or_not_in_time() -> None:
     file = Path("tree.xml")
     file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>')
     tree = load_tree(file, node_registry(PRODUCT))
-    tree.setup(to, to.clock)
+    tree.setup(to, ManualClock())
     assert tree.tick() is Status.RUNNING
-    (question,) = to.display.questions
-    assert ([one.value for one in question.answers], to.display.help_request) == (["yes", "no"], "ready?")
+    (question,) = to.now.display.questions
+    assert ([one.value for one in question.answers], to.now.display.help_request) == (["yes", "no"], "ready?")
     said = OperatorOrder("answer", "no", question.number)
-    to.observation = replace(to.observation, operator=OperatorState(said=(said,)))
+    to.now.observation = replace(to.now.observation, operator=OperatorState(said=(said,)))
     assert tree.tick() is Status.SUCCESS
     assert tree.blackboard.values()["a"] == "no"
-    assert (to.display.questions, to.display.help_request) == ((), None)
+    assert (to.now.display.questions, to.now.display.help_request) == ((), None)
     assert tree.tick() is Status.RUNNING  # a new question, which the old answer does not answer
     see(to, 6.0)
     assert tree.tick() is Status.FAILURE
     assert tree.root.feedback_message == "nobody answered within 5 s"
     assert tree.tick() is Status.RUNNING
     tree.halt()
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()

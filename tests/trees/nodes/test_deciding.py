@@ -47,9 +47,9 @@ HELP = GraspPlan(0.0, (), True, "help")
 )
 def test_a_planner_that_cannot_be_used_is_refused_and_the_rule_answers(answer: object) -> None:
     at = services(semantic=ScriptedPlanner(answer))  # type: ignore[arg-type]
-    assert at.infer(AssemblyState({})) is SURE
-    assert isinstance(at.journal, ListJournal)
-    assert [fields["decision"] for topic, fields in at.journal.notes if topic == "verdict"] == ["refused"]
+    assert at.tools.infer(AssemblyState({})) is SURE
+    assert isinstance(at.tools.journal, ListJournal)
+    assert [fields["decision"] for topic, fields in at.tools.journal.notes if topic == "verdict"] == ["refused"]
 
 
 def test_a_state_is_inferred_once() -> None:
@@ -59,7 +59,7 @@ def test_a_state_is_inferred_once() -> None:
     for placed in ({}, {}, {"p1": "o1"}, {"p1": "o1"}):
         node.state.entry.value = AssemblyState(placed)  # type: ignore[union-attr]
         assert node.update() is Status.SUCCESS
-    assert len(at.semantic.asked) == 2  # type: ignore[attr-defined]
+    assert len(at.tools.semantic.asked) == 2  # type: ignore[attr-defined]
 
 
 def test_the_first_position_that_the_guard_lets_pass_is_chosen() -> None:
@@ -95,8 +95,8 @@ def test_who_lets_the_robot_wait_is_told_once_what_for() -> None:
     for time_s in (0.0, 10.0, 15.0, 20.0):
         see(at, time_s)
         node.update()
-        told.append(at.display.message)
-        at.show(message="")
+        told.append(at.now.display.message)
+        at.now.show(message="")
     assert told == ["", "", "waiting until you turn a screw", ""]
 
 
@@ -114,7 +114,7 @@ def test_the_arm_waits_for_a_near_hand_and_for_a_fresh_view() -> None:
     assert node.update() is Status.RUNNING, "the arm would pass over this hand"
     see(at, 1.2, hand=hand_at(x + 0.35, y))
     assert node.update() is Status.SUCCESS
-    at.observation = replace(at.observation, time_s=3.0)
+    at.now.observation = replace(at.now.observation, time_s=3.0)
     assert node.update() is Status.RUNNING
 
 
@@ -158,13 +158,13 @@ def test_the_arm_waits_for_a_hand_near_the_part_that_it_goes_to() -> None:
 def test_looking_waits_for_an_answer_to_an_image_taken_after_the_question() -> None:
     old, new = replace(seen_parts("o1"), time_s=1.0), replace(seen_parts("o2"), time_s=2.1)
     at = services()
-    at.observation = replace(at.observation, time_s=2.0, parts=old)
+    at.now.observation = replace(at.now.observation, time_s=2.0, parts=old)
     node = LookAtTray("look")
     node.setup(services=at)
     node.initialise()
-    assert at.command.look
+    assert at.now.command.look
     assert node.update() is Status.RUNNING
-    at.observation = replace(at.observation, time_s=2.2, parts=new)
+    at.now.observation = replace(at.now.observation, time_s=2.2, parts=new)
     assert node.update() is Status.SUCCESS
     assert node.parts.entry.value is new  # type: ignore[union-attr]
 
@@ -186,11 +186,11 @@ def test_a_part_that_slipped_out_of_the_fingers_comes_after_the_others() -> None
     assert node.execute() is Status.SUCCESS
     assert node.index.entry.value == 0
     slipped = seen_parts("o1").detections[0]
-    at.failed_at(replace(slipped, world_from_part=Pose((0.407, -0.403, 0.016))))
+    at.memory.failed_at(replace(slipped, world_from_part=Pose((0.407, -0.403, 0.016))))
     node.execute()
     assert node.index.entry.value == 1
     for _ in range(3):
-        at.failed_at(seen_parts("o1", "o1").detections[1])
+        at.memory.failed_at(seen_parts("o1", "o1").detections[1])
     node.execute()
     assert node.index.entry.value == 0, "it is tried again where the others failed more often"
 
@@ -229,7 +229,7 @@ def test_a_type_of_which_all_lie_is_said_to_lie() -> None:
         node.setup(services=at)
         node.parts.entry.value, node.part.entry.value = view, part  # type: ignore[union-attr]
         assert node.update() is Status.FAILURE
-        assert any(said in reason for reason in at.reasons), at.reasons
+        assert any(said in reason for reason in at.memory.reasons), at.memory.reasons
 
 
 @pytest.mark.parametrize(
@@ -243,7 +243,7 @@ def test_what_lies_in_the_way_is_named_as_the_reason_of_the_call_for_help(part: 
     node.parts.entry.value = replace(seen_parts("o1"), others=(on_its_side(part, 0.45),))  # type: ignore[union-attr]
     node.index.entry.value = 0  # type: ignore[union-attr]
     assert node.update() is Status.FAILURE
-    assert any(said in reason for reason in at.reasons), at.reasons
+    assert any(said in reason for reason in at.memory.reasons), at.memory.reasons
 
 
 def test_what_lies_is_among_the_others_that_the_arm_keeps_clear_of() -> None:
@@ -259,8 +259,8 @@ def test_a_grasp_that_the_arm_cannot_do_is_refused_and_the_rule_answers() -> Non
         at = services(grasp=ScriptedGrasps({0: FREE}), rule_grasp=ScriptedGrasps({0: rule}))
         at.why_not_graspable = lambda parts, required: "no room for the fingers"  # type: ignore[method-assign]  # noqa: ARG005
         assert at.solve(seen_parts("o1", "o2", "o3"), 0).text == expected
-        assert isinstance(at.journal, ListJournal)
-        assert ("verdict", "no room for the fingers") in [(t, f.get("reason")) for t, f in at.journal.notes]
+        assert isinstance(at.tools.journal, ListJournal)
+        assert ("verdict", "no room for the fingers") in [(t, f.get("reason")) for t, f in at.tools.journal.notes]
 
 
 def test_help_with_a_part_that_the_arm_can_take_is_refused_and_the_rule_answers() -> None:

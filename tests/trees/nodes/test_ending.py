@@ -58,7 +58,7 @@ def test_a_hand_over_the_bracket_or_nobody_knows_where_is_waited_for_and_the_per
         node = ending(at)
         for time_s in (1.0, 3.0, 30.0):
             assert ticked(node, time_s, TRANSIT, hand, hand_unknown=unknown) is Status.FAILURE
-            assert at.display.message == ("waiting: the hand still moves" if time_s > 4.0 else "")
+            assert at.now.display.message == ("waiting: the hand still moves" if time_s > 4.0 else "")
 
 
 def test_a_hole_that_is_not_seen_filled_is_told_and_counts_once_nobody_could_make_it_visible() -> None:
@@ -67,6 +67,6 @@ def test_a_hole_that_is_not_seen_filled_is_told_and_counts_once_nobody_could_mak
     holes = {**FILLED, "p4": EMPTY_HOLES["p4"]}
     for time_s in (1.0, 5.0):
         assert ticked(node, time_s, IDLE, AT_REST, holes=holes) is Status.FAILURE
-    assert at.display.message == "waiting: not yet seen filled: p4"
+    assert at.now.display.message == "waiting: not yet seen filled: p4"
     node.state.entry.value = AssemblyState(FULL.placed, kept={"p4": None})  # type: ignore[union-attr]
     assert ticked(node, 6.0, IDLE, AT_REST, holes=holes) is Status.SUCCESS

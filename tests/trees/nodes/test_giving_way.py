@@ -20,12 +20,12 @@ from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Ob
 from cell.interfaces.perception import Action, BenchView, HandSample
 from cell.running.device_writer import withhold
 from cell.running.supervisor import make_supervisor
-from cell.wiring.node_library import node_registry
 from skills.motion.near_hand import separation_of
 from skills.motion.planner import at_height
 from tests.integration.cell_rig import BENCH, motion_planner
 from tests.trees.nodes.rig import services
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 TICK_S = 0.04
 TABLE = load_faults(load_configuration())
@@ -111,13 +111,13 @@ def run(world: World, before: str, tmp_path: Path, limit_s: float) -> Status:
     while status is Status.RUNNING and world.time_s < limit_s:
         seen = world.observe()
         judgement = supervisor.judge(seen)
-        at.observation = seen = replace(seen, share=judgement.share, held_by=judgement.held_by)
-        at.command = Command()
+        at.now.observation = seen = replace(seen, share=judgement.share, held_by=judgement.held_by)
+        at.now.command = Command()
         status = tree.tick()
-        judgement = supervisor.judge_command(seen, at.command)
+        judgement = supervisor.judge_command(seen, at.now.command)
         if judgement.share == 0:
-            withhold(at.command, judgement)
-        world.act(at.command, judgement.share)
+            withhold(at.now.command, judgement)
+        world.act(at.now.command, judgement.share)
     return status
 
 

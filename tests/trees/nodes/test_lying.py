@@ -56,12 +56,12 @@ def test_what_lies_near_another_part_is_found_the_nearest_first() -> None:
 
 def test_one_that_was_tried_in_vain_comes_last_and_then_not_at_all() -> None:
     to = services()
-    to.failed_at(VIEW.seen[3])
+    to.memory.failed_at(VIEW.seen[3])
     assert found(to, VIEW, part="o2") == 2
-    to.failed_at(VIEW.seen[2])
+    to.memory.failed_at(VIEW.seen[2])
     assert found(to, VIEW, part="o2", tries=1) is None
-    to.failed_at(VIEW.seen[3])
-    to.failed_at(VIEW.seen[2])
+    to.memory.failed_at(VIEW.seen[3])
+    to.memory.failed_at(VIEW.seen[2])
     assert found(to, VIEW, part="o2") is None
 
 
@@ -85,13 +85,13 @@ class Turned:
 def test_a_part_that_was_set_upright_is_no_reason_to_ask_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("skills.lying.SetUpright", lambda *_: Turned())
     to = services()
-    to.failed(lies_on_its_side(PRODUCT.title("o2")))
-    to.failed_at(VIEW.seen[2])
+    to.memory.failed(lies_on_its_side(PRODUCT.title("o2")))
+    to.memory.failed_at(VIEW.seen[2])
     node: Any = alone(SetUpright("set"), to, parts=VIEW, index=3)
     node.initialise()
-    assert (to.held_part, to.held_lying, to.tray_parts) == ("o2", True, VIEW.seen[:3])
+    assert (to.memory.held_part, to.memory.held_lying, to.memory.tray_parts) == ("o2", True, VIEW.seen[:3])
     assert node.update() is Status.SUCCESS
-    assert not to.reasons
+    assert not to.memory.reasons
     assert found(to, VIEW, near=0, within_m=0.25, tries=1) == 2  # what was in vain may go well now
 
 
@@ -109,7 +109,7 @@ def test_a_type_that_is_seen_lying_however_often_it_was_set_upright_is_turned_no
         assert node.update() is Status.SUCCESS
     assert found(to, VIEW, part="o2") is None
     assert found(to, VIEW) is None
-    assert next(reversed(to.reasons)) == "I turned the globe valve (o2) 3 times, and still see it lie on its side"
+    assert list(to.memory.reasons)[-1] == "I turned the globe valve (o2) 3 times, and still see it lie on its side"
     look(to, seen_parts("o2"))
     assert found(to, VIEW, part="o2") == 3
 
@@ -118,16 +118,16 @@ def look(to: Services, view: PartsView) -> None:
     """The robot looks at the tray, and sees this."""
     node: Any = alone(LookAtTray("look"), to)
     node.initialise()
-    to.observation = replace(to.observation, parts=replace(view, time_s=to.observation.time_s + 1.0))
+    to.now.observation = replace(to.now.observation, parts=replace(view, time_s=to.now.observation.time_s + 1.0))
     assert node.update() is Status.SUCCESS
 
 
 def test_a_part_that_is_held_as_it_lay_is_none_that_a_hole_needs() -> None:
     to = services(held_part="o2")
-    to.observation = replace(to.observation, gripper=HOLDING)
+    to.now.observation = replace(to.now.observation, gripper=HOLDING)
     node: Any = alone(HoldsNeededPart("holds"), to, state=AssemblyState({}))
     assert node.update() is Status.SUCCESS
-    to.held_lying = True
+    to.memory.held_lying = True
     assert node.update() is Status.FAILURE
     assert node.feedback_message == "o2 is held as it lay, and fits into no hole so"
 
@@ -137,9 +137,9 @@ def test_a_run_that_begins_with_a_leaning_tool_does_not_know_how_it_holds_the_pa
     to = services(motion=planner, held_part="o2")
     for tilt, known in ((0.0, Status.SUCCESS), (0.6, Status.FAILURE)):
         joints = np.array(BENCH.arm_park_rad) + tilt * np.eye(6)[3]
-        arm = replace(to.observation.arm, positions_rad=cast(Any, tuple(joints)))
-        to.observation = replace(to.observation, arm=arm, gripper=HOLDING)
+        arm = replace(to.now.observation.arm, positions_rad=cast(Any, tuple(joints)))
+        to.now.observation = replace(to.now.observation, arm=arm, gripper=HOLDING)
         node = IdentifyHeldPart("identify")
         node.setup(services=to)
         assert node.update() is known
-    assert list(to.reasons) == ["I do not know how I hold it"]
+    assert list(to.memory.reasons) == ["I do not know how I hold it"]

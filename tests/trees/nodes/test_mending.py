@@ -44,8 +44,8 @@ def asking(to: Services, mistakes: tuple[Mistake, ...] = WRONG, **ports: Any) ->
 
 def says(to: Services, value: str) -> None:
     """The newest question is answered."""
-    order = OperatorOrder("answer", value, to.display.questions[-1].number)
-    to.observation = replace(to.observation, operator=OperatorState(present=True, said=(order,)))
+    order = OperatorOrder("answer", value, to.now.display.questions[-1].number)
+    to.now.observation = replace(to.now.observation, operator=OperatorState(present=True, said=(order,)))
 
 
 def told(
@@ -110,7 +110,7 @@ def test_the_question_says_what_is_wrong_where_and_what_to_do() -> None:
     shows(to, 9.0, {P2: ODD})
     node = asking(to)
     assert node.execute() is Status.RUNNING
-    (question,) = to.display.questions
+    (question,) = to.now.display.questions
     wanted = f"{P2} holds the {PRODUCT.title(ODD)}, where this bracket needs the {PRODUCT.title(G1[P2])}"
     assert (question.kind, question.reason, question.todo) == ("mend", wanted, "take it out")
     assert question.positions == (P2,)
@@ -125,7 +125,7 @@ def test_the_bench_answers(now: str | None) -> None:
     node.execute()
     shows(to, 15.0, {P2: now})
     assert node.execute() is Status.SUCCESS
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()
 
 
 def test_of_two_mistakes_the_question_stands_until_both_are_mended_and_the_next_names_what_is_left() -> None:
@@ -137,13 +137,13 @@ def test_of_two_mistakes_the_question_stands_until_both_are_mended_and_the_next_
     node.execute()
     shows(to, 12.0, {P2: ODD})
     assert node.execute() is Status.RUNNING
-    assert list(to.display.questions[0].positions) == [P1, P2]
+    assert list(to.now.display.questions[0].positions) == [P1, P2]
     says(to, HELP_GIVEN)
     node.execute()
     shows(to, 16.0, {P2: ODD})
     assert node.execute() is Status.FAILURE
     node.execute()
-    assert list(to.display.questions[0].positions) == [P2]
+    assert list(to.now.display.questions[0].positions) == [P2]
     shows(to, 20.0)
     assert node.execute() is Status.SUCCESS
 
@@ -158,13 +158,13 @@ def test_who_says_done_without_having_done_it_is_asked_again() -> None:
     shows(to, 13.0, {P2: ODD})
     assert node.execute() is Status.FAILURE
     assert node.execute() is Status.RUNNING
-    (question,) = to.display.questions
+    (question,) = to.now.display.questions
     assert (question.number, question.tried) == (2, "I asked this before, and it looks the same")
     shows(to, 15.0)
     assert node.execute() is Status.SUCCESS
     shows(to, 99.0, {P2: ODD})
     assert node.execute() is Status.RUNNING
-    assert not to.display.questions[0].tried, "it was mended in between"
+    assert not to.now.display.questions[0].tried, "it was mended in between"
 
 
 def test_nobody_answers() -> None:
@@ -212,12 +212,12 @@ def test_of_parts_that_are_too_many_the_person_may_say_which_one_does_not_belong
     mistakes = tuple(Mistake(name, "surplus", part) for name in names)
     node: Any = alone(AskToMend("ask"), to, mistakes=mistakes, state=new, plan=SURE)
     node.execute()
-    (question,) = to.display.questions
+    (question,) = to.now.display.questions
     assert question.positions == tuple(names)
     assert [answer.value for answer in question.answers] == [HELP_GIVEN, *names, IS_RIGHT]
     says(to, odd)
     assert node.execute() is Status.RUNNING
-    (question,) = to.display.questions
+    (question,) = to.now.display.questions
     assert (question.number, question.positions, question.todo) == (2, (odd,), "take it out")
     assert question.reason == f"{odd} holds the {PRODUCT.title(part)}, which is one too many"
     assert node.execute() is Status.RUNNING, "the first answer is none to the second question"
@@ -229,20 +229,20 @@ def test_of_parts_that_are_too_many_the_person_may_say_which_one_does_not_belong
 def test_what_is_said_to_be_right_rules_out_the_goal_that_has_it_otherwise() -> None:
     to = services()
     shows(to, 9.0, {P2: ODD})
-    to.observation = replace(to.observation, operator=OperatorState(present=True))
+    to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
     plan = replace(SURE, goal_belief={"g0": 0.04, "g1": 0.94, "g2": 0.0, UNKNOWN_GOAL: 0.02})
     state = AssemblyState({P2: ODD}, kept={P2: ODD})
-    assert to.guard.sure_goal(plan, replace(state, kept={})) == "g1"
-    assert to.guard.sure_goal(plan, state) is None
-    assert to.guard.asks_for_goal(plan, state)
+    assert to.tools.guard.sure_goal(plan, replace(state, kept={})) == "g1"
+    assert to.tools.guard.sure_goal(plan, state) is None
+    assert to.tools.guard.asks_for_goal(plan, state)
     held = next(iter(plan.next_belief))
-    assert to.guard.judge(plan, state, EMPTY_HOLES, *held, True).decision == "ask"
-    assert to.guard.sure_goal(plan, replace(state, told_goal="g1")) == "g1", "what is told counts more"
+    assert to.tools.guard.judge(plan, state, EMPTY_HOLES, *held, True).decision == "ask"
+    assert to.tools.guard.sure_goal(plan, replace(state, told_goal="g1")) == "g1", "what is told counts more"
 
 
 def test_what_the_robot_placed_and_a_person_took_out_rules_out_the_goal_that_has_it() -> None:
     to = services()
-    to.observation = replace(to.observation, operator=OperatorState(present=True))
+    to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
     plan = replace(SURE, goal_belief={"g0": 0.0, "g1": 1.0, "g2": 0.0, UNKNOWN_GOAL: 0.0})
     state = AssemblyState({P1: G1[P1], P2: G1[P2]}, by_robot={P2: G1[P2]})
     reconcile: Any = alone(ReconcileGraph("reconcile"), to, state=state)
@@ -251,13 +251,13 @@ def test_what_the_robot_placed_and_a_person_took_out_rules_out_the_goal_that_has
         reconcile.execute()
     gone = reconcile.state.get()
     assert (gone.placed, gone.taken_out, gone.by_robot) == ({P1: G1[P1]}, {P2: G1[P2]}, {})
-    assert to.guard.sure_goal(plan, state) == "g1"
-    assert to.guard.sure_goal(plan, gone) is None
-    assert to.guard.fits_none(gone)
-    assert to.guard.judge(plan, gone, EMPTY_HOLES, G1[P2], P2, True).decision == "ask"
+    assert to.tools.guard.sure_goal(plan, state) == "g1"
+    assert to.tools.guard.sure_goal(plan, gone) is None
+    assert to.tools.guard.fits_none(gone)
+    assert to.tools.guard.judge(plan, gone, EMPTY_HOLES, G1[P2], P2, True).decision == "ask"
     node: Any = alone(AskWhichGoal("ask"), to, plan=plan, state=gone)
     assert node.execute() is Status.RUNNING
-    assert to.display.questions[0].reason == "I took this for g1, and what I placed was taken out again"
+    assert to.now.display.questions[0].reason == "I took this for g1, and what I placed was taken out again"
     for time_s in (3.0, 4.0, 5.0):
         shows(to, time_s, {P1: G1[P1], P2: G1[P2]})
         reconcile.execute()
@@ -294,12 +294,12 @@ def test_a_hole_that_nobody_clears_is_not_asked_about_again_and_not_known_to_be_
 def test_what_fits_no_product_is_asked_about_though_none_is_so_unlikely() -> None:
     to = services()
     shows(to, 0.0)
-    to.observation = replace(to.observation, operator=OperatorState(present=True))
+    to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
     odd = AssemblyState({P1: "o3", P2: "o3"})
     puzzled = replace(SURE, goal_belief={"g0": 0.8, "g1": 0.0, "g2": 0.0, UNKNOWN_GOAL: 0.2}, next_belief={})
-    assert to.guard.fits_none(odd)
-    assert to.guard.asks_for_goal(puzzled, odd)
-    assert not to.guard.asks_for_goal(puzzled, AssemblyState({P1: PRODUCT.goal_placements("g0")[P1]}))
+    assert to.tools.guard.fits_none(odd)
+    assert to.tools.guard.asks_for_goal(puzzled, odd)
+    assert not to.tools.guard.asks_for_goal(puzzled, AssemblyState({P1: PRODUCT.goal_placements("g0")[P1]}))
     node: Any = alone(AwaitMisfit("misfit"), to, state=odd)
     assert node.execute() is Status.RUNNING
     shows(to, 5.0)
@@ -313,7 +313,7 @@ def test_a_full_bracket_of_no_known_product_waits_for_a_word_where_somebody_is_t
     see(to, 1.0, holes=EMPTY_HOLES)
     right: Any = alone(BracketIsRight("right"), to, state=AssemblyState({}), plan=NO_IDEA)
     assert right.execute() is Status.SUCCESS
-    to.observation = replace(to.observation, operator=OperatorState(present=True))
+    to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
     assert right.execute() is Status.FAILURE
     right.state.entry.value = AssemblyState({}, told_goal=UNKNOWN_GOAL)
     assert right.execute() is Status.SUCCESS

@@ -92,18 +92,19 @@ def run(seed: int, path: Path) -> SlowArm:
     path.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{nodes}</BehaviorTree></root>')
     tree = load_whatever_is_reached(path, Registry([Counted, Swings]))
     arm, clock = SlowArm(), ManualClock()
-    services = SimpleNamespace(show=lambda **_: None, journal=ListJournal(), observation=None, command=None)
+    now = SimpleNamespace(show=lambda **_: None, observation=None, command=None)
+    services = SimpleNamespace(now=now, tools=SimpleNamespace(journal=ListJournal()))
     tree.setup(services, clock)
     Counted.answers, Counted.fault_rate = draw, 0.0
     Counted.begun.clear()
     Counted.ended.clear()
     for _ in range(60):
-        services.observation, services.command = arm.observe(), Command()
+        services.now.observation, services.now.command = arm.observe(), Command()
         if draw.random() < 0.05:
             tree.halt()
         else:
             tree.tick()
-        arm.act(services.command)
+        arm.act(services.now.command)
         clock.sleep_until(arm.time_s)
     return arm
 

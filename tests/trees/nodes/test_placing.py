@@ -12,7 +12,6 @@ from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.skill import Progress, SkillStatus
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import SURE, services
 from trees.nodes.placing import PlacedInVain, PlacePart
@@ -36,7 +35,7 @@ class Lowering:
 def place(to: Services, took_s: float) -> None:
     node: Any = alone(PlacePart("place"), to, part="o1", position="p2")
     node.initialise()
-    to.observation = replace(to.observation, time_s=to.observation.time_s + took_s)
+    to.now.observation = replace(to.now.observation, time_s=to.now.observation.time_s + took_s)
     node.update()
 
 
@@ -54,7 +53,7 @@ def test_a_part_that_meets_something_in_its_hole_three_times_is_placed_in_vain(m
         place(to, took_s)
         answers.append(in_vain(to))
     assert answers == [False, False, False, True]
-    assert next(reversed(to.reasons)) == "the gate valve (o1) does not go into p2"
+    assert list(to.memory.reasons)[-1] == "the gate valve (o1) does not go into p2"
     assert not in_vain(to)  # asked once, it is tried again
     for one in (SkillStatus.FAILURE, SkillStatus.FAILURE, SkillStatus.SUCCESS, SkillStatus.FAILURE):
         end[0] = one
@@ -67,7 +66,7 @@ def test_ahead_of_the_person_a_robot_asks_instead_of_pressing_on_a_full_hole_for
     """A hole that is filled and read as empty: one run lowered the same part onto another 39 times."""
     answers = {"GripperIsEmpty": "F", "PlacePart": "F", "PlacedInVain": "FFS", "AskForHelp": "R"}
     given = {"state": AssemblyState({}), "plan": SURE, "part": "o1", "position": "p2"}
-    made = TreeBench(ROOT / "trees" / "ahead.xml", node_registry(), answers, provided=given, main="HelpAhead")
+    made = TreeBench(ROOT / "trees" / "ahead.xml", answers, provided=given, main="HelpAhead")
     for _ in range(60):
         made.tick(0.1)
     assert (made.started("PlacePart"), made.started("AskForHelp")) == (3, 1)

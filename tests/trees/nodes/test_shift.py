@@ -12,7 +12,7 @@ from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import LeftOff
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, see, services
-from trees.nodes.services import Services
+from trees.nodes.services import Services, Tools
 from trees.nodes.shift import BeginBracket, BracketTaken, EndBracket, ShiftIsOver, WaitForEmptyBracket
 from trees.nodes.watching import StartGraph
 from trees.testing import alone
@@ -22,7 +22,7 @@ FULL = {position: HoleView(part, 1.0, 0.0) for position, part in G0.items()}
 
 
 def notes(to: Services) -> list[dict[str, object]]:
-    return [fields for topic, fields in to.journal.take() if topic == "bracket"]  # type: ignore[attr-defined]
+    return [fields for topic, fields in to.tools.journal.take() if topic == "bracket"]  # type: ignore[attr-defined]
 
 
 def test_it_asks_for_an_empty_bracket_and_waits_until_it_is_seen() -> None:
@@ -30,12 +30,12 @@ def test_it_asks_for_an_empty_bracket_and_waits_until_it_is_seen() -> None:
     node: Any = alone(WaitForEmptyBracket("wait"), to)
     see(to, 0.0, holes=FULL)
     assert node.execute() is Status.RUNNING
-    assert [question.kind for question in to.display.questions] == ["bracket"]
+    assert [question.kind for question in to.now.display.questions] == ["bracket"]
     see(to, 1.0)
     assert node.execute() is Status.RUNNING
     see(to, 2.1)
     assert node.execute() is Status.SUCCESS
-    assert to.display.questions == ()
+    assert to.now.display.questions == ()
 
 
 def test_a_hole_that_was_never_seen_is_not_taken_for_empty() -> None:
@@ -73,15 +73,16 @@ def test_a_bracket_that_is_cleared_by_hand_is_noticed_and_one_that_never_had_par
 def test_the_end_is_noted_and_what_was_seen_is_learned() -> None:
     learned: list[tuple[str, ...]] = []
 
-    def learn(_: Services, parts: tuple[str, ...]) -> str:
+    def learn(tools: Tools, parts: tuple[str, ...]) -> tuple[Tools, str]:
         learned.append(parts)
-        return "g0"
+        return tools, "g0"
 
     to = services(learn=learn)
     node: Any = alone(EndBracket("end"), to, number=3, state=AssemblyState(G0))
     see(to, 0.0, holes=FULL)
     assert node.execute() is Status.SUCCESS
     assert learned == [PRODUCT.goals["g0"]]
+    assert to.memory.finished == (PRODUCT.goals["g0"],)
     assert notes(to)[0]["finished"] is True
     see(to, 1.0, holes=EMPTY_HOLES)
     node.execute()
@@ -93,7 +94,7 @@ def test_enough_is_what_the_operator_wants() -> None:
     to = services()
     node: Any = alone(ShiftIsOver("over"), to, number=3)
     for wanted, status in ((None, Status.FAILURE), (4, Status.FAILURE), (3, Status.SUCCESS), (0, Status.SUCCESS)):
-        to.observation = replace(to.observation, operator=OperatorState(brackets=wanted))
+        to.now.observation = replace(to.now.observation, operator=OperatorState(brackets=wanted))
         assert node.execute() is status
 
 
@@ -103,15 +104,15 @@ def test_a_shift_that_begins_with_a_bracket_half_full_goes_on_with_it_but_only_t
     half = {**EMPTY_HOLES, "p1": FULL["p1"]}
     see(to, 0.0, holes=half)
     assert node.execute() is Status.SUCCESS
-    assert not to.display.questions
-    to.brackets = 1
+    assert not to.now.display.questions
+    to.memory.brackets = 1
     see(to, 1.0, holes=half)
     assert node.execute() is Status.RUNNING
-    assert [question.kind for question in to.display.questions] == ["bracket"]
+    assert [question.kind for question in to.now.display.questions] == ["bracket"]
 
 
 def test_a_resumed_shift_goes_on_with_its_bracket_and_keeps_counting() -> None:
-    to = services(left_off=LeftOff(placed={"p1": "o1"}, told_goal="g0", bracket=3))
+    to = services(left_off=LeftOff(AssemblyState({"p1": "o1"}, "g0"), bracket=3))
     wait: Any = alone(WaitForEmptyBracket("wait"), to)
     see(to, 0.0)
     assert wait.execute() is Status.SUCCESS, "nothing stood in it yet, and it was begun"
@@ -124,7 +125,7 @@ def test_a_resumed_shift_goes_on_with_its_bracket_and_keeps_counting() -> None:
 
 
 def test_a_shift_that_was_left_between_two_brackets_begins_the_next_one() -> None:
-    to = services(left_off=LeftOff(placed=dict(G0), bracket=3, ended=True))
+    to = services(left_off=LeftOff(AssemblyState(dict(G0)), bracket=3, ended=True))
     wait: Any = alone(WaitForEmptyBracket("wait"), to)
     see(to, 0.0, holes=FULL)
     assert wait.execute() is Status.RUNNING
@@ -134,8 +135,8 @@ def test_a_shift_that_was_left_between_two_brackets_begins_the_next_one() -> Non
 
 
 def test_an_assembly_that_was_left_begins_with_its_graph() -> None:
-    to = services(left_off=LeftOff(placed={"p2": "o2"}))
+    to = services(left_off=LeftOff(AssemblyState({"p2": "o2"})))
     node: Any = alone(StartGraph("start"), to)
     assert node.execute() is Status.SUCCESS
     assert node.state.entry.value == AssemblyState({"p2": "o2"})
-    assert to.left_off is None
+    assert to.memory.left_off == LeftOff()

@@ -9,9 +9,9 @@ import pytest
 
 from cell.commands.main import main
 from cell.configuration import Configuration, load_configuration, load_product
-from cell.wiring.node_library import node_registry
 from skills.drivers.settings import SignalSettings
 from trees.files.check import check
+from trees.node_library import node_registry
 
 SHIPPED = load_configuration()
 PRODUCT = load_product(SHIPPED)

@@ -63,8 +63,8 @@ def test_the_log_says_that_a_hole_told_the_placement_first() -> None:
         node.state.entry.value = AssemblyState({})  # type: ignore[union-attr]
         node.action.entry.value = SeenAction(action, 0.0)  # type: ignore[union-attr]
         node.update()
-        assert isinstance(at.journal, ListJournal)
-        (noted,) = (fields for topic, fields in at.journal.notes if topic == "belief")
+        assert isinstance(at.tools.journal, ListJournal)
+        (noted,) = (fields for topic, fields in at.tools.journal.notes if topic == "belief")
         assert (noted["source"], noted.get("shown")) == ("action", shown)
 
 
@@ -118,8 +118,8 @@ def contradiction(confidence: float, part: str | None) -> tuple[list[str], dict[
         holes = {**EMPTY_HOLES, "p2": HoleView(part, confidence, time_s)}
         see(at, time_s, holes=holes, action=PLACED if number == 0 else IDLE)
         node.update()
-        asked = at.display.help_request or asked
-    notes = [fields for topic, fields in at.journal.notes if topic == "belief" and "contradiction" in fields]  # type: ignore[attr-defined]
+        asked = at.now.display.help_request or asked
+    notes = [fields for topic, fields in at.tools.journal.notes if topic == "belief" and "contradiction" in fields]  # type: ignore[attr-defined]
     assert all(note["action"]["part"] == "o1" and note["hole"]["part"] == part for note in notes)
     return [note["outcome"] for note in notes], dict(node.state.get().placed), asked
 
@@ -148,7 +148,7 @@ def test_a_part_that_was_seen_in_its_hole_and_is_taken_away_contradicts_nobody()
         see(at, 0.5 * number, holes=holes, action=PLACED if number == 0 else IDLE)
         node.update()
     assert not node.state.get().placed
-    assert not [fields for _, fields in at.journal.notes if "contradiction" in fields]  # type: ignore[attr-defined]
+    assert not [fields for _, fields in at.tools.journal.notes if "contradiction" in fields]  # type: ignore[attr-defined]
 
 
 def test_a_hole_that_is_covered_changes_nothing() -> None:

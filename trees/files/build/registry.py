@@ -64,6 +64,7 @@ class Registry:
         enums: enums whose members scripts may name; those of ports are known anyway.
         words: the names that ports of each kind take; a kind that is missing takes any.
         remark: what to say where a node is not known, beside what is near.
+        entries: of every main tree, those that the cell itself writes, with their first values; a tree only reads them.
     """
 
     def __init__(
@@ -72,8 +73,10 @@ class Registry:
         enums: Iterable[type[Enum]] = (),
         words: Words | None = None,
         remark: str = "",
+        entries: Mapping[str, Any] | None = None,
     ) -> None:
         self.remark = remark
+        self.entries: Mapping[str, Any] = entries or {}
         self.words: Words = words or {}
         self.classes: dict[str, type[TreeNode]] = {}
         self._ports: dict[str, dict[str, Port]] = {}
@@ -101,7 +104,7 @@ class Registry:
 
     def extended(self, classes: Iterable[type[TreeNode]]) -> Registry:
         """A registry with more nodes, also in the place of those of the same names."""
-        more = Registry(words=self.words, remark=self.remark)
+        more = Registry(words=self.words, remark=self.remark, entries=self.entries)
         more.classes, more._ports, more.enums = dict(self.classes), dict(self._ports), dict(self.enums)
         for node in classes:
             more.classes.pop(tag_of(node), None)

@@ -1,7 +1,7 @@
 """Whether a guard stands above every node that must not run without one, in every tree that can call it.
 
 A guard stands above a node where a node such as ReactiveSequence asks it again in every tick while the other runs: what
-it is and does its class says (`asked_before`, `succeeds_after`, `instant`, `never_succeeds`). It counts only where the
+it is and does its class says (`traits`). It counts only where the
 node cannot be reached past it: a guard under ForceSuccess or Inverter, in one of several alternatives, or with a
 `_skipIf`, is none. Nor is one whose verdict may be old: followed in a Sequence by what runs on over several ticks.
 """
@@ -9,11 +9,13 @@ node cannot be reached past it: a guard under ForceSuccess or Inverter, in one o
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import accumulate
 
 from cell.errors import Problem
 from trees.engine.controls import ReactiveSequence
 from trees.engine.decorators import SubTree
-from trees.engine.node import TreeNode
+from trees.engine.node import SUCCESS, TreeNode
+from trees.engine.status import ANY
 from trees.files.build.registry import Registry
 from trees.files.parse.library import Library, bottom_up, called
 from trees.files.parse.xml_file import Element, node_tag
@@ -45,7 +47,7 @@ class _Finder:
                 self._instant.add(id(element))
             if self._is_guard(element):
                 self._guarding.add(id(element))
-        self._legal = ", ".join(tag for tag, node in registry.classes.items() if node.guards)
+        self._legal = ", ".join(tag for tag, node in registry.classes.items() if node.traits.guards)
         self.problems: list[Problem] = []
 
     def visit(self, tree: Element) -> None:
@@ -65,9 +67,14 @@ class _Finder:
     def _below(self, element: Element, guarded: bool) -> Iterator[tuple[Element, bool]]:
         """The children, and whether a guard stands above or before them."""
         children = called(self._library, element)
+        if guarded or element.broken:
+            yield from ((child, guarded) for child in children)
+            return
+        stopping = [0, *accumulate(self._stops(element, child) for child in children)]  # of the first n children
+        asked = self._class(element).traits.asked_before
         for index, child in enumerate(children):
-            before = () if element.broken else (children[other] for other in self._class(element).asked_before(index))
-            yield child, guarded or any(self._stops(element, other) for other in before)
+            before = asked(index)
+            yield child, stopping[before.stop] > stopping[before.start]
 
     def _stops(self, element: Element, child: Element) -> bool:
         """Whether a child that does not agree stops the others at once; a WhileDoElse lets them be while it runs."""
@@ -81,16 +88,16 @@ class _Finder:
             return True  # only what is certain is told
         if any(name in element.attributes for name in _BYPASSES):
             return False
-        node = self._class(element)
-        if node.succeeds_after == "all":
+        traits = self._class(element).traits
+        if traits.succeeds_after == "all":
             return self._last_asked(element, children)
-        if node.succeeds_after == "one":
+        if traits.succeeds_after == "one":
             return all(id(child) in self._guarding or self._fails(child) for child in children)
-        return node.guards
+        return traits.guards
 
     def _last_asked(self, element: Element, children: list[Element]) -> bool:
         """A guard among children that must all succeed, whose verdict is of the same tick as the last one's."""
-        again = self._class(element).asked_before(len(children) - 1)
+        again = self._class(element).traits.asked_before(len(children) - 1)
         for index in reversed(range(len(children))):
             if id(children[index]) in self._guarding:
                 return True
@@ -99,17 +106,21 @@ class _Finder:
         return False
 
     def _fails(self, element: Element) -> bool:
-        return not element.broken and "_successIf" not in element.attributes and self._class(element).never_succeeds
+        """Whether no SUCCESS comes from it, whatever is below."""
+        if element.broken or "_successIf" in element.attributes:
+            return False
+        below = [ANY] * len(called(self._library, element))
+        return SUCCESS not in self._class(element).traits.results(below, {})
 
     def _is_instant(self, element: Element) -> bool:
         if element.broken:
             return True
         below = all(id(child) in self._instant for child in called(self._library, element))
-        return below and self._class(element).instant
+        return below and self._class(element).traits.instant
 
     def _needs_guard(self, element: Element) -> bool:
         node = self._registry.classes.get(node_tag(element))
-        return node is not None and node.needs_guard
+        return node is not None and node.traits.needs_guard
 
     def _class(self, element: Element) -> type[TreeNode]:
         return SubTree if element.tag == "SubTree" else self._registry.classes[node_tag(element)]

@@ -48,7 +48,7 @@ class _Order:
         self._back = [0] * (count + 1)  # uid of the topmost node above each one that comes back to it, 0 for none
         for node in nodes:
             for child in _children(node):
-                back = self._back[node.uid] or (node.uid if node.comes_back else 0)
+                back = self._back[node.uid] or (node.uid if node.traits.comes_back else 0)
                 self._back[child.uid] = back
         for node in reversed(nodes):
             self._last[node.uid] = max([node.uid, *(self._last[child.uid] for child in _children(node))])

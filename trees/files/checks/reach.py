@@ -1,7 +1,7 @@
 """Children that are never ticked, because what stands before them never lets the parent go on.
 
 For every node the set of results that it can end with is worked out from the bottom up. What each node makes of its
-children's results, and which of them bars which, its class says (`results`, `barrier`).
+children's results, and which of them bars which, the `traits` of its class say.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ def check_claims(library: Library, registry: Registry) -> Iterator[Problem]:
         for child in children:
             below = claimed[id(child)]
             both = next((name for name in below if name in taken), None)
-            if both is not None and node is not None and node.at_once and not element.broken:
+            if both is not None and node is not None and node.traits.at_once and not element.broken:
                 first = taken[both]
                 what = f"{node_tag(below[both])} commands the {both} while {node_tag(first)} may"
                 legal = f"{node_tag(first)} at {first.place} runs at the same time; put both into a Sequence"
                 yield Problem(child.place, what, legal)
             taken = below | taken
-        claimed[id(element)] = taken | dict.fromkeys(node.claims if node is not None else (), element)
+        claimed[id(element)] = taken | dict.fromkeys(node.traits.claims if node is not None else (), element)
 
 
 _ADDED = {"_failureIf": FAILURE, "_successIf": SUCCESS, "_skipIf": SKIPPED, "_while": SKIPPED}
@@ -66,7 +66,7 @@ class _Reach:
         node = SubTree if element.tag == "SubTree" else self._registry.classes.get(tag)
         if element.broken or node is None:
             return ANY
-        barriers = ((index, node.barrier(index, below)) for index in range(1, len(element.children)))
+        barriers = ((index, node.traits.barrier(index, below)) for index in range(1, len(element.children)))
         for index, barrier in barriers:
             if barrier is not None:
                 self._unreachable(element.children[index], element.children[barrier], below[barrier])
@@ -74,7 +74,7 @@ class _Reach:
         values = {name: attribute.value for name, attribute in element.attributes.items()}
         ports = {} if node is SubTree else self._registry.ports(tag)
         unset = {FAILURE} if any("{" in values.get(name, "") for name in ports) else set()
-        return node.results(below, values) | unset
+        return node.traits.results(below, values) | unset
 
     def _unreachable(self, child: Element, before: Element, ends: Results) -> None:
         does = "always " + " or ".join(_WORDS[status] for status in EITHER if status in ends) if ends else "never ends"

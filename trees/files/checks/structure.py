@@ -236,7 +236,6 @@ def _measure(library: Library, identifier: str, sizes: dict[str, tuple[int, int]
             continue
         stack.append((name, _subtrees(library.trees[name])))
     return problems
-    return None
 
 
 def _subtrees(tree: Element) -> Iterator[Element]:

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from cell.configuration import load_configuration, load_product
-from cell.wiring.node_library import node_registry
+from cell import load_cell
+from trees import Bench
 from trees.files.check import check
-from trees.testing import TreeBench
+from trees.node_library import node_registry
 
 FOLDER = Path(__file__).resolve().parents[1]
 TREE = FOLDER / "trees" / "assemble.xml"
@@ -16,13 +16,11 @@ def test_trees_have_no_mistakes() -> None:
 
 
 def test_configuration_fits_the_product() -> None:
-    path = FOLDER / "config" / "cell.yaml"
-    product = load_product(load_configuration(path), path)
-    assert product.goals
+    assert load_cell(FOLDER / "config" / "cell.yaml").product.goals
 
 
 def test_nothing_moves_while_the_gripper_is_not_active() -> None:
     # S: success, F: failure, R: running, one letter a tick
-    bench = TreeBench(TREE, node_registry(), {"ActivateGripper": "RRF"})
+    bench = Bench(TREE, {"ActivateGripper": "RRF"})
     assert [bench.tick(), bench.tick(), bench.tick()] == ["R", "R", "F"]
     assert bench.started("MoveTo") == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import socket
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from rich.console import Console
 
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
+from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import LeftOff
 from cell.log.read.resume import _after, read_left_off
 from cell.runs.options import RunOptions
@@ -33,7 +35,7 @@ def after(*notes: tuple[str, dict[str, Any]]) -> LeftOff:
 
 def test_a_whole_assembly_is_known_from_its_log() -> None:
     left = read_left_off(CASE, PRODUCT)
-    assert dict(left.placed) == G0
+    assert dict(left.graph.placed) == G0
     assert left.held_part in PRODUCT.parts
     assert (left.bracket, left.ended) == (0, False)
     assert LeftOff.of(left.plain()) == left
@@ -43,8 +45,8 @@ def test_a_whole_assembly_is_known_from_its_log() -> None:
 
 def test_where_a_shift_was_left_off_is_told_in_words() -> None:
     assert LeftOff().told == "nothing is placed"
-    assert LeftOff({"p5": "o3"}, bracket=2).told == "bracket 2; o3 at p5"
-    assert LeftOff({"p5": "o3"}, bracket=2, ended=True).told == "bracket 2; nothing is placed"
+    assert LeftOff(AssemblyState({"p5": "o3"}), bracket=2).told == "bracket 2; o3 at p5"
+    assert LeftOff(AssemblyState({"p5": "o3"}), bracket=2, ended=True).told == "bracket 2; nothing is placed"
 
 
 def test_a_log_of_another_product_is_refused() -> None:
@@ -66,6 +68,20 @@ def test_edges_that_were_taken_back_and_brackets_that_ended_are_followed() -> No
 def test_a_goal_that_was_learned_is_learned_again() -> None:
     ended = ("bracket", {"number": 1, "edge": "end", "finished": True, "placed": G0, "goal": "new1"})
     assert after(ended, ended).finished == (tuple(G0[position] for position in PRODUCT.positions),)
+
+
+def test_what_is_held_is_read_from_the_memory_of_the_nodes() -> None:
+    taken = ("memory", {"held_part": "o2"})
+    assert after(taken, ("memory", {"held_lying": False})).held_part == "o2"
+    assert after(("skill", {"reason": "grasping o1"})).held_part == "o1", "older logs have only the words of the skills"
+
+
+def test_a_log_of_before_has_the_graph_among_the_other_fields() -> None:
+    plain = {"placed": {"p1": "o1"}, "told_goal": "g0", "bracket": 2, "ended": False, "held_part": None, "finished": []}
+    more = {"kept": {"p2": None}, "known_wrong": {}, "told_parts": {}, "taken_out": {}}
+    left = LeftOff(AssemblyState({"p1": "o1"}, "g0", kept={"p2": None}), 2)
+    assert LeftOff.of({**plain, **more}) == left
+    assert LeftOff.of(json.loads(json.dumps(left.plain()))) == left
 
 
 def test_a_resumed_bracket_keeps_what_was_known_of_it() -> None:

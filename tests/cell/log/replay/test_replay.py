@@ -76,6 +76,18 @@ def test_an_assembly_replays_too(assembly_log: Log) -> None:
     assert comparison.ticks == len(assembly_log.ticks)
 
 
+@pytest.mark.parametrize("tells", [True, False])
+def test_what_nodes_remember_is_compared_where_the_log_tells_it(assembly_log: Log, tells: bool) -> None:
+    def forged(tick: LoggedTick) -> LoggedTick:
+        notes = ((topic, {"held_part": "o9"} if "held_part" in fields else fields) for topic, fields in tick.notes)
+        return dataclasses.replace(tick, notes=tuple(note for note in notes if tells or note[0] != "memory"))
+
+    log = dataclasses.replace(assembly_log, ticks=tuple(forged(tick) for tick in assembly_log.ticks))
+    comparison = Replay(log).run()
+    assert set(comparison.first_by_aspect) == ({"memory"} if tells else set())
+    assert diff(assembly_log, log).identical != tells
+
+
 def test_another_hole_differs_from_the_tick_on_that_moves_there(commission_log: Log, tmp_path: Path) -> None:
     for file in COMMISSION.parent.glob("*.xml"):
         (tmp_path / file.name).write_text(file.read_text().replace("position := 'p3'", "position := 'p4'"))

@@ -107,7 +107,7 @@ def test_a_span_that_is_none_is_bad_input(
         ["report", "LOG", "-o", "LOG"],
         ["show", "LOG", "--svg", "LOG"],
         ["log", "diff", "LOG", "LOG", "--html", "LOG"],
-        ["log", "sheet", "LOG", "-o", "LOG"],
+        ["lab", "sheet", "LOG", "-o", "LOG"],
         *(["log", "export", "LOG", "--to", kind, "-o", "LOG"] for kind in ("csv", "rerun", "btlog", "video")),
     ],
 )

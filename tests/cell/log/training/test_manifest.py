@@ -30,7 +30,7 @@ from learned.grasp.data import read_scenes
 from learned.semantic.data import load_demonstrations
 from tests import ROOT
 
-COMMAND = "cell data --from x --out y"
+COMMAND = "cell lab data --from x --out y"
 
 
 @pytest.fixture(scope="module")
@@ -227,10 +227,10 @@ def test_other_products_and_full_folders_are_refused(tray_log: Log, folder: Path
 def test_command_writes_and_asks_for_what_is_missing(
     tray_log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["data", "--from", str(tray_log.path), "--out", str(tmp_path / "out")]) == 0
+    assert main(["lab", "data", "--from", str(tray_log.path), "--out", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "manifest.json").exists()
     capsys.readouterr()
-    assert main(["data", "--from", str(tray_log.path)]) == 2
+    assert main(["lab", "data", "--from", str(tray_log.path)]) == 2
     told = " ".join(capsys.readouterr().err.split())
     assert "or a data set: semantic, grasp, actions, hands, holes, plates, objects" in told
     bad, copied = tmp_path / "bad.mcap", tmp_path / "copied.mcap"
@@ -242,7 +242,7 @@ def test_command_writes_and_asks_for_what_is_missing(
         (tray_log.path, f"{tray_log.path.name}: is named twice"),
         (copied, "copied.mcap: is named twice, or is a copy of another"),
     ):
-        words = ["data", "--from", str(tray_log.path), "--from", str(other), "--out", str(tmp_path / "other")]
+        words = ["lab", "data", "--from", str(tray_log.path), "--from", str(other), "--out", str(tmp_path / "other")]
         assert main(words) == 2
         assert why in capsys.readouterr().err
         assert not (tmp_path / "other").exists()
@@ -252,7 +252,7 @@ def test_logs_that_are_not_there_are_told_before_any_is_read(tmp_path: Path, mon
     monkeypatch.setattr("cell.commands.log_terminal.read", lambda _: pytest.fail("a log is read"))
     (tmp_path / "some.mcap").write_bytes(b"some")
     for other in ("none.mcap", "./some.mcap"):
-        words = ["data", "--from", str(tmp_path / "some.mcap"), "--from", f"{tmp_path}/{other}", "--out", "new"]
+        words = ["lab", "data", "--from", str(tmp_path / "some.mcap"), "--from", f"{tmp_path}/{other}", "--out", "new"]
         assert main(words) == 2
 
 

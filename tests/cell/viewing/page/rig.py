@@ -21,10 +21,10 @@ from cell.interfaces.pose import Pose
 from cell.running.operator import OperatorChannel
 from cell.viewing.page.page import OperatorPage
 from cell.watching.observer import SentCommand, TickRecord
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import BENCH, EMPTY_GRIPPER, EMPTY_HOLES, PRODUCT, STANDING
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 BELIEF = {"g0": 0.1, "g1": 0.85, "g2": 0.03, UNKNOWN_GOAL: 0.02}
 GUIDANCE = {"o1": ("p2", "p4"), "o2": ("p1", "p3"), "o3": ("p5",)}

@@ -148,7 +148,7 @@ def test_a_port_that_is_taken_is_told(rig: PageRig) -> None:
     taken = rig.page.port
     from tests.trees.nodes.rig import BENCH, PRODUCT
 
-    with pytest.raises(InputError, match="--page-port"):
+    with pytest.raises(InputError, match="--page PORT"):
         OperatorPage(PRODUCT, BENCH, {}, rig.tree, rig.channel.put, taken)
 
 

@@ -10,10 +10,10 @@ from cell.interfaces.observation import Observation
 from cell.running.observers import Announcer
 from cell.viewing.page.state import PageState
 from cell.watching.observer import SentCommand, TickRecord
-from cell.wiring.node_library import node_registry
 from tests import ROOT
 from tests.trees.nodes.rig import BENCH, EMPTY_GRIPPER, PRODUCT, STANDING
 from trees.files.loader import load_tree
+from trees.node_library import node_registry
 
 HELD = Judgement(Action.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off its path"),), ("arm_off_path",))
 

@@ -1,0 +1,44 @@
+"""`cell lab`: commands for research. Everything of it stays in a clone; no command of the product imports it."""
+
+from __future__ import annotations
+
+from cell.commands.table import Command
+
+EVALUATIONS = {
+    name: Command(f"cell.commands.lab.{module}", text)
+    for name, module, text in (
+        ("actions", "actions:evaluate", "Score action detectors on whole assemblies."),
+        ("cameras", "things:evaluate_cameras", "Score calibration of the cameras."),
+        ("encounters", "encounters:encounters", "Assemble next to a person who gets in the way."),
+        ("faults", "faults:faults", "Put every fault into every state of a pick and place."),
+        ("figure10", "figure10:figure10", "Train and score action detectors on five splits."),
+        ("grasp", "planners:evaluate_grasp_planner", "Score the grasp planner, or run an experiment."),
+        ("hands", "hands:evaluate", "Score hand trackers on simulated assemblies."),
+        ("holes", "things:evaluate_holes", "Score a hole reader on stills."),
+        ("knobs", "knobs:knobs", "Score a detector for several values of the look."),
+        ("latency", "system:latency", "Measure the detectors' processor time for a frame."),
+        ("parts", "things:evaluate_parts", "Score a part detector on images of trays."),
+        (
+            "semantic",
+            "planners:evaluate_semantic_planner",
+            "Score the semantic planner.",
+        ),
+        ("system", "system:system", "Score whole assemblies by number of goals."),
+        ("weights", "same_weights:evaluate_weights", "Compare trained weights with others."),
+    )
+}
+COMMANDS = {
+    "run": Command("cell.commands.lab.run:run", "Run as `cell run` does, with the options of experiments too."),
+    "eval": Command("cell.commands.lab:EVALUATIONS", "Score planners, detectors and whole assemblies.", group=True),
+    "data": Command("cell.commands.lab.data:data_app", "Make training data, from logs or drawn."),
+    "train": Command("cell.commands.lab.train:train_app", "Train one network, with all its options."),
+    "sweep": Command("cell.commands.lab.sweep:sweep", "Run every combination of a file once."),
+    "looks": Command("cell.commands.lab.looks:looks", "List or draw what the simulation may look like."),
+    "see": Command("cell.commands.lab.see:see", "Draw what detectors find in pictures, a video, a log or a camera."),
+    "world": Command("cell.commands.lab.world:world", "Simulate a cell for controllers that come and go."),
+    "schema": Command("cell.commands.lab.schema:schema", "Write JSON schemas of all YAML files, for editors."),
+    "hands": Command("cell.commands.lab.hands:fetch", "Fetch MediaPipe's hand networks."),
+    "files": Command("cell.commands.lab.logs:files", "Write the files that a run was made with."),
+    "sheet": Command("cell.commands.lab.logs:sheet", "Draw the contact sheet of a run."),
+    "snapshots": Command("cell.commands.lab.logs:snapshots", "Write the pictures that a tree took."),
+}

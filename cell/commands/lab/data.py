@@ -1,0 +1,38 @@
+"""`cell lab data`: training data from the simulated world, drawn for the planners, or from recorded runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.lab.planners import draw_grasp, draw_semantic
+from cell.commands.log import write_training
+from cell.commands.options import JsonOption
+from cell.commands.training.worlds import data_app as app_of
+from cell.errors import InputError
+from cell.lab.beside_robot import record_beside_robot
+
+data_app = app_of(record_beside_robot)
+data_app.command("grasp")(draw_grasp)
+data_app.command("semantic")(draw_semantic)
+
+
+@data_app.callback(invoke_without_command=True)
+def from_logs(
+    context: typer.Context,
+    logs: Annotated[
+        list[Path] | None, typer.Option("--from", metavar="LOG", help="Log of a run; may be repeated.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="New folder for what the logs give.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make training data, from logs or drawn: from logs of runs by --from LOG --out DIR, else by the commands below."""
+    if context.invoked_subcommand is not None:
+        if logs or out:
+            raise InputError(f"--from and --out before `{context.invoked_subcommand}` have no meaning; see its --help")
+        return
+    if not logs or out is None:
+        raise InputError("name logs by --from LOG and a new folder by --out DIR, or a data set; --help lists them")
+    write_training(logs, out, as_json)

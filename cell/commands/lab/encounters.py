@@ -1,0 +1,110 @@
+"""`cell lab eval encounters`: a person who gets into the arm's way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from rich.console import Console
+from typer import Option
+
+from cell.commands.lab.shared import Shared
+from cell.commands.options import takes
+from cell.commands.terminal import console, print_json
+from cell.configuration import DEFAULT_TREE
+from cell.files.row_store import Row, RowStore
+from cell.fleet.engine import mapped
+from cell.lab.assembly import ALGORITHM_1, throughput_ratio, timed_pair
+from cell.lab.encounters import encounter, summary
+
+GIVEN_UP = 5  # seeds without an encounter, after which no more are tried
+
+
+@takes(
+    *(Shared, "person", "seeds", "pixels", "out", "workers", "scheduler", "config", "as_json"),
+    person="careless",
+    seeds="0:1000",
+)
+def encounters(
+    shared: Shared,
+    encounters: Annotated[int, Option(min=1, help="How many times a hand gets into the arm's way.")] = 20,
+    provoked: Annotated[
+        bool,
+        Option("--provoked/--by-habit", help="A hand in the arm's way in every phase, or by the person's habit."),
+    ] = True,
+    throughput_seeds: Annotated[
+        int, Option(min=0, help="Brackets with a careful person, with and without separation, for both trees.")
+    ] = 3,
+    tree: Annotated[Path, Option(help="Tree file to run.")] = DEFAULT_TREE,
+) -> int:
+    """Assemble next to a person who gets in the way; count contacts. Status 1 if one was fast or avoidable."""
+    path, person = Path(shared.config), shared.person
+    experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": shared.pixels}
+    experiment["config"] = str(path)
+    kept = RowStore(shared.out, ["kind", "tree", "seed"], {"command": "encounters", **experiment})
+    met = partial(encounter, path, tree, person, provoked=provoked, rendered=shared.pixels)
+    run = partial(mapped, workers=shared.workers, address=shared.scheduler)
+    if not _meet(kept, lambda seeds: run(met, seeds), encounters, shared.numbers):
+        return 1
+    trees = (ALGORITHM_1, DEFAULT_TREE)
+    pairs = [(path, one, number) for number in range(throughput_seeds) for one in trees]
+    left = [pair for pair in pairs if ("throughput", pair[1].name, pair[2]) not in kept]
+    for row in run(timed_pair, left) if left else ():
+        kept.add(row)
+    found = summary(kept.rows)
+    ratios = {"throughput_ratio" + "_ahead" * (one == DEFAULT_TREE): throughput_ratio(kept.rows, one) for one in trees}
+    told = {**experiment, **found, **ratios}
+    console().print(told)
+    if shared.as_json:
+        print_json({**told, "rows": kept.rows})
+    return 1 if found["contacts_fast"] or found["contacts_avoidable"] or found["moved_while_unknown"] else 0
+
+
+def _meet(
+    kept: RowStore, rows_of: Callable[[Iterable[tuple[int]]], Iterable[Row]], encounters: int, seeds: range
+) -> bool:
+    """Assemble until the hand was in the arm's way so often; returns False where somebody interrupts.
+
+    Args:
+        rows_of: runs seeds.
+        seeds: of assemblies, at most.
+    """
+    if _enough(kept.rows, encounters, seeds.start):
+        return True
+    left = ((seed,) for seed in seeds if ("assembly", None, seed) not in kept)
+    for row in rows_of(left):
+        if row["end"] == "interrupted":  # the seed is run again another time
+            return False
+        kept.add(row)
+        _tell_assembly(console(), kept.rows[-1])
+        if _enough(kept.rows, encounters, seeds.start):
+            break
+    return True
+
+
+def _enough(rows: Sequence[Row], encounters: int, first_seed: int) -> bool:
+    """Whether so many were met; a person who never gets in the way is given up after a few seeds."""
+    met, last = _met(rows), max((int(str(row["seed"])) for row in rows if row["kind"] == "assembly"), default=-1)
+    return met >= encounters or (not met and last >= first_seed + GIVEN_UP - 1)
+
+
+def _met(rows: Sequence[Row]) -> int:
+    return sum(int(str(row["encounters"])) for row in rows if row["kind"] == "assembly")
+
+
+def _tell_assembly(screen: Console, row: Row) -> None:
+    contacts: Sequence[Row] = row["contacts"]
+    words = f"{row['encounters']} encounters, {len(contacts)} contacts"
+    if row.get("acknowledged"):
+        words += f", acknowledged {row['acknowledged']} times"
+    why = "" if row["end"] == "finished" else f" ({row['reason']})"
+    screen.print(f"seed {row['seed']}: {row['end']} after {row['sim_time_s']} s{why}, {words}", highlight=False)
+    for one in contacts:
+        bad = " FAST" * bool(one["fast"]) + " AVOIDABLE" * bool(one["avoidable"])
+        screen.print(
+            f"  {one['start_s']:.2f} s {one['phase']}: {one['robot']} and {one['human']}, "
+            f"first {one['first_m_s']:.2f}, at most {one['speed_m_s']:.2f} m/s{bad}; {one['known']}",
+            highlight=False,
+        )

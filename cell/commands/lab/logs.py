@@ -1,0 +1,86 @@
+"""`cell lab files|sheet|snapshots`: the files, pictures and snapshots that a log holds."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+from typing import Annotated
+
+import typer
+
+from cell.commands.log_terminal import (
+    LogArgument,
+    beside,
+    read,
+    say,
+    spared,
+    streamed,
+    tell_json,
+    tell_lack,
+    tell_nothing,
+)
+from cell.commands.options import JsonOption, OverwriteOption
+from cell.errors import InputError, LogError
+from cell.files.files import write_new
+from cell.log.report.contact_sheet import save_snapshots, write_sheet
+from cell.viewing.moments import Moments
+
+
+def files(
+    log: LogArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", help="A folder in which none of them is.")] = Path("files"),
+    as_json: JsonOption = False,
+) -> None:
+    """Write the files that a run was made with: configuration, product, tree, and how the simulation looked."""
+    stream = streamed(log)
+    next(iter(stream), None)
+    for name in stream.attachments:
+        check_name(stream.path, name)
+    write_new(out, stream.attachments)
+    written = [str(out / name) for name in stream.attachments]
+    if as_json:
+        tell_json({"files": written})
+    else:
+        say(*written)
+
+
+def check_name(log: Path, name: str) -> None:
+    """Raises LogError where a file of this name would lie outside the folder that is written to."""
+    path = PurePosixPath(name)
+    if path.is_absolute() or not path.name or {"..", "\\"} & {*path.parts, *name}:
+        raise LogError(log, f"its file {name!r} would lie outside the folder")
+
+
+def sheet(
+    log: LogArgument,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file; beside the log by default.")] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Draw the contact sheet of a run, from its log."""
+    target = spared(out or beside(log, ".png"), log, overwrite or out is None)  # there runs put theirs
+    recorded, moments = streamed(log), Moments()
+    for piece in recorded:
+        for tick in piece.ticks:
+            moments.see(tick.observation, tick.notes)
+    tell_lack(log, recorded)
+    try:
+        made = write_sheet(recorded.path, moments, recorded.outcome.get("reason", recorded.unfinished), target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
+    if not made:
+        raise InputError(f"{recorded.path}: holds no image of the overhead camera")
+    say(str(target))
+
+
+def snapshots(
+    log: LogArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")] = Path("snapshots"),
+    as_json: JsonOption = False,
+) -> None:
+    """Write the pictures that a tree took with TakeSnapshot, as JPEG files."""
+    files = save_snapshots(read(log), out)
+    if as_json:
+        tell_json({"files": [str(file) for file in files]})
+    elif not files:
+        tell_nothing()
+    else:
+        say(*(str(file) for file in files))

@@ -1,0 +1,121 @@
+"""The options that the commands of `cell lab` share: what is simulated and from which seeds, and where answers go."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+from typer import Option
+
+from cell.commands.options import (
+    CONFIGURATION,
+    ConfigOption,
+    JsonOption,
+    LookOption,
+    PersonOption,
+    SchedulerOption,
+    SeedOption,
+    SeedsOption,
+    WorkersOption,
+    seeds_of,
+)
+from cell.configuration import Configuration, load_configuration, load_product, simulated
+from cell.errors import InputError
+from cell.interfaces.product import Product
+from sim.data.splits import seeds as split_of
+
+
+class Cameras(StrEnum):
+    """Which mounts and lenses of the cameras are believed."""
+
+    calibrated = "calibrated"
+    believed = "believed"
+    true = "true"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shared:
+    """What is evaluated, on what, and where the answers go; each command has some of these options."""
+
+    kind: Annotated[list[str] | None, Option(help="Kind of detector or planner; may be repeated if several fit.")] = (
+        None
+    )
+    weights: Annotated[Path | None, Option(help="File of weights; the configured or shipped one by default.")] = None
+    perception: Annotated[
+        str | None, Option(help="classical or learned for all detectors; by default as configured.")
+    ] = None
+    look: LookOption = "varied"
+    person: PersonOption = "varied"
+    seeds: SeedsOption = "900000:900010"
+    cameras: Annotated[
+        Cameras,
+        Option(help="Mounts that are believed: calibrated for each look, those of the bench file, or true."),
+    ] = Cameras.calibrated
+    physics: Annotated[
+        bool, Option("--physics/--no-physics", help="Move hand and parts by physics, or by rule, eight times as fast.")
+    ] = False
+    steel: Annotated[bool, Option("--steel", help="All parts are of bare steel.")] = False
+    pixels: Annotated[bool, Option("--pixels", help="Render every image: slower.")] = False
+    only: Annotated[list[str] | None, Option(help="Only these; may be repeated.")] = None
+    out: Annotated[
+        Path | None, Option("--out", "-o", help="File that keeps the answers; interrupted, the command goes on there.")
+    ] = None
+    workers: WorkersOption = 1
+    scheduler: SchedulerOption = None
+    config: ConfigOption = CONFIGURATION
+    seed: SeedOption = 0
+    as_json: JsonOption = False
+
+    def cell(self, *, person: bool = True) -> tuple[Configuration, Product]:
+        """The configuration as it is simulated, and its product.
+
+        Args:
+            person: with the person that is asked for, not the configured one.
+        """
+        configuration = simulated(load_configuration(self.config), self.look, self.person if person else None)
+        return configuration, load_product(configuration, self.config)
+
+    @property
+    def numbers(self) -> range:
+        """The seeds.
+
+        Raises:
+            InputError: they are not written as seeds.
+        """
+        return seeds_of(self.seeds)
+
+    def split(self) -> tuple[str, range]:
+        """The split of the seeds, and the seeds.
+
+        Raises:
+            InputError: they are not all of one split.
+        """
+        return split_of(self.numbers.start, len(self.numbers))
+
+    def one_kind(self, legal: Sequence[str]) -> str:
+        """The only kind, the first legal one by default.
+
+        Raises:
+            InputError: there is none of this name, or several are named.
+        """
+        if self.kind and len(self.kind) > 1:
+            raise InputError(f"--kind {self.kind[1]}: one kind is evaluated at a time")
+        kind = self.kind[0] if self.kind else legal[0]
+        if kind not in legal:
+            raise InputError(f"--kind {kind}: unknown kind; legal: {', '.join(legal)}")
+        return kind
+
+    def refuse_only(self, legal: Collection[str]) -> None:
+        """Raises InputError where --only names something else."""
+        if unknown := [name for name in self.only or () if name not in legal]:
+            raise InputError(f"--only {unknown[0]}: unknown; legal: {', '.join(legal)}")
+
+
+def share_words(value: object) -> str:
+    """A share with its interval, or any other value, in words."""
+    if isinstance(value, dict) and "share" in value:
+        return f"{value['share']:.3f} of {value['n']} ({value['low']:.3f} - {value['high']:.3f})"
+    return str(value)

@@ -1,0 +1,96 @@
+"""`cell lab eval holes|parts|cameras`."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from typer import Option
+
+from cell.commands.lab.shared import Shared
+from cell.commands.options import takes
+from cell.commands.terminal import product_of, report_scores
+from cell.commands.training.made_data import make_data
+from cell.commands.training.weights import need_torch
+from cell.errors import InputError
+from cell.lab.holes_and_parts import Task, score_calibration, score_holes, score_parts
+
+_OPTIONS = ("kind", "weights", "look", "seeds", "cameras", "steel", "config", "as_json")
+
+
+@takes(Shared, *_OPTIONS, seeds="900000:900020")
+def evaluate_holes(shared: Shared, stills: Annotated[int, Option(min=1, help="Images of each look.")] = 10) -> None:
+    """Score a hole reader on stills: any parts in the holes, hand or arm over them or not. Kinds: plate, classical."""
+    kind = _kind(shared, ("plate", "classical"))
+    _, wanted = shared.split()
+    task = _task(shared, kind, person="varied")
+    task.detectors(task.configuration.bench, "holes").make("holes")  # before minutes go into stills
+    scores = score_holes(task, wanted, stills)
+    report_scores(f"holes, {kind}, {shared.look}, cameras {shared.cameras.value}", scores, shared.as_json)
+
+
+@takes(Shared, *_OPTIONS, seeds="900000:900050")
+def evaluate_parts(
+    shared: Shared,
+    mixed: Annotated[bool, Option(help="Some parts lie or are stacked, some objects are unknown.")] = True,
+) -> None:
+    """Score a part detector on images of trays. Kinds: centre, classical, rcnn (boxes alone; needs --weights)."""
+    kind = _kind(shared, ("centre", "classical", "rcnn"))
+    _, wanted = shared.split()
+    if kind == "rcnn":
+        report_scores(f"parts, {kind}, {shared.look}", _score_rcnn(shared, mixed), shared.as_json)
+        return
+    task = _task(shared, kind)
+    task.detectors(task.configuration.bench, "parts").make("parts")  # before minutes go into trays
+    scores = score_parts(task, wanted, mixed)
+    report_scores(f"parts, {kind}, {shared.look}, cameras {shared.cameras.value}", scores, shared.as_json)
+
+
+@takes(Shared, "look", "seeds", "config", "as_json", seeds="900000:900020")
+def evaluate_cameras(shared: Shared) -> None:
+    """Score calibration of the cameras: how far off they see holes and the tray before and after it."""
+    _, wanted = shared.split()
+    report_scores(f"cameras, {shared.look}", score_calibration(_task(shared, ""), wanted), shared.as_json)
+
+
+def _kind(shared: Shared, legal: Sequence[str]) -> str:
+    """The kind of detector, if it reads the weights that are named.
+
+    Raises:
+        InputError: there is none, or it reads none.
+    """
+    kind = shared.one_kind(legal)
+    if kind == "classical" and shared.weights is not None:
+        trained = " or ".join(one for one in legal if one != "classical")
+        raise InputError(f"--weights {shared.weights}: nothing reads them: they go with --kind {trained}")
+    return kind
+
+
+def _task(shared: Shared, kind: str, person: str | None = None) -> Task:
+    of_person = shared if person is None else Shared(look=shared.look, person=person, config=shared.config)
+    configuration, product = of_person.cell(person=person is not None)
+    return Task(configuration, product, kind, shared.weights, shared.cameras.value, float(shared.steel))
+
+
+def _score_rcnn(shared: Shared, mixed: bool) -> dict[str, float]:
+    """Scores of Faster R-CNN's boxes on the trays that other detectors are scored on.
+
+    Raises:
+        InputError: no weights are named, as none are shipped.
+    """
+    need_torch()
+    if shared.weights is None:
+        raise InputError("--kind rcnn needs --weights FILE; none are shipped (cell lab train parts --kind rcnn)")
+    from learned.parts.data import load_scenes
+    from learned.parts.rcnn import load_rcnn, score_rcnn
+
+    product = product_of(shared.config)
+    network = load_rcnn(shared.weights, product)
+    options = {"--look": shared.look, "--seeds": shared.seeds, "--steel-share": float(shared.steel)}
+    with tempfile.TemporaryDirectory(prefix="cell-eval-") as name:
+        folder = Path(name) / "objects"
+        make_data("objects", folder, {**options, "--config": shared.config}, *(["--mixed"] if mixed else []))
+        scenes = load_scenes([folder], product)
+    return score_rcnn(network, scenes, product)

@@ -1,0 +1,45 @@
+"""`cell lab world`: a simulated cell in a process of its own, for controllers that come and go."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.commands.options import CONFIGURATION, ConfigOption, SeedOption
+from cell.commands.terminal import console
+
+ADDRESS = Path("runs/world.sock")
+
+
+def world(
+    at: Annotated[Path, typer.Option(help="Address: a socket file that is made there.")] = ADDRESS,
+    config: ConfigOption = CONFIGURATION,
+    goal: Annotated[str, typer.Option(help="What the simulated person assembles: a goal's name or random.")] = "random",
+    seed: SeedOption = 0,
+    person: Annotated[
+        str | None, typer.Option(help="The simulated person, as in `cell lab run`; as configured by default.")
+    ] = None,
+    look: Annotated[str | None, typer.Option(help="Look of the simulation; as configured by default.")] = None,
+    shift: Annotated[bool, typer.Option("--shift", help="The person continues with the next bracket.")] = False,
+) -> None:
+    """Simulate a cell for controllers that come and go: `cell lab run --world ADDRESS`; Ctrl-C ends it."""
+    from cell.configuration import for_shift, load_configuration, load_product, located, simulated
+    from sim.process.opening import open_world
+
+    configuration = simulated(load_configuration(config), look, person)
+    if shift:
+        configuration = for_shift(configuration, 0)
+    at.parent.mkdir(parents=True, exist_ok=True)
+    with located(config, configuration):
+        product = load_product(configuration, config)
+        server, devices = open_world(configuration, product, seed, goal, at)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: server.end())
+    console().print(f"the world is at {at}: cell lab run --world {at}; Ctrl-C ends it", highlight=False)
+    try:
+        server.serve()
+    finally:
+        devices.close()

@@ -1,0 +1,182 @@
+"""Options of the command line: those that commands share, and records of options from which signatures are made."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, fields
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from cell.errors import InputError
+from cell.files.files import own_or_shipped
+
+CONFIGURATION = own_or_shipped("config", "cell.yaml")
+MONITOR_PORT, LIVE_PORT, PAGE_PORT = 1667, 8765, 8780
+_NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
+PORTS = {"--monitor": MONITOR_PORT, "--live": LIVE_PORT, "--page": PAGE_PORT}
+
+ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Same seed, same run.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Write the answer as one line of JSON to standard output.")]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
+WorkersOption = Annotated[
+    int, typer.Option("--workers", min=1, help=r"Processes on this machine; more than 1 needs cell\[fleet].")
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, as tcp://host:8786.")
+]
+LookOption = Annotated[
+    str, typer.Option("--look", help="Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file.")
+]
+PersonOption = Annotated[
+    str, typer.Option("--person", help="The simulated person: careful, ordinary, varied, careless, or a YAML file.")
+]
+SeedsOption = Annotated[
+    str,
+    typer.Option(
+        "--seeds",
+        metavar="FIRST:END",
+        help="Seeds, one for each recording: below 800000 for training, below 900000 for validation, then for tests.",
+    ),
+]
+WithOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--with",
+        metavar="PATH",
+        help="Nodes or trees of your own: a Python file or package, a tree file, or a folder; may be repeated. "
+        "CELL_NODES names nodes for every command.",
+    ),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="An entry of the main tree, or a YAML file with several."),
+]
+PortOption = Annotated[
+    int, typer.Option("--port", min=1, max=65534, help="Port of the monitor, which also uses the next one.")
+]
+
+
+def takes(record: type, *names: str, **defaults: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Make a command of a function whose first argument is a record of options.
+
+    Each field's annotation says how the option is named and explained; this is its only declaration.
+
+    Args:
+        record: a dataclass.
+        names: of its fields that this command has as options, in this order.
+        defaults: of these options, where the record's are not meant.
+    """
+
+    def made(function: Callable[..., Any]) -> Callable[..., Any]:
+        bound = function.keywords if isinstance(function, partial) else {}
+        every = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
+        own = [one for one in every if one.name not in bound]
+        hints, given = get_type_hints(record, include_extras=True), {one.name: one.default for one in fields(record)}
+        shared = [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=defaults.get(name, inspect.Parameter.empty if given[name] is MISSING else given[name]),
+                annotation=hints[name],
+            )
+            for name in names
+        ]
+
+        def command(**values: Any) -> Any:
+            return function(record(**{name: values.pop(name) for name in names}), **values)
+
+        parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own] + shared
+        command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        command.__annotations__ = {one.name: one.annotation for one in parameters}
+        command.__name__, command.__doc__ = getattr(function, "__name__", "command"), function.__doc__
+        return command
+
+    return made
+
+
+def seeds_of(text: str) -> range:
+    """Seeds of "900000:900020", or of one number.
+
+    Raises:
+        InputError: it is written otherwise, or holds none.
+    """
+    first, sign, end = text.partition(":")
+    if not first.isdecimal() or (sign and not (end.isdecimal() and int(end) > int(first))):
+        raise InputError(f"--seeds {text}: must be FIRST:END with END above FIRST, as 900000:900020, or one number")
+    return range(int(first), int(end) if sign else int(first) + 1)
+
+
+def with_ports(words: Iterable[str]) -> list[str]:
+    """The words of a command, with the usual port where an option has none: `--page` is `--page=8780`."""
+    given = list(words)
+    following = [*given[1:], ""]
+    return [
+        f"{word}={PORTS[word]}" if word in PORTS and not after.isdecimal() else word
+        for word, after in zip(given, following, strict=True)
+    ]
+
+
+def own_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path, ...]]:
+    """What `--with` names: files, folders and packages with nodes, and tree files and folders with them."""
+    nodes, trees = [], []
+    for one in given or ():
+        path = Path(one)
+        holds_trees = path.suffix == ".xml" or (path.is_dir() and any(path.glob("*.xml")))
+        if holds_trees:
+            trees.append(path)
+        if not holds_trees or (path.is_dir() and any(path.glob("*.py"))):
+            nodes.append(one)
+    return tuple(nodes), tuple(trees)
+
+
+def entries_of(given: Iterable[str] | None) -> dict[str, Any]:
+    """Values of `--set` by entry; a number where it reads as one, else a text.
+
+    Raises:
+        InputError: one is neither NAME=VALUE nor a YAML file of such.
+    """
+    entries: dict[str, Any] = {}
+    for one in given or ():
+        name, sign, value = one.partition("=")
+        if sign:
+            entries[_checked(name, one)] = _value(value)
+        else:
+            entries |= {_checked(str(key), one): _plain(value, one) for key, value in _file(Path(one)).items()}
+    return entries
+
+
+def _value(text: str) -> Any:
+    from trees.engine.literals import constant
+
+    return constant(text)
+
+
+def _checked(name: str, given: str) -> str:
+    if not _NAME.match(name):
+        raise InputError(f"--set {given}: {name!r} is no name of an entry; like part=o2")
+    return name
+
+
+def _plain(value: object, given: str) -> object:
+    simple = bool | int | float | str
+    if isinstance(value, simple) or (isinstance(value, list) and all(isinstance(one, simple) for one in value)):
+        return value
+    raise InputError(f"--set {given}: entries are numbers, texts, true, false and lists of these, not {value!r}")
+
+
+def _file(path: Path) -> Mapping[Any, Any]:
+    import yaml
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"--set {path}: neither NAME=VALUE nor a YAML file that can be read: {error}") from None
+    if not isinstance(content, dict):
+        raise InputError(f"--set {path}: the file must hold names and values, like part: o2")
+    return content

@@ -1,0 +1,1 @@
+"""Trains networks: a record for each, the data that they learn from, and all that are shipped."""

@@ -1,0 +1,247 @@
+"""How the networks of the detectors are trained: each on simulated recordings, unless others are given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cell.commands.terminal import console
+from cell.commands.training.asked import Training
+from cell.commands.training.made_data import make_data, require_usable
+from cell.commands.training.weights import seconds
+from cell.errors import InputError
+from cell.interfaces.product import Product
+from cell.log.training.manifest import logs_by_hash
+from learned.actions.settings import WHOLE_FRAMES, ActionTraining, Classes
+from learned.inference.onnx_model import OnnxModel
+from learned.semantic.confusions import Confusions, Reported
+from learned.semantic.graph import Layout
+
+Scores = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Share:
+    """Some of the recordings to learn from: of what look, which share of all, from which seed on."""
+
+    look: str
+    share: float
+    first_seed: int
+    physics: bool = False
+
+
+HANDS = (Share("people", 0.55, 0), Share("varied", 0.28, 300_000), Share("nominal", 0.17, 500_000))
+STILLS = (Share("wide", 0.55, 0), Share("varied", 0.3, 300_000), Share("nominal", 0.15, 500_000))
+ACTIONS = (
+    Share("people", 0.28, 0),
+    Share("varied", 0.20, 300_000),
+    Share("nominal", 0.10, 500_000),
+    Share("people", 0.25, 100_000, physics=True),
+    Share("varied", 0.12, 400_000, physics=True),
+    Share("nominal", 0.05, 450_000, physics=True),
+)
+VALIDATION_SEED = 800_000
+HAND_DATA_S, HAND_EPOCH_S, HAND_VALIDATION = 1.02, 0.556, 0.04  # processor time of a recording, once; and a share
+ACTION_S, ACTION_PHYSICS_S, ACTION_DATA, ACTION_VALIDATION = 3.0, 3.5, 0.66, 0.1  # a recording; of the budget; a share
+PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
+PLATE_STILLS, LOOK_S, HOLES_DATA, STILL_S = 14, 1.4, 0.42, 0.005  # images of a look, to make it; share; to learn once
+TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.45, 0.4, 0.018, 0.0021
+STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
+ASTRAY_SHARE, LYING_SHARE = 0.4, 0.35  # of parts on the plate and in the tray, far more than are met with
+
+
+def hands(asked: Training, weights: Path) -> Scores:
+    """Train finder, reader and refiner, and score them on frames that they never saw."""
+    from learned.hands.data import rows_of
+    from learned.hands.evaluate import score_readings
+    from learned.hands.model import SlimReader
+    from learned.hands.train import train_hands
+
+    epochs = asked.epochs or 9
+    count = max(4, int(seconds(asked.budget) / (HAND_DATA_S + HAND_EPOCH_S * epochs)))
+    for folder in asked.data or ():
+        rows_of(folder)  # a wrong one is told before minutes go into frames for the scores
+    validation = max(2, int(HAND_VALIDATION * count))
+    folders, apart = made(asked, weights, "hands", HANDS, count, validation=validation)
+    configuration, product = asked.cell()
+    setup, types = configuration.bench.overhead, tuple(product.parts)
+    return train_hands(
+        folders,
+        setup,
+        product,
+        weights,
+        asked.seed,
+        score=lambda: score_readings(SlimReader(setup, types, weights), configuration.bench, apart),
+        epochs=epochs,
+        command=asked.command("hands", epochs=epochs),
+    )
+
+
+def holes(asked: Training, weights: Path) -> Scores:
+    """Train the reader of holes, and calibrate what it says."""
+    from learned.holes.data import load_plates
+    from learned.holes.settings import HoleTraining
+    from learned.holes.train import train_holes
+
+    budget_s = seconds(asked.budget)
+    options = {"--stills": PLATE_STILLS, "--person": "varied", "--astray-share": ASTRAY_SHARE}
+    looks = max(4, int(HOLES_DATA * budget_s / LOOK_S))
+    folders, _ = made(asked, weights, "plates", STILLS, looks, options | {"--steel-share": STEEL_SHARE})
+    read = load_plates(folders)
+    affordable = int((1 - HOLES_DATA) * budget_s / (STILL_S * len(read)))
+    settings = HoleTraining(epochs=asked.epochs or min(30, max(2, affordable)))
+    configuration, product = asked.cell()
+    command = asked.command("holes", epochs=settings.epochs)
+    return train_holes(read, configuration.bench, product, weights, asked.seed, settings, command=command, quiet=False)
+
+
+def parts(asked: Training, weights: Path) -> Scores:
+    """Train both networks of the part detector, or Faster R-CNN, a baseline."""
+    from learned.parts.data import load_scenes
+    from learned.parts.train import train_parts
+
+    budget_s = seconds(asked.budget)
+    options = {"--views": TRAY_VIEWS, "--lying-share": LYING_SHARE, "--steel-share": STEEL_SHARE}
+    trays = max(4, int(PARTS_DATA * budget_s / TRAY_S))
+    folders, _ = made(asked, weights, "objects", STILLS, trays, options, ("--mixed",))
+    configuration, product = asked.cell()
+    scenes = load_scenes(folders, product)
+    if asked.kind == "rcnn":
+        from learned.parts.rcnn import RcnnTraining, train_rcnn, write_rcnn
+
+        of_rcnn = RcnnTraining(asked.backbone, asked.steps)
+        checkpoint = weights.with_name(f"{weights.name}.checkpoint")
+        network = train_rcnn(scenes, product, asked.seed, of_rcnn, checkpoint=checkpoint, quiet=False)
+        return write_rcnn(network, weights, product, scenes, of_rcnn, asked.seed, asked.command("parts"))
+    an_epoch_s = IMAGE_S * len(scenes) + THING_S * sum(len(scene.labels) for scene in scenes)
+    epochs = asked.epochs or min(20, max(1, int((1 - PARTS_DATA) * budget_s / an_epoch_s)))
+    floor_m, command = configuration.bench.tray.centre_m[2], asked.command("parts", epochs=epochs)
+    return train_parts(scenes, product, floor_m, weights, asked.seed, epochs=epochs, command=command, quiet=False)
+
+
+def actions(asked: Training, weights: Path) -> Scores:
+    """Train a detector of actions, and write what it takes for what."""
+    from learned.actions.data import load_segments
+    from learned.actions.train import Task, train_actions
+
+    configuration, product = asked.cell()
+    task, budget_s = Task(configuration.bench, product), seconds(asked.budget)
+    folders, apart = asked.data, asked.validation
+    if not folders or apart is None:
+        folders, apart = recordings(asked, weights, budget_s)
+        budget_s *= 1 - ACTION_DATA
+    learned, kept = load_segments(folders, task.classes), load_segments([apart], task.classes)
+    console().print(f"{len(learned)} segments to learn from, {len(kept)} for the scores")
+    epochs = asked.epochs or 14
+    settings, command = ActionTraining(epochs=epochs, share=asked.share), asked.command("actions", epochs=epochs)
+    scores = train_actions(
+        task,
+        learned,
+        kept,
+        weights,
+        asked.kind,
+        seed=asked.seed,
+        settings=settings,
+        budget_s=budget_s,
+        command=command,
+        quiet=False,
+    )
+    told = OnnxModel.load(weights, f"actions.{asked.kind}").card.config["confusion"]
+    counts = np.array(told["counts"])  # type: ignore[call-overload, index]
+    save_confusions(confusions_of(weights), product, Classes.of(product).reports(counts), command)
+    return scores
+
+
+def recordings(asked: Training, weights: Path, budget_s: float) -> tuple[list[Path], Path]:
+    """Folders of assemblies by the simulated person, to learn from and for the scores."""
+    shares = ACTIONS if asked.look is None else (Share(asked.look, 1.0, 0),)
+    each_s = sum(one.share * (ACTION_PHYSICS_S if one.physics else ACTION_S) for one in shares)
+    count = max(4, int(ACTION_DATA * budget_s / each_s))
+    flags = ("--thin", "--gaps", *(["--frames"] if asked.kind in WHOLE_FRAMES else []))
+    return made(
+        asked,
+        weights,
+        "actions",
+        shares,
+        count,
+        {"--steel-share": STEEL_SHARE},
+        flags,
+        validation=max(2, int(ACTION_VALIDATION * count)),
+        piece=PIECE,
+    )
+
+
+def made(
+    asked: Training,
+    weights: Path,
+    what: str,
+    shares: Sequence[Share],
+    count: int,
+    options: Mapping[str, object] | None = None,
+    flags: Sequence[str] = (),
+    *,
+    validation: int = 0,
+    piece: int = 0,
+) -> tuple[list[Path], Path]:
+    """Folders of data to learn from, unless some are given, and one for the scores; made unless they are there.
+
+    Args:
+        what: the data set.
+        count: recordings to learn from.
+        options: of those, besides look and seeds.
+        validation: recordings for the scores; 0 for none.
+        piece: recordings of a folder at most; 0 for all of one share.
+    """
+    apart = weights.with_suffix(".validation")
+    wanted: dict[Path, tuple[dict[str, object], tuple[str, ...]]] = {}
+    for one in () if asked.data else shares:
+        of_share = max(1, round(one.share * count)) if not piece else round(one.share * count)
+        for first in range(0, of_share, piece or of_share):
+            end = min(first + (piece or of_share), of_share)
+            name = "-".join([Path(one.look).stem, *["physics"] * one.physics, *[f"{first:06d}"] * bool(piece)])
+            of_seeds = {"--look": one.look, "--seeds": f"{one.first_seed + first}:{one.first_seed + end}"}
+            given = {**of_seeds, **(options or {}), "--config": asked.config}
+            wanted[weights.with_suffix(".data") / name] = given, (*flags, *["--physics"] * one.physics)
+    scored = {apart: _validation(asked, validation)} if validation else {}
+    require_usable(*wanted, *scored)
+    for folder, (given, words) in {**{key: (one, tuple(flags)) for key, one in scored.items()}, **wanted}.items():
+        make_data(what, folder, given, *words)
+    return asked.data or list(wanted), apart
+
+
+def _validation(asked: Training, count: int) -> dict[str, object]:
+    seeds = f"{VALIDATION_SEED}:{VALIDATION_SEED + count}"
+    return {"--look": asked.look or "varied", "--seeds": seeds, "--config": asked.config}
+
+
+def require_apart(data: Sequence[Path], validation: Path | None) -> None:
+    """Check that scores are of other segments than those that are learned from.
+
+    Raises:
+        InputError: they are of the same folder, or of the same log.
+    """
+    if bool(data) != bool(validation):
+        raise InputError("--data and --validation go together: scores on what was learned from say nothing")
+    if validation is None:
+        return
+    kept, why = logs_by_hash(validation), "scores on what was learned from say nothing"
+    for folder in data:
+        if folder.resolve() == validation.resolve():
+            raise InputError(f"--validation {validation}: is --data, too; {why}")
+        if both := kept.keys() & logs_by_hash(folder).keys():
+            log = kept[min(both)]
+            raise InputError(f"--validation {validation}: was made from {log}, as --data {folder} was; {why}")
+
+
+def confusions_of(weights: Path) -> Path:
+    """Where what a detector of actions takes for what stands: beside its weights."""
+    return weights.with_name(f"{weights.stem}_confusions.json")
+
+
+def save_confusions(path: Path, product: Product, reports: Sequence[Reported], source: str) -> None:
+    """Write what reports say is taken for what, as `planners.semantic.confusions` reads it."""
+    layout = Layout.of(product)
+    Confusions.learned(layout, reports).save(path, layout, len(reports), source)

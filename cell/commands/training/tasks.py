@@ -1,0 +1,178 @@
+"""A record for each network that can be trained, and the one way in which all of them are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from cell.commands.options import takes
+from cell.commands.terminal import console, print_json, report_scores
+from cell.commands.training import networks, planners
+from cell.commands.training.asked import Training
+from cell.commands.training.weights import folder_for, need_torch, new_weights, seconds, told_in, writable, writing
+from cell.errors import InputError
+from cell.interfaces.planning import crops_file
+from learned.actions.settings import TRAINABLE
+from learned.hands.model import finder_file, refiner_file
+from learned.parts.model import pose_file
+from learned.parts.settings import BACKBONES
+
+Paths = tuple[Path, ...]
+FitFunction = Callable[[Training, Path], Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class LearnedTask:
+    """A network, or a few of them that are trained together.
+
+    Attributes:
+        title: in words.
+        kinds: that can be trained, the usual one first; none where there is one alone.
+        options: of Training, besides those that all have.
+        fit: trains and writes the file; returns the scores.
+        beside: further files that it writes.
+        defaults: of its options, where they are not Training's.
+        use: the line that takes it into use, in the configuration; of {name}, {kind} and {file}.
+        torch: it needs torch.
+    """
+
+    name: str
+    title: str
+    kinds: tuple[str, ...]
+    options: tuple[str, ...]
+    fit: FitFunction
+    beside: Callable[[Path, str], Paths] = lambda *_: ()
+    defaults: Mapping[str, Any] | None = None
+    use: str = "perception: {name}: {{kind: {kind}, weights: {file}}}"
+    torch: bool = True
+
+    def file(self, asked: Training) -> Path:
+        """What it writes.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        folder = folder_for(asked.config)
+        if self.name == "noise":
+            return writable(asked.out or folder / "confusions.json", ".json")
+        if asked.kind != "rcnn":
+            return new_weights(self.name, asked.kind, asked.config, asked.out)
+        if asked.backbone not in BACKBONES:
+            raise InputError(f"--backbone {asked.backbone}: unknown backbone; legal: {', '.join(BACKBONES)}")
+        return writable(asked.out or folder / f"parts_rcnn_{asked.backbone}.pt", ".pt")
+
+    def chosen(self, asked: Training) -> Training:
+        """What is asked for, with a kind.
+
+        Raises:
+            InputError: there is none of this name, or the budget is no time.
+        """
+        if asked.kind and asked.kind not in self.kinds:
+            raise InputError(f"--kind {asked.kind}: unknown kind of {self.name}; legal: {', '.join(self.kinds)}")
+        if "budget" in self.options:
+            seconds(asked.budget)
+        if self.name == "actions":
+            networks.require_apart(asked.data or (), asked.validation)
+        return replace(asked, kind=asked.kind or (self.kinds or ("",))[0])
+
+    def train(self, asked: Training) -> Mapping[str, float]:
+        """Train it, write it and say how good it is; returns the scores."""
+        if self.torch:
+            need_torch()
+        asked = self.chosen(asked)
+        path = self.file(asked)
+        with writing(path, *self.beside(path, asked.kind), overwrite=asked.overwrite):
+            scores = self.fit(asked, path)
+        report_scores(f"{self.title} in {path}", scores, as_json=False)
+        if asked.kind != "rcnn":
+            line = self.use.format(name=self.name, kind=asked.kind, file=told_in(asked.config, path))
+            console().print(f"to use it, in {asked.config}: {line}", highlight=False)
+        if asked.as_json:
+            print_json(scores)
+        return scores
+
+
+_BUDGET = {"budget": "30m"}
+_PLANNER = "planners: {name}: {{kind: {kind}, weights: {file}}}"
+TASKS = {
+    one.name: one
+    for one in (
+        LearnedTask(
+            "hands",
+            "hand tracker",
+            ("slim",),
+            ("data", "budget", "epochs"),
+            networks.hands,
+            lambda file, _: (finder_file(file), refiner_file(file)),
+            _BUDGET,
+        ),
+        LearnedTask(
+            "actions",
+            "action detector",
+            TRAINABLE,
+            ("kind", "data", "validation", "look", "budget", "epochs", "share"),
+            networks.actions,
+            lambda file, _: (networks.confusions_of(file),),
+            {"budget": "20m"},
+        ),
+        LearnedTask("holes", "hole reader", ("plate",), ("data", "budget", "epochs"), networks.holes, defaults=_BUDGET),
+        LearnedTask(
+            "parts",
+            "part detector",
+            ("centre", "rcnn"),
+            ("kind", "data", "budget", "epochs", "backbone", "steps"),
+            networks.parts,
+            lambda file, kind: (pose_file(file),) if kind == "centre" else (),
+            _BUDGET,
+        ),
+        LearnedTask(
+            "grasp",
+            "grasp planner",
+            ("pairwise", "paper"),
+            ("kind", "data"),
+            planners.grasp,
+            lambda file, kind: (crops_file(file),) if kind == "paper" else (),
+            use=_PLANNER,
+        ),
+        LearnedTask(
+            "semantic",
+            "semantic planner",
+            ("factored", "paper", "and_or"),
+            ("kind", "data", "ratio", "augment"),
+            planners.semantic,
+            use=_PLANNER,
+        ),
+        LearnedTask(
+            "noise",
+            "confusions of the action detector",
+            (),
+            ("data",),
+            planners.noise,
+            use="planners: semantic: {{confusions: {file}}}",
+            torch=False,
+        ),
+    )
+}
+
+
+def train_app() -> typer.Typer:
+    """A command for each network."""
+    made = typer.Typer(no_args_is_help=True, help="Train one network, with all its options.")
+    for task in TASKS.values():
+        common = ("out", "overwrite", "config", *(["seed"] * task.torch), "as_json")
+        command = takes(Training, *task.options, *common, **(task.defaults or {}))(partial(_train, task=task))
+        kinds = f" Kinds: {', '.join(task.kinds)}." if len(task.kinds) > 1 else ""
+        made.command(task.name, help=f"{task.fit.__doc__}{kinds}")(command)
+    return made
+
+
+def _train(asked: Training, *, task: LearnedTask) -> None:
+    task.train(asked)
+
+
+app = train_app()  # what `cell train` calls in a process of its own

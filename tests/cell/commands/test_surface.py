@@ -1,0 +1,147 @@
+"""What the command line has: fifteen commands in four panels, few options, and a word for each name of before."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+
+from cell.commands import lab, old_names
+from cell.commands import main as commands
+from cell.commands.main import COMMANDS, application, main
+from cell.commands.options import PORTS, own_files, seeds_of, with_ports
+from cell.errors import InputError
+from tests import ROOT
+
+LAB = "`cell lab --help` lists the commands for research."
+PANELS = {
+    "Start": ["init", "doctor", "run", "calibrate"],
+    "Program": ["new", "check", "nodes", "show", "monitor"],
+    "Test": ["replay", "report", "log"],
+    "Train": ["train", "goals", "compare"],
+}
+RUN = {
+    *("--config", "--goal", "--seed", "--look", "--real-time", "--log", "--set", "--with", "--watch", "--shift"),
+    *("--resume", "--page", "--monitor", "--breakpoints", "--live", "--json"),
+}
+
+
+def command(*path: str) -> Any:
+    """A command of the whole command line."""
+    found: Any = get_command(application())
+    for name in path:
+        found = found.commands[name]
+    return found
+
+
+def options(*path: str) -> set[str]:
+    """Long names of a command's options."""
+    asked = [one for one in command(*path).params if one.param_type_name == "option"]
+    return {name for one in asked for name in one.opts if name.startswith("--")} - {"--help"}
+
+
+def test_fifteen_commands_stand_in_four_panels(capsys: pytest.CaptureFixture[str]) -> None:
+    assert {panel: [name for name, one in COMMANDS.items() if one.panel == panel] for panel in PANELS} == PANELS
+    hidden = {name for name, one in command().commands.items() if one.hidden}
+    assert hidden == {"lab", "_data", "_train"}
+    assert main(["--help"]) == 0
+    told = capsys.readouterr().out
+    assert [line.rstrip() for line in told.splitlines() if "lab" in line] == [
+        " `cell lab --help` lists the commands for research."
+    ]
+    assert all(panel in told for panel in PANELS)
+
+
+def test_the_list_says_of_a_command_what_its_help_begins_with() -> None:
+    tables = {(): COMMANDS, ("lab",): lab.COMMANDS, ("lab", "eval"): lab.EVALUATIONS}
+    for path, table in tables.items():
+        for name, one in table.items():
+            if not name.startswith("_") and name != "lab":
+                told = " ".join((command(*path, name).help or "").split())
+                assert told.startswith(one.help.rstrip(".")), name
+
+
+def test_a_run_has_sixteen_options_and_the_labs_five_more() -> None:
+    assert options("run") == RUN
+    assert options("lab", "run") - RUN == {"--person", "--orders", "--inject", "--world", "--overwrite"}
+
+
+def test_evaluations_share_their_options() -> None:
+    evaluations = command("lab", "eval").commands
+    names = set.union(*(options("lab", "eval", name) for name in evaluations))
+    assert len(evaluations) == 14
+    assert len(names) <= 50
+
+
+@pytest.mark.parametrize("name", old_names.COMMANDS)
+def test_a_command_of_before_says_its_name_of_today(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(name.split()) == 2
+    told = capsys.readouterr().err
+    assert told == f"cell: `cell {name}` is now `cell {old_names.COMMANDS[name]}`\n"
+    command(*[word for word in old_names.COMMANDS[name].partition("`")[0].split() if not word.startswith("--")])
+
+
+@pytest.mark.parametrize(("path", "name"), [(path, name) for path, some in old_names.OPTIONS.items() for name in some])
+def test_an_option_of_before_says_its_name_of_today(path: str, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    now = old_names.OPTIONS[path][name]
+    for words in ([name, "1"], [f"{name}=1"]):
+        assert main([*path.split(), *words]) == 2
+        assert capsys.readouterr().err == f"cell: {name} of `cell {path}` is now {now}\n"
+    if now.startswith("--") and path not in ("lab eval", "lab data"):
+        assert now.split()[0] in options(*path.split())
+
+
+def test_a_port_may_be_left_out() -> None:
+    assert with_ports(["run", "--page", "--shift", "2"]) == ["run", f"--page={PORTS['--page']}", "--shift", "2"]
+    assert with_ports(["run", "--page", "80", "--live"]) == ["run", "--page", "80", f"--live={PORTS['--live']}"]
+    assert with_ports(["run", "--monitor=7", "--json"]) == ["run", "--monitor=7", "--json"]
+
+
+def test_own_nodes_and_trees_are_told_apart(tmp_path: Path) -> None:
+    for name in ("nodes/count.py", "trees/a.xml", "both/b.xml", "both/c.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("")
+    names = [str(tmp_path / name) for name in ("nodes", "trees", "both", "trees/a.xml")]
+    nodes, trees = own_files([*names, "some.package"])
+    assert nodes == (names[0], names[2], "some.package")
+    assert trees == tuple(map(Path, names[1:]))
+
+
+@pytest.mark.parametrize("text", ["", "5:5", "7:2", "-1", "a:b", "1:"])
+def test_seeds_that_are_none_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match="FIRST:END"):
+        seeds_of(text)
+
+
+def test_without_the_lab_the_product_says_where_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(commands, "find_spec", lambda _: None)
+    assert main(["lab", "eval", "hands"]) == 2
+    assert "comes with a clone" in capsys.readouterr().err
+    assert main(["--help"]) == 0
+    assert "lab" not in capsys.readouterr().out
+
+
+def test_a_product_command_imports_no_other_and_no_lab() -> None:
+    script = (
+        "import sys; from cell.commands.main import main; main(['check', 'trees/ahead.xml']); "
+        "print([name for name in sys.modules if '.lab' in name or name in ('cell.commands.run', 'cell.configuration')])"
+    )
+    told = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert told.stdout == "[]\n"
+
+
+def test_one_node_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["nodes", "MoveTo"]) == 0
+    told = capsys.readouterr().out
+    assert "MoveTo  [Action]" in told
+    assert "Sequence" not in told
+    assert main(["nodes", "gripper"]) == 0
+    assert "ActivateGripper" in capsys.readouterr().out
+    assert main(["nodes", "MoveTwo"]) == 2
+    assert "MoveTo" in capsys.readouterr().err

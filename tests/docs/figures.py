@@ -1,0 +1,119 @@
+"""docs/research/*.md: a page of tables for each JSON file of figures in docs/figures. `make pictures` writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+from pydantic import model_validator
+
+from cell.files.model import Model
+from learned.lab.experiments import markdown
+from tests import ROOT
+
+FIGURES, PAGES = ROOT / "docs" / "figures", "docs/research"
+RESULTS = "results"  # its page begins with all that falls short, from every file
+Number = int | float | str
+HEAD = "`make pictures` writes this page from [{name}.json](../figures/{name}.json); edit that file, not the page."
+
+
+class Row(Model):
+    """One figure.
+
+    Attributes:
+        claim: what is measured, with its unit.
+        interval, n: of 95 %, from and to; how many were counted.
+        met: whether the measured value meets the bar.
+        command, commit: what measures it, and where it was measured; the table's where they are left out.
+        note: what a reader must know to compare it.
+    """
+
+    claim: str
+    figure: Number
+    interval: tuple[float, float] | None = None
+    n: int | str | None = None
+    bar: Number | None = None
+    paper: Number | None = None
+    met: bool | None = None
+    command: str | None = None
+    commit: str | None = None
+    note: str | None = None
+
+    @model_validator(mode="after")
+    def _bar_and_verdict(self) -> Row:
+        if (self.bar is None) != (self.met is None):
+            raise ValueError(f"{self.claim}: a bar needs a verdict, and a verdict a bar")
+        return self
+
+
+class Table(Model):
+    """Figures that belong together: as rows, or as a table with columns of its own (`head`, `cells`)."""
+
+    title: str
+    about: str = ""
+    command: str | None = None
+    commit: str | None = None
+    rows: tuple[Row, ...] = ()
+    head: tuple[str, ...] = ()
+    cells: tuple[tuple[str, ...], ...] = ()
+
+
+class Topic(Model):
+    """A file of figures."""
+
+    title: str
+    about: str = ""
+    tables: tuple[Table, ...]
+
+
+def topics() -> dict[str, Topic]:
+    """All files of figures, by name."""
+    return {path.stem: Topic.model_validate_json(path.read_text()) for path in sorted(FIGURES.glob("*.json"))}
+
+
+def made() -> dict[str, Callable[[], str]]:
+    """What makes each page, by its path."""
+    return {f"{PAGES}/{path.stem}.md": partial(page, path.stem) for path in sorted(FIGURES.glob("*.json"))}
+
+
+def page(name: str) -> str:
+    """A page in Markdown."""
+    topic = topics()[name]
+    parts = [HEAD.format(name=name), f"# {topic.title}", topic.about]
+    if name == RESULTS:
+        parts += ["## What falls short", markdown(*columns(list(falls_short())))]
+    for before, table in zip([None, *topic.tables], topic.tables, strict=False):
+        if before is None or before.title != table.title:
+            parts.append(f"## {table.title}")
+        parts += [table.about, f"`{table.command}`" if table.command else ""]
+        parts += [f"Measured at {table.commit}."] if table.commit else []
+        parts += [markdown(table.head, table.cells)] if table.head else []
+        parts += [markdown(*columns(table.rows))] if table.rows else []
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def falls_short() -> Iterator[Row]:
+    """Every figure that misses its bar, named by its table."""
+    for topic in topics().values():
+        for table in topic.tables:
+            for row in table.rows:
+                if row.met is False:
+                    where = {"command": row.command or table.command, "commit": row.commit or table.commit}
+                    yield row.model_copy(update={"claim": f"{table.title}: {row.claim}", **where})
+
+
+def columns(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
+    """Heading and cells of the columns that any row fills."""
+    names = [name for name in Row.model_fields if any(getattr(row, name) is not None for row in rows)]
+    return names, [[_cell(name, getattr(row, name)) for name in names] for row in rows]
+
+
+def _cell(name: str, value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, tuple):
+        return f"{value[0]:g} to {value[1]:g}"
+    if isinstance(value, bool):
+        return "met" if value else "**missed**"
+    text = str(value).replace("|", "\\|")
+    return f"`{text}`" if name == "command" else text

@@ -1,0 +1,116 @@
+"""docs/reference/: pages that the code itself writes: faults, topics of a log, attributes of nodes and ports."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from cell.configuration import load_configuration, load_faults
+from cell.interfaces.faults import fault_table_markdown
+from cell.recording.schemas import TOPICS, schema
+from trees.engine import vocabulary
+from trees.engine.node import Control, Decorator, Node, TreeNode
+from trees.engine.ports import InOutPort, InputPort, OutputPort, Port
+from trees.engine.traits import Traits
+
+NAMES = r"^    ([a-z_]+(?:, [a-z_]+)*): "
+ATTRIBUTE = re.compile(rf"{NAMES}(.*?)(?={NAMES}|\Z)", re.MULTILINE | re.DOTALL)
+MADE = "`make pictures` writes this page from the code."
+
+FAULTS = f"""# The table of faults
+
+{MADE} The table itself is `config/faults.yaml`.
+[safety.md](../safety.md) explains the actions.
+
+- `after s`: how long a sign must be seen.
+- `gone s`: how long it must be gone.
+- `person after s`: what lasts longer waits for a person, too.
+- `stops after s`: a hold or slow that lasts longer becomes a stop.
+- `clears`: by `itself` when it has gone; at `standstill` of the arm; when a `person` gives the order *acknowledge*;
+  `never`.
+
+"""
+LOG_TOPICS = f"""# Topics of a log
+
+{MADE} [logs.md](../logs.md) is the guide. A field that is None is
+left out, and messages may hold more than these fields. Further topics:
+
+- `/camera/overhead`, `/camera/wrist`: JPEG images.
+- `/joint_samples`: what the arm measured between two ticks, in protobuf. It has the time, and for each joint position,
+  velocity and effort.
+- `/log`: lines of text.
+- `/joint_states`, `/tf/*`, `/scene/*`, `/camera/*/calibration`, `hand`, `holes`, `parts`: for viewers. Nothing is
+  replayed from them.
+
+`/truth` exists in simulation only, and nothing in the cell reads it.
+
+| topic | fields |
+|---|---|
+"""
+NODES = f"""# Nodes in Python
+
+{MADE} [authoring.md](../authoring.md) is the guide, with an example.
+
+"""
+
+
+def faults() -> str:
+    """The table that the supervisor follows unless a configuration names another."""
+    return FAULTS + fault_table_markdown(load_faults(load_configuration()))
+
+
+def log_topics() -> str:
+    """Every topic whose messages are JSON, with its fields."""
+    rows = (f"| `{topic}` | {', '.join(f'`{name}`' for name in schema(topic)['properties'])} |" for topic in TOPICS)
+    return LOG_TOPICS + "\n".join(rows) + "\n"
+
+
+def nodes() -> str:
+    """What a class of a node or port may say, from the docstrings."""
+    words = [member for _, member in inspect.getmembers(vocabulary, inspect.isclass) if member is not vocabulary.Word]
+    own = [word for word in words if word.__module__ == vocabulary.__name__]
+    lines = [
+        "## Leaves", *_text(Node), "",
+        "## Attributes of every node", *_table(TreeNode), "",
+        "## Traits: what the checker may rely on", *_text(Traits), "", *_table(Traits), "",
+        "## Controls and decorators", *_list((Control, Decorator)), "",
+        "## Ports", *_list((InputPort, OutputPort, InOutPort)), "",
+        *_table(Port), "",
+        "A node reads an input with `unset_ok` by `get_or(other)`. `cell check` refuses a tree in which no node can",
+        "have written another input.", "",
+        "## Names as types of ports",
+        f"`{vocabulary.__name__}` has these types; the configuration says which names are legal.", "", *_list(own), "",
+        "Tree files can write values of a class of your own if it has a classmethod `from_text(text)`, which raises",
+        "ValueError, and an attribute `like` that shows how its texts look.",
+    ]  # fmt: skip
+    return NODES + "\n".join(lines) + "\n"
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "docs/reference/faults.md": faults,
+    "docs/reference/log-topics.md": log_topics,
+    "docs/reference/nodes-in-python.md": nodes,
+}
+
+
+def _doc(thing: Any) -> str:
+    return inspect.cleandoc(thing.__doc__)
+
+
+def _text(kind: type) -> Iterator[str]:
+    """A docstring without its attributes."""
+    yield from _doc(kind).partition("\nAttributes:\n")[0].rstrip().splitlines()
+
+
+def _table(kind: type) -> Iterator[str]:
+    yield "| attribute | meaning |"
+    yield "|---|---|"
+    for names, meaning, _ in ATTRIBUTE.findall(_doc(kind).partition("\nAttributes:\n")[2]):
+        yield f"| {', '.join(f'`{name}`' for name in names.split(', '))} | {' '.join(meaning.split())} |"
+
+
+def _list(things: Any) -> Iterator[str]:
+    for thing in things:
+        yield f"- `{thing.__name__}`: {_doc(thing).splitlines()[0]}"

@@ -1,0 +1,155 @@
+"""The nodes that tree files of this cell may name: the project's, those of installed packages, and the user's own.
+
+The user's own are what `--with` or the environment variable CELL_NODES names: a file, a folder or a package. Nothing
+else of the working folder is imported, as importing runs code.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import pkgutil
+from collections.abc import Iterable, Iterator
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Protocol
+
+import trees.nodes
+from cell.errors import InputError
+from cell.interfaces.memory import PREFIX, Memory
+from cell.interfaces.product import Product
+from trees.engine.node import TreeNode
+from trees.engine.vocabulary import Goal, Hole, OutputSignal, Part, Signal, Words
+from trees.files.build.registry import Registry
+from trees.nodes.poses import FRAMES, FramedPose
+
+ENTRY_POINTS = "cell.nodes"  # a package names a module of its own there
+ALWAYS = "CELL_NODES"  # names what is wanted in every command; several with : between them
+USUAL_FOLDER = Path("nodes")  # where `cell new` writes
+
+
+class SignalNames(Protocol):
+    """The digital signals of a cell, by name."""
+
+    @property
+    def inputs(self) -> Iterable[str]: ...
+
+    @property
+    def outputs(self) -> Iterable[str]: ...
+
+
+class Wiring(Protocol):
+    """A configuration, as far as tree files name what is in it."""
+
+    @property
+    def signals(self) -> SignalNames | None: ...
+
+
+def node_registry(
+    product: Product | None = None, more: Iterable[str] = (), configuration: Wiring | None = None
+) -> Registry:
+    """All nodes, by module and in the order of their text.
+
+    Args:
+        product: its part types and positions are the only ones that ports may name; None lets any name pass.
+        more: files or packages with further nodes.
+        configuration: its digital signals are the only ones that ports may name; None lets any name pass.
+
+    Raises:
+        InputError: a file or package cannot be loaded, or two nodes have one name.
+    """
+    modules = [*_package(trees.nodes), *_installed()]
+    named = [*filter(None, os.environ.get(ALWAYS, "").split(os.pathsep)), *more]
+    for name in dict.fromkeys(named):
+        modules += _named(name)
+    classes = list(dict.fromkeys(node for module in modules for node in _nodes(module)))
+    try:
+        return Registry(
+            classes,
+            words={**_things(product), **_signals(configuration)},
+            remark="" if named else _remark(),
+            entries={PREFIX + name: value for name, value in Memory().values().items()},
+        )
+    except ValueError as error:
+        raise InputError(f"{error}; they stand in {', '.join(_places(classes))}") from None
+
+
+def _things(product: Product | None) -> Words:
+    if product is None:
+        return {}
+    frames = (*FRAMES, *product.positions)
+    return {Part: tuple(product.parts), Hole: product.positions, Goal: tuple(product.goals), FramedPose: frames}
+
+
+def _signals(configuration: Wiring | None) -> Words:
+    if configuration is None:
+        return {}
+    module = configuration.signals
+    inputs, outputs = (tuple(module.inputs), tuple(module.outputs)) if module is not None else ((), ())
+    return {Signal: (*inputs, *outputs), OutputSignal: outputs}
+
+
+def _nodes(module: ModuleType) -> Iterator[type[TreeNode]]:
+    """The node classes that a module defines: leaves, controls and decorators, but no bases."""
+    for member in vars(module).values():
+        if not isinstance(member, type) or member.__module__ != module.__name__ or not issubclass(member, TreeNode):
+            continue
+        if not vars(member).get("abstract") and not member.__name__.startswith("_"):
+            yield member
+
+
+def _package(package: ModuleType) -> Iterator[ModuleType]:
+    """A package's modules; a module alone is itself."""
+    if not hasattr(package, "__path__"):
+        yield package
+        return
+    yield package
+    for info in pkgutil.iter_modules(package.__path__):
+        yield importlib.import_module(f"{package.__name__}.{info.name}")
+
+
+def _installed() -> Iterator[ModuleType]:
+    for point in entry_points(group=ENTRY_POINTS):
+        yield from _imported(point.value)
+
+
+def _remark() -> str:
+    """What to say of a node that nobody knows, where the user's own were not asked for."""
+    here = any(USUAL_FOLDER.glob("*.py"))
+    return f"{USUAL_FOLDER}/ is not loaded: add --with {USUAL_FOLDER}" if here else ""
+
+
+def _named(name: str) -> Iterator[ModuleType]:
+    if Path(name).is_dir():
+        yield from (_file(file) for file in sorted(Path(name).glob("*.py")) if file.name != "__init__.py")
+    elif name.endswith(".py") or Path(name).is_file():
+        yield _file(Path(name))
+    else:
+        yield from _imported(name)
+
+
+def _imported(name: str) -> Iterator[ModuleType]:
+    try:
+        yield from _package(importlib.import_module(name))
+    except (Exception, SystemExit) as error:  # a module of a user may raise anything, or end the program
+        raise InputError(f"nodes of {name!r} cannot be loaded: {type(error).__name__}: {error}") from error
+
+
+def _file(file: Path) -> ModuleType:
+    """A module of its own; its name holds the path, so that two files may have one name."""
+    spec = importlib.util.spec_from_file_location(f"cell_nodes_{file.resolve().as_posix()}", file)
+    if spec is None or spec.loader is None or not file.is_file():
+        raise InputError(f"{file}: there is no such file of Python; give FILE.py or the name of a package")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:  # the user's file may raise anything, or end the program
+        raise InputError(f"{file} cannot be loaded: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _places(classes: list[type[TreeNode]]) -> list[str]:
+    names = [node.__name__ for node in classes]
+    return [f"{node.__module__}.{node.__name__}" for node in classes if names.count(node.__name__) > 1] or ["one class"]

@@ -18,7 +18,7 @@ def unlabelled(still: Still, _row: dict[str, Any]) -> Still:
 @pytest.mark.parametrize("content", [b"\xff\xfe\x00\x01", b"\x89PNG\r\n\x1a\n\x00\x80"])
 def test_a_binary_file_is_told_by_its_name(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "holes.jsonl").write_bytes(content)
-    with pytest.raises(InputError, match=r"holes\.jsonl.*cell data holes"):
+    with pytest.raises(InputError, match=r"holes\.jsonl.*cell lab data holes"):
         load_stills([tmp_path], "holes", unlabelled)
 
 

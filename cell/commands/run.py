@@ -23,7 +23,6 @@ from cell.commands.options import (
 from cell.commands.terminal import console, print_json, table
 from cell.files.files import own_or_shipped
 from cell.runs.options import RunOptions
-from cell.runs.run import run as run_once
 
 TREE = own_or_shipped("trees", "ahead.xml", "assemble.xml")
 SHIFT_TREE = own_or_shipped("trees", "shift.xml")
@@ -72,6 +71,8 @@ def chosen(
 
 def assemble(options: RunOptions, as_json: bool) -> int:
     """Run it, and say how it ended; returns the exit status."""
+    from cell.runs.run import run as run_once  # not before the options are read: it takes half a second
+
     gc.freeze()  # what was imported stays
     gc.set_threshold(SEARCHES_GARBAGE)
     screen = console()

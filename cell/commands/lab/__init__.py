@@ -31,7 +31,7 @@ COMMANDS = {
     "run": Command("cell.commands.lab.run:run", "Run as `cell run` does, with the options of experiments too."),
     "eval": Command("cell.commands.lab:EVALUATIONS", "Score planners, detectors and whole assemblies.", group=True),
     "data": Command("cell.commands.lab.data:data_app", "Make training data, from logs or drawn."),
-    "train": Command("cell.commands.lab.train:train_app", "Train one network, with all its options."),
+    "train": Command("cell.commands.training.tasks:app", "Train one network, with all its options."),
     "sweep": Command("cell.commands.lab.sweep:sweep", "Run every combination of a file once."),
     "looks": Command("cell.commands.lab.looks:looks", "List or draw what the simulation may look like."),
     "see": Command("cell.commands.lab.see:see", "Draw what detectors find in pictures, a video, a log or a camera."),

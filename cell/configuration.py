@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import ClassVar
+
+from pydantic import Field, model_validator
 
 from cell.errors import InputError, Problem, SettingError
 from cell.files.files import shipped
-from cell.files.model import Model
+from cell.files.model import Disagreement, Model
 from cell.files.yaml_file import load_yaml, place_of
-from cell.interfaces.bench import Bench, Calibration
+from cell.interfaces.bench import JOINTS, Bench, Calibration
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.planning import crops_file, weights_file
 from cell.interfaces.product import Product
+from cell.interfaces.robot import NamedRobot, default_robot
 from cell.settings import (
     LEARNED_KINDS,
     WEIGHTS,
@@ -28,7 +32,7 @@ from cell.settings import (
 )
 from sim.scene.look_range import look_range
 from sim.scene.person import load_person
-from skills.drivers.settings import CanSettings, SignalSettings
+from skills.drivers.settings import CanSettings
 from skills.motion.settings import MotionSettings
 from trees.guard import GuardSettings
 
@@ -47,11 +51,16 @@ class Configuration(Model):
         calibration: file of `cell calibrate`, relative to this file: it takes over what the bench says of the cameras.
         bench: where arm, bracket, tray and cameras stand. World frame: origin at the arm's base on the table top, x
             towards the person, z up.
-        signals: an I/O module with digital signals; none by default.
+        robot: the arm: ur10, ur10e, or a robot file, relative to this file.
         faults: what the supervisor does about each sign of trouble, relative to this file; none for the shipped table.
     """
 
+    moved: ClassVar[Mapping[str, str]] = {
+        "gripper_can": "the gripper is one of the devices now: devices: gripper: {kind: can, ...}",
+        "signals": "signals are one of the devices now: devices: signals: {kind: can, ...}",
+    }
     product: Path
+    robot: NamedRobot = Field(default_factory=default_robot, json_schema_extra={"default": "ur10"})
     faults: Path | None = None
     calibration: Path | None = None
     bench: Bench
@@ -60,10 +69,20 @@ class Configuration(Model):
     planners: Planners
     guard: GuardSettings = GuardSettings()
     motion: MotionSettings = MotionSettings()
-    gripper_can: CanSettings = CanSettings()
-    signals: SignalSettings | None = None
     devices: DeviceSettings = DeviceSettings()
     log: LogSettings = LogSettings()
+
+    @model_validator(mode="after")
+    def _poses_are_in_range(self) -> Configuration:
+        places = []
+        for name in ("arm_park_rad", "arm_look_rad"):
+            for joint, value, most in zip(JOINTS, getattr(self.bench, name), self.robot.range_rad, strict=True):
+                if abs(value) > most:
+                    what = f"{name}: {joint} has {value:g}, {self.robot.name} turns by {most:.3f} each way"
+                    places.append((("bench", name), what))
+        if places:
+            raise Disagreement(places)
+        return self
 
 
 def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuration:
@@ -91,8 +110,10 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
     }
     faults = DEFAULT_FAULTS if read.faults is None else folder / read.faults
     log = read.log.model_copy(update={"folder": Path.cwd() / read.log.folder})
-    database = read.gripper_can.database
-    gripper = read.gripper_can.model_copy(update={"database": database and folder / database})
+    devices = read.devices
+    if isinstance(devices.gripper, CanSettings) and devices.gripper.database is not None:
+        gripper = devices.gripper.model_copy(update={"database": folder / devices.gripper.database})
+        devices = devices.model_copy(update={"gripper": gripper})
     calibration = read.calibration and folder / read.calibration
     bench = read.bench if calibration is None else read.bench.calibrated(load_yaml(calibration, Calibration))
     return read.model_copy(
@@ -103,7 +124,8 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "faults": faults,
             "perception": read.perception.model_copy(update=perception),
             "planners": read.planners.model_copy(update=planners),
-            "gripper_can": gripper,
+            "devices": devices,
+            "motion": read.motion.of(read.robot),
             "log": log,
         }
     )

@@ -15,7 +15,6 @@ from cell.interfaces.pose import Array, Pose
 from skills.grasping.handling import bracket_boxes, carried, joints_of, seen_in_holes, tray_boxes
 from skills.grasping.phases import Move, Phase, PhasedSkill
 from skills.motion.grip import STROKE_M
-from skills.motion.kinematics import within_limits
 from skills.motion.near_hand import way_out
 from skills.motion.planner import Load, MotionPlanner, Plan
 
@@ -116,7 +115,8 @@ class MoveToJoints(FreeMove):
 
     def goal(self, observation: Observation, load: Load) -> Array | str:  # noqa: ARG002
         """The joints, if the arm has them."""
-        return self._joints if within_limits(self._joints) else "they lie beyond the arm's limits"
+        within = self._planner.kinematics.within_limits(self._joints)
+        return self._joints if within else "they lie beyond the arm's limits"
 
 
 class MoveToPose(FreeMove):

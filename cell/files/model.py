@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, field_validator
 
@@ -15,10 +15,15 @@ _ENTRY = re.compile(r"^    (\w+(?:, \w+)*): ")
 
 
 class Model(BaseModel):
-    """A part of a configuration file; field names carry their units, the docstring's Attributes their meaning."""
+    """A part of a configuration file; field names carry their units, the docstring's Attributes their meaning.
+
+    Attributes:
+        moved: keys that older files have here, and what to write instead.
+    """
 
     # Checks are made ready at first use: a process that only gets models, ready made, never needs them.
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+    moved: ClassVar[Mapping[str, str]] = {}
 
     @field_validator("*", mode="before")
     @classmethod

@@ -14,7 +14,7 @@ Length = Annotated[float, Field(gt=0, le=2)]
 Gap = Annotated[float, Field(ge=0, le=1)]
 """Room between two things, in [m]."""
 JointAngle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
-"""Of a UR10's joint, whose range is 360 degrees each way, in [rad]."""
+"""Of a joint, a whole turn each way at most, in [rad]; the robot's own range is its robot file's."""
 Channel = Annotated[float, Field(ge=0, le=1)]
 """Of a colour."""
 Duration = Annotated[float, Field(gt=0, le=86_400)]

@@ -164,14 +164,17 @@ def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDeta
     if details["type"] == "extra_forbidden":
         name = str(location[-1])
         place = _place(path, root, location, of_key=True)
-        return [Problem(place, f"unknown key {name!r}", _suggest(name, _legal_keys(model, location[:-1])))]
+        for owner in _models(model, location[:-1]):
+            if name in getattr(owner, "moved", {}):
+                return [Problem(place, f"key {name!r} has moved", owner.moved[name])]
+        return [Problem(place, f"unknown key {name!r}", suggestion(name, _legal_keys(model, location[:-1])))]
     if details["type"] == "missing":
         return [Problem(_place(path, root, location[:-1]), f"key {str(location[-1])!r} is missing")]
     kind, got = details["type"], details["input"]
     what = f"input should be {IN_YAML[kind]}" if kind in IN_YAML else details["msg"].removeprefix("Value error, ")
     what = f"{_dotted(location)}: {what[:1].lower()}{what[1:]}{_not(got, kind)}"
     legal = _legal_keys(model, location) if IN_YAML.get(kind) == MAPPING else []
-    return [Problem(_place(path, root, location), what, _suggest("", legal))]
+    return [Problem(_place(path, root, location), what, suggestion("", legal))]
 
 
 def _not(got: object, error: str) -> str:
@@ -182,19 +185,31 @@ def _not(got: object, error: str) -> str:
     return f", not {kind}" if kind and error.endswith("_type") else ""
 
 
-def _suggest(name: str, legal: Sequence[str]) -> str:
+def suggestion(name: str, legal: Sequence[str]) -> str:
+    """What may have been meant, and what is legal."""
     near = difflib.get_close_matches(name, legal, n=1)
     asked = f"did you mean {near[0]!r}? " if near else ""
     return f"{asked}legal here: {', '.join(legal)}" if legal else ""
 
 
 def _legal_keys(model: type[BaseModel], location: Location) -> list[str]:
-    """Field names at a location, following nested models, dicts, sequences and unions."""
+    """Field names at a location."""
+    return [name for option in _models(model, location) for name in option.model_fields]
+
+
+def _models(model: type[BaseModel], location: Location) -> list[Any]:
+    """Models at a location, following nested models, dicts, sequences and unions."""
     options: list[Any] = [model]
     for step in location:
         following = [inner for option in options for inner in _inside(option, step)]
-        options = following or options
-    return [name for option in options if _is_model(option) for name in _as_written(option).model_fields]
+        options = following or [option for option in options if _is_kind(option, step)] or options
+    return [_as_written(option) for option in options if _is_model(option)]
+
+
+def _is_kind(option: Any, tag: str | int) -> bool:
+    """Whether a model is the one that a union's tag means."""
+    kind = option.model_fields.get("kind") if _is_model(option) else None
+    return kind is not None and tag in typing.get_args(kind.annotation)
 
 
 def _inside(option: Any, step: str | int) -> list[Any]:

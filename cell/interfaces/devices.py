@@ -46,6 +46,7 @@ class Signals(Protocol):
 
 Answer = TypeVar("Answer")
 
+ROLES = ("arm", "gripper", "overhead", "wrist", "panel", "signals")  # of the devices of a cell
 KEEP_ALIVE_S = 0.2  # an arm that hears nothing for this long stands still on its path
 
 
@@ -150,28 +151,31 @@ class DetectorHost(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Devices:
-    """All devices of a cell but the gripper, which is reached over CAN.
+    """All devices of a cell.
 
     Attributes:
+        signals: None where the cell has none.
         host: where detectors run in lock-step beside a simulation; None: in the controller's process.
         lost_s: how far a simulation that goes with the wall's time fell behind it for good.
         free_running: told whether time is the wall's: then a simulation leaves out what is not done in time.
         report: how the finished assembly is judged, by keys of `cell run --json`; empty where nobody can judge.
-        close: lets go of everything.
+        close: lets go of the simulator; drivers are closed by who opened them.
         pressed: what was said or pressed at the bench itself since the last call.
         finished: how brackets that were taken away were judged, in order, by the keys of `report`.
         truth: what really happened since the last call, for the log alone; empty where nobody knows.
     """
 
     clock: Clock
+    arm: Arm
+    gripper: Gripper
     overhead: Camera
     wrist: Camera
-    arm: Arm
     panel: Panel
-    report: Callable[[], dict[str, object]]
-    close: Callable[[], None]
+    signals: Signals | None = None
+    report: Callable[[], dict[str, object]] = dict
+    close: Callable[[], None] = lambda: None
     truth: Callable[[], Sequence[TruthEvent]] = tuple
     pressed: Callable[[], Sequence[OperatorOrder]] = tuple
     finished: Callable[[], Sequence[dict[str, object]]] = tuple

@@ -11,6 +11,7 @@ import numpy as np
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.faults import Judgement
 from cell.interfaces.observation import ArmMode, Observation
+from cell.interfaces.robot import RobotModel
 from skills.motion.near_hand import separation_of
 from skills.motion.separation import Following, Separation, SeparationMonitor
 
@@ -19,8 +20,7 @@ STALE_GRIPPER_S = 0.1
 STALE_BENCH_S = 0.35  # three frames are missing
 FUTURE_S = 0.05
 LATE_S, VERY_LATE_S = 0.08, 0.40
-POSITION_LIMIT_RAD = 2 * math.pi + 0.01
-SPEED_LIMITS_RAD_S = np.array([2.1, 2.1, 3.15, 3.15, 3.15, 3.15]) * 1.3  # datasheet, and what a measurement adds
+RANGE_SLACK_RAD, SPEED_SLACK = 0.01, 1.3  # what a measurement adds to what the robot can do
 OFF_PATH_RAD = 0.025
 ARRIVED_RAD = 0.006  # a standing arm is at its goal so nearly
 VAIN_TIMES = 3  # acknowledgements in a row that no trajectory came to its end after
@@ -108,18 +108,24 @@ def _mode(text: str, *modes: ArmMode) -> Check:
     return check
 
 
-def _not_plausible(seen: Observation, _: Command, __: Memory) -> Sign | None:
-    arm = seen.arm
-    values = (*arm.positions_rad, *arm.velocities_rad_s)
-    if len(arm.positions_rad) != 6 or len(arm.velocities_rad_s) != 6:
-        return Sign(f"the arm told {len(arm.positions_rad)} positions and {len(arm.velocities_rad_s)} speeds, not 6")
-    if not all(map(math.isfinite, values)):
-        return Sign("the arm told a value that is not finite")
-    if max(map(abs, arm.positions_rad)) > POSITION_LIMIT_RAD:
-        return Sign("the arm told a joint beyond its range")
-    if (np.abs(arm.velocities_rad_s) > SPEED_LIMITS_RAD_S).any():
-        return Sign("the arm told a joint faster than it can be")
-    return None
+def robot_checks(robot: RobotModel) -> dict[str, Check]:
+    """Checks that need to know what the arm can do."""
+    range_rad, speed_rad_s = np.array(robot.range_rad) + RANGE_SLACK_RAD, np.array(robot.speed_rad_s) * SPEED_SLACK
+
+    def not_plausible(seen: Observation, _: Command, __: Memory) -> Sign | None:
+        arm = seen.arm
+        counts = len(arm.positions_rad), len(arm.velocities_rad_s)
+        if counts != (6, 6):
+            return Sign(f"the arm told {counts[0]} positions and {counts[1]} speeds, not 6")
+        if not all(map(math.isfinite, (*arm.positions_rad, *arm.velocities_rad_s))):
+            return Sign("the arm told a value that is not finite")
+        if (np.abs(arm.positions_rad) > range_rad).any():
+            return Sign("the arm told a joint beyond its range")
+        if (np.abs(arm.velocities_rad_s) > speed_rad_s).any():
+            return Sign("the arm told a joint faster than it can be")
+        return None
+
+    return {"arm_not_plausible": not_plausible}
 
 
 def _stale_arm(seen: Observation, _: Command, __: Memory) -> Sign | None:
@@ -264,7 +270,6 @@ def _followed(seen: Observation, memory: Memory) -> Following | None:
 
 CHECKS: Mapping[str, Check] = {
     "arm_lost": _trouble_of("arm"),
-    "arm_not_plausible": _not_plausible,
     "arm_stale": _stale_arm,
     "arm_off_path": _off_path,
     "arm_protective_stop": _mode("protective stop of the arm", "protective_stop", "recovery"),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from cell.interfaces.command import Command
 from cell.interfaces.faults import Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
-from cell.running.fault_checks import CHECKS, Check, Memory, Sign, person_checks
+from cell.running.fault_checks import CHECKS, Check, Memory, Sign, person_checks, robot_checks
 from skills.motion.planner import MotionPlanner
 
 NO_SIGN = Sign("")
@@ -97,7 +97,7 @@ class Supervisor:
 
 def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
     """The supervisor of a cell, for a run and for its replay alike."""
-    return Supervisor(table, {**CHECKS, **person_checks(motion.separation)})
+    return Supervisor(table, {**CHECKS, **robot_checks(motion.settings.robot), **person_checks(motion.separation)})
 
 
 def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -> None:

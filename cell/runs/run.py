@@ -189,7 +189,7 @@ def drive(
         if injection is not None:
             bus = injection.bus(bus, load_gripper_database(can_settings.database or SHIPPED))
             devices, observers = injection.devices(devices), (*observers, injection)
-        devices = replace(devices, arm=CheckedArm(devices.arm))
+        devices = replace(devices, arm=CheckedArm(devices.arm, configuration.robot))
         gripper = CanGripper(bus, devices.clock, can_settings, can_tap)
         stack.callback(gripper.close)
         detectors = (configuration.bench, files.product, configuration.perception)

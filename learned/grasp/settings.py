@@ -22,7 +22,7 @@ class GripperOutline(Model):
         pad_size_m: thickness in the closing direction, width, length of a pad (sim/scene/robot.py);
             the links above are as thick and narrower.
         palm_size_m: extent in the closing direction, and along the fingers' width (sim/scene/robot.py).
-        palm_above_tip_m: from the fingertips to the palm's lower side (`TCP_FROM_TOOL0_M + FINGERTIP_BEYOND_TCP_M -
+        palm_above_tip_m: from the fingertips to the palm's lower side (`tcp_from_flange_m + fingertip_beyond_tcp_m -
             PALM_END_M` in sim/scene/robot.py).
         stroke_m: widest opening (datasheet of the 2F-85).
         clearance_m: gap between each finger and the body when it comes down: the narrowest that the skills try

@@ -1,4 +1,4 @@
-"""The arm and its gripper for MuJoCo: the UR10 of example-robot-data and a parallel jaw of primitives.
+"""The arm and its gripper for MuJoCo: the URDF of the robot model and a parallel jaw of primitives.
 
 The jaw has the 2F-85's stroke, speed and force. One description of the arm serves inverse kinematics and simulation.
 """
@@ -6,18 +6,15 @@ The jaw has the 2F-85's stroke, speed and force. One description of the arm serv
 from __future__ import annotations
 
 import re
-from importlib.metadata import distribution
-from pathlib import Path
 
 import mujoco
 
 from cell.interfaces.bench import JOINTS, CameraSetup
+from cell.interfaces.robot import PACKAGE, RobotModel, Tool, description_share
 from sim.scene import palette
 from sim.scene.palette import add_box, add_cylinder
 
-TCP_FROM_TOOL0_M = 0.156
 STROKE_M = 0.085
-FINGERTIP_BEYOND_TCP_M = 0.008
 PAD_SIZE_M = (0.012, 0.025, 0.022)  # thickness along tool x, width along y, length along z
 PALM_END_M = 0.085  # from tool0: the palm must clear tall neighbours of a low part
 GRIP_STIFFNESS_N_M = 20000.0  # of the jaw's position servo: force = stiffness x (opening - set point)
@@ -30,23 +27,17 @@ ARMATURE_KGM2 = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 DAMPING_NMS = (10.0, 10.0, 10.0, 2.0, 2.0, 2.0)
 TOUCHING_LINKS = ("forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link")
 
-_MESHES = "package://example-robot-data/robots/ur_description/meshes/ur10/collision"
 
-
-def description_folder() -> Path:
-    """The folder that `package://example-robot-data` stands for."""
-    return Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data")))
-
-
-def arm_spec() -> mujoco.MjSpec:
-    """The UR10 with position servos, meshes as its only geometry, and `tool0` kept as a body."""
-    robots = description_folder() / "robots/ur_description"
-    text = (robots / "urdf/ur10_robot.urdf").read_text(encoding="utf-8")
-    # MuJoCo's `discardvisual` would delete every geom without contacts from the final model, so cut them out here.
-    text = re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL).replace(_MESHES + "/", "")
+def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
+    """The arm with position servos, meshes as its only geometry, and `tool0` kept as a body."""
+    # MuJoCo's `discardvisual` would delete every geom without contacts from the final model; the text has none left.
+    text = robot.urdf_text
+    meshes = re.search(rf'"{PACKAGE}([^"]+)/[^/"]+"', text)
+    folder = "" if meshes is None else meshes[1]
+    text = text.replace(f"{PACKAGE}{folder}/", "")
     options = '<mujoco><compiler strippath="false" fusestatic="false" discardvisual="false"/></mujoco>'
     spec = mujoco.MjSpec.from_string(text.replace("</robot>", options + "</robot>"))
-    spec.meshdir = str(robots / "meshes/ur10/collision")
+    spec.meshdir = str(description_share() / folder)
     _drive_joints(spec)
     _finish_links(spec)
     return spec
@@ -75,7 +66,7 @@ def _finish_links(spec: mujoco.MjSpec) -> None:
         spec.delete(geom)
 
 
-def add_gripper(spec: mujoco.MjSpec, wrist: CameraSetup) -> None:
+def add_gripper(spec: mujoco.MjSpec, wrist: CameraSetup, mounted: Tool) -> None:
     """Mount the jaw and the wrist camera on `tool0`; body `tool` is the TCP's frame."""
     tool0 = spec.body("tool0")
     hand = tool0.add_body(name="gripper", gravcomp=1.0)
@@ -85,16 +76,15 @@ def add_gripper(spec: mujoco.MjSpec, wrist: CameraSetup) -> None:
     hand.mass, hand.inertia, hand.ipos = 0.75, [1e-3, 1e-3, 1e-3], [0.0, 0.0, 0.05]
     hand.explicitinertial = True
     for name, side in (("left", 1.0), ("right", -1.0)):
-        _add_finger(hand, name, side)
+        _add_finger(hand, name, side, mounted.tcp_from_flange_m + mounted.fingertip_beyond_tcp_m)
     _couple_fingers(spec)
-    tool = tool0.add_body(name="tool", pos=[0.0, 0.0, TCP_FROM_TOOL0_M])
+    tool = tool0.add_body(name="tool", pos=[0.0, 0.0, mounted.tcp_from_flange_m])
     x, y, z = wrist.mount.position_m
     add_box(tool, (x, y, z - 0.02), (0.05, 0.03, 0.03), palette.GRIPPER, palette.HAND_ONLY_TOUCH)
 
 
-def _add_finger(hand: mujoco.MjsBody, name: str, side: float) -> None:
+def _add_finger(hand: mujoco.MjsBody, name: str, side: float, tip: float) -> None:
     thickness, width, length = PAD_SIZE_M
-    tip = TCP_FROM_TOOL0_M + FINGERTIP_BEYOND_TCP_M
     finger = hand.add_body(name=f"finger_{name}", gravcomp=1.0)
     finger.mass, finger.inertia, finger.ipos = 0.08, [5e-5, 5e-5, 5e-5], [0.0, 0.0, 0.12]
     finger.explicitinertial = True

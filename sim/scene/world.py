@@ -12,6 +12,7 @@ import numpy as np
 from cell.interfaces.bench import JOINTS, Bench, CameraSetup
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
+from cell.interfaces.robot import RobotModel, default_robot
 from sim.scene.bystander import add_onlooker
 from sim.scene.clutter import Owner, ScenePart
 from sim.scene.clutter_objects import add_things
@@ -205,6 +206,7 @@ def build_world(
     extend: Callable[[mujoco.MjSpec], None] | None = None,
     look: Look = NOMINAL,
     bins: Sequence[Bin] | None = None,
+    robot: RobotModel | None = None,
 ) -> World:
     """Build a cell.
 
@@ -213,12 +215,14 @@ def build_world(
         extend: adds more to the specification before it is compiled, for example the person's hand.
         look: light, colours, things lying about, and where the cameras really hang.
         bins: the person's; by default one for each type, where the bench file says.
+        robot: the arm; by default the UR10.
     """
     physics = physics or PhysicsSettings()
     scene = person_set(product, bench) if scene is None else scene
-    spec = arm_spec()
+    robot = robot or default_robot()
+    spec = arm_spec(robot)
     _set_options(spec, physics)
-    add_gripper(spec, bench.wrist)
+    add_gripper(spec, bench.wrist, robot.tool)
     add_furniture(spec, product, bench, own_bins(product, bench) if bins is None else bins, look.surfaces)
     kinds = list(product.parts)
     for name, entry in zip(part_names(scene), scene, strict=True):

@@ -11,19 +11,18 @@ from cell.interfaces.bench import JOINTS
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.devices import Arm
 from cell.interfaces.observation import ArmState, JointSamples
+from cell.interfaces.pose import Array
+from cell.interfaces.robot import RobotModel
 
-# UR10, datasheet
-POSITION_LIMITS_RAD = np.array([2 * np.pi, 2 * np.pi, np.pi, 2 * np.pi, 2 * np.pi, 2 * np.pi])
-SPEED_LIMITS_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
 SPEED_TOLERANCE = 1.02  # sampled trajectories overshoot a little between their samples
 START_TOLERANCE_RAD = 0.05
 
 
 class CheckedArm:
-    """Implements `Arm` around a driver's: trajectories are refused before the driver hears of them."""
+    """Wraps a driver's arm and refuses illegal trajectories before the driver hears of them."""
 
-    def __init__(self, arm: Arm) -> None:
-        self._arm = arm
+    def __init__(self, arm: Arm, robot: RobotModel) -> None:
+        self._arm, self._robot = arm, robot
 
     def state(self) -> ArmState:
         """As the driver tells it."""
@@ -31,7 +30,7 @@ class CheckedArm:
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
         """Follow it; raises DeviceFault where the arm cannot or must not, from where it is."""
-        refuse_bad(trajectory, self._arm.state())
+        refuse_bad(trajectory, self._arm.state(), self._robot)
         return self._arm.follow(trajectory)
 
     def stop(self) -> None:
@@ -51,7 +50,7 @@ class CheckedArm:
         return self._arm.samples()
 
 
-def refuse_bad(trajectory: JointTrajectory, state: ArmState) -> None:
+def refuse_bad(trajectory: JointTrajectory, state: ArmState, robot: RobotModel) -> None:
     """Raise DeviceFault for values that are not finite, a start elsewhere, joints out of range, or too much speed."""
     positions = trajectory.positions_rad
     if not (np.isfinite(positions).all() and np.isfinite(trajectory.times_s).all()):
@@ -65,27 +64,27 @@ def refuse_bad(trajectory: JointTrajectory, state: ArmState) -> None:
             f"trajectory starts {jump.max():.3f} rad from where {JOINTS[int(jump.argmax())]} is, "
             f"limit {START_TOLERANCE_RAD} rad",
         )
-    beyond = (np.abs(positions) - POSITION_LIMITS_RAD).max(axis=0)
+    beyond = (np.abs(positions) - np.array(robot.range_rad)).max(axis=0)
     if beyond.max() > 0:
         joint = int(beyond.argmax())
         raise DeviceFault(
-            "arm", f"trajectory leaves the range of {JOINTS[joint]}, +-{POSITION_LIMITS_RAD[joint]:.3f} rad"
+            "arm", f"trajectory leaves the range of {JOINTS[joint]}, +-{robot.range_rad[joint]:.3f} rad"
         )
-    _refuse_fast(trajectory)
+    _refuse_fast(trajectory, np.array(robot.speed_rad_s))
 
 
-def _refuse_fast(trajectory: JointTrajectory) -> None:
+def _refuse_fast(trajectory: JointTrajectory, limits_rad_s: Array) -> None:
     steps_s = np.diff(trajectory.times_s)
     if (steps_s <= 0).any():
         raise DeviceFault("arm", "trajectory's times do not increase")
     if not len(steps_s):
         return
     speeds = (np.abs(np.diff(trajectory.positions_rad, axis=0)) / steps_s[:, np.newaxis]).max(axis=0)
-    excess = speeds / SPEED_LIMITS_RAD_S
+    excess = speeds / limits_rad_s
     if excess.max() > SPEED_TOLERANCE:
         joint = int(excess.argmax())
         raise DeviceFault(
             "arm",
             f"trajectory moves {JOINTS[joint]} at {speeds[joint]:.2f} rad/s, "
-            f"limit {SPEED_LIMITS_RAD_S[joint]:.2f} rad/s",
+            f"limit {limits_rad_s[joint]:.2f} rad/s",
         )

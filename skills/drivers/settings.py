@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -14,12 +14,14 @@ class SignalSettings(Model):
     """A CANopen I/O module with digital signals (CiA 401).
 
     Attributes:
+        kind: this driver.
         interface, channel, bitrate: the bus, as for the gripper.
         node_id: of the module: it tells inputs in 0x180 + node id, and takes outputs in 0x200 + node id.
         inputs, outputs: bit of each signal, by the names that tree files use.
         timeout_s: silence for so long is a fault; the module must tell its inputs more often than that.
     """
 
+    kind: Literal["can"] = "can"
     interface: str = "virtual"
     channel: str = "signals"
     bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
@@ -30,9 +32,10 @@ class SignalSettings(Model):
 
 
 class CanSettings(Model):
-    """The bus that the gripper is on.
+    """A gripper with the 2F-85's registers on a CAN bus.
 
     Attributes:
+        kind: this driver.
         interface: of python-can: virtual for the simulator, socketcan for a CAN adapter on Linux.
         channel: the interface's name, can0 for example.
         bitrate: of the bus.
@@ -41,6 +44,7 @@ class CanSettings(Model):
         database: DBC file with the gripper's frames, relative to this file; the shipped one by default.
     """
 
+    kind: Literal["can"] = "can"
     interface: str = Field(default="virtual", pattern=r"^[\w.-]{1,64}$")
     channel: str = Field(default="gripper", max_length=128, pattern=r"^[!-~]+( [!-~]+)*$")
     bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)

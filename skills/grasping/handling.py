@@ -253,13 +253,13 @@ def _approach_height_m(
         ox, oy, other_bottom = other.world_from_part.position_m
         if np.hypot(ox - x, oy - y) < _NEAR_M:
             tops.append(other_bottom + other.size_m[2])
-    return max(*tops, grasp.world_from_tool.position_m[2]) + settings.fingertip_beyond_tcp_m + settings.approach_gap_m
+    return max(*tops, grasp.world_from_tool.position_m[2]) + settings.robot.tool.fingertip_beyond_tcp_m + settings.approach_gap_m
 
 
 def _clear_height_m(planner: MotionPlanner, kind: PartType, target: Pose) -> float:
     """TCP height at which the empty fingertips are above the part that was put down."""
     settings = planner.settings
-    return target.position_m[2] + kind.size_m[2] + settings.fingertip_beyond_tcp_m + settings.approach_gap_m
+    return target.position_m[2] + kind.size_m[2] + settings.robot.tool.fingertip_beyond_tcp_m + settings.approach_gap_m
 
 
 _NEAR_M = 0.13  # half the gripper's width and half the longest part

@@ -15,9 +15,10 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.grasping import PAD_WIDTH_M
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
+from cell.interfaces.robot import description_share
 from cell.interfaces.product import Product
 from skills.motion.grip import STROKE_M
-from skills.motion.kinematics import FLANGE, Kinematics, description_share, urdf_text
+from skills.motion.kinematics import FLANGE, Kinematics
 from skills.motion.outline import Shape, shapes
 from skills.motion.settings import MotionSettings
 
@@ -74,7 +75,7 @@ class CollisionChecker:
         self._settings = settings or MotionSettings()
         self._model = kinematics.model
         self._data = self._model.createData()
-        self._tcp_m = self._settings.tcp_from_tool0_m
+        self._tcp_m = self._settings.robot.tool.tcp_from_flange_m
         flange = self._model.frames[self._model.getFrameId(FLANGE)]
         self._wrist, self._wrist_from_flange = flange.parentJoint, flange.placement
         self._geometry = self._arm_geometry()
@@ -146,7 +147,7 @@ class CollisionChecker:
 
     def _arm_geometry(self) -> pinocchio.GeometryModel:
         meshes = pinocchio.buildGeomFromUrdfString(
-            self._model, urdf_text(), pinocchio.GeometryType.COLLISION, package_dirs=[str(description_share())]
+            self._model, self._settings.robot.urdf_text, pinocchio.GeometryType.COLLISION, package_dirs=[str(description_share())]
         )
         geometry = pinocchio.GeometryModel()
         for item in meshes.geometryObjects:

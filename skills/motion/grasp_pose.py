@@ -51,7 +51,7 @@ def fingertips_m(kind: PartType, grip: Grip, settings: MotionSettings) -> float:
 
 def grasp_height_m(kind: PartType, grip: Grip, settings: MotionSettings) -> float:
     """Height of the TCP above a body's bottom."""
-    return fingertips_m(kind, grip, settings) + settings.fingertip_beyond_tcp_m
+    return fingertips_m(kind, grip, settings) + settings.robot.tool.fingertip_beyond_tcp_m
 
 
 def grip_of(kind: PartType, opening_m: float, settings: MotionSettings) -> Grip:
@@ -118,7 +118,7 @@ def place_poses(world_from_part: Pose, kind: PartType, settings: MotionSettings,
 def fingers_clear(grasp: Grasp, others: Sequence[PartDetection], settings: MotionSettings) -> bool:
     """Whether both fingers, as they come down and close, pass beside all other parts that reach up to them."""
     tool = grasp.world_from_tool
-    lowest_m = tool.position_m[2] - settings.fingertip_beyond_tcp_m - settings.passing_gap_m
+    lowest_m = tool.position_m[2] - settings.robot.tool.fingertip_beyond_tcp_m - settings.passing_gap_m
     margin_m = settings.least_finger_margin_m if grasp.close else settings.finger_margin_m
     high = [footprint(other) for other in others if other.world_from_part.position_m[2] + other.size_m[2] > lowest_m]
     return all(gap_m(finger, other) >= margin_m for finger in _fingers(tool, grasp.opening_m) for other in high)

@@ -1,27 +1,22 @@
-"""Kinematics of the UR10 with its tool: forward by Pinocchio, inverse by placo, elbow up."""
+"""Kinematics of the arm with its tool: forward by Pinocchio, inverse by placo, elbow up."""
 
 from __future__ import annotations
 
 import math
 import os
-import re
-from functools import cache
-from importlib.metadata import distribution
-from pathlib import Path
 
 import numpy as np
 import pinocchio
 import placo
 
 from cell.interfaces.pose import Array, Pose
+from cell.interfaces.robot import description_share
 from skills.motion.settings import MotionSettings
 
-JOINT_LIMITS_RAD = np.array([2 * math.pi, 2 * math.pi, math.pi, 2 * math.pi, 2 * math.pi, 2 * math.pi])
 FLANGE = "tool0"
 
 # Elbow up, wrist_2 so that the tool points down; pan and wrist_3 are seeded from the target.
 _SEED_RAD = np.array([0.0, -1.3, 1.9, -2.17, -math.pi / 2, 0.0])
-_ARM_OFFSET_M = 0.163941  # of the wrist's plane from the base's axis: shoulder 0.220941 - elbow 0.1719 + wrist 0.1149
 _POSITION_TOLERANCE_M = 5e-5
 _ANGLE_TOLERANCE_RAD = 5e-4
 _MAX_ITERATIONS = 60
@@ -29,32 +24,22 @@ _REGULARISATION = 1e-6
 _FIRST_JOINT = 7  # placo gives every robot a floating base, which comes first in its state
 
 
-@cache
-def description_share() -> Path:
-    """The folder above `example-robot-data`, to which `package://` in its URDF files refers."""
-    return Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share")))
-
-
-@cache
-def urdf_text() -> str:
-    """The UR10's URDF without its visual meshes, which nothing here needs."""
-    path = description_share() / "example-robot-data/robots/ur_description/urdf/ur10_robot.urdf"
-    return re.sub(r"<visual>.*?</visual>", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
-
-
 class Kinematics:
     """Joint angles to the pose of the tool frame (TCP) and back; the world frame is the arm's base."""
 
     def __init__(self, settings: MotionSettings | None = None) -> None:
         settings = settings or MotionSettings()
-        self._flange_from_tool = Pose((0.0, 0.0, settings.tcp_from_tool0_m))
+        robot = settings.robot
+        self._range_rad = np.array(robot.range_rad)
+        self._flange_from_tool = Pose((0.0, 0.0, robot.tool.tcp_from_flange_m))
         self._tool_from_flange = self._flange_from_tool.inverse()
-        self.model = pinocchio.buildModelFromXML(urdf_text())
+        self.model = pinocchio.buildModelFromXML(robot.urdf_text)
         self._data = self.model.createData()
         self._flange = self.model.getFrameId(FLANGE)
+        self._arm_offset_m = self._offset_m()
         # placo reads meshes even where it is told to ignore collisions, so it must find them.
         os.environ.setdefault("ROS_PACKAGE_PATH", str(description_share()))
-        self._robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, urdf_text())
+        self._robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, robot.urdf_text)
         self._solver = placo.KinematicsSolver(self._robot)
         self._solver.mask_fbase(True)
         self._solver.add_regularization_task(_REGULARISATION)
@@ -81,12 +66,30 @@ class Kinematics:
         joints = self._solve(target, self._seed(target))
         if joints is None or joints[2] < 0:
             return None
-        return wrapped(joints, np.zeros(6) if near_rad is None else near_rad)
+        return self.wrapped(joints, np.zeros(6) if near_rad is None else near_rad)
 
     def follow(self, world_from_tool: Pose, previous_rad: Array) -> Array | None:
         """Joint angles (6,) next to those of a neighbouring point on a path; None where the arm cannot reach."""
         target = (world_from_tool @ self._tool_from_flange).matrix
         return self._solve(target, previous_rad)
+
+    def wrapped(self, joints_rad: Array, near_rad: Array) -> Array:
+        """The same pose with every joint turned by whole turns to lie nearest to `near_rad` within the limits."""
+        turns = np.round((near_rad - joints_rad) / (2 * math.pi))
+        nearest = joints_rad + turns * 2 * math.pi
+        over = np.abs(nearest) > self._range_rad
+        answer: Array = np.where(over, nearest - np.sign(nearest) * 2 * math.pi, nearest)
+        return answer
+
+    def within_limits(self, joints_rad: Array) -> bool:
+        """Whether all joints (..., 6) lie within the arm's limits."""
+        return bool(np.all(np.abs(joints_rad) <= self._range_rad + 1e-9))
+
+    def _offset_m(self) -> float:
+        """How far the wrist's plane lies beside the base's axis (d4 of a UR), without the noise of its sum."""
+        pinocchio.forwardKinematics(self.model, self._data, np.zeros(self.model.nq))
+        wrist = self.model.getJointId("wrist_2_joint")
+        return round(float(self._data.oMi[wrist].translation[1]), 6)
 
     def _flange_matrix(self, joints_rad: Array) -> Array:
         pinocchio.forwardKinematics(self.model, self._data, np.asarray(joints_rad, dtype=float))
@@ -97,12 +100,12 @@ class Kinematics:
     def _seed(self, target: Array) -> Array:
         """Pan points the arm's plane at the target; wrist_3 takes up the heading that is left."""
         x, y = target[0, 3], target[1, 3]
-        reach = max(math.hypot(x, y), _ARM_OFFSET_M)
+        reach = max(math.hypot(x, y), self._arm_offset_m)
         seed = _SEED_RAD.copy()
-        seed[0] = math.atan2(y, x) - math.asin(_ARM_OFFSET_M / reach)
+        seed[0] = math.atan2(y, x) - math.asin(self._arm_offset_m / reach)
         turn = self._flange_matrix(seed)[:3, :3].T @ target[:3, :3]
         seed[5] = math.atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
-        return wrapped(seed, np.zeros(6))
+        return self.wrapped(seed, np.zeros(6))
 
     def _solve(self, target: Array, seed_rad: Array) -> Array | None:
         robot = self._robot
@@ -115,20 +118,6 @@ class Kinematics:
                 return joints
             self._solver.solve(True)
         return None
-
-
-def wrapped(joints_rad: Array, near_rad: Array) -> Array:
-    """The same pose with every joint turned by whole turns to lie nearest to `near_rad` within the limits."""
-    turns = np.round((near_rad - joints_rad) / (2 * math.pi))
-    nearest = joints_rad + turns * 2 * math.pi
-    over = np.abs(nearest) > JOINT_LIMITS_RAD
-    answer: Array = np.where(over, nearest - np.sign(nearest) * 2 * math.pi, nearest)
-    return answer
-
-
-def within_limits(joints_rad: Array) -> bool:
-    """Whether all joints (..., 6) lie within the arm's limits."""
-    return bool(np.all(np.abs(joints_rad) <= JOINT_LIMITS_RAD + 1e-9))
 
 
 def _error(actual: Array, target: Array) -> bool:

@@ -148,7 +148,7 @@ def _holds(kind: PartType, turn: Turn, lean_rad: float, settings: MotionSettings
     """Ways to hold a part for one turn, the tool leaning so far, and both half turns of the tool."""
     up, then = axis_of(turn.up), axis_of(turn.then)
     low, high = _reach(kind, up)
-    usual = high - (settings.grasp_depth_m - settings.fingertip_beyond_tcp_m)
+    usual = high - (settings.grasp_depth_m - settings.robot.tool.fingertip_beyond_tcp_m)
     depths = dict.fromkeys(max(depth, low + OVER_FLOOR_M) for depth in (usual, usual - PAD_M))
     low, high = _reach(kind, then)
     back = math.cos(lean_rad) * up + math.sin(lean_rad) * then

@@ -1,34 +1,33 @@
-"""Settings of motions and of the gripper's bus; defaults are the UR10's and the 2F-85's datasheets."""
+"""Settings of motions, for one robot; defaults are for the 2F-85."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, PrivateAttr
 
 from cell.files.model import Model
 from cell.interfaces.bench import JOINTS
+from cell.interfaces.robot import RobotModel, default_robot
 
 SixFloats = tuple[float, float, float, float, float, float]
 
 
-def _within(shoulder: float, others: float) -> AfterValidator:
-    """Values of the six joints are positive and at most these; the two joints of the shoulder have their own limit."""
+MOST_JERK_RAD_S3 = 1000.0
 
-    def check(values: SixFloats) -> SixFloats:
-        for number, value in enumerate(values):
-            most = shoulder if number < 2 else others
-            if not 0 < value <= most:
-                raise ValueError(f"{JOINTS[number]} has {value:g}, legal is more than 0 and at most {most:g}")
-        return values
 
-    return AfterValidator(check)
+def _checked(values: SixFloats) -> SixFloats:
+    """Of the six joints."""
+    for joint, value in zip(JOINTS, values, strict=True):
+        if not 0 < value <= MOST_JERK_RAD_S3:
+            raise ValueError(f"{joint} has {value:g}, legal is more than 0 and at most {MOST_JERK_RAD_S3:g}")
+    return values
 
 
 Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
-JointSpeeds = Annotated[SixFloats, _within(2.0944, 3.1416)]  # the UR10's datasheet: 120 and 180 deg/s
-JointAccelerations = Annotated[SixFloats, _within(40.0, 40.0)]
-JointJerks = Annotated[SixFloats, _within(1000.0, 1000.0)]
+JointJerks = Annotated[SixFloats, AfterValidator(_checked)]
 
 
 class SeparationSettings(Model):
@@ -66,18 +65,14 @@ class SeparationSettings(Model):
 
 
 class MotionSettings(Model):
-    """How the arm and the gripper move.
+    """How the arm and the gripper move; what the arm can do at most, its robot file says.
 
     Attributes:
-        speed_limits_rad_s: of each joint; by default the datasheet's 120 deg/s (first two) and 180 deg/s.
-        acceleration_limits_rad_s2: of each joint.
         jerk_limits_rad_s3: of each joint.
         sample_s: spacing of trajectory samples, the arm's own control period.
         line_speed_m_s: speed of the tool on straight lines.
         line_acceleration_m_s2: acceleration of the tool on straight lines.
         line_jerk_m_s3: jerk of the tool on straight lines.
-        tcp_from_tool0_m: distance of the tool frame (TCP) from the flange, along the flange's z.
-        fingertip_beyond_tcp_m: fingertips reach this far below the TCP.
         grasp_depth_m: fingertips reach this far below a body's top: the pads' length, for a full grip that still passes
             over lower neighbours.
         fingertip_clearance_m: fingertips stay at least this far above a body's bottom, so that they clear the bracket.
@@ -110,16 +105,16 @@ class MotionSettings(Model):
         separation: how far the arm keeps from the person, and how slow it is for that.
     """
 
-    speed_limits_rad_s: JointSpeeds = (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
-    acceleration_limits_rad_s2: JointAccelerations = (3.5, 3.5, 6.0, 8.0, 8.0, 8.0)
+    moved: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("speed_limits_rad_s", "acceleration_limits_rad_s2"), "the robot file has limits: robot: FILE"),
+        **dict.fromkeys(("tcp_from_tool0_m", "fingertip_beyond_tcp_m"), "the robot file has the tool: robot: FILE"),
+    }
     jerk_limits_rad_s3: JointJerks = (30.0, 30.0, 50.0, 80.0, 80.0, 80.0)
     sample_s: float = Field(default=0.008, ge=0.001, le=0.1)
     line_speed_m_s: float = Field(default=0.40, gt=0, le=1.5)
     line_acceleration_m_s2: float = Field(default=1.6, gt=0, le=20)
     line_jerk_m_s3: float = Field(default=20.0, gt=0, le=1000)
 
-    tcp_from_tool0_m: float = Field(default=0.156, gt=0, le=1)
-    fingertip_beyond_tcp_m: float = Field(default=0.008, ge=0, le=1)
     grasp_depth_m: float = Field(default=0.022, gt=0, le=1)
     fingertip_clearance_m: float = Field(default=0.003, ge=0, le=1)
     finger_clearance_m: float = Field(default=0.006, gt=0, le=1)
@@ -148,3 +143,26 @@ class MotionSettings(Model):
     gripper_timeout_s: float = Field(default=2.5, gt=0, le=60)
     arrival_tolerance_rad: float = Field(default=0.004, gt=0, le=0.05)
     separation: SeparationSettings = SeparationSettings()
+    _robot: RobotModel = PrivateAttr(default_factory=default_robot)
+
+    def of(self, robot: RobotModel) -> MotionSettings:
+        """The same for another robot than the UR10."""
+        settings = self.model_copy()
+        settings._robot = robot
+        return settings
+
+    @property
+    def robot(self) -> RobotModel:
+        """What moves."""
+        return self._robot
+
+    @property
+    def speed_limits_rad_s(self) -> SixFloats:
+        """Of planned motions, for each joint: what the robot can do, rounded down to 0.01 rad/s."""
+        a, b, c, d, e, f = (math.floor(100 * limit) / 100 for limit in self._robot.speed_rad_s)
+        return a, b, c, d, e, f
+
+    @property
+    def acceleration_limits_rad_s2(self) -> SixFloats:
+        """Of planned motions, for each joint."""
+        return self._robot.acceleration_rad_s2

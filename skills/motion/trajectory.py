@@ -7,7 +7,7 @@ import ruckig
 
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.pose import Array, Pose
-from skills.motion.kinematics import Kinematics, within_limits
+from skills.motion.kinematics import Kinematics
 from skills.motion.settings import MotionSettings
 
 _STANDING_RAD = 1e-6  # a shorter way is no way
@@ -89,7 +89,7 @@ def _follow_line(kinematics: Kinematics, start_rad: Array, start: Pose, goal: Po
     rows = [np.array(start_rad, dtype=float)]
     for share in shares[1:]:
         joints = kinematics.follow(_between(start, goal, float(share)), rows[-1])
-        if joints is None or np.abs(joints - rows[-1]).max() > _LARGEST_STEP_RAD or not within_limits(joints):
+        if joints is None or np.abs(joints - rows[-1]).max() > _LARGEST_STEP_RAD or not kinematics.within_limits(joints):
             return None
         rows.append(joints)
     return np.array(rows)

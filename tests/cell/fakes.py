@@ -16,8 +16,9 @@ from cell.interfaces.memory import Memory
 from cell.interfaces.observation import ArmMode, ArmState, GripperState, JointSamples, ObjectStatus
 from cell.interfaces.perception import Action, BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
+from cell.interfaces.robot import default_robot
 from cell.running.controller import Controller
-from cell.running.fault_checks import CHECKS
+from cell.running.fault_checks import CHECKS, robot_checks
 from cell.running.inference import LockStep
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import Supervisor
@@ -212,7 +213,9 @@ class Rig:
             LockStep(idle_view, self.clock, latency_s),
             LockStep(no_parts, self.clock, latency_s),
             settings or ControllerSettings(),
-            Supervisor([fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS], CHECKS),
+            Supervisor([fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS],
+                {**CHECKS, **robot_checks(default_robot())},
+            ),
             [self.observer, *observers],
             self.operator,
         )

@@ -10,6 +10,7 @@ from cell.errors import DeviceFault
 from cell.interfaces.bench import Bench
 from cell.interfaces.command import JointTrajectory
 from cell.interfaces.product import Product
+from cell.interfaces.robot import default_robot
 from sim.cell import SimCell
 from sim.devices.sensed_arm import SensedArm
 from sim.scene.settings import SimSettings
@@ -84,7 +85,7 @@ def test_a_command_is_taken_up_after_the_latency(product: Product, bench: Bench)
 def test_a_bad_trajectory_is_refused_at_once(product: Product, bench: Bench) -> None:
     cell = open_cell(product, bench, "refused", command_latency_s=0.04)
     with pytest.raises(DeviceFault, match="rad/s"):
-        CheckedArm(cell.devices.arm).follow(ramp(cell, 3.0, 0.2))
+        CheckedArm(cell.devices.arm, default_robot()).follow(ramp(cell, 3.0, 0.2))
     cell.close()
 
 

@@ -10,8 +10,11 @@ import pytest
 from cell.errors import DeviceFault
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import JointTrajectory
-from skills.drivers.checked_arm import SPEED_LIMITS_RAD_S, CheckedArm
+from cell.interfaces.robot import default_robot
+from skills.drivers.checked_arm import CheckedArm
 from tests.cell.fakes import FakeArm
+
+UR10 = default_robot()
 
 
 def driver() -> FakeArm:
@@ -21,8 +24,8 @@ def driver() -> FakeArm:
 def test_what_can_be_followed_reaches_the_driver() -> None:
     arm = driver()
     start = np.array(arm.state().positions_rad)
-    trajectory = JointTrajectory(np.array([0.0, 0.1]), np.array([start, start + 0.1 * SPEED_LIMITS_RAD_S]))
-    assert CheckedArm(arm).follow(trajectory) is trajectory
+    trajectory = JointTrajectory(np.array([0.0, 0.1]), np.array([start, start + 0.1 * np.array(UR10.speed_rad_s)]))
+    assert CheckedArm(arm, UR10).follow(trajectory) is trajectory
     assert arm.calls == ["follow"]
 
 
@@ -46,12 +49,12 @@ def test_what_cannot_be_followed_does_not(
     path[0, 0] += offset_rad
     path[1, 0] += goal_rad
     with pytest.raises(DeviceFault, match=reason):
-        CheckedArm(arm).follow(JointTrajectory(np.array(times_s), path))
+        CheckedArm(arm, UR10).follow(JointTrajectory(np.array(times_s), path))
     assert arm.calls == []
 
 
 @pytest.mark.parametrize(("asked", "sent"), [(0.4, 0.4), (2.0, 1.0), (-1.0, 0.0), (math.nan, 0.0), (math.inf, 0.0)])
 def test_a_share_of_speed_is_from_0_to_1(asked: float, sent: float) -> None:
     arm = driver()
-    CheckedArm(arm).pace(asked)
+    CheckedArm(arm, UR10).pace(asked)
     assert arm.shares == [sent]

@@ -51,7 +51,7 @@ def test_what_stands_on_the_bench_is_seen(
 
 
 def test_fingers_pass_closely_over_what_they_must_not_touch(checker: CollisionChecker, kinematics: Kinematics) -> None:
-    tip = SETTINGS.fingertip_beyond_tcp_m
+    tip = SETTINGS.robot.tool.fingertip_beyond_tcp_m
     assert checker.first_contact(at(kinematics, 0.72, 0.14, 0.036 + tip + 0.002), 0.05) is None
     assert checker.first_contact(at(kinematics, 0.72, 0.14, 0.036 + tip - 0.002), 0.05) is not None
 
@@ -67,7 +67,7 @@ def test_the_opening_decides_about_neighbours(checker: CollisionChecker, kinemat
 
 def test_the_margin_counts(checker: CollisionChecker, kinematics: Kinematics) -> None:
     box = Box("a box", Pose((0.55, -0.40, 0.05)), (0.05, 0.05, 0.05))
-    above = at(kinematics, 0.55, -0.40, 0.075 + SETTINGS.fingertip_beyond_tcp_m + 0.003)
+    above = at(kinematics, 0.55, -0.40, 0.075 + SETTINGS.robot.tool.fingertip_beyond_tcp_m + 0.003)
     assert checker.first_contact(above, 0.01, [box], margin_m=0.001) is None
     assert checker.first_contact(above, 0.01, [box], margin_m=0.006) is not None
 

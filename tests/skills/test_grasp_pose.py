@@ -76,7 +76,7 @@ def test_fingers_close_across_the_chosen_sides_from_above(product: Product, part
         across = tool[:, 0] @ detection.world_from_part.rotation[:, 1 if grip is Grip.WIDTH else 0]
         assert abs(across) == pytest.approx(1.0)
         assert grip.span_m(kind) + 2 * SETTINGS.least_finger_clearance_m <= grasp.opening_m <= STROKE_M
-        fingertip_m = grasp.world_from_tool.position_m[2] - SETTINGS.fingertip_beyond_tcp_m
+        fingertip_m = grasp.world_from_tool.position_m[2] - SETTINGS.robot.tool.fingertip_beyond_tcp_m
         bottom_m = detection.world_from_part.position_m[2]
         assert bottom_m < fingertip_m < bottom_m + kind.size_m[2]
 

@@ -9,7 +9,8 @@ import pytest
 
 from cell.interfaces.pose import Array, Pose
 from skills.motion.grasp_pose import tool_down
-from skills.motion.kinematics import JOINT_LIMITS_RAD, Kinematics, within_limits, wrapped
+from cell.interfaces.robot import default_robot
+from skills.motion.kinematics import Kinematics
 
 
 def random_target(rng: np.random.Generator) -> Pose:
@@ -24,7 +25,7 @@ def test_forward_of_inverse_is_the_identity(kinematics: Kinematics, seed: int) -
         target = random_target(rng)
         joints = kinematics.inverse(target)
         assert joints is not None
-        assert within_limits(joints)
+        assert kinematics.within_limits(joints)
         assert joints[2] > 0
         np.testing.assert_allclose(kinematics.forward(joints).matrix, target.matrix, atol=6e-4)
         np.testing.assert_allclose(kinematics.forward(joints).position_m, target.position_m, atol=6e-5)
@@ -53,13 +54,13 @@ def test_answer_is_wrapped_towards_where_the_arm_is(kinematics: Kinematics) -> N
     assert abs(joints[5] - near[5]) <= math.pi + 1e-6
 
 
-def test_wrapping_keeps_the_pose_and_the_limits() -> None:
+def test_wrapping_keeps_the_pose_and_the_limits(kinematics: Kinematics) -> None:
     rng = np.random.default_rng(0)
     for _ in range(200):
-        joints: Array = rng.uniform(-1, 1, 6) * JOINT_LIMITS_RAD
-        near: Array = rng.uniform(-1, 1, 6) * JOINT_LIMITS_RAD
-        turned = wrapped(joints, near)
-        assert within_limits(turned)
+        joints: Array = rng.uniform(-1, 1, 6) * np.array(default_robot().range_rad)
+        near: Array = rng.uniform(-1, 1, 6) * np.array(default_robot().range_rad)
+        turned = kinematics.wrapped(joints, near)
+        assert kinematics.within_limits(turned)
         turns = (turned - joints) / (2 * math.pi)
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-12)
 

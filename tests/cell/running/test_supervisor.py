@@ -20,10 +20,13 @@ from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Ob
 from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView, HandSample, PartsView
 from cell.running.device_writer import withhold
-from cell.running.fault_checks import CHECKS
+from cell.interfaces.robot import default_robot
+from cell.running.fault_checks import CHECKS as OWN
+from cell.running.fault_checks import robot_checks
 from cell.running.supervisor import Supervisor, make_supervisor
 from tests.integration.cell_rig import motion_planner
 
+CHECKS = {**OWN, **robot_checks(default_robot())}
 TABLE = load_faults(load_configuration())
 TICK_S = 0.04
 FOREARM_M = (0.5, 0.2)  # the arm passes over it at these joints

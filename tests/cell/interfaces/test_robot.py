@@ -1,0 +1,94 @@
+"""One robot model: kinematics, simulator, checked arm and supervisor read the same figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_product
+from cell.errors import InputError
+from cell.interfaces.pose import Array
+from cell.interfaces.robot import default_robot, load_robot, shipped_robots
+from sim.scene.world import build_world
+from skills.motion.kinematics import Kinematics
+from skills.motion.settings import MotionSettings
+from tests.cell.conftest import changed_configuration
+
+CONFIGURATION = load_configuration()
+PARK = np.array(CONFIGURATION.bench.arm_park_rad)
+UR10E_DH = {"a": (0.0, -0.6127, -0.57155, 0.0, 0.0, 0.0), "d": (0.1807, 0.0, 0.0, 0.17415, 0.11985, 0.11655)}
+TWISTS_RAD = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+
+
+def by_denavit_hartenberg(joints_rad: Array) -> Array:
+    """Flange (4, 4) of a UR10e as its maker's table has it; that base is turned by half a turn against the URDF's."""
+    pose = np.diag([-1.0, -1.0, 1.0, 1.0])
+    for angle, a, d, twist in zip(joints_rad, UR10E_DH["a"], UR10E_DH["d"], TWISTS_RAD, strict=True):
+        c, s, ct, st = np.cos(angle), np.sin(angle), np.cos(twist), np.sin(twist)
+        pose = pose @ np.array([[c, -s * ct, s * st, a * c], [s, c * ct, -c * st, a * s], [0, st, ct, d], [0, 0, 0, 1]])
+    return pose
+
+
+def kinematics(name: str) -> Kinematics:
+    return Kinematics(MotionSettings().of(load_robot(name)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_ur10e_stands_where_its_makers_table_says(seed: int) -> None:
+    joints = np.random.default_rng(seed).uniform(-3, 3, 6)
+    arm = kinematics("ur10e")
+    flange = arm.forward(joints).matrix[:3, 3] - 0.156 * arm.forward(joints).matrix[:3, 2]
+    np.testing.assert_allclose(flange, by_denavit_hartenberg(joints)[:3, 3], atol=1e-6)
+
+
+def test_another_robot_of_the_same_joints_stands_elsewhere() -> None:
+    ur10, ur10e = (kinematics(name).position_m(PARK) for name in ("ur10", "ur10e"))
+    assert 0.02 < np.linalg.norm(ur10 - ur10e) < 0.05
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_simulator_and_planner_have_the_same_arm(name: str) -> None:
+    world = build_world(load_product(CONFIGURATION), CONFIGURATION.bench, (), robot=load_robot(name))
+    world.data.qpos[:6] = PARK
+    mujoco.mj_forward(world.model, world.data)
+    np.testing.assert_allclose(world.tool_pose().position_m, kinematics(name).position_m(PARK), atol=1e-6)
+
+
+def test_motions_are_planned_a_little_slower_than_the_robot_can_be() -> None:
+    assert MotionSettings().speed_limits_rad_s == (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
+    assert MotionSettings().robot == default_robot()
+
+
+def test_a_robot_file_is_relative_to_the_configuration(tmp_path: Path) -> None:
+    path = changed_configuration(tmp_path, "product: products.yaml", "product: products.yaml\nrobot: own.yaml")
+    shipped = (path.parent / "robots" / "ur10.yaml").read_text()
+    (tmp_path / "own.yaml").write_text(shipped.replace("name: ur10", "name: slow").replace("3.141592653589793,", "1.0,"))
+    loaded = load_configuration(path)
+    assert loaded.motion.robot == loaded.robot
+    assert (loaded.robot.name, loaded.robot.speed_rad_s[2]) == ("slow", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "file", "words"),
+    [
+        ("ur11", "", r"cell.yaml:3:8: robot: no such robot; legal: ur10, ur10e, or a robot file, not 'ur11'"),
+        ("own.yaml", "name: own\n", "own.yaml:1:1: key 'urdf' is missing"),
+        ("own.yaml", "origins_m: {knee: [0, 0, 0]}\n", "robot: the URDF has no joint 'knee'"),
+    ],
+)
+def test_a_robot_that_is_none_is_told_with_its_line(tmp_path: Path, robot: str, file: str, words: str) -> None:
+    path = changed_configuration(tmp_path, "product: products.yaml", f"product: products.yaml\nrobot: {robot}")
+    text = (path.parent / "robots" / "ur10.yaml").read_text()
+    (tmp_path / "own.yaml").write_text(file if file.startswith("name") else text + file)
+    with pytest.raises(InputError) as error:
+        load_configuration(path)
+    assert words in str(error.value)
+
+
+def test_a_pose_beyond_the_robots_range_is_told(tmp_path: Path) -> None:
+    path = changed_configuration(tmp_path, "-1.5998, 1.8490,", "-1.5998, 3.5,")
+    with pytest.raises(InputError, match="arm_park_rad: elbow has 3.5, ur10 turns by 3.142 each way"):
+        load_configuration(path)

@@ -25,6 +25,7 @@ from cell.settings import (
     ControllerSettings,
     DeviceSettings,
     LogSettings,
+    OwnDevice,
     Perception,
     Planners,
     PlannerSettings,
@@ -32,7 +33,7 @@ from cell.settings import (
 )
 from sim.scene.look_range import look_range
 from sim.scene.person import load_person
-from skills.drivers.settings import CanSettings
+from skills.drivers.settings import CanSettings, SignalSettings
 from skills.motion.settings import MotionSettings
 from trees.guard import GuardSettings
 
@@ -71,6 +72,11 @@ class Configuration(Model):
     motion: MotionSettings = MotionSettings()
     devices: DeviceSettings = DeviceSettings()
     log: LogSettings = LogSettings()
+
+    @property
+    def signals(self) -> SignalSettings | OwnDevice | None:
+        """The module with digital signals, whose names tree files may use."""
+        return self.devices.signals
 
     @model_validator(mode="after")
     def _poses_are_in_range(self) -> Configuration:

@@ -225,6 +225,16 @@ class OwnDevice(Model):
         """What stands beside `kind`, as it was read."""
         return dict(self.model_extra or {})
 
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of digital inputs, where it is a module with signals that has such a setting."""
+        return tuple(self.settings.get("inputs", ()))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of digital outputs, likewise."""
+        return tuple(self.settings.get("outputs", ()))
+
 
 def _kind(*known: str) -> Discriminator:
     """Tells the models of a role apart."""

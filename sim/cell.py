@@ -12,11 +12,12 @@ from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices, TruthEvent
 from cell.interfaces.product import Product
+from cell.interfaces.robot import RobotModel
 from sim.devices.arm import SimArm
 from sim.devices.clock import Actor, Observer, SimClock
 from sim.devices.sensed_arm import SensedArm
 from sim.devices.signal_node import SignalNode
-from sim.devices.simulated_gripper import GripperNode
+from sim.devices.simulated_gripper import GripperNode, SimGripper
 from sim.rendering.camera import Delivery, SimCamera
 from sim.rendering.photographer import Photographer, SensorSetup
 from sim.rendering.render_process import RenderProcess
@@ -84,6 +85,7 @@ class SimCell:
         clutter: parts in the tray; by default one product's set, cluttered at random.
         overlap: frames in a process of their own, detectors in another, beside the physics; what comes out is the same.
         rendered: with images; without, `sight` tells what the cameras would have seen.
+        robot: the arm; by default the UR10.
 
     Attributes:
         look: drawn by the seed from the settings' range.
@@ -104,6 +106,7 @@ class SimCell:
         clutter: Sequence[ScenePart] | None = None,
         overlap: bool = False,
         rendered: bool = True,
+        robot: RobotModel | None = None,
     ) -> None:
         chance = _Chance.of(seed)
         self._jobs = Jobs(product, goal, settings.person.shift.new_goals if settings.shift else 0.0, chance.jobs)
@@ -112,7 +115,7 @@ class SimCell:
         self.look = settings.look.draw(seed)
         if clutter is None:
             clutter = sample_clutter(product, bench.tray, full_set(product), chance.clutter, settings.clutter)
-        self.world = _world(product, bench, settings, self.look, clutter, chance.habits, worker)
+        self.world = _world(product, bench, settings, self.look, clutter, chance.habits, worker, robot)
         self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
         around = Around(self.stock, self._change, settings.shift, chance.stock, settings.people)
         wanted, person = self._job.placements, settings.person
@@ -141,14 +144,15 @@ class SimCell:
         samplers: list[Observer] = [self.arm, *([self.contacts] if self.contacts is not None else [])]
         actors: list[Actor] = [arm, self.gripper_node, self.stock, *nodes]
         self.devices = Devices(
-            SimClock(self.world, actors, [self.score, overhead, wrist], samplers),
-            overhead,
-            wrist,
-            arm,
-            self.worker or EmptyPanel(),
-            self.report,
-            self.close,
-            self.truth,
+            clock=SimClock(self.world, actors, [self.score, overhead, wrist], samplers),
+            arm=arm,
+            gripper=SimGripper(self.gripper_node),
+            overhead=overhead,
+            wrist=wrist,
+            panel=self.worker or EmptyPanel(),
+            report=self.report,
+            close=self.close,
+            truth=self.truth,
             host=beside,
             pressed=self.worker.pressed if self.worker is not None else tuple,
             finished=lambda: self._finished,
@@ -197,12 +201,13 @@ def _world(
     clutter: Sequence[ScenePart],
     rng: np.random.Generator,
     worker: bool,
+    robot: RobotModel | None,
 ) -> World:
     """Bench and parts, with the hand where a person is; `rng` says where the person's parts lie."""
     layout = lay_out(product, bench, settings.person.storage if worker else Storage(), rng)
     scene = (*layout.parts, *clutter) if worker else tuple(clutter)
     hand = partial(add_hand, bench=bench, person=look.person, habits=settings.person) if worker else None
-    return build_world(product, bench, scene, settings.physics, hand, look, layout.bins)
+    return build_world(product, bench, scene, settings.physics, hand, look, layout.bins, robot)
 
 
 def _sensed(arm: SimArm, settings: SimSettings, rng: np.random.Generator) -> SimArm | SensedArm:
@@ -210,11 +215,3 @@ def _sensed(arm: SimArm, settings: SimSettings, rng: np.random.Generator) -> Sim
     if settings.hardware == HARDWARE["ideal"]:
         return arm
     return SensedArm(arm, settings.hardware, settings.physics.control_period_s, rng)
-
-
-def open_cell(
-    product: Product, bench: Bench, settings: SimSettings, can_interface: str, can_channel: str, seed: int, goal: str
-) -> Devices:
-    """What the configuration names as the factory of devices: a simulated cell with a person; see SimCell."""
-    overlap = settings.overlap
-    return SimCell(product, bench, settings, can_interface, can_channel, seed, goal, overlap=overlap).devices

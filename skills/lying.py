@@ -141,7 +141,12 @@ def take_lying(
     boxes, itself = tray_boxes(planner, others), solid_boxes(part.part, kind, part.lies)
     opening_m = _opening_m(planner, hold)
     tops = [other.world_from_part.position_m[2] + other.size_m[2] for other in (part, *others)]
-    over_m = max(*tops, tool.position_m[2]) + settings.robot.tool.fingertip_beyond_tcp_m + settings.approach_gap_m + LEANING_M
+    over_m = (
+        max(*tops, tool.position_m[2])
+        + settings.robot.tool.fingertip_beyond_tcp_m
+        + settings.approach_gap_m
+        + LEANING_M
+    )
     above = planner.kinematics.inverse(at_height(tool, over_m), joints)
     if above is None:
         return f"cannot take {name}: out of the arm's reach above it"

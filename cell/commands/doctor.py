@@ -9,8 +9,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from importlib import metadata, util
+from dataclasses import dataclass, replace
+from importlib import metadata
 from pathlib import Path
 
 import can
@@ -18,12 +18,14 @@ import can
 from cell.commands.options import CONFIGURATION, ConfigOption, JsonOption
 from cell.commands.terminal import print_json
 from cell.commands.training.weights import need_torch
-from cell.configuration import Configuration, load_configuration, load_product
+from cell.configuration import Configuration, load_configuration, load_product, located
 from cell.errors import CellError, Problem, SettingError
 from cell.files.yaml_file import place_of
 from cell.interfaces.product import Product
 from cell.wiring.detectors import check_detectors, fitted
+from cell.wiring.devices import find_drivers
 from sim.rendering.available import chosen_backend, renders
+from skills.drivers.settings import CanSettings
 
 GL_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0 libosmesa6"
 FREE_GB = 1.0  # a log takes about 0.02 GB a minute
@@ -74,8 +76,9 @@ def examine(path: Path) -> list[Finding]:
     except CellError as error:
         return [rendering, Finding("configuration", False, str(error)), *rest]
     logs = configuration.log.folder
-    machine = [rendering, _disk(logs), _writable(logs), _can(configuration)]
-    devices = _devices(configuration, product) if all(finding.ok for finding in (rendering, machine[-1])) else ()
+    rendering = replace(rendering, needed=bool(configuration.devices.simulated))
+    machine = [rendering, _disk(logs), _writable(logs), *_can(configuration), _drivers(configuration, path)]
+    devices = _devices(configuration, product) if all(one.ok for one in (rendering, *machine[3:])) else ()
     planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
     own = [Finding(f"configuration {path}", True), _bench(configuration, product, path)]
     return [*machine, *devices, *own, _detectors(configuration, product), *planners, *rest]
@@ -129,21 +132,24 @@ def _there(folder: Path) -> Path:
     return next(one for one in (folder, *folder.parents) if one.exists())
 
 
-def _devices(configuration: Configuration, product: Product) -> Iterator[Finding]:
-    """Cameras and speed of the simulated cell; devices of another factory are opened by a run alone."""
-    factory = configuration.devices.factory
-    if factory != "sim.cell:open_cell":
-        module = factory.partition(":")[0]
-        found = util.find_spec(module.partition(".")[0]) is not None
-        remedy = "" if found else f"there is no module {module}: install it into this environment"
-        yield Finding(f"devices of {factory}; only a run opens them", found, remedy)
-        return
-    from sim.cell import open_cell
+def _drivers(configuration: Configuration, path: Path) -> Finding:
+    """Whether the drivers are there and take their settings; only a run opens them."""
+    try:
+        with located(path, configuration):
+            drivers = find_drivers(configuration)
+    except CellError as error:
+        return Finding("drivers of the devices", False, str(error))
+    own = [f"{role} {driver.make.__name__}" for role, driver in drivers.items()]
+    return Finding(f"drivers: {', '.join(own) or 'the simulator alone'}; only a run opens them", True)
 
-    bus = configuration.gripper_can
-    devices = open_cell(
-        product, configuration.bench, configuration.devices.simulation, bus.interface, bus.channel, 0, "random"
-    )
+
+def _devices(configuration: Configuration, product: Product) -> Iterator[Finding]:
+    """Cameras and speed of the simulated cell."""
+    if not configuration.devices.simulated:
+        return
+    from sim.process.opening import open_simulation
+
+    devices = open_simulation(configuration, product, 0).devices
     try:
         devices.wrist.trigger()
         begun_s = time.perf_counter()
@@ -206,15 +212,18 @@ def _weights(name: str, configuration: Configuration, product: Product) -> Findi
     return Finding(f"{name} planner {planner.kind}", True)
 
 
-def _can(configuration: Configuration) -> Finding:
-    settings = configuration.gripper_can
+def _can(configuration: Configuration) -> Iterator[Finding]:
+    settings = configuration.devices.gripper
+    if not isinstance(settings, CanSettings):
+        return
     what = f"CAN {settings.interface} {settings.channel}"
     try:
         can.Bus(interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate).shutdown()
     except (can.CanError, OSError, ValueError) as error:
         remedy = f"{error}; for SocketCAN: ip link set {settings.channel} up type can bitrate {settings.bitrate}"
-        return Finding(what, False, remedy)
-    return Finding(what, True)
+        yield Finding(what, False, remedy)
+        return
+    yield Finding(what, True)
 
 
 def _writable(folder: Path) -> Finding:

@@ -18,6 +18,7 @@ from cell.faults.faulty_devices import FaultyArm, FaultyBus, FaultyCamera
 from cell.interfaces.devices import Devices
 from cell.interfaces.operator import OperatorOrder
 from cell.watching.observer import Observer, TickRecord
+from skills.drivers.can_gripper import CanGripper
 
 PASSES_S = 1.5
 ACKNOWLEDGED = ("arm_protective_stop", "gripper_reboots")
@@ -108,6 +109,9 @@ FAULTS: dict[str, FaultKind] = {
 }
 
 
+OF_THE_BUS = frozenset(name for name in FAULTS if name.startswith(("heartbeat_", "status_", "bus_", "gripper_")))
+
+
 class WorkState:
     """Which state the work is in, from what skills note.
 
@@ -186,13 +190,21 @@ class Injection(Observer):
             os.kill(os.getpid(), number)
 
     def devices(self, devices: Devices) -> Devices:
-        """The same devices with proxies."""
+        """The same devices with proxies; a gripper on CAN gets a bus with the fault.
+
+        Raises:
+            InputError: it is a fault of the gripper, which is not on CAN.
+        """
         self._clock = devices.clock.now_s
         arm, overhead = FaultyArm(devices.arm, self), FaultyCamera(devices.overhead, self)
 
         def pressed() -> Sequence[OperatorOrder]:
             return (*devices.pressed(), *self._acknowledgement())
 
+        if isinstance(devices.gripper, CanGripper):
+            devices.gripper.change_bus(self._bus)
+        elif self.fault in OF_THE_BUS:
+            raise InputError(f"fault {self.fault!r} needs a gripper of kind can")
         return replace(devices, arm=arm, overhead=overhead, pressed=pressed)
 
     def _acknowledgement(self) -> Sequence[OperatorOrder]:
@@ -204,7 +216,7 @@ class Injection(Observer):
         self._presses_s = (self.began_s if first else self._clock()) + PASSES_S
         return () if first else (OperatorOrder("acknowledge"),)
 
-    def bus(self, bus: can.BusABC, database: Any) -> can.BusABC:
+    def _bus(self, bus: can.BusABC, database: Any) -> can.BusABC:
         """The same bus with a proxy."""
         faulty: Any = FaultyBus(bus, self, database)
         return faulty  # type: ignore[no-any-return]
@@ -234,12 +246,6 @@ class Injections(Observer):
         for one in self.injections:
             devices = one.devices(devices)
         return devices
-
-    def bus(self, bus: can.BusABC, database: Any) -> can.BusABC:
-        """The same bus with the proxies of all."""
-        for one in self.injections:
-            bus = one.bus(bus, database)
-        return bus
 
     def tick(self, record: TickRecord) -> None:
         """All see the same states."""

@@ -11,16 +11,19 @@ from cell.errors import SettingError
 ECHOING = ("virtual", "socketcan", "kvaser", "vector", "ixxat", "nixnet", "etas")
 
 
-def open_bus(interface: str, channel: str, bitrate: int = 500_000, *, echo: bool = False) -> can.BusABC:
+def open_bus(
+    interface: str, channel: str, bitrate: int = 500_000, *, echo: bool = False, role: str = "gripper"
+) -> can.BusABC:
     """Open a bus.
 
     Args:
         echo: what is sent is received, too, once it has gone out; only where python-can and the adapter can do that.
+        role: of the device in the configuration, for messages.
 
     Raises:
         SettingError: python-can has no such interface, or there is no such channel on this machine.
     """
-    where = ("gripper_can", "interface")
+    where = ("devices", role, "interface")
     if interface not in can.VALID_INTERFACES:
         what = f"no CAN interface {interface!r}; python-can has {', '.join(sorted(can.VALID_INTERFACES))}"
         raise SettingError((where, what))

@@ -19,6 +19,7 @@ from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Observer, Outcome
 from cell.wiring.detectors import fitted
+from cell.wiring.devices import attached
 from cell.wiring.no_render_host import without_pixels
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
@@ -125,15 +126,15 @@ def assembly(
     files = Files(
         configuration, product, load_tree(tree, node_registry()), load_planners(configuration, product), faults
     )
-    can = configuration.gripper_can
+    bus = configuration.devices.gripper_bus
     settings = configuration.devices.simulation
     cell = SimCell(
-        product, configuration.bench, settings, can.interface, can.channel, seed, "random", rendered=rendered
+        product, configuration.bench, settings, *bus, seed, "random", rendered=rendered, robot=configuration.robot
     )
 
     def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
-        devices = attended(cell.devices if rendered else without_pixels(cell))
-        return drive(files, devices, motion, observers, injection=injected)
+        with attached(configuration, product, cell.devices if rendered else without_pixels(cell)) as devices:
+            return drive(files, attended(devices), motion, observers, injection=injected)
 
     try:
         yield Assembly(cell, motion, run)

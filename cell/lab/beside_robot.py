@@ -8,6 +8,7 @@ from cell.configuration import DEFAULT_TREE, Configuration, load_faults
 from cell.interfaces.product import Product
 from cell.runs.options import Files
 from cell.runs.run import drive
+from cell.wiring.devices import attached
 from cell.wiring.no_render_host import without_pixels
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
@@ -23,18 +24,19 @@ def record_beside_robot(configuration: Configuration, product: Product, seed: in
 
     The controller knows hands, holes and parts from the truth: frames are made later, and only those that are wanted.
     """
-    bench, can, goal = configuration.bench, configuration.gripper_can, drawn_goal(product, seed)
+    bench, bus, goal = configuration.bench, configuration.devices.gripper_bus, drawn_goal(product, seed)
     motion = MotionPlanner(product, bench, configuration.motion)
     tree = load_tree(DEFAULT_TREE, node_registry())
     files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
     settings = configuration.devices.simulation
-    cell = SimCell(product, bench, settings, can.interface, can.channel, seed, goal, rendered=False)
+    cell = SimCell(product, bench, settings, *bus, seed, goal, rendered=False, robot=configuration.robot)
     with closing(cell):
         film, camera, worker = Film(cell.world), cell.devices.overhead, cell.worker
         assert isinstance(camera, SimCamera)
         assert worker is not None
         camera.watch = film.keep
-        outcome = drive(files, without_pixels(cell), motion)
+        with attached(configuration, product, without_pixels(cell)) as devices:
+            outcome = drive(files, devices, motion)
         if outcome.end == "interrupted":  # the controller heard the signal, and ended the run safely
             raise KeyboardInterrupt(outcome.reason)
         return film.assembly(seed, goal, cell.look, worker.events, worker.acts, robot_works=True)

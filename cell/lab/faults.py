@@ -13,7 +13,6 @@ import os
 import signal
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -27,6 +26,7 @@ from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Outcome, TickRecord
 from cell.wiring.detectors import fitted
+from cell.wiring.devices import attached
 from cell.wiring.no_render_host import without_pixels
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
@@ -181,18 +181,27 @@ def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Ro
     product = load_product(configuration, path)
     configuration, _ = fitted(configuration, product)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
-    tree = load_tree(shipped("trees", "trial.xml"), node_registry(product))
-    files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
-    can = (configuration.gripper_can.interface, f"trial-{seed}")
+    devices = configuration.devices.on_channel(f"trial-{seed}")
+    configuration = configuration.model_copy(update={"devices": devices})
     simulation = configuration.devices.simulation
     goal = sorted(product.goals)[0]
-    cell = SimCell(product, configuration.bench, simulation, *can, seed, goal, worker=False, rendered=rendered)
-    settings = configuration.gripper_can.model_copy(update={"channel": can[1]})
-    files = replace(files, configuration=configuration.model_copy(update={"gripper_can": settings}))
+    tree = load_tree(shipped("trees", "trial.xml"), node_registry(product))
+    files = Files(configuration, product, tree, load_planners(configuration, product), load_faults(configuration))
+    cell = SimCell(
+        product,
+        configuration.bench,
+        simulation,
+        *devices.gripper_bus,
+        seed,
+        goal,
+        worker=False,
+        rendered=rendered,
+        robot=configuration.robot,
+    )
     watch = StopWatch(injection, motion)
-    devices = cell.devices if rendered else without_pixels(cell)
     try:
-        outcome = drive(files, devices, motion, [watch], injection=injection)
+        with attached(configuration, product, cell.devices if rendered else without_pixels(cell)) as opened:
+            outcome = drive(files, opened, motion, [watch], injection=injection)
         return _row(cell, injection, watch, outcome, seed)
     finally:
         cell.close()

@@ -25,6 +25,7 @@ from cell.lab.holes_and_parts import calibrated_bench
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Observer, TickRecord
+from cell.wiring.devices import attached
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from skills.motion.planner import MotionPlanner
@@ -104,10 +105,11 @@ def assemble(configuration: Configuration, product: Product, seed: int) -> dict[
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     faults = load_faults(configuration)
     files = Files(configuration, product, tree, load_planners(configuration, product), faults)
-    can, simulation, listener = configuration.gripper_can, configuration.devices.simulation, Listener()
-    cell = SimCell(product, configuration.bench.drawn, simulation, can.interface, can.channel, seed, "random")
+    bus, simulation, listener = configuration.devices.gripper_bus, configuration.devices.simulation, Listener()
+    cell = SimCell(product, configuration.bench.drawn, simulation, *bus, seed, "random", robot=configuration.robot)
     try:
-        outcome = drive(files, attended(cell.devices), motion, [listener])
+        with attached(configuration, product, cell.devices) as devices:
+            outcome = drive(files, attended(devices), motion, [listener])
         end, reason, sim_time_s = outcome.end, outcome.reason, outcome.sim_time_s
     except DeviceFault as error:
         end, reason, sim_time_s = "fault", str(error), 0.0

@@ -12,7 +12,7 @@ from typing import Protocol
 from py_trees.common import Status
 
 from cell.interfaces.command import Command
-from cell.interfaces.devices import Devices, Gripper, Signals
+from cell.interfaces.devices import Devices
 from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.memory import Memory
 from cell.interfaces.notes import ListJournal
@@ -77,39 +77,35 @@ class Controller:
     def __init__(
         self,
         devices: Devices,
-        gripper: Gripper,
         watcher: Executor[Frame, BenchView],
         finder: Executor[Frame, PartsView],
         settings: ControllerSettings,
         supervisor: Supervisor,
         observers: Sequence[Observer] = (),
         operator: OperatorChannel | None = None,
-        signals: Signals | None = None,
         own_body: OwnBody | None = None,
     ) -> None:
         self.journal = ListJournal()
         self._devices = devices
         self._clock = devices.clock
-        self._gripper = gripper
+        self._gripper = devices.gripper
         self._settings = settings
         self._supervisor = supervisor
         self._period_s = 1.0 / settings.tick_hz
         self._audience = Audience(observers, devices.clock)
         self._reader = DeviceReader(
             devices,
-            gripper,
             watcher,
             finder,
             self._audience.frame,
             lambda text: self._audience.say("warning", text),
-            signals,
             own_body,
         )
         self._signals = StopSignals()
         self._judgement = Judgement()
         self._announcer = Announcer()
         self._operator = operator or OperatorChannel()
-        self._actor = DeviceActor(devices, gripper, signals, self._operator, self._reader.refused)
+        self._actor = DeviceActor(devices, self._operator, self._reader.refused)
         self._seen: Observation | None = None
         self._scheduled_s = self._deadline_s = 0.0
         self._ticks = 0

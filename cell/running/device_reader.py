@@ -12,7 +12,7 @@ import numpy as np
 
 from cell.errors import CellError, DeviceFault
 from cell.interfaces.command import GripperCommand
-from cell.interfaces.devices import Camera, Devices, Gripper, Signals
+from cell.interfaces.devices import Camera, Devices, Gripper
 from cell.interfaces.observation import (
     ArmState,
     GripperState,
@@ -97,16 +97,14 @@ class DeviceReader:
     def __init__(
         self,
         devices: Devices,
-        gripper: Gripper,
         watcher: Executor[Frame, BenchView],
         finder: Executor[Frame, PartsView],
         framed: Callable[[Frame], None],
         say: Callable[[str], None],
-        signals: Signals | None = None,
         own_body: OwnBody | None = None,
     ) -> None:
-        self._signals, self._own_body = signals, own_body
-        self._devices, self._gripper = devices, gripper
+        self._signals, self._own_body = devices.signals, own_body
+        self._devices, self._gripper = devices, devices.gripper
         self._watcher, self._finder = watcher, finder
         self._framed, self._say = framed, say
         self._overhead, self._wrist = CameraReader(devices.overhead), CameraReader(devices.wrist)

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TypeVar
 
 from cell.interfaces.command import Command
-from cell.interfaces.devices import Devices, Gripper, Signals
+from cell.interfaces.devices import Devices
 from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.observation import Observation
 from cell.running.device_reader import HeldFingers
@@ -28,17 +28,15 @@ class DeviceActor:
     def __init__(
         self,
         devices: Devices,
-        gripper: Gripper,
-        signals: Signals | None,
         operator: OperatorChannel,
         refused: Callable[[str, Exception], None],
     ) -> None:
         self._devices = devices
-        self._gripper = gripper
-        self._signals = signals
+        self._gripper = devices.gripper
+        self._signals = devices.signals
         self._operator = operator
         self._refused = refused
-        self._fingers = HeldFingers(gripper)
+        self._fingers = HeldFingers(devices.gripper)
 
     def seen(self, observation: Observation) -> Observation:
         """The observation as skills are to see it: fingers that were stopped half way still move."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +17,10 @@ from cell.interfaces.devices import Arm, Camera, Devices
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
+from cell.wiring.devices import attached
 from learned.calibration.check import WORLD, trouble
 from learned.calibration.solve import Fit, Shot, fit_over_empty_plate, fit_wrist_camera, holes_off_m, too_few_holes
-from sim.process.opening import configured_devices
+from sim.process.opening import open_simulation
 from skills.motion.grip import STROKE_M
 from skills.motion.planner import Load, MotionPlanner
 
@@ -80,13 +82,15 @@ def calibrate(
         DeviceFault: a device could not be opened, or gave up.
     """
     motion = MotionPlanner(product, configuration.bench.drawn, configuration.motion)
-    devices = configured_devices(configuration, product, seed)
-    try:
+    with ExitStack() as stack:
+        simulated = None
+        if configuration.devices.simulated:
+            simulated = open_simulation(configuration, product, seed).devices
+            stack.callback(simulated.close)
+        devices = stack.enter_context(attached(configuration, product, simulated))
         cameras = {"overhead": calibrate_overhead(devices, configuration, product)}
         if not overhead_only and not cameras["overhead"].trouble:
             cameras["wrist"] = calibrate_wrist(devices, configuration, product, motion, tell)
-    finally:
-        devices.close()
     if any(one.trouble for one in cameras.values()):
         return None, cameras
     return Calibration(**{name: one.calibration for name, one in cameras.items()}), cameras

@@ -18,6 +18,7 @@ from cell.recording.recorder import Heading
 from cell.runs.options import Files, RunOptions
 from cell.settings import LEARNED_KINDS, LogSettings
 from skills.drivers.gripper_database import SHIPPED, read_frames
+from skills.drivers.settings import CanSettings
 from trees.engine.tree import Tree
 from trees.node_library import USUAL_FOLDER
 
@@ -29,13 +30,16 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "configuration.yaml": ("application/yaml", options.configuration.read_bytes()),
         "faults.yaml": ("application/yaml", files.configuration.faults.read_bytes()),
         "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
-        "gripper.dbc": ("text/plain", read_frames(files.configuration.gripper_can.database or SHIPPED).encode()),
-        "simulation.json": ("application/json", files.configuration.devices.simulation.model_dump_json().encode()),
     }
-    look = files.configuration.devices.simulation.look.draw(options.seed)
-    attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
+    devices = files.configuration.devices
+    if isinstance(devices.gripper, CanSettings):
+        attachments["gripper.dbc"] = ("text/plain", read_frames(devices.gripper.database or SHIPPED).encode())
+    if devices.simulated:
+        look = devices.simulation.look.draw(options.seed)
+        attachments["simulation.json"] = ("application/json", devices.simulation.model_dump_json().encode())
+        attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
     semantic, folder = files.configuration.planners.semantic, options.configuration.resolve().parent
-    for path in (semantic.goals, semantic.confusions, files.configuration.calibration):
+    for path in (semantic.goals, semantic.confusions, files.configuration.calibration, _robot_file(options)):
         if path is not None and path.exists() and path.resolve().is_relative_to(folder):
             attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())
     for name, text in tree_texts(files.tree).items():
@@ -48,8 +52,9 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "person": options.person or "as configured",
         "tree": options.tree.resolve().relative_to(_common_folder(files.tree)).as_posix(),
         "perception": files.configuration.perception.words,
-        "look": files.configuration.devices.simulation.look.name,
     }
+    if devices.simulated:
+        values["look"] = devices.simulation.look.name
     for name in LEARNED_KINDS:
         for network, file in files.configuration.perception.networks(name).items():
             values |= _weights(network, file)
@@ -66,6 +71,12 @@ def heading(options: RunOptions, files: Files) -> Heading:
     if options.entries:
         values["entries"] = json.dumps(dict(options.entries))
     return Heading({**values, **identity()}, attachments)
+
+
+def _robot_file(options: RunOptions) -> Path | None:
+    """The file of a robot of one's own."""
+    named = yaml.safe_load(options.configuration.read_text("utf-8")).get("robot")
+    return options.configuration.parent / named if isinstance(named, str) else None
 
 
 def _weights(name: str, file: Path) -> dict[str, str]:

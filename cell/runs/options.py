@@ -20,7 +20,6 @@ from trees.files.loader import load_tree, unused_entries
 from trees.node_library import node_registry
 
 Pace = Literal["fast", "real"]
-WITHOUT_PIXELS = "cell.wiring.no_render_host:open_bare_cell"
 
 
 @dataclass(frozen=True)
@@ -105,8 +104,6 @@ class RunOptions:
         if self.one_process:
             simulation = devices.simulation.model_copy(update={"overlap": False})
             devices = devices.model_copy(update={"simulation": simulation})
-        if not self.pixels:
-            devices = devices.model_copy(update={"factory": WITHOUT_PIXELS})
         return configuration.model_copy(update={"controller": controller, "log": log, "devices": devices})
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from cell.configuration import (
+    Configuration,
     for_shift,
     load_configuration,
     load_faults,
@@ -20,10 +21,10 @@ from cell.configuration import (
 )
 from cell.errors import LogError
 from cell.faults.injection import Injection, Injections
-from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices, TruthEvent
 from cell.interfaces.observation import Observation
+from cell.interfaces.product import Product
 from cell.interfaces.resume import LeftOff
 from cell.log.read.resume import read_left_off, world_of
 from cell.recording.recorder import McapRecorder
@@ -46,14 +47,14 @@ from cell.watching.lateness import Lateness
 from cell.watching.observer import End, Level, Observer, Outcome
 from cell.watching.statistics import RunStatistics
 from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
+from cell.wiring.devices import Drivers, attached, find_drivers
+from cell.wiring.no_render_host import without_pixels
 from cell.wiring.reload import WatchedTree
 from cell.wiring.services import TickClock, load_planners, make_services
 from sim.process import pacing as real_time
-from sim.process.opening import SIMULATED, configured_devices, connect, drawn_from, is_there, own_world
+from sim.process.opening import connect, drawn_from, is_there, open_simulation, own_world
 from skills.drivers.can_gripper import CanGripper, Tap
-from skills.drivers.can_signals import CanSignals
 from skills.drivers.checked_arm import CheckedArm
-from skills.drivers.gripper_database import SHIPPED, load_gripper_database
 from skills.motion.planner import MotionPlanner
 from trees.engine.tree import Tree
 
@@ -100,6 +101,9 @@ def run(options: RunOptions, console: Console) -> RunResult:
         if told:
             console.print(told, highlight=False)
         check_detectors(configuration.bench, product, configuration.perception)
+        drivers = find_drivers(configuration)
+        if not configuration.devices.simulated:
+            options = replace(options, pace="real")
         tally = BracketTally()
         left_off = LeftOff()
         if options.resume is not None:
@@ -115,10 +119,13 @@ def run(options: RunOptions, console: Console) -> RunResult:
             options = replace(options, seed=drawn.seed, goal=drawn.goal)
         log = log_path(options, configuration.log)
         planners, faults = load_planners(configuration, product), load_faults(configuration)
-        return _run(options, Files(configuration, product, tree, planners, faults, left_off), tally, log, console)
+        files = Files(configuration, product, tree, planners, faults, left_off)
+        return _run(options, files, drivers, tally, log, console)
 
 
-def _run(options: RunOptions, files: Files, tally: BracketTally, log: Path, console: Console) -> RunResult:
+def _run(
+    options: RunOptions, files: Files, drivers: Drivers, tally: BracketTally, log: Path, console: Console
+) -> RunResult:
     configuration, product = files.configuration, files.product
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     with ExitStack() as stack:
@@ -132,8 +139,7 @@ def _run(options: RunOptions, files: Files, tally: BracketTally, log: Path, cons
         def blackboard() -> Mapping[str, object]:
             return (ticked.tree if isinstance(ticked, WatchedTree) else ticked).blackboard.values()
 
-        devices = _open_devices(options, files, lambda: recorder.settle())
-        stack.callback(devices.close)
+        devices = _opened(options, files, drivers, stack, lambda: recorder.settle())
 
         def truth() -> Sequence[TruthEvent]:
             return devices.truth()
@@ -184,27 +190,19 @@ def drive(
     """Run the tree on devices that are open, to its end and a safe stop; with a fault where one is to be tried."""
     configuration, tree = files.configuration, tree or files.tree
     with ExitStack() as stack:
-        can_settings = configuration.gripper_can
-        bus = open_bus(can_settings.interface, can_settings.channel, can_settings.bitrate, echo=True)
         if injection is not None:
-            bus = injection.bus(bus, load_gripper_database(can_settings.database or SHIPPED))
             devices, observers = injection.devices(devices), (*observers, injection)
         devices = replace(devices, arm=CheckedArm(devices.arm, configuration.robot))
-        gripper = CanGripper(bus, devices.clock, can_settings, can_tap)
-        stack.callback(gripper.close)
+        if can_tap is not None and isinstance(devices.gripper, CanGripper):
+            devices.gripper.tap(can_tap)
         detectors = (configuration.bench, files.product, configuration.perception)
         executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices)
         for executor in executors:
             stack.callback(executor.close)
         supervisor = make_supervisor(files.faults, motion)
-        signals = None
-        if (module := configuration.signals) is not None:
-            signal_bus = open_bus(module.interface, module.channel, module.bitrate)
-            signals = CanSignals(signal_bus, devices.clock, module)
-            stack.callback(signals.close)
         own_body = OwnBody(motion.separation.outline)
         controller = Controller(
-            devices, gripper, *executors, configuration.controller, supervisor, observers, operator, signals, own_body
+            devices, *executors, configuration.controller, supervisor, observers, operator, own_body
         )
         journal, seen = controller.journal, controller.observe()
         services = make_services(configuration, files.planners, motion, journal, seen, files.left_off)
@@ -250,15 +248,24 @@ def _watched(
     return WatchedTree(files.tree, again, options.tree, observers, edited)
 
 
-def _open_devices(options: RunOptions, files: Files, awake: Callable[[], None]) -> Devices:
+def _opened(
+    options: RunOptions, files: Files, drivers: Drivers, stack: ExitStack, awake: Callable[[], None]
+) -> Devices:
     """The devices; in simulated time each tick begins once the one before is on the disk, the wall's does not wait."""
-    configuration, product = files.configuration, files.product
-    if options.world is not None:
-        devices = connect(configuration, product, options.world, options.pace).devices
-    elif options.pace == "real" and configuration.devices.factory == SIMULATED:
-        devices = own_world(configuration, product, options.seed, options.goal).devices
-    else:
-        devices = configured_devices(configuration, product, options.seed, options.goal)
-        if options.pace == "real":
-            devices = replace(devices, clock=PacedClock(devices.clock))
+    configuration, product, simulated = files.configuration, files.product, None
+    if configuration.devices.simulated:
+        simulated = _simulated(options, configuration, product)
+        stack.callback(simulated.close)
+    devices = stack.enter_context(attached(configuration, product, simulated, drivers))
     return devices if options.pace == "real" else replace(devices, clock=WakingClock(devices.clock, awake))
+
+
+def _simulated(options: RunOptions, configuration: Configuration, product: Product) -> Devices:
+    """The simulator's devices: of a world that is there, of a world of their own, or of this process."""
+    if options.world is not None:
+        return connect(configuration, product, options.world, options.pace).devices
+    if options.pace == "real" and options.pixels:
+        return own_world(configuration, product, options.seed, options.goal).devices
+    cell = open_simulation(configuration, product, options.seed, options.goal, options.pixels)
+    devices = cell.devices if options.pixels else without_pixels(cell)
+    return replace(devices, clock=PacedClock(devices.clock)) if options.pace == "real" else devices

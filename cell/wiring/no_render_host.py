@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from cell.interfaces.bench import Bench
 from cell.interfaces.devices import Devices
 from cell.interfaces.perception import Frame, PartsView
-from cell.interfaces.product import Product
 from cell.wiring.detectors import bench_watcher
 from learned.bench_watcher import ClassicalDetectors, DetectorChain
-from sim.cell import SimCell
-from sim.scene.settings import SimSettings
-from sim.truth.ground_truth_perception import BareSight
+
+if TYPE_CHECKING:
+    from sim.cell import SimCell
+    from sim.truth.ground_truth_perception import BareSight
 
 Answer = TypeVar("Answer")
 
@@ -43,14 +42,6 @@ class BareHost:
 
     def _find(self, frame: Frame) -> PartsView:
         return PartsView(frame.sequence, frame.time_s, self._sight.detect(frame))
-
-
-def open_bare_cell(
-    product: Product, bench: Bench, settings: SimSettings, can_interface: str, can_channel: str, seed: int, goal: str
-) -> Devices:
-    """A factory of devices like `sim.cell:open_cell`, of a cell that renders nothing."""
-    cell = SimCell(product, bench, settings, can_interface, can_channel, seed, goal, rendered=False)
-    return without_pixels(cell)
 
 
 def without_pixels(cell: SimCell) -> Devices:

@@ -13,9 +13,12 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
+from cell.errors import DeviceFault
 from cell.files.files import shipped
 from cell.interfaces.can_bus import open_bus
-from cell.interfaces.observation import ObjectStatus
+from cell.interfaces.command import GripperCommand
+from cell.interfaces.observation import GripperState, ObjectStatus
+from cell.interfaces.observation import NodeState as NodeName
 from sim.scene.robot import FORCE_LIMIT_N, GRIP_DAMPING_NS_M, GRIP_STIFFNESS_N_M, STROKE_M
 from sim.scene.world import World
 
@@ -97,6 +100,8 @@ QUIET_LIMIT_S = 1.0
 HOMING_M_S, HOMING_N = 0.15, 40.0
 RELEASE_M_S, RELEASE_N = 0.02, 20.0
 OPENING_STEP_MM, CURRENT_STEP_A = 1 / 3, 0.01  # of gPO and gCU
+MAJOR_FAULT = 0x08
+SPEEDS_M_S, FORCES_N = (0.020, 0.150), (20.0, 235.0)  # of the command's registers
 EMERGENCY_BASE = 0xFF00  # CANopen: device specific
 SLACK_S = 1e-6
 
@@ -152,6 +157,8 @@ class GripperNode:
         self._booted = self._silent = False
         self._encoded: dict[str, tuple[dict[str, float], int, bytes]] = {}  # the last frame of each message
         self._statuses = self._heartbeats = 0
+        self._direct = False  # a master has spoken to the registers themselves: it is there as long as the program
+        self._time_s = 0.0
 
     def inject_fault(self, fault: int) -> None:
         """Break the gripper for a test: gFLT shows `fault` until the master resets rACT."""
@@ -165,20 +172,35 @@ class GripperNode:
         """Let go of the bus."""
         self._bus.shutdown()
 
+    def write(self, request: Mapping[str, float]) -> Mapping[str, float]:
+        """Set the command's registers without the bus; returns them in their steps."""
+        self._direct = True
+        kept = self._decode(self._database.get_message_by_name("GripperCommand").encode(request))
+        self._accept(kept)
+        return kept
+
+    def registers(self) -> Mapping[str, float]:
+        """The status as the bus would tell it; gOBJ says moving until a command is taken up."""
+        status = self._status(self._fault(self._time_s))
+        if self._request["rGTO"] and self._driven != self._request:
+            status["gOBJ"] = ObjectStatus.MOVING
+        return status | {"time_s": self._time_s}
+
     def update(self, time_s: float, dt_s: float) -> None:
         """Read commands, drive the fingers, send what is due."""
+        self._time_s = time_s
         while (message := self._bus.recv(timeout=0)) is not None:
             # A frame of another length is not the command, whatever its identifier says.
             if message.arbitration_id == self._command_id and message.dlc == 8 and not message.is_error_frame:
                 self._heard_s = time_s
-                self._accept(self._decode(message))
+                self._accept(self._decode(bytes(message.data)))
         fault = self._fault(time_s)
         self._drive(fault)
         self._jaw.update(dt_s)
         self._report(time_s, fault)
 
-    def _decode(self, message: can.Message) -> Mapping[str, float]:
-        values = self._database.decode_message(self._command_id, bytes(message.data), decode_choices=False)
+    def _decode(self, data: bytes) -> Mapping[str, float]:
+        values = self._database.decode_message(self._command_id, data, decode_choices=False)
         return cast(dict[str, float], values)  # numbers, as choices are not decoded
 
     def _accept(self, request: Mapping[str, float]) -> None:
@@ -199,7 +221,8 @@ class GripperNode:
             return self._injected
         if self._release is not None:
             return self._release
-        if self._activation is not Activation.RESET and time_s - self._heard_s > QUIET_LIMIT_S:
+        quiet = not self._direct and time_s - self._heard_s > QUIET_LIMIT_S
+        if quiet and self._activation is not Activation.RESET:
             return Fault.NO_COMMUNICATION
         if self._request["rGTO"] and self._activation is not Activation.ACTIVE:
             activating = self._activation is Activation.ACTIVATING
@@ -271,6 +294,48 @@ class GripperNode:
             frame_id, data = message.frame_id, message.encode(values)
             self._encoded[name] = values, frame_id, data
         self._bus.send(can.Message(arbitration_id=frame_id, data=data, is_extended_id=False))
+
+
+class SimGripper:
+    """Implements `Gripper` at the registers of the simulated node, without a bus between."""
+
+    def __init__(self, node: GripperNode) -> None:
+        self._node = node
+        self._request = _request(STROKE_M * 1000)
+
+    def state(self) -> GripperState:
+        """As the registers are now; raises DeviceFault on a major fault."""
+        told = self._node.registers()
+        fault = int(told["gFLT"])
+        if fault >= MAJOR_FAULT:
+            raise DeviceFault("gripper", f"fault 0x{fault:02X}")
+        active = told["gSTA"] == Activation.ACTIVE
+        node_state: NodeName = "operational" if active else "pre_operational"
+        status, opening_m = ObjectStatus(int(told["gOBJ"])), told["gPO"] / 1000
+        return GripperState(told["time_s"], active, status, opening_m, told["gCU"], fault, node_state)
+
+    def activate(self) -> None:
+        """Begin activation, a full open and close."""
+        self._write(rACT=1.0, rGTO=0.0)
+
+    def command(self, command: GripperCommand) -> GripperCommand:
+        """Start a motion; values beyond the registers' range are cut to it."""
+        opening_mm = min(max(command.opening_m, 0.0), STROKE_M) * 1000
+        speed_mm_s = min(max(command.speed_m_s, SPEEDS_M_S[0]), SPEEDS_M_S[1]) * 1000
+        force_n = min(max(command.force_n, FORCES_N[0]), FORCES_N[1])
+        sent = self._write(rGTO=1.0, rPR=opening_mm, rSP=speed_mm_s, rFR=force_n)
+        return GripperCommand(sent["rPR"] / 1000, sent["rSP"] / 1000, sent["rFR"])
+
+    def hold(self) -> None:
+        """The fingers stop and keep their grip."""
+        self._write(rGTO=0.0)
+
+    def close(self) -> None:
+        """The node is the world's."""
+
+    def _write(self, **registers: float) -> Mapping[str, float]:
+        self._request |= registers
+        return self._node.write(self._request)
 
 
 def _in_steps(value: float, step: float) -> float:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 
 import can
 
-from cell.configuration import Configuration
 from cell.interfaces.can_bus import open_bus
 from sim.process.messages import CanFrames
 
@@ -17,21 +16,16 @@ VIRTUAL = "virtual"
 class CarriedBuses:
     """One end of each virtual bus of a cell; a real bus reaches every process by itself.
 
-    Attributes:
-        channels: their names.
+    Args:
+        channels: their names, each once.
     """
 
-    def __init__(self, configuration: Configuration) -> None:
+    def __init__(self, channels: Iterable[str]) -> None:
         self._buses: dict[str, can.BusABC] = {}
-        gripper, signals = configuration.gripper_can, configuration.signals
-        ends = [(gripper.interface, gripper.channel)]
-        if signals is not None:
-            ends.append((signals.interface, signals.channel))
         self._stack = ExitStack()
-        for interface, channel in ends:
-            if interface == VIRTUAL and channel not in self._buses:
-                bus = self._buses[channel] = open_bus(interface, channel)
-                self._stack.callback(bus.shutdown)
+        for channel in channels:
+            bus = self._buses[channel] = open_bus(VIRTUAL, channel)
+            self._stack.callback(bus.shutdown)
 
     def take(self) -> CanFrames:
         """What came since the last call, in order."""

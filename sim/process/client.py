@@ -16,9 +16,9 @@ import numpy as np
 
 from cell.errors import DeviceFault, InputError
 from cell.interfaces.clock import Clock
-from cell.interfaces.command import Display, JointTrajectory
+from cell.interfaces.command import Display, GripperCommand, JointTrajectory
 from cell.interfaces.devices import Devices, TruthEvent
-from cell.interfaces.observation import ArmState, JointSamples
+from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame
 from sim.process.buses import CarriedBuses
@@ -74,17 +74,18 @@ class RemoteCell:
         self._take(welcome.snapshot)
         self.clock: Clock = _LockStep(self) if pace == "fast" else _Wall(self, welcome.epoch_s)
         self.devices = Devices(
-            self.clock,
-            _Camera(self, "overhead"),
-            _Camera(self, "wrist"),
-            _Arm(self),
-            _Panel(self),
-            lambda: self._told("report", {}),
-            self.close,
-            lambda: _emptied(self._truth),
-            lambda: _emptied(self._pressed),
-            lambda: self._told("finished", []),
-            _Host(self) if welcome.hosts and pace == "fast" else None,
+            clock=self.clock,
+            arm=_Arm(self),
+            gripper=_Gripper(self),
+            overhead=_Camera(self, "overhead"),
+            wrist=_Camera(self, "wrist"),
+            panel=_Panel(self),
+            report=lambda: self._told("report", {}),
+            close=self.close,
+            truth=lambda: _emptied(self._truth),
+            pressed=lambda: _emptied(self._pressed),
+            finished=lambda: self._told("finished", []),
+            host=_Host(self) if welcome.hosts and pace == "fast" else None,
             lost_s=lambda: self.snapshot.lost_s,
         )
 
@@ -138,6 +139,13 @@ class RemoteCell:
         if isinstance(self.snapshot.arm, ArmState):
             return self.snapshot.arm
         raise self.snapshot.arm
+
+    def gripper_state(self) -> GripperState:
+        """As the world told last; raises what the gripper raised."""
+        self._refuse()
+        if isinstance(self.snapshot.gripper, GripperState):
+            return self.snapshot.gripper
+        raise self.snapshot.gripper
 
     def samples(self) -> JointSamples | None:
         """What the arm measured since the last call."""
@@ -281,6 +289,27 @@ class _Arm:
 
     def samples(self) -> JointSamples | None:
         return self._cell.samples()
+
+
+class _Gripper:
+    def __init__(self, cell: RemoteCell) -> None:
+        self._cell = cell
+
+    def state(self) -> GripperState:
+        return self._cell.gripper_state()
+
+    def activate(self) -> None:
+        self._cell.order("gripper.activate")
+
+    def command(self, command: GripperCommand) -> GripperCommand:
+        sent: GripperCommand | None = self._cell.call("gripper.command", command)
+        return command if sent is None else sent
+
+    def hold(self) -> None:
+        self._cell.order("gripper.hold")
+
+    def close(self) -> None:
+        """It is the world's."""
 
 
 class _Panel:

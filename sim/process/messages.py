@@ -10,7 +10,7 @@ import can
 
 from cell.errors import CellError
 from cell.interfaces.devices import TruthEvent
-from cell.interfaces.observation import ArmState, JointSamples
+from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.perception import Frame
 
@@ -92,7 +92,7 @@ class Snapshot:
 
     Attributes:
         time_s: of the world, on the controller's clock.
-        arm: its state, or why there is none.
+        arm, gripper: their state, or why there is none.
         samples: what the arm measured since the last snapshot.
         frames: newest of each camera, where it is new.
         faults: of cameras that make no more frames.
@@ -101,6 +101,7 @@ class Snapshot:
 
     time_s: float
     arm: ArmState | CellError
+    gripper: GripperState | CellError
     samples: JointSamples | None
     frames: tuple[Frame, ...] = ()
     faults: Mapping[str, CellError] = field(default_factory=dict)

@@ -1,18 +1,15 @@
-"""Opens the devices that the configuration names: in this process, or in a world of their own."""
+"""Opens the simulated cell of a configuration: in this process, or in a world of its own."""
 
 from __future__ import annotations
 
 import hashlib
-import importlib
-import inspect
 import multiprocessing
 import signal
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cell.configuration import Configuration
 from cell.errors import CellError, InputError, SettingError
@@ -24,29 +21,37 @@ from sim.process.client import RemoteCell, connected
 from sim.process.messages import Ask, Drawn, Pace
 from sim.process.server import WorldServer
 
-SIMULATED = "sim.cell:open_cell"  # the factory whose devices may live in a process of their own
+if TYPE_CHECKING:
+    from sim.cell import SimCell
+
 PATIENCE_S = 60.0  # until a world of our own must be there
 JOIN_S = 5.0
 
 
-def configured_devices(configuration: Configuration, product: Product, seed: int, goal: str = "random") -> Devices:
-    """As the configured factory opens them; it is told of the cameras what the bench file says.
+def open_simulation(
+    configuration: Configuration, product: Product, seed: int, goal: str = "random", rendered: bool = True
+) -> SimCell:
+    """The simulated cell of a configuration, in this process; its cameras are told what the bench file says.
 
     Raises:
-        DeviceFault: a device could not be opened.
-        SettingError: there is no such factory.
+        CellError: it could not be opened.
     """
-    can_settings = configuration.gripper_can
-    arguments = (
+    from sim.cell import SimCell  # only now: a cell of real devices needs no simulator
+
+    settings, (interface, channel) = configuration.devices.simulation, configuration.devices.gripper_bus
+    bench, overlap = configuration.bench.drawn, settings.overlap and rendered
+    return SimCell(
         product,
-        configuration.bench.drawn,
-        configuration.devices.simulation,
-        can_settings.interface,
-        can_settings.channel,
+        bench,
+        settings,
+        interface,
+        channel,
         seed,
         goal,
+        overlap=overlap,
+        rendered=rendered,
+        robot=configuration.robot,
     )
-    return _factory(configuration.devices.factory, arguments)(*arguments)
 
 
 def open_world(
@@ -58,16 +63,18 @@ def open_world(
     private: bool = False,
     watch: Callable[[float], None] = lambda _: None,
 ) -> tuple[WorldServer, Devices]:
-    """The configured devices, and what serves them at an address; who calls closes them.
+    """A simulated cell, and what serves it at an address; who calls closes its devices.
 
     Raises:
-        CellError: they could not be opened, or the address cannot be had.
+        CellError: it could not be opened, or the address cannot be had.
     """
-    devices = configured_devices(configuration, product, seed, goal)
+    if not configuration.devices.simulated:
+        raise SettingError((("devices",), "none of the devices is simulated: there is no world to open"))
+    devices = open_simulation(configuration, product, seed, goal).devices
     period_s = configuration.devices.simulation.physics.control_period_s
     with ExitStack() as unless_opened:
         unless_opened.callback(devices.close)
-        buses = CarriedBuses(configuration)
+        buses = CarriedBuses(configuration.devices.virtual_channels)
         unless_opened.callback(buses.close)
         server = WorldServer(devices, buses, address, period_s, identity(product), Drawn(seed, goal), private, watch)
         unless_opened.pop_all()
@@ -157,7 +164,7 @@ def identity(product: Product) -> Mapping[str, str]:
 
 def _remote(configuration: Configuration, product: Product, address: Path, pace: Pace, *waiting: Any) -> RemoteCell:
     """A world at an address; the buses are closed where nobody is there."""
-    buses = CarriedBuses(configuration)
+    buses = CarriedBuses(configuration.devices.virtual_channels)
     try:
         return RemoteCell(address, pace, identity(product), buses, *waiting)
     except BaseException:
@@ -180,37 +187,3 @@ def _serve(configuration: Configuration, product: Product, seed: int, goal: str,
             server.serve()
     finally:
         devices.close()
-
-
-def _factory(dotted: str, arguments: tuple[Any, ...]) -> Callable[..., Devices]:
-    """The function that opens the devices, by its name in the configuration.
-
-    Raises:
-        SettingError: there is none, or it does not take these arguments.
-    """
-    where = ("devices", "factory")
-    module, _, function = dotted.partition(":")
-    try:
-        factory: Callable[..., Devices] = getattr(_imported(module), function)
-        inspect.signature(factory).bind(*arguments)
-    except (ImportError, AttributeError) as error:
-        raise SettingError((where, f"no such factory: {error}")) from None
-    except (TypeError, ValueError) as error:
-        raise SettingError((where, f"{dotted} opens no devices: {error}")) from None
-    return factory
-
-
-def _imported(module: str) -> ModuleType:
-    """A module that may be a user's.
-
-    Raises:
-        ImportError: there is none.
-        SettingError: it raises something else, or ends the program.
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise
-    except (Exception, SystemExit) as error:
-        problem = f"{module} cannot be loaded: {type(error).__name__}: {error}"
-        raise SettingError((("devices", "factory"), problem)) from error

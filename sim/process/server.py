@@ -11,12 +11,12 @@ from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cell.errors import CellError, InputError
 from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices
-from cell.interfaces.observation import ArmState, JointSamples
+from cell.interfaces.observation import ArmState, GripperState, JointSamples
 from cell.interfaces.perception import Frame, PendingFrame
 from sim.process.buses import CarriedBuses
 from sim.process.messages import Advance, Answer, Ask, Call, Drawn, Hello, Order, Pace, Refused, Snapshot, Welcome
@@ -25,6 +25,9 @@ from sim.process.pacing import Pacer
 GONE_S = 1.0  # simulated time that passes when a controller in lock-step has gone: its arm stops by itself
 KEPT_FRAMES = 8  # of a camera, that a detector may still be asked about
 WAIT_S = 0.5
+
+
+State = TypeVar("State", ArmState, GripperState)
 
 
 class WorldServer:
@@ -214,7 +217,8 @@ class WorldServer:
                 frames.append(frame)
         return Snapshot(
             time_s,
-            self._arm_state(),
+            self._state_of(self._devices.arm.state),
+            self._state_of(self._devices.gripper.state),
             self._samples(),
             tuple(frames),
             faults,
@@ -224,9 +228,9 @@ class WorldServer:
             0.0 if self._pacer is None else self._pacer.lost_s,
         )
 
-    def _arm_state(self) -> ArmState | CellError:
+    def _state_of(self, device: Callable[[], State]) -> State | CellError:
         try:
-            state = self._devices.arm.state()
+            state = device()
         except CellError as error:
             return error
         return state if self._pacer is None else replace(state, time_s=self._wall_s(state.time_s))

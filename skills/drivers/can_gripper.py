@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import can
-from cantools.database.can import Message
+from cantools.database.can import Database, Message
 
 from cell.errors import DeviceFault
+from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import Clock
 from cell.interfaces.command import GripperCommand
 from cell.interfaces.observation import GripperState, NodeState, ObjectStatus
@@ -58,12 +59,18 @@ class CanGripper:
     stay where they are. One that restarts is left alone: nothing activates it again but `activate`. On a bus that
     echoes what is sent, a frame that does not come back did not go out.
 
+    Args:
+        bus: opened already; by default the one that the settings name.
+
     Attributes:
         ignored_frames: received frames that no message of the database explains, or of the wrong length.
     """
 
-    def __init__(self, bus: can.BusABC, clock: Clock, settings: CanSettings, tap: Tap | None = None) -> None:
+    Settings = CanSettings
+
+    def __init__(self, settings: CanSettings, clock: Clock, bus: can.BusABC | None = None) -> None:
         database = gripper_database.load_gripper_database(settings.database or gripper_database.SHIPPED)
+        self._database = database
         self._command = database.get_message_by_name(gripper_database.COMMAND)
         self._received = {
             message.frame_id: message for message in database.messages if message.name != self._command.name
@@ -71,20 +78,30 @@ class CanGripper:
         self._meanings: Mapping[int, object] = dict(
             database.get_message_by_name(gripper_database.STATUS).get_signal_by_name("gFLT").choices or {}
         )
-        self._bus, self._clock, self._settings, self._tap = bus, clock, settings, tap
+        self._bus = bus or open_bus(settings.interface, settings.channel, settings.bitrate, echo=True)
+        self._clock, self._settings = clock, settings
+        self._tap: Tap = _nobody
         self._request = {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, "rPR": 85.0, "rSP": 20.0, "rFR": 20.0}
         self._sent_s: float | None = None
         self._echoes = False  # the bus has done so
         self._unheard_s: float | None = None  # when the oldest frame was sent that did not come back
-        self._opened_s = clock.now_s()
+        self._opened_s: float | None = None  # when it was asked first: before, nobody waited for the node
         self._heartbeat_s: float | None = None
         self._status: Mapping[str, float] | None = None
-        self._status_s = self._opened_s
+        self._status_s = clock.now_s()
         self._told = False  # a status came in this tick
         self._emergency = 0
         self._node_state: NodeState = "unknown"
         self._adopted_s: float | None = None
         self.ignored_frames = 0
+
+    def tap(self, tap: Tap) -> None:
+        """Tell of every frame from now on, in both directions."""
+        self._tap = tap
+
+    def change_bus(self, change: Callable[[can.BusABC, Database], can.BusABC]) -> None:
+        """Go on by another bus, such as one with a fault; `change` is also given the frames' database."""
+        self._bus = change(self._bus, self._database)
 
     def state(self) -> GripperState:
         """Read all waiting frames; raises DeviceFault on a missing heartbeat, a major fault or a dead or deaf bus."""
@@ -148,7 +165,7 @@ class CanGripper:
             return
         now = self._clock.now_s()
         data = bytes(message.data)
-        self._record(CanFrame(now, message.arbitration_id, data, sent=False))
+        self._tap(CanFrame(now, message.arbitration_id, data, sent=False))
         known = self._received.get(message.arbitration_id)
         odd = message.is_error_frame or message.is_remote_frame or message.is_extended_id
         if known is None or odd or len(data) != known.length:
@@ -188,6 +205,7 @@ class CanGripper:
     def _check_heartbeat(self) -> None:
         now = self._clock.now_s()
         if self._heartbeat_s is None:
+            self._opened_s = now if self._opened_s is None else self._opened_s
             if now - self._opened_s > self._settings.start_up_s:
                 raise DeviceFault("gripper", f"no heartbeat within {self._settings.start_up_s} s of opening the bus")
             return
@@ -223,12 +241,12 @@ class CanGripper:
             raise DeviceFault("gripper", f"writing to the CAN bus failed: {error}") from error
         self._sent_s = self._clock.now_s()
         self._unheard_s = self._sent_s if self._unheard_s is None else self._unheard_s
-        self._record(CanFrame(self._sent_s, self._command.frame_id, data, sent=True))
+        self._tap(CanFrame(self._sent_s, self._command.frame_id, data, sent=True))
         return data
 
-    def _record(self, frame: CanFrame) -> None:
-        if self._tap is not None:
-            self._tap(frame)
+
+def _nobody(_: CanFrame) -> None:
+    """Nobody listens."""
 
 
 def _decoded(message: Message, data: bytes) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import can
 
 from cell.errors import DeviceFault
+from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import Clock
 from skills.drivers.settings import SignalSettings
 
@@ -17,10 +18,14 @@ class CanSignals:
 
     Args:
         settings: the names of the bits; the module must tell its inputs at least every `timeout_s`.
+        bus: opened already; by default the one that the settings name.
     """
 
-    def __init__(self, bus: can.BusABC, clock: Clock, settings: SignalSettings) -> None:
-        self._bus, self._clock, self._settings = bus, clock, settings
+    Settings = SignalSettings
+
+    def __init__(self, settings: SignalSettings, clock: Clock, bus: can.BusABC | None = None) -> None:
+        self._bus = bus or open_bus(settings.interface, settings.channel, settings.bitrate, role="signals")
+        self._clock, self._settings = clock, settings
         self._bits = 0
         self._outputs = dict.fromkeys(settings.outputs, False)
         self._told_s: float | None = None

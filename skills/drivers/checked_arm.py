@@ -67,9 +67,7 @@ def refuse_bad(trajectory: JointTrajectory, state: ArmState, robot: RobotModel) 
     beyond = (np.abs(positions) - np.array(robot.range_rad)).max(axis=0)
     if beyond.max() > 0:
         joint = int(beyond.argmax())
-        raise DeviceFault(
-            "arm", f"trajectory leaves the range of {JOINTS[joint]}, +-{robot.range_rad[joint]:.3f} rad"
-        )
+        raise DeviceFault("arm", f"trajectory leaves the range of {JOINTS[joint]}, +-{robot.range_rad[joint]:.3f} rad")
     _refuse_fast(trajectory, np.array(robot.speed_rad_s))
 
 
@@ -85,6 +83,5 @@ def _refuse_fast(trajectory: JointTrajectory, limits_rad_s: Array) -> None:
         joint = int(excess.argmax())
         raise DeviceFault(
             "arm",
-            f"trajectory moves {JOINTS[joint]} at {speeds[joint]:.2f} rad/s, "
-            f"limit {limits_rad_s[joint]:.2f} rad/s",
+            f"trajectory moves {JOINTS[joint]} at {speeds[joint]:.2f} rad/s, limit {limits_rad_s[joint]:.2f} rad/s",
         )

@@ -64,7 +64,7 @@ def read_frames(path: Path = SHIPPED) -> str:
 
 
 def _problem(path: Path, what: str) -> SettingError:
-    return SettingError((("gripper_can", "database"), f"{path}: {what}"))
+    return SettingError((("devices", "gripper", "database"), f"{path}: {what}"))
 
 
 def _problems(database: Database, name: str) -> list[str]:

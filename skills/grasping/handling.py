@@ -253,7 +253,11 @@ def _approach_height_m(
         ox, oy, other_bottom = other.world_from_part.position_m
         if np.hypot(ox - x, oy - y) < _NEAR_M:
             tops.append(other_bottom + other.size_m[2])
-    return max(*tops, grasp.world_from_tool.position_m[2]) + settings.robot.tool.fingertip_beyond_tcp_m + settings.approach_gap_m
+    return (
+        max(*tops, grasp.world_from_tool.position_m[2])
+        + settings.robot.tool.fingertip_beyond_tcp_m
+        + settings.approach_gap_m
+    )
 
 
 def _clear_height_m(planner: MotionPlanner, kind: PartType, target: Pose) -> float:

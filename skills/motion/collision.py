@@ -15,8 +15,8 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.grasping import PAD_WIDTH_M
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
-from cell.interfaces.robot import description_share
 from cell.interfaces.product import Product
+from cell.interfaces.robot import description_share
 from skills.motion.grip import STROKE_M
 from skills.motion.kinematics import FLANGE, Kinematics
 from skills.motion.outline import Shape, shapes
@@ -147,7 +147,10 @@ class CollisionChecker:
 
     def _arm_geometry(self) -> pinocchio.GeometryModel:
         meshes = pinocchio.buildGeomFromUrdfString(
-            self._model, self._settings.robot.urdf_text, pinocchio.GeometryType.COLLISION, package_dirs=[str(description_share())]
+            self._model,
+            self._settings.robot.urdf_text,
+            pinocchio.GeometryType.COLLISION,
+            package_dirs=[str(description_share())],
         )
         geometry = pinocchio.GeometryModel()
         for item in meshes.geometryObjects:

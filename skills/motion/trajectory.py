@@ -89,7 +89,11 @@ def _follow_line(kinematics: Kinematics, start_rad: Array, start: Pose, goal: Po
     rows = [np.array(start_rad, dtype=float)]
     for share in shares[1:]:
         joints = kinematics.follow(_between(start, goal, float(share)), rows[-1])
-        if joints is None or np.abs(joints - rows[-1]).max() > _LARGEST_STEP_RAD or not kinematics.within_limits(joints):
+        if (
+            joints is None
+            or np.abs(joints - rows[-1]).max() > _LARGEST_STEP_RAD
+            or not kinematics.within_limits(joints)
+        ):
             return None
         rows.append(joints)
     return np.array(rows)

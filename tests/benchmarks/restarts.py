@@ -92,7 +92,7 @@ class Trial:
         period_s = simulation.physics.control_period_s
         server = WorldServer(
             devices,
-            CarriedBuses(configuration),
+            CarriedBuses(configuration.devices.virtual_channels),
             address,
             period_s,
             identity(PRODUCT),

@@ -206,14 +206,21 @@ class Rig:
         self.arm, self.panel = FakeArm(self.clock), FakePanel()
         self.gripper = (gripper or FakeGripper)(self.clock)
         self.observer, self.operator = FakeObserver(), OperatorChannel()
-        devices = Devices(self.clock, self.overhead, self.wrist, self.arm, self.panel, lambda: {}, lambda: None)
+        devices = Devices(
+            clock=self.clock,
+            arm=self.arm,
+            gripper=self.gripper,
+            overhead=self.overhead,
+            wrist=self.wrist,
+            panel=self.panel,
+        )
         self.controller = Controller(
             devices,
-            self.gripper,
             LockStep(idle_view, self.clock, latency_s),
             LockStep(no_parts, self.clock, latency_s),
             settings or ControllerSettings(),
-            Supervisor([fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS],
+            Supervisor(
+                [fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS],
                 {**CHECKS, **robot_checks(default_robot())},
             ),
             [self.observer, *observers],

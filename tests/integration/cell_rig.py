@@ -12,6 +12,7 @@ from cell.interfaces.product import Product
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Observer, Outcome, TickRecord
+from cell.wiring.devices import attached
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from sim.scene.clutter import ScenePart
@@ -26,7 +27,7 @@ CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)
 BENCH = CONFIGURATION.bench
 SIMULATION = CONFIGURATION.devices.simulation
-CAN = (CONFIGURATION.gripper_can.interface, CONFIGURATION.gripper_can.channel)
+CAN = CONFIGURATION.devices.gripper_bus
 
 
 @dataclass
@@ -106,7 +107,8 @@ def run_tree(
     loaded = load_tree(tree, node_registry(PRODUCT), main, provided)
     planners, faults = load_planners(configuration, PRODUCT), load_faults(configuration)
     files = Files(configuration, PRODUCT, loaded, planners, faults)
-    return drive(files, cell.devices, motion_planner(), (diary,)), diary
+    with attached(configuration, PRODUCT, cell.devices) as devices:
+        return drive(files, devices, motion_planner(), (diary,)), diary
 
 
 def lifted(cell: SimCell, part: str, height_m: float = 0.03) -> bool:

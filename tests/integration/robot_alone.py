@@ -12,7 +12,6 @@ import numpy as np
 from cell.configuration import load_configuration
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Bench
-from cell.interfaces.can_bus import open_bus
 from cell.interfaces.command import Command
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
@@ -59,7 +58,7 @@ class RobotAlone:
         self.node = GripperNode(self.world, "virtual", channel)
         self.clock = SimClock(self.world, [self.arm, self.node], [] if watch is None else [watch(self.world)])
         settings = CanSettings(channel=channel)
-        self.gripper = CanGripper(open_bus(settings.interface, settings.channel), self.clock, settings)
+        self.gripper = CanGripper(settings, self.clock)
         self.planner = MotionPlanner(self.product, self.bench)
         self.tick = 0
 

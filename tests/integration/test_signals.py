@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from cell.errors import DeviceFault
-from cell.interfaces.can_bus import open_bus
 from cell.interfaces.clock import ManualClock
 from sim.cell import SimCell
 from sim.devices.signal_node import SignalNode
@@ -33,7 +32,7 @@ def settings(channel: str) -> SignalSettings:
 def test_an_input_follows_an_output_and_silence_is_a_fault() -> None:
     clock = ManualClock()
     node = SignalNode(SimSignals(channel="there and back", wires={3: 1}, delay_s=0.2))
-    master = CanSignals(open_bus("virtual", "there and back"), clock, settings("there and back"))
+    master = CanSignals(settings("there and back"), clock)
 
     def after(time_s: float) -> dict[str, bool]:
         while clock.now_s() < time_s - 1e-9:
@@ -63,7 +62,8 @@ def test_a_tree_sets_signals_and_waits_for_them(tmp_path: Path) -> None:
     file.write_text(TREE)
     module = SimSignals(channel="tree and module", wires={3: 1})
     simulation = SIMULATION.model_copy(update={"signals": module})
-    configuration = CONFIGURATION.model_copy(update={"signals": settings("tree and module")})
+    devices = CONFIGURATION.devices.model_copy(update={"signals": settings("tree and module")})
+    configuration = CONFIGURATION.model_copy(update={"devices": devices})
     cell = SimCell(PRODUCT, BENCH, simulation, *CAN, 1, "g0", worker=False, clutter=())
     try:
         outcome, _ = run_tree(cell, file, configuration=configuration)

@@ -52,7 +52,8 @@ def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
     node = ScriptedNode(settings.channel)
     clock = NodeClock(node)
     frames: list[CanFrame] = []
-    gripper = CanGripper(open_bus(settings.interface, settings.channel), clock, settings, frames.append)
+    gripper = CanGripper(settings, clock)
+    gripper.tap(frames.append)
     yield Rig(settings.channel, node, clock, gripper, frames)
     gripper.close()
     node.bus.shutdown()
@@ -77,6 +78,7 @@ def test_before_the_first_frame_nothing_is_known(rig: Rig) -> None:
 
 def test_a_silent_node_is_a_fault_after_start_up(rig: Rig) -> None:
     rig.node.mute_heartbeat = rig.node.mute_status = True
+    rig.gripper.state()  # from now on somebody waits
     rig.clock.sleep_until(0.96)
     rig.gripper.state()
     rig.clock.sleep_until(1.04)
@@ -210,7 +212,7 @@ def test_an_active_gripper_is_adopted_with_what_it_holds(rig: Rig) -> None:
     rig.gripper.command(GripperCommand(0.020, 0.15, 60.0))
     held = rig.bench.settle()
     assert held.holding
-    second = CanGripper(open_bus("virtual", rig.channel), rig.clock, CanSettings(channel=rig.channel))
+    second = CanGripper(CanSettings(channel=rig.channel), rig.clock)
     bench = gripper_contract.Bench(second, rig.clock, lambda _: None)
     adopted = bench.wait(1.5)
     assert adopted.activated
@@ -257,7 +259,7 @@ def test_commands_that_do_not_go_out_are_noticed_by_their_missing_echo(echo: boo
     node = ScriptedNode(settings.channel)
     clock = NodeClock(node)
     bus = LosesWhatIsSent(open_bus(settings.interface, settings.channel, echo=echo))
-    gripper = CanGripper(bus, clock, settings)  # type: ignore[arg-type]  # it only looks like one
+    gripper = CanGripper(settings, clock, bus)  # type: ignore[arg-type]  # it only looks like one
     bench = gripper_contract.Bench(gripper, clock, lambda _: None)
     bench.activated()
     bench.wait(1.0)  # as long as frames go out nothing is said

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cell.interfaces.pose import Array, Pose
-from skills.motion.grasp_pose import tool_down
 from cell.interfaces.robot import default_robot
+from skills.motion.grasp_pose import tool_down
 from skills.motion.kinematics import Kinematics
 
 

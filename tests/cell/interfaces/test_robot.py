@@ -63,12 +63,14 @@ def test_motions_are_planned_a_little_slower_than_the_robot_can_be() -> None:
 
 
 def test_a_robot_file_is_relative_to_the_configuration(tmp_path: Path) -> None:
-    path = changed_configuration(tmp_path, "product: products.yaml", "product: products.yaml\nrobot: own.yaml")
+    path = changed_configuration(tmp_path, "robot: ur10 #", "robot: own.yaml #")
     shipped = (path.parent / "robots" / "ur10.yaml").read_text()
-    (tmp_path / "own.yaml").write_text(shipped.replace("name: ur10", "name: slow").replace("3.141592653589793,", "1.0,"))
+    (tmp_path / "own.yaml").write_text(
+        shipped.replace("name: ur10", "name: slow").replace("[3.5,", "[1.5,")
+    )
     loaded = load_configuration(path)
     assert loaded.motion.robot == loaded.robot
-    assert (loaded.robot.name, loaded.robot.speed_rad_s[2]) == ("slow", 1.0)
+    assert (loaded.robot.name, loaded.motion.acceleration_limits_rad_s2[0]) == ("slow", 1.5)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +82,7 @@ def test_a_robot_file_is_relative_to_the_configuration(tmp_path: Path) -> None:
     ],
 )
 def test_a_robot_that_is_none_is_told_with_its_line(tmp_path: Path, robot: str, file: str, words: str) -> None:
-    path = changed_configuration(tmp_path, "product: products.yaml", f"product: products.yaml\nrobot: {robot}")
+    path = changed_configuration(tmp_path, "robot: ur10 #", f"robot: {robot} #")
     text = (path.parent / "robots" / "ur10.yaml").read_text()
     (tmp_path / "own.yaml").write_text(file if file.startswith("name") else text + file)
     with pytest.raises(InputError) as error:
@@ -90,5 +92,5 @@ def test_a_robot_that_is_none_is_told_with_its_line(tmp_path: Path, robot: str, 
 
 def test_a_pose_beyond_the_robots_range_is_told(tmp_path: Path) -> None:
     path = changed_configuration(tmp_path, "-1.5998, 1.8490,", "-1.5998, 3.5,")
-    with pytest.raises(InputError, match="arm_park_rad: elbow has 3.5, ur10 turns by 3.142 each way"):
+    with pytest.raises(InputError, match=r"arm_park_rad: elbow has 3.5, ur10 turns by 3.142 each way"):
         load_configuration(path)

@@ -86,8 +86,7 @@ def test_detectors_of_the_bench_are_told_and_images_still_come_late(motion: Moti
         return idle_view(taken)
 
     reader = DeviceReader(
-        Devices(clock, overhead, wrist, robot, FakePanel(), lambda: {}, lambda: None),
-        FakeGripper(clock),
+        Devices(clock=clock, arm=robot, gripper=FakeGripper(clock), overhead=overhead, wrist=wrist, panel=FakePanel()),
         LockStep(watch, clock, 0.0),
         LockStep(no_parts, clock, 0.0),
         lambda _: None,

@@ -19,8 +19,8 @@ from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView, HandSample, PartsView
-from cell.running.device_writer import withhold
 from cell.interfaces.robot import default_robot
+from cell.running.device_writer import withhold
 from cell.running.fault_checks import CHECKS as OWN
 from cell.running.fault_checks import robot_checks
 from cell.running.supervisor import Supervisor, make_supervisor

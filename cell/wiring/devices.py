@@ -1,0 +1,228 @@
+"""Finds the drivers that a configuration names, and opens them: alone, or in front of the simulator's devices."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from cell.configuration import Configuration
+from cell.errors import CellError, DeviceFault, SettingError
+from cell.files.yaml_file import suggestion
+from cell.interfaces.clock import WallClock
+from cell.interfaces.devices import ROLES, Arm, Camera, Devices, Gripper, Panel, Signals
+from cell.interfaces.product import Product
+from cell.settings import NoPanel as NoPanelSettings
+from cell.settings import OwnDevice, SimulatedDevice
+from skills.drivers.can_gripper import CanGripper
+from skills.drivers.can_signals import CanSignals
+from skills.drivers.no_panel import NoPanel
+from skills.drivers.settings import CanSettings, SignalSettings
+
+ENTRY_POINTS = "cell.devices"
+OURS: Mapping[type[BaseModel], type] = {CanSettings: CanGripper, SignalSettings: CanSignals, NoPanelSettings: NoPanel}
+PROTOCOLS: Mapping[str, type] = {
+    "arm": Arm, "gripper": Gripper, "overhead": Camera, "wrist": Camera, "panel": Panel, "signals": Signals
+}  # fmt: skip
+OFFERED = ("settings", "clock", "bench", "product", "robot", "simulated")  # what a driver may ask for, by name
+AT_THE_BENCH = ("arm", "overhead", "wrist")  # the cameras see the arm: all are simulated, or none is
+
+
+class NoSettings(BaseModel):
+    """Of a driver that names no model of its settings."""
+
+
+@dataclass(frozen=True)
+class Driver:
+    """What opens one device.
+
+    Attributes:
+        make: its class.
+        asks: names of what it wants, of OFFERED.
+    """
+
+    role: str
+    make: Callable[..., Any]
+    settings: BaseModel
+    asks: tuple[str, ...]
+
+    def opened(self, **offered: object) -> Any:
+        """The device.
+
+        Raises:
+            CellError: as the driver raised it, or a DeviceFault for anything else.
+        """
+        try:
+            return self.make(**{name: value for name, value in offered.items() if name in self.asks})
+        except CellError:
+            raise
+        except (Exception, SystemExit) as error:  # a user's driver may raise anything, or end the program
+            raise DeviceFault(self.role, f"cannot be opened: {type(error).__name__}: {error}") from error
+
+
+Drivers = Mapping[str, Driver]
+
+
+def find_drivers(configuration: Configuration) -> Drivers:
+    """The drivers of all devices that are not the simulator's, by role.
+
+    Raises:
+        SettingError: there is no such driver, its settings are wrong, or it cannot be mixed with simulated devices.
+    """
+    found: dict[str, Driver] = {}
+    for role in ROLES:
+        device = getattr(configuration.devices, role)
+        if isinstance(device, OwnDevice):
+            found[role] = _own_driver(role, device)
+        elif device is not None and not isinstance(device, SimulatedDevice):
+            make = OURS[type(device)]
+            found[role] = Driver(role, make, device, _asked(role, make))
+    _refuse_mixture(configuration, found)
+    return found
+
+
+@contextmanager
+def attached(
+    configuration: Configuration, product: Product, simulated: Devices | None = None, drivers: Drivers | None = None
+) -> Iterator[Devices]:
+    """Open the drivers, in front of the simulator's devices where there are such; they are closed at the end.
+
+    Args:
+        simulated: of the simulator, which is left open.
+        drivers: those of the configuration by default.
+
+    Raises:
+        CellError: a device could not be opened.
+    """
+    drivers = find_drivers(configuration) if drivers is None else drivers
+    clock = WallClock() if simulated is None else simulated.clock
+    offered = {"clock": clock, "bench": configuration.bench, "product": product, "robot": configuration.robot}
+    with ExitStack() as stack:
+        opened: dict[str, Any] = {}
+        for role, driver in drivers.items():
+            behind = getattr(simulated, role, None)
+            device = opened[role] = driver.opened(settings=driver.settings, simulated=behind, **offered)
+            stack.callback(device.close)
+        yield Devices(clock=clock, **opened) if simulated is None else replace(simulated, **opened)
+
+
+def _own_driver(role: str, device: OwnDevice) -> Driver:
+    make = _class_of(role, device)
+    lacking = [name for name in _methods(PROTOCOLS[role]) if not callable(getattr(make, name, None))]
+    if lacking:
+        raise SettingError((_kind(role), f"{device.kind} lacks {', '.join(lacking)}; see docs/drivers.md"))
+    return Driver(role, make, _settings_of(role, make, device), _asked(role, make))
+
+
+def _class_of(role: str, device: OwnDevice) -> type:
+    """The class of a driver of one's own.
+
+    Raises:
+        SettingError: there is none.
+    """
+    module, _, name = device.kind.partition(":")
+    if not name:
+        points = entry_points(group=ENTRY_POINTS, name=device.kind)
+        if not points:
+            installed = sorted({point.name for point in entry_points(group=ENTRY_POINTS)})
+            legal = ", ".join(("simulated", *(["can"] if role in ("gripper", "signals") else []), *installed))
+            what = f"no kind {device.kind!r} of {role}; legal: {legal}, or MODULE:CLASS"
+            raise SettingError((_kind(role), what))
+        module, _, name = next(iter(points)).value.partition(":")
+    found = getattr(_imported(role, module, device.folder), name, None)
+    if not isinstance(found, type):
+        raise SettingError((_kind(role), f"{module} has no class {name!r}"))
+    return found
+
+
+def _imported(role: str, module: str, folder: Path) -> Any:
+    """A module in the folder of the configuration, in the working folder, or installed.
+
+    Raises:
+        SettingError: there is none, or it cannot be loaded.
+    """
+    folders = [str(folder), str(Path.cwd())]
+    before = sys.path[:]
+    sys.path[:0] = folders
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        where = f"; looked for in {' and '.join(dict.fromkeys(folders))}" if error.name == module else ""
+        raise SettingError((_kind(role), f"no module {error.name!r}{where}")) from None
+    except (Exception, SystemExit) as error:  # a user's module may raise anything, or end the program
+        what = f"{module} cannot be loaded: {type(error).__name__}: {error}"
+        raise SettingError((_kind(role), what)) from error
+    finally:
+        sys.path[:] = [*before, *(one for one in folders if one not in before)]  # for what it imports later on
+
+
+def _settings_of(role: str, make: type, device: OwnDevice) -> BaseModel:
+    """What stands beside `kind`, as the driver's own model; paths are relative to the file.
+
+    Raises:
+        SettingError: with every problem.
+    """
+    model = getattr(make, "Settings", NoSettings)
+    if not (isinstance(model, type) and issubclass(model, BaseModel)):
+        raise SettingError((_kind(role), f"{device.kind}.Settings is no model of pydantic"))
+    given, legal = device.settings, ("kind", *model.model_fields)
+    problems: list[tuple[tuple[str, ...], str]] = [
+        (("devices", role, name), f"unknown key {name!r}; {suggestion(name, legal)}")
+        for name in given
+        if name not in legal
+    ]
+    try:
+        read = model.model_validate({name: value for name, value in given.items() if name in legal})
+    except ValidationError as error:
+        for details in error.errors():
+            places = tuple(map(str, details["loc"]))
+            problems.append((("devices", role, *places), f"{'.'.join((role, *places))}: {details['msg']}"))
+    if problems:
+        raise SettingError(*problems)
+    paths = {name: device.folder / value for name, value in read if isinstance(value, Path)}
+    return read.model_copy(update=paths)
+
+
+def _asked(role: str, make: Callable[..., Any]) -> tuple[str, ...]:
+    """What a driver's constructor wants, by the names of its parameters.
+
+    Raises:
+        SettingError: it wants something that there is not.
+    """
+    parameters = inspect.signature(make).parameters.values()
+    named = [one for one in parameters if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)]
+    unknown = [one.name for one in named if one.name not in OFFERED and one.default is one.empty]
+    if unknown:
+        what = f"the driver asks for {', '.join(unknown)}; there is: {', '.join(OFFERED)}"
+        raise SettingError((_kind(role), what))
+    return tuple(one.name for one in named if one.name in OFFERED)
+
+
+def _methods(protocol: type) -> list[str]:
+    """What a driver must be able to do."""
+    own = [name for name, value in vars(protocol).items() if callable(value) and not name.startswith("_")]
+    return list(dict.fromkeys((*own, "close")))
+
+
+def _refuse_mixture(configuration: Configuration, drivers: Drivers) -> None:
+    simulated = configuration.devices.simulated
+    wrong = [role for role in AT_THE_BENCH if role in drivers and "simulated" not in drivers[role].asks]
+    if simulated and wrong:
+        what = (
+            f"cannot stand beside the simulated {', '.join(simulated)}: these know the simulated bench alone. "
+            "Give them drivers of their own, too (panel may be none), or let this driver ask for `simulated` "
+            "(docs/drivers.md)"
+        )
+        raise SettingError(*((_kind(role), f"{role} {what}") for role in wrong))
+
+
+def _kind(role: str) -> tuple[str, ...]:
+    return ("devices", role, "kind")

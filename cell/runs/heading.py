@@ -12,6 +12,7 @@ import yaml
 
 from cell.errors import InputError, Place, Problem
 from cell.files.files import INSTALLED
+from cell.interfaces.robot import PACKAGE, RobotModel
 from cell.recording.identity import identity
 from cell.recording.parts import parts_of
 from cell.recording.recorder import Heading
@@ -31,6 +32,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "faults.yaml": ("application/yaml", files.configuration.faults.read_bytes()),
         "product.yaml": ("application/yaml", files.configuration.product.read_bytes()),
     }
+    attachments |= _robot(files.configuration.robot)
     devices = files.configuration.devices
     if isinstance(devices.gripper, CanSettings):
         attachments["gripper.dbc"] = ("text/plain", read_frames(devices.gripper.database or SHIPPED).encode())
@@ -39,7 +41,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         attachments["simulation.json"] = ("application/json", devices.simulation.model_dump_json().encode())
         attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
     semantic, folder = files.configuration.planners.semantic, options.configuration.resolve().parent
-    for path in (semantic.goals, semantic.confusions, files.configuration.calibration, _robot_file(options)):
+    for path in (semantic.goals, semantic.confusions, files.configuration.calibration):
         if path is not None and path.exists() and path.resolve().is_relative_to(folder):
             attachments[str(path.resolve().relative_to(folder))] = ("text/plain", path.read_bytes())
     for name, text in tree_texts(files.tree).items():
@@ -73,10 +75,12 @@ def heading(options: RunOptions, files: Files) -> Heading:
     return Heading({**values, **identity()}, attachments)
 
 
-def _robot_file(options: RunOptions) -> Path | None:
-    """The file of a robot of one's own."""
-    named = yaml.safe_load(options.configuration.read_text("utf-8")).get("robot")
-    return options.configuration.parent / named if isinstance(named, str) else None
+def _robot(robot: RobotModel) -> dict[str, tuple[str, bytes]]:
+    """The robot as it was, with a URDF of one's own."""
+    shipped = robot.urdf.startswith(PACKAGE)
+    model = robot.model_dump(mode="json") | ({} if shipped else {"urdf": "robot.urdf"})
+    files = {"robot.yaml": ("application/yaml", yaml.safe_dump(model).encode())}
+    return files if shipped else files | {"robot.urdf": ("application/xml", Path(robot.urdf).read_bytes())}
 
 
 def _weights(name: str, file: Path) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, ClassVar
 
@@ -158,9 +157,8 @@ class MotionSettings(Model):
 
     @property
     def speed_limits_rad_s(self) -> SixFloats:
-        """Of planned motions, for each joint: what the robot can do, rounded down to 0.01 rad/s."""
-        a, b, c, d, e, f = (math.floor(100 * limit) / 100 for limit in self._robot.speed_rad_s)
-        return a, b, c, d, e, f
+        """Of planned motions, for each joint."""
+        return self._robot.speed_rad_s
 
     @property
     def acceleration_limits_rad_s2(self) -> SixFloats:

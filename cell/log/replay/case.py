@@ -17,6 +17,7 @@ from cell.errors import InputError, LogError
 from cell.files.files import whole_or_none
 from cell.log.read.reader import Log, LoggedTick, read_log
 from cell.log.replay.compare import Difference
+from cell.log.replay.logged_tree import write_files
 from cell.log.replay.replay import Changes, Replay, recorded_weights
 
 LARGEST_BYTES = 1_000_000
@@ -98,7 +99,7 @@ def _weights(log: Log) -> dict[str, bytes]:
         for name in ("configuration.yaml", "product.yaml"):
             if name not in log.attachments:
                 raise LogError(log.path, f"has no attachment {name}")
-            (Path(folder) / name).write_bytes(log.attachments[name])
+        write_files(log, log.attachments, Path(folder))
         planners = load_configuration(Path(folder) / "configuration.yaml").planners
     files = {name: recorded_weights(log, name, planner.weights) for name, planner in planners}
     return {name: file.read_bytes() for name, file in files.items() if file is not None}

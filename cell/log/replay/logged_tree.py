@@ -14,12 +14,13 @@ from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
 from cell.log.read.reader import Log, LogStream
+from cell.log.replay.recorded_configuration import CONFIGURATION, upgrade
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 
 FOLDER = "tree/"
-PRODUCT, CONFIGURATION = "product.yaml", "configuration.yaml"
+PRODUCT = "product.yaml"
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 
@@ -44,7 +45,7 @@ def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:
 
 
 def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) -> None:
-    """Put attachments of a log into a folder, in folders of their own as their names say.
+    """Put attachments of a log into a folder, in folders of their own as their names say; see also `upgrade`.
 
     Raises:
         LogError: a name leads out of the folder.
@@ -55,6 +56,8 @@ def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) 
             raise LogError(log.path, f"has an attachment that leads out of its folder: {name}")
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(content)
+    if CONFIGURATION in files:
+        upgrade(folder)
 
 
 def logged_bench(log: Log) -> Bench:
@@ -81,6 +84,6 @@ def _read(log: Log, name: str, kind: type[AnyModel]) -> AnyModel:
     if name not in log.attachments:
         raise LogError(log.path, f"holds no {name}; it holds: {', '.join(log.attachments) or 'nothing'}")
     with tempfile.TemporaryDirectory(prefix="cell-log-") as folder:
-        path = Path(folder) / name
-        path.write_bytes(log.attachments[name])
-        return load_yaml(path, kind)
+        files = {one: content for one, content in log.attachments.items() if not one.startswith(FOLDER)}
+        write_files(log, files, Path(folder))
+        return load_yaml(Path(folder) / name, kind)

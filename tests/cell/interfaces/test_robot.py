@@ -57,7 +57,7 @@ def test_simulator_and_planner_have_the_same_arm(name: str) -> None:
     np.testing.assert_allclose(world.tool_pose().position_m, kinematics(name).position_m(PARK), atol=1e-6)
 
 
-def test_motions_are_planned_a_little_slower_than_the_robot_can_be() -> None:
+def test_motions_are_planned_as_fast_as_the_data_sheet_allows() -> None:
     assert MotionSettings().speed_limits_rad_s == (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
     assert MotionSettings().robot == default_robot()
 
@@ -65,9 +65,7 @@ def test_motions_are_planned_a_little_slower_than_the_robot_can_be() -> None:
 def test_a_robot_file_is_relative_to_the_configuration(tmp_path: Path) -> None:
     path = changed_configuration(tmp_path, "robot: ur10 #", "robot: own.yaml #")
     shipped = (path.parent / "robots" / "ur10.yaml").read_text()
-    (tmp_path / "own.yaml").write_text(
-        shipped.replace("name: ur10", "name: slow").replace("[3.5,", "[1.5,")
-    )
+    (tmp_path / "own.yaml").write_text(shipped.replace("name: ur10", "name: slow").replace("[3.5,", "[1.5,"))
     loaded = load_configuration(path)
     assert loaded.motion.robot == loaded.robot
     assert (loaded.robot.name, loaded.motion.acceleration_limits_rad_s2[0]) == ("slow", 1.5)

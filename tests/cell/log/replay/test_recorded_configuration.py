@@ -1,0 +1,52 @@
+"""Configurations of logs are read in today's form, whatever form they were written in."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import yaml
+
+from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
+from cell.interfaces.robot import default_robot
+from cell.log.replay.recorded_configuration import upgrade
+from cell.settings import OwnDevice
+from skills.drivers.settings import CanSettings, SignalSettings
+
+
+def as_recorded(folder: Path, **changes: object) -> Configuration:
+    """The shipped configuration with other keys, as a log of before has it: without its neighbours but the product."""
+    data = yaml.safe_load(DEFAULT_CONFIGURATION.read_text()) | changes
+    shutil.copy(DEFAULT_CONFIGURATION.parent / "products.yaml", folder / "products.yaml")
+    (folder / "configuration.yaml").write_text(yaml.safe_dump({key: value for key, value in data.items() if value}))
+    upgrade(folder)
+    return load_configuration(folder / "configuration.yaml")
+
+
+def test_the_form_before_devices_had_roles(tmp_path: Path) -> None:
+    read = as_recorded(
+        tmp_path,
+        robot=None,
+        gripper_can={"interface": "socketcan", "channel": "can0", "bitrate": 250000},
+        signals={"inputs": {"ready": 3}},
+        devices={"factory": "lab:open_cell", "simulation": {"look": "looks/gone.yaml"}},
+        motion={"speed_limits_rad_s": [1.047] * 6, "tcp_from_tool0_m": 0.2, "grip_force_n": 50},
+    )
+    assert read.devices.gripper == CanSettings(interface="socketcan", channel="can0", bitrate=250_000)
+    assert read.devices.signals == SignalSettings(inputs={"ready": 3})
+    assert read.motion.speed_limits_rad_s == (1.047,) * 6
+    assert read.motion.acceleration_limits_rad_s2 == default_robot().acceleration_rad_s2
+    assert (read.robot.tool.tcp_from_flange_m, read.motion.grip_force_n) == (0.2, 50)
+
+
+def test_drivers_that_are_not_here_and_files_that_were_beside_it_are_not_needed(tmp_path: Path) -> None:
+    own = {"kind": "their_lab:Arm", "host": "192.0.2.10"}
+    read = as_recorded(tmp_path, devices={"arm": own, "simulation": "sim.yaml"})
+    assert isinstance(read.devices.arm, OwnDevice)
+    assert read.robot == default_robot()
+
+
+def test_the_robot_of_the_run_is_the_one_that_was_recorded(tmp_path: Path) -> None:
+    robot = default_robot().model_copy(update={"name": "mine"})
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot.model_dump(mode="json")))
+    assert as_recorded(tmp_path, robot="robots/mine.yaml").robot.name == "mine"

@@ -17,39 +17,60 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cell.errors import CellError
+    from cell.errors import CellError, DeviceFault
     from cell.front_door import load_cell, replay, run
-    from cell.interfaces.command import Command
-    from cell.interfaces.devices import Arm, Camera, Devices, Gripper, Panel
-    from cell.interfaces.observation import Observation
+    from cell.interfaces.command import Command, Display, GripperCommand, JointTrajectory
+    from cell.interfaces.devices import Arm, Camera, Devices, Gripper, Panel, Signals
+    from cell.interfaces.observation import ArmState, GripperState, JointSamples, ObjectStatus, Observation
+    from cell.interfaces.perception import Frame
     from cell.interfaces.pose import Pose
 
     __version__: str
 
 _HOME = {
     "Arm": "cell.interfaces.devices",
+    "ArmState": "cell.interfaces.observation",
     "Camera": "cell.interfaces.devices",
     "CellError": "cell.errors",
     "Command": "cell.interfaces.command",
+    "DeviceFault": "cell.errors",
     "Devices": "cell.interfaces.devices",
+    "Display": "cell.interfaces.command",
+    "Frame": "cell.interfaces.perception",
     "Gripper": "cell.interfaces.devices",
+    "GripperCommand": "cell.interfaces.command",
+    "GripperState": "cell.interfaces.observation",
+    "JointSamples": "cell.interfaces.observation",
+    "JointTrajectory": "cell.interfaces.command",
+    "ObjectStatus": "cell.interfaces.observation",
     "Observation": "cell.interfaces.observation",
     "Panel": "cell.interfaces.devices",
     "Pose": "cell.interfaces.pose",
+    "Signals": "cell.interfaces.devices",
     "load_cell": "cell.front_door",
     "replay": "cell.front_door",
     "run": "cell.front_door",
 }
 __all__ = [
     "Arm",
+    "ArmState",
     "Camera",
     "CellError",
     "Command",
+    "DeviceFault",
     "Devices",
+    "Display",
+    "Frame",
     "Gripper",
+    "GripperCommand",
+    "GripperState",
+    "JointSamples",
+    "JointTrajectory",
+    "ObjectStatus",
     "Observation",
     "Panel",
     "Pose",
+    "Signals",
     "__version__",
     "load_cell",
     "replay",

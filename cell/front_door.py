@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration, load_configuration, load_product
+from cell.interfaces.devices import Devices
 from cell.interfaces.product import Product
 from cell.log.read.reader import read_log
 from cell.log.replay.compare import Difference
@@ -26,22 +27,27 @@ class LoadedCell:
 
     Attributes:
         path: of its configuration.
+        devices: open already; None for those that the configuration names.
     """
 
     path: Path
     configuration: Configuration
     product: Product
+    devices: Devices | None = None
 
 
-def load_cell(configuration: Name = DEFAULT_CONFIGURATION) -> LoadedCell:
+def load_cell(configuration: Name = DEFAULT_CONFIGURATION, devices: Devices | None = None) -> LoadedCell:
     """Read the files of a cell.
+
+    Args:
+        devices: opened and closed by the caller, in place of those that the configuration names.
 
     Raises:
         InputError: everything that is wrong with them, with file and line.
     """
     path = Path(configuration)
     loaded = load_configuration(path)
-    return LoadedCell(path, loaded, load_product(loaded, path))
+    return LoadedCell(path, loaded, load_product(loaded, path), devices)
 
 
 def run(
@@ -77,6 +83,7 @@ def run(
         log=_path(log),
         nodes=tuple(nodes),
         entries=dict(entries or {}),
+        devices=cell.devices,
     )
     return runs.run(options, console or Console(quiet=True))
 

@@ -208,7 +208,7 @@ class OwnDevice(Model):
     """
 
     model_config = ConfigDict(extra="allow")
-    kind: str = Field(pattern=r"^[\w.-]+(:\w+)?$")
+    kind: str = Field(pattern=r"^[\w.-]+(:\w+)?$", json_schema_extra={"not": {"enum": ["simulated", "can", "none"]}})
     _folder: Path = PrivateAttr(Path())
 
     def model_post_init(self, context: Any) -> None:

@@ -14,7 +14,7 @@ from cell.commands.terminal import console
 from cell.files.files import shipped, write_new
 
 SHIPPED = {
-    "config": ("cell.yaml", "products.yaml", "products_steel.yaml"),
+    "config": ("cell.yaml", "sim.yaml", "products.yaml", "products_steel.yaml"),
     "trees": ("ahead.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml", "shift_ahead.xml"),
 }
 OWN = ("README.md", "tests/test_assemble.py")
@@ -44,7 +44,7 @@ def new_cell() -> dict[str, bytes]:
     files = {f"{package}/{name}": shipped(package, name) for package, names in SHIPPED.items() for name in names}
     files |= {name: shipped("cell.commands", "new_cell", name) for name in OWN}
     contents = {name: file.read_bytes() for name, file in files.items()}
-    for name in ("cell", "products"):
+    for name in ("cell", "sim", "products"):
         first_line = f"{modeline(f'schema/{name}.json')}\n".encode()
         contents[f"config/{name}.yaml"] = first_line + contents[f"config/{name}.yaml"]
     return contents | {f"config/schema/{name}": text.encode() for name, text in schema_texts().items()}

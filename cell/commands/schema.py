@@ -12,8 +12,10 @@ from cell.errors import InputError, Place, Problem
 from cell.files.model import Model
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
+from cell.interfaces.robot import RobotModel
 from sim.scene.look_range import LookFile
 from sim.scene.person import Person
+from sim.scene.settings import SimSettings
 
 MARK = "made by cell init --schemas; do not edit"
 OURS = re.compile("made by cell [a-z -]*; do not edit")
@@ -45,12 +47,18 @@ def modeline(path: str) -> str:
 def schemas() -> dict[str, str]:
     """Texts of the schemas by file name, one for each kind of YAML file."""
     look = _with_ranges(LookFile.model_json_schema())
-    cell = Configuration.model_json_schema()
+    sim = SimSettings.model_json_schema()
     inline = {key: value for key, value in look.items() if key != "$defs"}
-    cell["$defs"] |= look["$defs"]
-    cell["$defs"]["SimSettings"]["properties"]["look"]["anyOf"] = [{"type": "string"}, inline]
-    others: dict[str, type[Model]] = {"products": Product, "faults": FaultTable, "person": Person}
-    made = {"cell": cell, "look": look, **{name: model.model_json_schema() for name, model in others.items()}}
+    sim["$defs"] |= look["$defs"]
+    sim["properties"]["look"]["anyOf"] = [{"type": "string"}, inline]
+    others: dict[str, type[Model]] = {
+        "cell": Configuration,
+        "products": Product,
+        "faults": FaultTable,
+        "person": Person,
+        "robot": RobotModel,
+    }
+    made = {"look": look, "sim": sim, **{name: model.model_json_schema() for name, model in others.items()}}
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$comment": MARK}
     return {f"{name}.json": json.dumps({**head, **schema}, indent=2) + "\n" for name, schema in made.items()}
 

@@ -36,7 +36,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
     devices = files.configuration.devices
     if isinstance(devices.gripper, CanSettings):
         attachments["gripper.dbc"] = ("text/plain", read_frames(devices.gripper.database or SHIPPED).encode())
-    if devices.simulated:
+    if devices.simulated and options.devices is None:
         look = devices.simulation.look.draw(options.seed)
         attachments["simulation.json"] = ("application/json", devices.simulation.model_dump_json().encode())
         attachments["look.yaml"] = ("application/yaml", yaml.safe_dump(look.model_dump(mode="json")).encode())
@@ -55,7 +55,7 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "tree": options.tree.resolve().relative_to(_common_folder(files.tree)).as_posix(),
         "perception": files.configuration.perception.words,
     }
-    if devices.simulated:
+    if devices.simulated and options.devices is None:
         values["look"] = devices.simulation.look.name
     for name in LEARNED_KINDS:
         for network, file in files.configuration.perception.networks(name).items():

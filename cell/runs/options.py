@@ -11,6 +11,7 @@ from typer import Option
 
 from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuration
 from cell.errors import InputError
+from cell.interfaces.devices import Devices
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
 from cell.interfaces.resume import LeftOff
@@ -30,6 +31,7 @@ class RunOptions:
         nodes: files and packages with further nodes.
         beside: further tree files, and folders with them, whose trees may be named.
         entries: of the main tree, set before the first tick.
+        devices: open already, in place of those that the configuration names.
         orders: lines that an operator types; None for no one.
         max_duration_s: after which the run ends by itself; None for the configuration's.
         images: keep images and joint samples in the log, and make a contact sheet.
@@ -93,6 +95,7 @@ class RunOptions:
     images: bool = True
     pixels: bool = True
     one_process: bool = False
+    devices: Devices | None = None
 
     def adjusted(self, configuration: Configuration) -> Configuration:
         """The configuration as this run is to have it: how long at most, what its log keeps, how it is simulated."""

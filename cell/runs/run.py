@@ -101,8 +101,8 @@ def run(options: RunOptions, console: Console) -> RunResult:
         if told:
             console.print(told, highlight=False)
         check_detectors(configuration.bench, product, configuration.perception)
-        drivers = find_drivers(configuration)
-        if not configuration.devices.simulated:
+        drivers = find_drivers(configuration) if options.devices is None else {}
+        if options.devices is None and not configuration.devices.simulated:
             options = replace(options, pace="real")
         tally = BracketTally()
         left_off = LeftOff()
@@ -252,8 +252,8 @@ def _opened(
     options: RunOptions, files: Files, drivers: Drivers, stack: ExitStack, awake: Callable[[], None]
 ) -> Devices:
     """The devices; in simulated time each tick begins once the one before is on the disk, the wall's does not wait."""
-    configuration, product, simulated = files.configuration, files.product, None
-    if configuration.devices.simulated:
+    configuration, product, simulated = files.configuration, files.product, options.devices
+    if simulated is None and configuration.devices.simulated:
         simulated = _simulated(options, configuration, product)
         stack.callback(simulated.close)
     devices = stack.enter_context(attached(configuration, product, simulated, drivers))

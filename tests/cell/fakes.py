@@ -206,7 +206,7 @@ class Rig:
         self.arm, self.panel = FakeArm(self.clock), FakePanel()
         self.gripper = (gripper or FakeGripper)(self.clock)
         self.observer, self.operator = FakeObserver(), OperatorChannel()
-        devices = Devices(
+        self.devices = Devices(
             clock=self.clock,
             arm=self.arm,
             gripper=self.gripper,
@@ -215,7 +215,7 @@ class Rig:
             panel=self.panel,
         )
         self.controller = Controller(
-            devices,
+            self.devices,
             LockStep(idle_view, self.clock, latency_s),
             LockStep(no_parts, self.clock, latency_s),
             settings or ControllerSettings(),

@@ -14,11 +14,15 @@ from cell.configuration import Configuration
 from cell.files.model import Model
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
+from cell.interfaces.robot import RobotModel
 from sim.scene.look_range import LookFile
 from sim.scene.person import Person
+from sim.scene.settings import SimSettings
 
 FILES: dict[str, type[Model]] = {
     "config/cell.yaml": Configuration,
+    "config/sim.yaml": SimSettings,
+    "config/robots/ur10.yaml": RobotModel,
     "config/products.yaml": Product,
     "config/faults.yaml": FaultTable,
     "config/looks/varied.yaml": LookFile,
@@ -26,7 +30,11 @@ FILES: dict[str, type[Model]] = {
 }
 INDEX, FOLDER = "docs/configuration.md", "docs/configuration"
 DIVIDED = "config/cell.yaml"  # a page a section
-NAMES = {"config/looks/varied.yaml": "look", "A person's file, for `cell lab run --person FILE`": "person"}
+NAMES = {
+    "config/robots/ur10.yaml": "robot",
+    "config/looks/varied.yaml": "look",
+    "A person's file, for `cell lab run --person FILE`": "person",
+}
 UNITS = {
     "_rad_s3": "rad/s³", "_rad_s2": "rad/s²", "_rad_s": "rad/s", "_m_s3": "m/s³", "_m_s2": "m/s²", "_m_s": "m/s",
     "_rad": "rad", "_mm": "mm", "_m2": "m²", "_m": "m", "_ms": "ms", "_s": "s", "_hz": "Hz", "_px": "px", "_kg": "kg",
@@ -125,7 +133,7 @@ def _references(value: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """(what follows the key in a path, name of the model) of all models below a key."""
     if "$ref" in value:
         yield "", value["$ref"].rpartition("/")[2]
-    for option in value.get("anyOf", []):
+    for option in (*value.get("anyOf", []), *value.get("oneOf", [])):
         yield from _references(option)
     if isinstance(inner := value.get("additionalProperties"), dict):
         yield from ((f".*{step}", name) for step, name in _references(inner))
@@ -142,7 +150,7 @@ def _meaning(value: dict[str, Any], schema: dict[str, Any]) -> str:
 
 
 def _type(value: dict[str, Any]) -> str:
-    if "$ref" in value:
+    if "$ref" in value or "oneOf" in value:
         return "section"
     if "anyOf" in value:
         return " or ".join(_type(option) for option in value["anyOf"])

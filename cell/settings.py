@@ -200,7 +200,7 @@ class NoPanel(Model):
 
 
 class OwnDevice(Model):
-    """A device whose driver is not ours; that driver's own settings stand beside `kind`.
+    """A device whose driver is not ours; that driver's own settings stand next to `kind`.
 
     Attributes:
         kind: MODULE:CLASS, a module in the folder of this file or in the working folder, or installed; or a name of
@@ -222,7 +222,7 @@ class OwnDevice(Model):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What stands beside `kind`, as it was read."""
+        """What stands next to `kind`, as it was read."""
         return dict(self.model_extra or {})
 
     @property
@@ -257,19 +257,22 @@ SignalsDevice = Annotated[Annotated[SignalSettings, Tag("can")] | Own, _kind("ca
 def _from_file(value: Any, info: ValidationInfo) -> Any:
     if isinstance(value, Mapping):
         raise ValueError(
-            "the simulator's settings are a file of their own: move these keys to sim.yaml beside this file, "
+            "the simulator's settings are a file of their own: move these keys to sim.yaml next to this file, "
             "and write simulation: sim.yaml"
         )
     if not isinstance(value, str):
         return value
-    return load_yaml(Path((info.context or {}).get("folder", ".")) / value, SimSettings)
+    path = Path((info.context or {}).get("folder", ".")) / value
+    if not path.is_file():
+        raise ValueError("there is no such file")
+    return load_yaml(path, SimSettings)
 
 
 SimulationFile = Annotated[SimSettings, BeforeValidator(_from_file, json_schema_input_type=Path)]
 
 
 class DeviceSettings(Model):
-    """Devices of the cell, by role: each has a kind, and the settings of that kind beside it (docs/drivers.md).
+    """Devices of the cell, by role: each has a kind, and next to it the settings of that kind (docs/drivers.md).
 
     Attributes:
         arm: simulated, or a driver of one's own.

@@ -96,8 +96,10 @@ def default_robot() -> RobotModel:
 
 
 def _named(value: Any, info: ValidationInfo) -> Any:
-    if not isinstance(value, str):
+    if isinstance(value, RobotModel):
         return value
+    if not isinstance(value, str):
+        raise ValueError(f"input should be {', '.join(shipped_robots())}, or a robot file")
     return load_robot(value, Path((info.context or {}).get("folder", ".")))
 
 

@@ -165,7 +165,7 @@ def _imported(role: str, module: str, folder: Path) -> Any:
 
 
 def _settings_of(role: str, make: type, device: OwnDevice) -> BaseModel:
-    """What stands beside `kind`, as the driver's own model; paths are relative to the file.
+    """What stands next to `kind`, as the driver's own model; paths are relative to the file.
 
     Raises:
         SettingError: with every problem.
@@ -217,7 +217,7 @@ def _refuse_mixture(configuration: Configuration, drivers: Drivers) -> None:
     wrong = [role for role in AT_THE_BENCH if role in drivers and "simulated" not in drivers[role].asks]
     if simulated and wrong:
         what = (
-            f"cannot stand beside the simulated {', '.join(simulated)}: these know the simulated bench alone. "
+            f"cannot work with the simulated {', '.join(simulated)}: these know the simulated bench alone. "
             "Give them drivers of their own, too (panel may be none), or let this driver ask for `simulated` "
             "(docs/drivers.md)"
         )

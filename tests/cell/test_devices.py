@@ -215,7 +215,7 @@ def test_a_device_that_cannot_be_opened_is_a_fault_and_the_others_are_closed(hom
 def test_a_real_arm_with_simulated_cameras_is_refused_by_name(home: Path) -> None:
     own = {"kind": "lab:Device", "host": "a"}
     told = refused(configured(home, arm=own))
-    assert "devices.arm.kind: arm cannot stand beside the simulated gripper, overhead, wrist, panel" in told
+    assert "devices.arm.kind: arm cannot work with the simulated gripper, overhead, wrist, panel" in told
     assert set(find_drivers(load_configuration(configured(home, gripper=own, panel=own)))) == {"gripper", "panel"}
     in_front = {"kind": "lab:InFront", "host": "a"}
     assert "arm" in find_drivers(load_configuration(configured(home, arm=in_front)))

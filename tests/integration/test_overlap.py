@@ -32,11 +32,12 @@ def recorded(folder: Path, overlap: bool) -> tuple[dict[str, object], dict[str, 
     for old, new in (
         ("product: products.yaml", f"product: {DEFAULT_CONFIGURATION.parent / 'products.yaml'}"),
         ("max_duration_s: 300.0", f"max_duration_s: {DURATION_S}"),
-        ("  simulation:\n", f"  simulation:\n    overlap: {str(overlap).lower()}\n"),
     ):
         assert old in text
         text = text.replace(old, new)
     folder.mkdir()
+    simulation = DEFAULT_CONFIGURATION.with_name("sim.yaml").read_text()
+    (folder / "sim.yaml").write_text(f"{simulation}overlap: {str(overlap).lower()}\n")
     configuration, log = folder / "cell.yaml", folder / "log.mcap"
     configuration.write_text(text)
     command = ["run", "--config", str(configuration), "--goal", "g1", "--seed", "3", "--log", str(log), "--json"]

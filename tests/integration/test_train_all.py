@@ -37,7 +37,8 @@ def cell_with_an_elbow(folder: Path) -> Path:
     products["goals"] = {"g0": ["o1", "elbow", "o1", "o2", "o2", "o3"], "g1": ["o2", "o1", "o2", "o1", "o3", "elbow"]}
     cell["bench"]["bins_m"]["elbow"] = [1.02, -0.28, 0.004]
     cell["planners"]["semantic"]["kind"] = "bayes"
-    for name, content in (("products.yaml", products), ("cell.yaml", cell)):
+    sim = yaml.safe_load(shipped("config", "sim.yaml").read_text())
+    for name, content in (("products.yaml", products), ("sim.yaml", sim), ("cell.yaml", cell)):
         (folder / name).write_text(yaml.safe_dump(content, sort_keys=False))
     return folder / "cell.yaml"
 

@@ -20,7 +20,7 @@ from tests.learned.products import DEFAULT, HARDER
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
-    for name in ("cell.yaml", "products.yaml"):
+    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text())
     return tmp_path / "cell.yaml"
 

@@ -133,7 +133,7 @@ def test_when_one_of_two_fails_no_other_begins(
 def test_the_lines_that_it_ends_with_take_the_folder_into_use(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("cell.yaml", "products.yaml"):
+    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text())
     config = tmp_path / "cell.yaml"
     assert main(["train", "--all", "--out", str(tmp_path / "new"), "--config", str(config)]) == 0
@@ -198,7 +198,7 @@ def test_wrong_names_and_folders_are_told(
 @pytest.mark.usefixtures("trained")
 def test_of_a_part_of_them_only_what_is_there_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "config").mkdir()
-    for name in ("cell.yaml", "products.yaml"):
+    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
         (tmp_path / "config" / name).write_text(shipped("config", name).read_text())
     config = tmp_path / "config" / "cell.yaml"
     assert main(["train", "--all", "--out", str(tmp_path / "new"), "--config", str(config), "--only", "holes"]) == 0

@@ -49,9 +49,8 @@ CELL: list[tuple[str, Any]] = [
     ("controller.tick_hz", True),
     ("controller.max_duration_s", INF),
     ("controller.stop_timeout_s", 1e300),
-    ("motion.speed_limits_rad_s", [-1, 1, 1, 1, 1, 1]),
-    ("motion.speed_limits_rad_s", [100, 1, 1, 1, 1, 1]),
-    ("motion.acceleration_limits_rad_s2", [0, 1, 1, 1, 1, 1]),
+    ("robot", "ur11"),
+    ("robot", {"name": "mine"}),
     ("motion.jerk_limits_rad_s3", [NAN, 1, 1, 1, 1, 1]),
     ("motion.sample_s", 1e-12),
     ("motion.sample_s", 100),
@@ -63,25 +62,22 @@ CELL: list[tuple[str, Any]] = [
     ("motion.contact_lag_m", INF),
     ("motion.gripper_timeout_s", INF),
     ("guard.act_probability", 1e-300),
-    ("gripper_can.heartbeat_period_s", INF),
-    ("gripper_can.start_up_s", INF),
-    ("gripper_can.database", "missing.dbc"),
-    ("gripper_can.database", "products.yaml"),
-    ("gripper_can.interface", "nonsense"),
-    ("gripper_can.interface", ""),
-    ("gripper_can.interface", "slcan"),
-    ("gripper_can.interface", "pcan"),
+    ("devices.gripper.heartbeat_period_s", INF),
+    ("devices.gripper.start_up_s", INF),
+    ("devices.gripper.database", "missing.dbc"),
+    ("devices.gripper.database", "products.yaml"),
+    ("devices.gripper.interface", "nonsense"),
+    ("devices.gripper.interface", ""),
+    ("devices.gripper.interface", "slcan"),
+    ("devices.gripper.interface", "pcan"),
     ("perception.classical.skin_rgb", [NAN, 0, 0]),
     ("perception.classical.hand_area_m2", INF),
-    ("devices.factory", "json:loads"),
-    ("devices.factory", "os:getcwd"),
-    ("devices.factory", "sim.scene.jobs:RANDOM_GOAL"),
-    ("devices.simulation.physics.step_s", 1),
-    ("devices.simulation.physics.settle_s", INF),
-    ("devices.simulation.clutter.nearest_gap_m", 0.5),
-    ("devices.simulation.clutter.nearest_gap_m", 0.05),
-    ("devices.simulation.person.screw.duration_s", [6, 4]),
-    ("devices.simulation.person.pause_s", [NAN, 1]),
+    ("devices.arm.kind", "json:loads"),
+    ("devices.arm.kind", "json:JSONDecoder"),
+    ("devices.panel.kind", "sim.scene.jobs:RANDOM_GOAL"),
+    ("devices.overhead.kind", "recorded"),
+    ("devices.simulation", {"shift": True}),
+    ("devices.simulation", "missing.yaml"),
     ("log.rotate_mb", 1e-9),
     ("log.folder", 7),
     ("product", "no_such.yaml"),
@@ -89,6 +85,14 @@ CELL: list[tuple[str, Any]] = [
     ("planners.semantic.weights", "."),
     ("planners.grasp.kind", "magic"),
     ("planners.grasp.weights", "missing.onnx"),
+]
+SIMULATION: list[tuple[str, Any]] = [
+    ("physics.step_s", 1),
+    ("physics.settle_s", INF),
+    ("clutter.nearest_gap_m", 0.5),
+    ("clutter.nearest_gap_m", 0.05),
+    ("person.screw.duration_s", [6, 4]),
+    ("person.pause_s", [NAN, 1]),
 ]
 PRODUCTS: list[tuple[str, Any]] = [
     ("parts.o1.size_m", [-0.045, 0.028, 0.02]),
@@ -114,9 +118,16 @@ def set_at(data: dict[str, Any], path: str, value: Any) -> None:
     data[last] = value
 
 
-def write_cell(folder: Path, cell: tuple[str, Any] | None = None, product: tuple[str, Any] | None = None) -> Path:
-    """The shipped configuration and product in a folder, with one value changed."""
-    texts = {"cell.yaml": (CONFIGURATION, cell), "products.yaml": (PRODUCT, product)}
+Change = tuple[str, Any] | None
+
+
+def write_cell(folder: Path, cell: Change = None, product: Change = None, simulation: Change = None) -> Path:
+    """The shipped configuration, product and simulation in a folder, with one value changed."""
+    texts = {
+        "cell.yaml": (CONFIGURATION, cell),
+        "products.yaml": (PRODUCT, product),
+        "sim.yaml": (CONFIGURATION.with_name("sim.yaml"), simulation),
+    }
     for name, (source, change) in texts.items():
         data = yaml.safe_load(source.read_text(encoding="utf-8"))
         if change is not None:
@@ -147,6 +158,14 @@ def test_a_bad_value_of_the_cell(path: str, value: Any, tmp_path: Path, capsys: 
 def test_a_bad_value_of_the_product(path: str, value: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = write_cell(tmp_path, product=(path, value))
     assert f"{tmp_path / 'products.yaml'}:" in refused(config, capsys)
+
+
+@pytest.mark.parametrize(("path", "value"), SIMULATION, ids=[f"{path}={value}" for path, value in SIMULATION])
+def test_a_bad_value_of_the_simulation(
+    path: str, value: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = write_cell(tmp_path, simulation=(path, value))
+    assert f"{tmp_path / 'sim.yaml'}:" in refused(config, capsys)
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ def test_the_file_is_taken_over_by_the_configuration_that_names_it(
     assert main(command) == 2
     assert "exists already" in capsys.readouterr().err
     text = DEFAULT_CONFIGURATION.read_text("utf-8").replace("product: products.yaml", f"product: {PRODUCTS}")
+    text = text.replace("simulation: sim.yaml", f"simulation: {PRODUCTS.with_name('sim.yaml')}")
     own = tmp_path / "cell.yaml"
     own.write_text(text + "\ncalibration: calibration.yaml\n")
     bench = load_configuration(own).bench
@@ -66,6 +67,7 @@ def test_a_file_that_cannot_be_written_is_told_before_anything_moves(
 
 def test_a_calibration_that_is_not_there_is_told(tmp_path: Path) -> None:
     text = DEFAULT_CONFIGURATION.read_text("utf-8").replace("product: products.yaml", f"product: {PRODUCTS}")
+    text = text.replace("simulation: sim.yaml", f"simulation: {PRODUCTS.with_name('sim.yaml')}")
     own = tmp_path / "cell.yaml"
     own.write_text(text + "\ncalibration: nowhere.yaml\n")
     with pytest.raises(InputError, match=r"nowhere\.yaml"):

@@ -115,7 +115,7 @@ def test_without_rendering_no_device_is_opened(monkeypatch: pytest.MonkeyPatch, 
     ("old", "new", "words"),
     [
         ("interface: virtual", "interface: socketcan", "ip link set gripper up type can"),
-        ("sim.cell:open_cell", "our_bench:open_cell", "there is no module our_bench"),
+        ("panel: {kind: simulated}", "panel: {kind: our_bench:Lamp}", "no module 'our_bench'"),
         ("tick_hz: 25.0", "tick_hz: -1", "controller.tick_hz: input should be"),
     ],
 )

@@ -97,7 +97,7 @@ def test_what_the_command_said_is_told(tmp_path: Path) -> None:
 
 def test_data_of_other_options_or_of_another_product_are_not_taken(tmp_path: Path) -> None:
     config = tmp_path / "cell.yaml"
-    for name in ("cell.yaml", "products.yaml"):
+    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text())
     folder, options = tmp_path / "some", {"--look": "nominal", "--seeds": "3", "--config": config}
     make_data("actions", folder, options, "--thin")

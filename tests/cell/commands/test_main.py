@@ -50,6 +50,7 @@ def test_an_unknown_node_is_named_by_line(tmp_path: Path, capsys: pytest.Capture
 def test_a_product_that_disagrees_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     product = CONFIGURATION.with_name("products.yaml").read_text().replace("quantity: 3", "quantity: 4")
     (tmp_path / "products.yaml").write_text(product)
+    (tmp_path / "sim.yaml").write_text("{}")
     (tmp_path / "cell.yaml").write_text(CONFIGURATION.read_text())
     message = complaint(capsys, "run", "--config", tmp_path / "cell.yaml")
     line = next(i for i, text in enumerate(product.splitlines(), 1) if text.strip().startswith("g0:"))
@@ -70,7 +71,8 @@ def test_an_unknown_goal_leaves_no_log(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_weights_that_are_no_model_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "products.yaml").write_text(CONFIGURATION.with_name("products.yaml").read_text())
+    for name in ("products.yaml", "sim.yaml"):
+        (tmp_path / name).write_text(CONFIGURATION.with_name(name).read_text())
     (tmp_path / "bad.onnx").write_bytes(b"no model")
     text = CONFIGURATION.read_text().replace("  semantic:\n", "  semantic:\n    weights: bad.onnx\n")
     (tmp_path / "cell.yaml").write_text(text)
@@ -79,14 +81,15 @@ def test_weights_that_are_no_model_are_named(tmp_path: Path, capsys: pytest.Capt
     assert not (tmp_path / "log.mcap").exists()
 
 
-def test_a_factory_that_is_not_there_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "products.yaml").write_text(CONFIGURATION.with_name("products.yaml").read_text())
-    text = CONFIGURATION.read_text().replace("sim.cell:open_cell", "sim.cell:open_sesame")
+def test_a_driver_that_is_not_there_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("products.yaml", "sim.yaml"):
+        (tmp_path / name).write_text(CONFIGURATION.with_name(name).read_text())
+    text = CONFIGURATION.read_text().replace("panel: {kind: simulated}", "panel: {kind: sim.cell:Sesame}")
     (tmp_path / "cell.yaml").write_text(text)
-    line = next(i for i, text in enumerate(text.splitlines(), 1) if "open_sesame" in text)
+    line = next(i for i, text in enumerate(text.splitlines(), 1) if "Sesame" in text)
     message = complaint(capsys, "run", "--config", tmp_path / "cell.yaml", "--log", tmp_path / "log.mcap")
     assert f"{tmp_path / 'cell.yaml'}:{line}:" in message
-    assert "open_sesame" in message
+    assert "Sesame" in message
 
 
 @pytest.mark.parametrize(

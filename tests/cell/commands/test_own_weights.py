@@ -24,7 +24,8 @@ COMMANDS = {
 
 
 def configured(folder: Path, perception: str) -> Path:
-    (folder / "products.yaml").write_text(shipped("config", "products.yaml").read_text())
+    for name in ("products.yaml", "sim.yaml"):
+        (folder / name).write_text(shipped("config", name).read_text())
     text = shipped("config", "cell.yaml").read_text()
     begin, end = text.index("\nperception:"), text.index("\nplanners:")
     path = folder / "cell.yaml"

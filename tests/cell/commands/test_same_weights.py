@@ -88,7 +88,7 @@ def test_weights_of_another_product_are_told_before_anything_is_scored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(weights, "_SCORED", {})
-    for name in ("cell.yaml", "products.yaml"):
+    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text().replace("o3", "relief"))
     config = tmp_path / "cell.yaml"
     assert main(["lab", "eval", "weights", str(WEIGHTS), "--only", "holes", "--config", str(config)]) == 2

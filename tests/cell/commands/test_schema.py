@@ -11,8 +11,8 @@ from jsonschema import Draft202012Validator
 
 from cell.commands.main import main
 from cell.commands.schema import schemas
-from cell.configuration import Configuration
 from sim.scene.look_range import LookFile
+from sim.scene.settings import SimSettings
 from tests import ROOT
 
 CONFIG = ROOT / "config"
@@ -20,6 +20,8 @@ FILES = [
     *(("cell", path) for path in CONFIG.glob("cell*.yaml")),
     *(("products", path) for path in CONFIG.glob("products*.yaml")),
     *(("faults", path) for path in CONFIG.glob("faults*.yaml")),
+    *(("sim", path) for path in CONFIG.glob("sim*.yaml")),
+    *(("robot", path) for path in (CONFIG / "robots").glob("*.yaml")),
     *(("look", path) for path in (CONFIG / "looks").glob("*.yaml")),
 ]
 
@@ -35,7 +37,7 @@ def test_shipped_files_fit_their_schema(kind: str, path: Path) -> None:
 
 
 def test_every_kind_of_shipped_file_is_tried() -> None:
-    assert {kind for kind, _ in FILES} == {"cell", "products", "faults", "look"}
+    assert {kind for kind, _ in FILES} == {"cell", "sim", "robot", "products", "faults", "look"}
     assert len(FILES) == len(list(CONFIG.rglob("*.yaml")))
 
 
@@ -44,6 +46,9 @@ def test_every_kind_of_shipped_file_is_tried() -> None:
     [
         ("cell", "cell.yaml", "tick_hz: 25.0", "tick_hs: 25.0"),
         ("cell", "cell.yaml", "tick_hz: 25.0", "tick_hz: -1"),
+        ("cell", "cell.yaml", "arm: {kind: simulated}", "arm: {kind: simulated, host: a}"),
+        ("cell", "cell.yaml", "bitrate: 500000", "bitrate: fast"),
+        ("robot", "robots/ur10.yaml", "speed_rad_s", "speed_rad"),
         ("products", "products.yaml", "quantity: 3", "quantity: many"),
         ("look", "looks/varied.yaml", "headlight: [0.0, 0.2]", "headlight: [0.0, 0.2, 0.3]"),
         ("look", "looks/varied.yaml", "headlight:", "hedlight:"),
@@ -55,18 +60,21 @@ def test_mistakes_are_marked(kind: str, path: str, old: str, new: str) -> None:
     assert errors(kind, yaml.safe_load(text.replace(old, new, 1)))
 
 
-def test_a_look_may_stand_in_the_configuration_by_name_or_value() -> None:
-    data = yaml.safe_load((CONFIG / "cell.yaml").read_text())
+def test_a_look_may_stand_in_the_simulation_by_name_or_value() -> None:
     for look in ("hard", {"light": {"ambient": [0.25, 0.45]}}):
-        data["devices"]["simulation"] = {"look": look}
-        assert errors("cell", data) == []
-    data["devices"]["simulation"] = {"look": {"light": {"ambience": 1}}}
-    assert errors("cell", data)
+        assert errors("sim", {"look": look}) == []
+    assert errors("sim", {"look": {"light": {"ambience": 1}}})
+
+
+def test_a_driver_of_ones_own_may_have_any_settings() -> None:
+    data = yaml.safe_load((CONFIG / "cell.yaml").read_text())
+    data["devices"]["arm"] = {"kind": "lab:Arm", "host": "192.0.2.10"}
+    assert errors("cell", data) == []
 
 
 def test_models_of_a_look_have_names_of_their_own() -> None:
-    """The schema of the configuration holds them beside its own."""
-    configuration = Configuration.model_json_schema()["$defs"].keys()
+    """The schema of the simulation holds them beside its own."""
+    configuration = SimSettings.model_json_schema()["$defs"].keys()
     assert not configuration & LookFile.model_json_schema()["$defs"].keys()
 
 

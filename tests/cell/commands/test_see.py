@@ -280,7 +280,7 @@ def test_bad_input_is_named(picture: Path, capsys: pytest.CaptureFixture[str], w
 
 
 def test_a_product_that_no_weights_know_is_seen_by_colour(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ("cell.yaml", "products.yaml"):
+    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
         text = DEFAULT_CONFIGURATION.with_name(name).read_text("utf-8")
         picture.with_name(name).write_text(re.sub(r"\bo1\b", "ball", text))
     assert main(["lab", "see", str(picture), "--config", "cell.yaml"]) == 0

@@ -136,6 +136,7 @@ def test_the_shipped_configuration_and_product_load() -> None:
 
 def test_a_product_that_the_bench_has_no_bins_for_names_the_bench(tmp_path: Path) -> None:
     (tmp_path / "products.yaml").write_text(PRODUCT.read_text())
+    (tmp_path / "sim.yaml").write_text("{}")
     path = tmp_path / "cell.yaml"
     path.write_text(DEFAULT_CONFIGURATION.read_text().replace("    o2: [", "    o7: ["))
     with pytest.raises(InputError, match=r"cell\.yaml:\d+:\d+: no bin for part type 'o2'"):
@@ -144,7 +145,7 @@ def test_a_product_that_the_bench_has_no_bins_for_names_the_bench(tmp_path: Path
 
 def test_every_section_of_the_configuration_refuses_unknown_keys(tmp_path: Path) -> None:
     text = DEFAULT_CONFIGURATION.read_text()
-    for section in ("bench", "controller", "perception", "planners", "guard", "gripper_can", "devices", "log"):
+    for section in ("bench", "controller", "perception", "planners", "guard", "devices", "log"):
         changed = text.replace(f"\n{section}:", f"\n{section}:\n  surprise: 1\n#", 1)
         lines = changed.splitlines()
         line = lines.index("  surprise: 1")

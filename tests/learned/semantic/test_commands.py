@@ -53,7 +53,7 @@ def test_new_weights_are_written_beside_the_configuration_or_into_the_working_fo
 
 @pytest.mark.torch
 def test_training_for_a_configuration_leaves_the_shipped_weights_alone(tmp_path: Path) -> None:
-    for name in ("cell.yaml", "products.yaml"):
+    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text())
     before = shipped_weights("semantic", "and_or").read_bytes()
     assert (

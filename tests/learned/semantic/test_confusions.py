@@ -190,7 +190,7 @@ def test_confirmed_actions_are_read_from_segments_and_train_the_noise(
     out = tmp_path / "confusions.json"
     config = tmp_path / "config" / "cell.yaml"
     config.parent.mkdir()
-    for name in ("cell.yaml", "products.yaml"):
+    for name in ("cell.yaml", "sim.yaml", "products.yaml"):
         (config.parent / name).write_text(shipped("config", name).read_text())
     assert main(["lab", "train", "noise", "--data", str(path), "--out", str(out), "--config", str(config)]) == 0
     told = "".join(capsys.readouterr().err.split())

@@ -42,6 +42,7 @@ def shortened(folder: Path) -> Path:
     text = DEFAULT_CONFIGURATION.read_text()
     for old, new in (
         ("product: products.yaml", f"product: {DEFAULT_CONFIGURATION.parent / 'products.yaml'}"),
+        ("simulation: sim.yaml", f"simulation: {DEFAULT_CONFIGURATION.parent / 'sim.yaml'}"),
         ("max_duration_s: 300.0", f"max_duration_s: {DURATION_S}"),
     ):
         assert old in text

@@ -16,7 +16,7 @@ from trees.node_library import node_registry
 SHIPPED = load_configuration()
 PRODUCT = load_product(SHIPPED)
 MODULE = SignalSettings(inputs={"ready": 3}, outputs={"start": 1, "lamp": 2})
-WIRED = SHIPPED.model_copy(update={"signals": MODULE})
+WIRED = SHIPPED.model_copy(update={"devices": SHIPPED.devices.model_copy(update={"signals": MODULE})})
 
 
 def problems_of(tmp_path: Path, nodes: str, configuration: Configuration | None) -> list[str]:
@@ -63,8 +63,9 @@ def test_one_entry_serves_all_nodes_of_signals(tmp_path: Path) -> None:
 def test_check_reads_the_signals_of_the_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, settings = tmp_path / "tree.xml", tmp_path / "cell.yaml"
     file.write_text('<root BTCPP_format="4"><BehaviorTree ID="M"><SignalIs signal="raedy"/></BehaviorTree></root>')
-    settings.write_text(Path("config/cell.yaml").read_text() + "\nsignals: {inputs: {ready: 3}}\n")
-    for name in ("products.yaml",):
+    module = "{kind: can, inputs: {ready: 3}}"
+    settings.write_text(Path("config/cell.yaml").read_text().replace("devices:", f"devices:\n  signals: {module}"))
+    for name in ("products.yaml", "sim.yaml"):
         (tmp_path / name).write_text(Path("config", name).read_text())
     assert main(["check", str(file), "--config", str(settings)]) == 2
     assert "tree.xml:1:63: the bench has no signal 'raedy'; one of ready" in capsys.readouterr().err

@@ -120,7 +120,7 @@ def test_unknown_kinds_and_weights_that_do_not_fit_are_told_together(monkeypatch
 
 
 def test_weights_stand_beside_the_configuration(tmp_path: Path) -> None:
-    text = DEFAULT_CONFIGURATION.read_text()
+    text = DEFAULT_CONFIGURATION.read_text().replace("simulation: sim.yaml", "")
     text = text.replace("  kind: learned", "  kind: learned\n  parts: {kind: centre, weights: mine.onnx}\n #")
     (tmp_path / "cell.yaml").write_text(text)
     assert load_configuration(tmp_path / "cell.yaml").perception.weights("parts") == tmp_path / "mine.onnx"

@@ -1,20 +1,49 @@
-"""The CAN driver and the simulated gripper node keep the same contract as driver and scripted node."""
+"""All grippers of the simulated cell keep the contract: over CAN, at the registers, and a driver in front of these."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from cell.interfaces.command import GripperCommand
+from cell.interfaces.devices import Gripper
+from cell.interfaces.observation import GripperState
+from sim.devices.simulated_gripper import SimGripper
 from skills.motion.grasp_pose import tool_down
+from skills.motion.grip import STROKE_M
 from skills.motion.trajectory import joint_move
 from tests.integration.robot_alone import RobotAlone
 from tests.skills import gripper_contract
 
 PARTS_BY_WIDTH = {0.028: 0, 0.034: 1, 0.042: 2}
 SPOT_M = (0.55, -0.40)
+
+
+class InFront:
+    """A maker's gripper that counts from 0, open, to 1000, closed; its wire is the simulated gripper."""
+
+    def __init__(self, simulated: Gripper) -> None:
+        self._wire = simulated
+
+    def state(self) -> GripperState:
+        return self._wire.state()
+
+    def activate(self) -> None:
+        self._wire.activate()
+
+    def command(self, command: GripperCommand) -> GripperCommand:
+        counts = round(1000 * (1 - min(max(command.opening_m, 0.0), STROKE_M) / STROKE_M))
+        return self._wire.command(replace(command, opening_m=STROKE_M * (1 - counts / 1000)))
+
+    def hold(self) -> None:
+        self._wire.hold()
+
+    def close(self) -> None:
+        self._wire.close()
 
 
 @pytest.fixture
@@ -28,9 +57,17 @@ def robot(request: pytest.FixtureRequest) -> Iterator[RobotAlone]:
         yield robot
 
 
+GRIPPERS: dict[str, Callable[[RobotAlone], Gripper]] = {
+    "can": lambda robot: robot.gripper,
+    "simulated": lambda robot: SimGripper(robot.node),
+    "in front": lambda robot: InFront(SimGripper(robot.node)),
+}
+
+
+@pytest.mark.parametrize("kind", GRIPPERS)
 @pytest.mark.parametrize("check", gripper_contract.CHECKS)
-def test_contract(robot: RobotAlone, check: Callable[[gripper_contract.Bench], None]) -> None:
+def test_contract(robot: RobotAlone, check: Callable[[gripper_contract.Bench], None], kind: str) -> None:
     def put(width_m: float) -> None:
         robot.stand(robot.parts[PARTS_BY_WIDTH[width_m]], SPOT_M, 0.0)
 
-    check(gripper_contract.Bench(robot.gripper, robot.clock, put))
+    check(gripper_contract.Bench(GRIPPERS[kind](robot), robot.clock, put))

@@ -33,34 +33,31 @@ class SeparationSettings(Model):
     """Speed and separation of arm and person; not safety-rated.
 
     Attributes:
-        hand_speed_m_s, hand_acceleration_m_s2: how fast a hand may become that is slow now, and how soon.
-        speed_error_m_s: how far a hand's measured speed may be off.
+        hand_speed_m_s: how fast a hand may become that is slow now.
         slow_m_s: speed of the arm at which a contact is admissible.
         leaving_m_s: speed at which an arm that is too near may follow a path away from the hand; 0: it stands.
-        braking_m_s2: how the arm's fastest point slows down from the slow speed, as measured.
         reaction_s: from an answer of the detectors to the first braking: a tick, the arm's cycle, what joints trail.
-        hand_radius_m, hand_height_m: half the width of hand and forearm, and how high over the bench they may be.
+        hand_height_m: how high over the bench hand and forearm may be.
         assumed_height_m: the height for which a tracker that does not tell heights works out positions.
-        forearm_m: length of a forearm that is not seen, behind the palm.
         margin_m: how far positions of hand and arm may be off.
         hysteresis_m: how much farther than where the arm was held a hand must be for it to go on.
-        blind_share: largest share of speed where the tool works outside the view and no hand is seen.
     """
 
+    hand_acceleration_m_s2: ClassVar[float] = 12.0  # how soon a slow hand may be fast
+    speed_error_m_s: ClassVar[float] = 0.1  # how far a hand's measured speed may be off
+    braking_m_s2: ClassVar[float] = 1.6  # how the arm's fastest point slows down from the slow speed, as measured
+    hand_radius_m: ClassVar[float] = 0.06  # half the width of hand and forearm
+    forearm_m: ClassVar[float] = 0.35  # length of a forearm that is not seen, behind the palm
+    blind_share: ClassVar[float] = 0.3  # largest share of speed if the tool works outside the view and no hand is seen
+
     hand_speed_m_s: float = Field(default=1.6, gt=0, le=5)
-    hand_acceleration_m_s2: float = Field(default=12.0, gt=0, le=100)
-    speed_error_m_s: float = Field(default=0.1, ge=0, le=2)
     slow_m_s: float = Field(default=0.248, gt=0, le=0.5)
     leaving_m_s: float = Field(default=0.1, ge=0, le=0.25)
-    braking_m_s2: float = Field(default=1.6, gt=0, le=20)
     reaction_s: float = Field(default=0.078, ge=0, le=1)
-    hand_radius_m: float = Field(default=0.06, gt=0, le=0.3)
     hand_height_m: float = Field(default=0.30, gt=0, le=1)
     assumed_height_m: float = Field(default=0.10, ge=0, le=1)
-    forearm_m: float = Field(default=0.35, ge=0, le=1)
     margin_m: float = Field(default=0.03, ge=0, le=0.5)
     hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)
-    blind_share: float = Field(default=0.3, gt=0, le=1)
 
 
 class MotionSettings(Model):
@@ -74,31 +71,15 @@ class MotionSettings(Model):
         line_jerk_m_s3: jerk of the tool on straight lines.
         grasp_depth_m: fingertips reach this far below a body's top: the pads' length, for a full grip that still passes
             over lower neighbours.
-        fingertip_clearance_m: fingertips stay at least this far above a body's bottom, so that they clear the bracket.
-        finger_clearance_m: gap between each finger and the body before closing.
-        finger_margin_m: least gap between fingers that come down and a neighbour.
         least_finger_clearance_m: finger_clearance_m where a neighbour stands too close for that.
-        least_finger_margin_m: finger_margin_m where a neighbour stands too close for that.
-        close_speed_m_s: how fast the fingers come down where a neighbour stands so close: the arm strays 1 mm off its
-            line at full speed and half of that at this one.
-        passing_gap_m: what ends this far below the fingertips is out of their way.
-        approach_gap_m: fingertips pass this far above what stands below them before a descent.
-        carry_gap_m: the peg of a carried part passes this far above placed parts.
-        insertion_speed_m_s: speed of a peg that is lowered into its hole.
-        insertion_start_m: height above the hole where slow lowering begins.
-        servo_lag_s: the arm trails its trajectory by at most this much.
         contact_lag_m: a tool that stays this far above where it should be by then has met something.
         search_shifts_m: where a peg that met the rim is tried again, along the sides that the fingers hold; from one
             finger to the other they have centred the part.
         release_gap_m: a part is let go this far above what it will stand on.
-        transit_lift_m: how much higher a second try passes, where the direct way is blocked.
         part_gap_m: least gap between a part that is moved aside and its new neighbours.
-        rim_gap_m: least gap between a part that is moved aside and the tray's rim.
         collision_step_rad: largest joint step between collision checks of a trajectory.
-        collision_margin_m: least distance to what stands still.
         gripper_speed_m_s: speed of the fingers.
         grip_force_n: force of the fingers.
-        arm_timeout_s: how much longer than its trajectory a motion of the arm may take.
         gripper_timeout_s: how long one motion of the fingers may take.
         arrival_tolerance_rad: how near every joint must be to its goal once the arm stands.
         separation: how far the arm keeps from the person, and how slow it is for that.
@@ -108,6 +89,22 @@ class MotionSettings(Model):
         **dict.fromkeys(("speed_limits_rad_s", "acceleration_limits_rad_s2"), "the robot file has limits: robot: FILE"),
         **dict.fromkeys(("tcp_from_tool0_m", "fingertip_beyond_tcp_m"), "the robot file has the tool: robot: FILE"),
     }
+    fingertip_clearance_m: ClassVar[float] = 0.003  # of fingertips above a body's bottom: they clear the bracket
+    finger_clearance_m: ClassVar[float] = 0.006  # gap between each finger and the body before closing
+    finger_margin_m: ClassVar[float] = 0.002  # least gap between fingers that come down and a neighbour
+    least_finger_margin_m: ClassVar[float] = 0.001  # the same if a neighbour stands too close for that
+    close_speed_m_s: ClassVar[float] = 0.08  # of fingers that come down so close: the arm strays .5 mm off its line
+    passing_gap_m: ClassVar[float] = 0.002  # what ends this far below the fingertips is out of their way
+    approach_gap_m: ClassVar[float] = 0.015  # fingertips pass this far above what stands below them before a descent
+    carry_gap_m: ClassVar[float] = 0.020  # the peg of a carried part passes this far above placed parts
+    insertion_speed_m_s: ClassVar[float] = 0.08  # of a peg that is lowered into its hole
+    insertion_start_m: ClassVar[float] = 0.002  # height above the hole at which slow lowering begins
+    servo_lag_s: ClassVar[float] = 0.016  # the arm trails its trajectory by at most this much
+    transit_lift_m: ClassVar[float] = 0.12  # how much higher a second try passes, if the direct way is blocked
+    rim_gap_m: ClassVar[float] = 0.030  # least gap between a part that is moved aside and the tray's rim
+    collision_margin_m: ClassVar[float] = 0.004  # least distance to what stands still
+    arm_timeout_s: ClassVar[float] = 1.5  # how much longer than its trajectory a motion of the arm may take
+
     jerk_limits_rad_s3: JointJerks = (30.0, 30.0, 50.0, 80.0, 80.0, 80.0)
     sample_s: float = Field(default=0.008, ge=0.001, le=0.1)
     line_speed_m_s: float = Field(default=0.40, gt=0, le=1.5)
@@ -115,30 +112,15 @@ class MotionSettings(Model):
     line_jerk_m_s3: float = Field(default=20.0, gt=0, le=1000)
 
     grasp_depth_m: float = Field(default=0.022, gt=0, le=1)
-    fingertip_clearance_m: float = Field(default=0.003, ge=0, le=1)
-    finger_clearance_m: float = Field(default=0.006, gt=0, le=1)
-    finger_margin_m: float = Field(default=0.002, ge=0, le=1)
     least_finger_clearance_m: float = Field(default=0.003, gt=0, le=1)
-    least_finger_margin_m: float = Field(default=0.001, ge=0, le=1)
-    close_speed_m_s: float = Field(default=0.08, gt=0, le=1.5)
-    passing_gap_m: float = Field(default=0.002, ge=0, le=1)
-    approach_gap_m: float = Field(default=0.015, gt=0, le=1)
-    carry_gap_m: float = Field(default=0.020, gt=0, le=1)
-    insertion_speed_m_s: float = Field(default=0.08, gt=0, le=1.5)
-    insertion_start_m: float = Field(default=0.002, ge=0, le=1)
-    servo_lag_s: float = Field(default=0.016, ge=0, le=1)
     contact_lag_m: float = Field(default=0.002, gt=0, le=0.05)
     search_shifts_m: tuple[Shift, ...] = (0.0035, -0.0035, 0.007, -0.007, 0.0105, -0.0105)
     release_gap_m: float = Field(default=0.0015, ge=0, le=1)
-    transit_lift_m: float = Field(default=0.12, gt=0, le=1)
     part_gap_m: float = Field(default=0.030, gt=0, le=1)
-    rim_gap_m: float = Field(default=0.030, gt=0, le=1)
     collision_step_rad: float = Field(default=0.02, ge=0.001, le=0.1)
-    collision_margin_m: float = Field(default=0.004, ge=0, le=1)
 
     gripper_speed_m_s: float = Field(default=0.15, ge=0.020, le=0.150)
     grip_force_n: float = Field(default=60.0, ge=20, le=235)
-    arm_timeout_s: float = Field(default=1.5, gt=0, le=60)
     gripper_timeout_s: float = Field(default=2.5, gt=0, le=60)
     arrival_tolerance_rad: float = Field(default=0.004, gt=0, le=0.05)
     separation: SeparationSettings = SeparationSettings()

@@ -12,6 +12,7 @@ from cell.interfaces.devices import Devices
 from cell.running.operator import OperatorChannel
 from cell.runs.options import Files
 from cell.runs.run import drive
+from cell.wiring.devices import attached
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
 from tests.integration.cell_rig import CONFIGURATION, PRODUCT, Diary, motion_planner
@@ -30,7 +31,8 @@ def assembled(
     diary = Diary()
     planners, faults = load_planners(CONFIGURATION, PRODUCT), load_faults(CONFIGURATION)
     files = Files(configuration, PRODUCT, load_tree(tree, node_registry(PRODUCT)), planners, faults)
-    outcome = drive(files, devices, motion_planner(), (diary,), operator=operator)
+    with attached(configuration, PRODUCT, devices) as opened:
+        outcome = drive(files, opened, motion_planner(), (diary,), operator=operator)
     report = cell.report()
     asked = [(round(time_s, 1), fields.get("text")) for time_s, topic, fields in diary.notes if topic == "help"]
     return {

@@ -10,6 +10,7 @@ import yaml
 
 from cell.interfaces.devices import ROLES
 from cell.interfaces.robot import DEFAULT, FOLDER
+from skills.motion.settings import MotionSettings, SeparationSettings
 
 CONFIGURATION, ROBOT = "configuration.yaml", "robot.yaml"
 OF_ROBOT = {"speed_limits_rad_s": "speed_rad_s", "acceleration_limits_rad_s2": "acceleration_rad_s2"}
@@ -41,9 +42,15 @@ def upgrade(folder: Path) -> None:
 
 
 def _of_motion(motion: dict[str, Any]) -> Mapping[str, Any] | None:
-    """The robot that an older log describes among its motions; None where it does not. These keys are taken away."""
+    """The robot that an older log describes among its motions; None where it does not.
+
+    Its keys are taken away, and those that nobody may set any more.
+    """
     limits = {OF_ROBOT[key]: motion.pop(key) for key in OF_ROBOT if key in motion}
     tool = {OF_TOOL[key]: motion.pop(key) for key in OF_TOOL if key in motion}
+    for section, model in ((motion, MotionSettings), (motion.get("separation") or {}, SeparationSettings)):
+        for key in set(section) - set(model.model_fields):
+            del section[key]
     if not limits and not tool:
         return None
     usual = yaml.safe_load((FOLDER / f"{DEFAULT}.yaml").read_text("utf-8"))

@@ -30,7 +30,7 @@ def test_the_form_before_devices_had_roles(tmp_path: Path) -> None:
         gripper_can={"interface": "socketcan", "channel": "can0", "bitrate": 250000},
         signals={"inputs": {"ready": 3}},
         devices={"factory": "lab:open_cell", "simulation": {"look": "looks/gone.yaml"}},
-        motion={"speed_limits_rad_s": [1.047] * 6, "tcp_from_tool0_m": 0.2, "grip_force_n": 50},
+        motion={"speed_limits_rad_s": [1.047] * 6, "tcp_from_tool0_m": 0.2, "grip_force_n": 50, "servo_lag_s": 0.1},
     )
     assert read.devices.gripper == CanSettings(interface="socketcan", channel="can0", bitrate=250_000)
     assert read.devices.signals == SignalSettings(inputs={"ready": 3})

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cell.configuration import Configuration
-from cell.fleet.row_file import Row
+from cell.files.row_store import Row
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
 from cell.interfaces.product import Product
 from cell.lab.hands import LEAST_VISIBLE

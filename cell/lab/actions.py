@@ -140,7 +140,7 @@ def summed(kinds: Sequence[str], rows: Sequence[Row]) -> dict[str, Tally]:
 
 def share(right: int, count: int) -> dict[str, float | int]:
     """A share with its 95 % interval."""
-    low, high = wilson(right, count) if count else (0.0, 1.0)
+    low, high = wilson(right, count)
     return {"share": round(right / max(1, count), 4), "n": count, "low": round(low, 4), "high": round(high, 4)}
 
 

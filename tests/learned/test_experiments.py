@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from cell.errors import InputError
+from cell.fleet.engine import mapped
 from learned.lab import experiments
 from learned.lab.experiments import (
     Cell,
@@ -56,6 +57,17 @@ def test_finished_cells_are_not_measured_again(tmp_path: Path) -> None:
     path.write_text("no JSON\n")
     with pytest.raises(InputError, match=r"cells\.jsonl:1: no row of name"):
         kept(path)
+
+
+def squared(number: int) -> dict[str, int]:
+    return {"square": number**2}
+
+
+def test_workers_measure_what_one_process_does(tmp_path: Path) -> None:
+    several = [Cell({"number": number}, partial(squared, number)) for number in range(3)]
+    alone = measured("a test", several, kept(tmp_path / "alone"), quiet=True)
+    assert measured("a test", several, kept(tmp_path / "cells"), partial(mapped, workers=2), quiet=True) == alone
+    assert (tmp_path / "cells").read_text() == (tmp_path / "alone").read_text()
 
 
 def test_other_code_measures_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

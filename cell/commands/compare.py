@@ -103,18 +103,18 @@ def _baseline(path: Path | None, runs: int) -> dict[int, dict[str, Any]]:
 
 
 def run_all(tasks: Iterable[Task], total: int, out: Path, workers: int, scheduler: str | None) -> int:
-    """Run what is not in the folder's journal yet, and write the table; how many runs of these tasks are there then.
+    """Run what is not in the folder yet, and write the table; how many runs of these tasks are there then.
 
     Rows are never all in memory: there may be a million.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+    from cell.files.row_store import RowStore
     from cell.fleet.engine import cluster, results
-    from cell.fleet.journal import Journal
     from cell.fleet.table import write_table
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: workers end, and nothing of them is left
-    journal = Journal(out / "runs.jsonl")
+    store = RowStore(out / "runs.jsonl", ["key"])
     wanted: dict[str, None] = {}  # in the order of the tasks
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console()) as progress, cluster(workers, scheduler) as client:
@@ -123,16 +123,15 @@ def run_all(tasks: Iterable[Task], total: int, out: Path, workers: int, schedule
         def missing() -> Iterator[Task]:
             for task in tasks:
                 wanted[task.key] = None
-                if task.key in journal.keys:
+                if task.key in store:
                     progress.advance(shown)
                 else:
                     yield task
 
         for row in results(client, missing()):
             if row["end"] != "lost":  # what no worker could run is tried again next time
-                journal.add(row)
+                store.add(row)
                 progress.advance(shown)
-    done = [key for key in wanted if key in journal.keys]
-    journal.close()
-    write_table(journal.rows(done), out / "runs.parquet")
+    done = [key for key in wanted if key in store]
+    write_table(store.rows_of(done), out / "runs.parquet")
     return len(done)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import itertools
 import pickle
 import tempfile
-import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from cell.errors import CellError
@@ -63,24 +62,8 @@ def results(client: Any, tasks: Iterable[Task], work: Callable[[Task], Row] = ru
 
     A task whose worker was lost goes to another one. One that loses every worker is a row that says so.
     """
-    distributed = needed("distributed", "cell lab sweep")
-    client.wait_for_workers(1, timeout=COLD_S)
-    waiting = iter(tasks)
-    by_key: dict[str, Task] = {}
-    pending = distributed.as_completed(with_results=False)
-
-    def hand_out(most: int) -> None:
-        for task in itertools.islice(waiting, max(0, most)):
-            future = client.submit(work, task, key=f"cell-{task.key}", pure=False)
-            by_key[future.key] = task
-            pending.add(future)
-
-    hand_out(_room(client))
-    for future in pending:
-        task = by_key.pop(future.key)
+    for (task,), future in _done(client, work, ((task,) for task in tasks), in_order=False):
         yield _row(future, task)
-        future.release()
-        hand_out(_room(client) - len(by_key))
 
 
 def mapped(
@@ -103,19 +86,30 @@ def mapped(
         yield from (work(*one) for one in arguments)
         return
     with cluster(workers, address) as client:
-        client.wait_for_workers(1, timeout=COLD_S)
         packed = needed("cloudpickle", "cell lab sweep").dumps(work)  # a pool takes no function inside of another
-        waiting = iter(arguments)
-        pending: deque[Any] = deque()
-        try:
-            while True:
-                more = itertools.islice(waiting, max(0, _room(client) - len(pending)))
-                pending.extend(client.submit(in_child, unpacked, packed, *one, pure=False) for one in more)
-                if not pending:
-                    return
-                yield _answer(pending.popleft())
-        finally:
-            client.cancel(list(pending))
+        for _, future in _done(client, partial(in_child, unpacked, packed), arguments, in_order=True):
+            yield _answer(future)
+
+
+def _done(
+    client: Any, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], *, in_order: bool
+) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """Arguments with their futures, in order or as they are done; arguments are taken only as workers need them."""
+    client.wait_for_workers(1, timeout=COLD_S)
+    waiting, pending = iter(arguments), dict[Any, tuple[Any, ...]]()
+    done = needed("distributed", "cell lab sweep").as_completed()
+    try:
+        while True:
+            for one in itertools.islice(waiting, max(0, _room(client) - len(pending))):
+                pending[future := client.submit(work, *one, pure=False)] = one
+                if not in_order:
+                    done.add(future)
+            if not pending:
+                return
+            first = next(iter(pending)) if in_order else next(done)
+            yield pending.pop(first), first
+    finally:
+        client.cancel(list(pending))
 
 
 def unpacked(packed: bytes, *arguments: Any) -> Any:
@@ -130,14 +124,6 @@ def _answer(future: Any) -> Any:
     if isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker":
         raise CellError(f"a worker was lost again and again: {error}") from error
     raise error
-
-
-def timed(rows: Iterable[Row], told: Callable[[int, float, Row], None]) -> Iterator[Row]:
-    """The same rows; says after each how many there are and after how long [s]."""
-    began_s = time.monotonic()
-    for number, row in enumerate(rows, 1):
-        told(number, time.monotonic() - began_s, row)
-        yield row
 
 
 def _room(client: Any) -> int:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cell.configuration import Configuration
-from cell.fleet.row_file import Row
+from cell.files.row_store import Row
 from cell.interfaces.perception import Action, ActionDetector, Frame, HandSample, HandTracker, HoleView, Segment
 from cell.interfaces.product import Product
 from cell.lab.hands import LEAST_VISIBLE
@@ -140,7 +140,7 @@ def summed(kinds: Sequence[str], rows: Sequence[Row]) -> dict[str, Tally]:
 
 def share(right: int, count: int) -> dict[str, float | int]:
     """A share with its 95 % interval."""
-    low, high = wilson(right, count) if count else (0.0, 1.0)
+    low, high = wilson(right, count)
     return {"share": round(right / max(1, count), 4), "n": count, "low": round(low, 4), "high": round(high, 4)}
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from cell.configuration import load_configuration, load_faults, load_product, simulated
 from cell.faults.injection import Injection, Injections
 from cell.files.files import shipped
-from cell.fleet.row_file import Row
+from cell.files.row_store import Row
 from cell.interfaces.command import Display
 from cell.interfaces.devices import Devices
 from cell.interfaces.faults import FaultTable

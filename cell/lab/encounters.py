@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cell.faults.injection import STATES, WorkState
-from cell.fleet.row_file import Row
+from cell.files.row_store import Row
 from cell.interfaces.faults import Action
 from cell.interfaces.perception import HandSample
 from cell.lab.assembly import assembly
@@ -177,9 +177,9 @@ def encounter(path: Path, tree: Path, person: str, seed: int, *, provoked: bool,
 def summary(rows: Sequence[Row]) -> Row:
     """Counts of all assemblies."""
     rows = [row for row in rows if row["kind"] == "assembly"]
-    contacts: list[Row] = [contact for row in rows for contact in row["contacts"]]  # type: ignore[attr-defined]
-    phases = [str(phase) for row in rows for phase in row["phases"]]  # type: ignore[attr-defined]
-    speeds = [float(speed) for row in rows for speed in row["speeds_m_s"]]  # type: ignore[attr-defined]
+    contacts: list[Row] = [contact for row in rows for contact in row["contacts"]]
+    phases = [str(phase) for row in rows for phase in row["phases"]]
+    speeds = [float(speed) for row in rows for speed in row["speeds_m_s"]]
     return {
         "assemblies": len(rows),
         "ends": _counted([str(row["end"]) for row in rows]),

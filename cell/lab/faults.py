@@ -20,7 +20,7 @@ import cv2
 from cell.configuration import load_configuration, load_faults, load_product
 from cell.faults.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection
 from cell.files.files import shipped
-from cell.fleet.row_file import Row
+from cell.files.row_store import Row
 from cell.lab.stopping_distance import StopWatch
 from cell.runs.options import Files
 from cell.runs.run import drive

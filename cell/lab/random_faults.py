@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cell.faults.injection import FAULTS, OTHER_STATES, STATES, Injection, Injections
-from cell.fleet.row_file import Row
+from cell.files.row_store import Row
 from cell.lab.assembly import assembly
 
 RECOVERABLE = 0.8  # share of faults that a run can recover from

@@ -11,7 +11,9 @@ Z_95 = 1.959964
 
 
 def wilson(right: int, count: int) -> tuple[float, float]:
-    """Lowest and highest share that `right` of `count` allow (Wilson 1927); 50 of 50 allow .929 and up."""
+    """Lowest and highest share that `right` of `count` allow (Wilson 1927); 50 of 50 allow .929 and up, 0 of 0 all."""
+    if not count:
+        return 0.0, 1.0
     share, spread = right / count, Z_95**2 / count
     middle = (share + spread / 2) / (1 + spread)
     half = Z_95 * math.sqrt(share * (1 - share) / count + spread / (4 * count)) / (1 + spread)

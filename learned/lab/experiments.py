@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -18,13 +18,15 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from cell.errors import InputError, Place, Problem
+from cell.errors import InputError
+from cell.files.row_store import RowStore
 from cell.interfaces.product import Product
 from learned.inference.scores import student
 
 Key = Mapping[str, Any]  # of what JSON can hold
 Values = dict[str, Any]
 Cells = Sequence[tuple[Key, Values]]
+Scheduler = Callable[[Callable[..., Values], Iterable[tuple[Any, ...]]], Iterator[Values]]
 _ROOT = Path(__file__).parents[1]
 
 
@@ -51,34 +53,37 @@ class Experiment:
     sections: tuple[Callable[[Cells], str], ...]
 
 
-class Store:
-    """A file of JSON lines {"name": ..., "key": {...}, "values": {...}}, written after every cell."""
+def in_turn(work: Callable[..., Values], arguments: Iterable[tuple[Any, ...]]) -> Iterator[Values]:
+    """What a function answers to each of the arguments, one after the other; `mapped` of cell.fleet has workers."""
+    return (work(*one) for one in arguments)
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._done: dict[str, Values] = {}
-        for number, line in enumerate(path.read_text("utf-8").splitlines() if path.exists() else (), start=1):
-            try:
-                read = json.loads(line)
-                self._done[read["name"]] = read["values"]
-            except (ValueError, TypeError, KeyError) as error:
-                what = f"no finished cell of an experiment: {error!r}"
-                raise InputError(Problem(Place(path, number), what, "remove the line, or the file")) from error
 
-    def run(self, title: str, cells: Sequence[Cell], *, quiet: bool = False) -> Cells:
-        """Keys and values of all cells; measures those that are not in the file."""
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as progress:
-            return [(cell.key, self._values(cell)) for cell in progress.track(cells, description=title)]
+def kept(path: Path) -> RowStore:
+    """The cells of a file, lines {"name": ..., "key": {...}, "values": {...}}, written after every cell.
 
-    def _values(self, cell: Cell) -> Values:
-        if cell.name not in self._done:
-            self._done[cell.name] = cell.measure()
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            line = {"name": cell.name, "key": dict(cell.key), "values": self._done[cell.name]}
-            with self._path.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(line) + "\n")
-        return self._done[cell.name]
+    Raises:
+        InputError: the file holds something else, or cannot be read or written.
+    """
+    return RowStore(path, ["name"])
+
+
+def measured(
+    title: str, cells: Sequence[Cell], store: RowStore, scheduler: Scheduler = in_turn, *, quiet: bool = False
+) -> Cells:
+    """Keys and values of all cells; measures those that are not in the store."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    missing = {cell.name: cell for cell in cells if cell.name not in store}
+    with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as progress:
+        shown = progress.add_task(title, total=len(cells), completed=len(cells) - len(missing))
+        answers = scheduler(_values, ((cell,) for cell in missing.values()))
+        for (name, cell), values in zip(missing.items(), answers, strict=True):
+            store.add({"name": name, "key": dict(cell.key), "values": values})
+            progress.advance(shown)
+    return [(cell.key, store[cell.name]["values"]) for cell in cells]
+
+
+def _values(cell: Cell) -> Values:
+    return cell.measure()
 
 
 @cache
@@ -118,24 +123,27 @@ def write_page(
     head: str,
     experiments: Mapping[str, Experiment],
     product: Product,
-    store: Store,
+    store: RowStore,
     out: Path,
     facts: Mapping[str, str],
+    scheduler: Scheduler = in_turn,
 ) -> None:
     """Measure what is not in the store, and write it as a page, or as a file of figures (`.json`).
 
     Args:
         facts: command, date, machine and the like, for the head of the page.
+        scheduler: measures the cells, here or on workers.
 
     Raises:
         InputError: the page cannot be written.
     """
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        measured = [
-            (experiment, store.run(name, experiment.cells(product))) for name, experiment in experiments.items()
+        found = [
+            (experiment, measured(name, experiment.cells(product), store, scheduler))
+            for name, experiment in experiments.items()
         ]
-        sections = [write(cells) for experiment, cells in measured for write in experiment.sections]
+        sections = [write(cells) for experiment, cells in found for write in experiment.sections]
         text = _figures(head, sections, facts) if out.suffix == ".json" else _page(head, sections, facts)
         out.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -25,7 +25,7 @@ from rich.console import Console
 
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
-from cell.fleet.row_file import RowFile
+from cell.files.row_store import RowStore
 from cell.lab.actions import Told, matched
 from cell.log.read.indexed import IndexedLog
 from tests import ROOT
@@ -64,16 +64,17 @@ def main() -> None:
     goals = sorted(load_product(load_configuration()).goals)
     console = Console(stderr=True)
     try:
-        rows = RowFile(options.out, {"benchmark": "baseline", "max_duration_s": options.max_duration_s})
+        rows = RowStore(
+            options.out, ["seed", *KEYS], {"benchmark": "baseline", "max_duration_s": options.max_duration_s}
+        )
     except InputError as error:
         parser.error(str(error))
-    done = {(row["seed"], *(row[key] for key in KEYS)) for row in rows.rows}
     seeds = range(options.first_seed, options.first_seed + options.runs)
     until_s = time.monotonic() + 60 * options.minutes
     with tempfile.TemporaryDirectory() as folder:
         config = configuration(ROOT, Path(folder) / "cell.yaml", True, options.max_duration_s)
         for seed, look, person, perception in product(seeds, options.looks, options.persons, options.perceptions):
-            if (seed, perception, look, person) in done or time.monotonic() > until_s:
+            if (seed, perception, look, person) in rows or time.monotonic() > until_s:
                 continue
             told = config.read_text().replace("kind: learned", f"kind: {perception}")
             told += f"calibration: {calibrated(config, look, seed)}\n"

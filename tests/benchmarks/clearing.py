@@ -16,9 +16,9 @@ from learned.grasp.physics import touching
 from learned.grasp.scenes import draw_scenes, standing_boxes
 from learned.grasp.settings import PAPER_SCENES, GripperOutline
 from learned.grasp.solution import nearest_first, solve
+from learned.inference.scores import wilson
 from sim.cell import SimCell
 from sim.scene.clutter import ScenePart, sample_clutter, standing
-from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Diary, lifted, robot_alone, run_tree
 
 SIZES = (3, 4, 5, 6)

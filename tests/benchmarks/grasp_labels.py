@@ -24,8 +24,8 @@ from learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE
 from learned.grasp.physics import clearance_m
 from learned.grasp.scenes import Scene, can_grasp, draw_scenes
 from learned.grasp.settings import GripperOutline
+from learned.inference.scores import wilson
 from skills.motion.grip import Grip, Hold, possible_grips
-from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, PRODUCT
 from tests.integration.grasp_trial import Descent, Standing, Verdict, try_grasp
 

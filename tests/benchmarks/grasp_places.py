@@ -20,7 +20,7 @@ from learned.grasp.physics import touching
 from learned.grasp.scenes import Scene, draw_scenes
 from learned.grasp.settings import TRAY_SCENES, GripperOutline, SceneSettings
 from learned.grasp.solution import nearest_first, solve
-from tests.benchmarks.intervals import wilson
+from learned.inference.scores import wilson
 from tests.integration.cell_rig import PRODUCT
 
 CLUTTERS = {"dense": SceneSettings(), "loose": TRAY_SCENES}

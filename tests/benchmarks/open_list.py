@@ -18,6 +18,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from learned.inference.scores import wilson
 from learned.lab.experiments import Values
 from learned.lab.semantic_streams import (
     BRACKETS,
@@ -34,7 +35,6 @@ from learned.semantic.goals import OpenGoals
 from learned.semantic.graph import Ints, Layout
 from learned.semantic.model import BayesPlanner
 from learned.semantic.risk import act_probability
-from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import PRODUCT
 from trees.guard import GuardSettings
 

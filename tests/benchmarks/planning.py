@@ -8,6 +8,7 @@ printed as JSON, with the limit for one object.
 
 from __future__ import annotations
 
+import argparse
 import json
 import statistics
 import time
@@ -80,6 +81,7 @@ def grasp_times(product: Product) -> dict[str, float]:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     product = Product.model_validate(yaml.safe_load((ROOT / "config" / "products.yaml").read_text()))
     times = semantic_times(product) | grasp_times(product)
     report = {name: {"median_ms": round(value, 4), "kept": value <= LIMIT_MS} for name, value in times.items()}

@@ -16,9 +16,9 @@ from rich.table import Table
 
 from cell.configuration import Configuration
 from cell.settings import WEIGHTS
+from learned.inference.scores import wilson
 from sim.scene.clutter import sample_clutter
 from tests.benchmarks import clearing
-from tests.benchmarks.intervals import wilson
 from tests.integration.cell_rig import BENCH, COMMISSION, CONFIGURATION, PRODUCT, robot_alone, run_tree
 
 FIRST_SEED = 1000

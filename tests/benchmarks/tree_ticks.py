@@ -8,6 +8,7 @@ medians over rounds are printed as JSON, with their ratios and the limits that t
 
 from __future__ import annotations
 
+import argparse
 import json
 import statistics
 import tempfile
@@ -211,6 +212,7 @@ def medians(ticks: Sequence[Tick]) -> list[float]:
 
 def main() -> None:
     """Time everything and print one JSON document."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     fifty = balanced(50)
     times_us: dict[str, float] = {}
     groups: list[dict[str, Tick]] = [

@@ -9,14 +9,16 @@ from pathlib import Path
 import pytest
 
 from cell.errors import InputError
+from cell.fleet.engine import mapped
 from learned.lab import experiments
 from learned.lab.experiments import (
     Cell,
     Cells,
     Experiment,
-    Store,
     code_version,
+    kept,
     markdown,
+    measured,
     number,
     shown,
     shown_share,
@@ -47,20 +49,31 @@ def cells() -> list[Cell]:
 def test_finished_cells_are_not_measured_again(tmp_path: Path) -> None:
     path = tmp_path / "new" / "cells.jsonl"
     with pytest.raises(KeyboardInterrupt):
-        Store(path).run("a test", cells(), quiet=True)
+        measured("a test", cells(), kept(path), quiet=True)
     assert asked == [0, 1, 2]
-    found = Store(path).run("a test", cells(), quiet=True)
+    found = measured("a test", cells(), kept(path), quiet=True)
     assert asked == [0, 1, 2, 2, 3]
     assert [values["square"] for _, values in found] == [0, 1, 4, 9]
     path.write_text("no JSON\n")
-    with pytest.raises(InputError, match=r"cells\.jsonl:1: no finished cell"):
-        Store(path)
+    with pytest.raises(InputError, match=r"cells\.jsonl:1: no row of name"):
+        kept(path)
+
+
+def squared(number: int) -> dict[str, int]:
+    return {"square": number**2}
+
+
+def test_workers_measure_what_one_process_does(tmp_path: Path) -> None:
+    several = [Cell({"number": number}, partial(squared, number)) for number in range(3)]
+    alone = measured("a test", several, kept(tmp_path / "alone"), quiet=True)
+    assert measured("a test", several, kept(tmp_path / "cells"), partial(mapped, workers=2), quiet=True) == alone
+    assert (tmp_path / "cells").read_text() == (tmp_path / "alone").read_text()
 
 
 def test_other_code_measures_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    Store(tmp_path / "cells").run("a test", cells()[:2], quiet=True)
+    measured("a test", cells()[:2], kept(tmp_path / "cells"), quiet=True)
     monkeypatch.setattr(experiments, "code_version", lambda _: "another")
-    Store(tmp_path / "cells").run("a test", cells()[:2], quiet=True)
+    measured("a test", cells()[:2], kept(tmp_path / "cells"), quiet=True)
     assert asked == [0, 1, 0, 1]
 
 
@@ -101,7 +114,7 @@ def test_figures_hold_the_tables_of_the_page(tmp_path: Path) -> None:
         return f"## Squares\nOf few numbers.\n\nSmall ones:\n\n{table}\n\nThe same again:\n\n{table}"
 
     tables = {"squares": Experiment(lambda _product: cells()[:2], (section,))}
-    store, facts = Store(tmp_path / "cells"), {"command": "`measure`", "date": "some day"}
+    store, facts = kept(tmp_path / "cells"), {"command": "`measure`", "date": "some day"}
     for name in ("page.md", "figures.json"):
         write_page("# A title\nWords.", tables, DEFAULT, store, tmp_path / name, facts)
     assert "| 1 | 1 |" in (tmp_path / "page.md").read_text()

@@ -16,7 +16,7 @@ from cell.commands.terminal import console, print_json, table
 from cell.commands.training.networks import save_confusions
 from cell.commands.training.weights import writable
 from cell.errors import InputError
-from cell.fleet.row_file import Row, RowFile
+from cell.files.row_store import Row, RowStore
 from cell.interfaces.product import Product
 from cell.lab import actions as scoring
 from cell.lab.actions import Tally, at_pace, evaluate_segments, summed
@@ -56,7 +56,7 @@ def evaluate(
     tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
     told |= {"tracker": tracker, "physics": shared.physics, "cameras": shared.cameras.value}
     weights = shared.weights and str(shared.weights)
-    kept = RowFile(shared.out, {"command": "actions", **told, "kinds": kinds, "weights": weights})
+    kept = RowStore(shared.out, ["seed"], {"command": "actions", **told, "kinds": kinds, "weights": weights})
     watch = partial(
         scoring.evaluate_actions,
         *(configuration, product, kinds),
@@ -106,11 +106,10 @@ def _reported(
     return found
 
 
-def _watched(watch: Callable[[list[int]], Mapping[str, Tally]], seeds: Sequence[int], kept: RowFile) -> list[Row]:
+def _watched(watch: Callable[[list[int]], Mapping[str, Tally]], seeds: Sequence[int], kept: RowStore) -> list[Row]:
     """Rows of these seeds; those that are not in the file yet are run, until somebody interrupts."""
-    done = {row["seed"] for row in kept.rows}
     try:
-        for seed in (seed for seed in seeds if seed not in done):
+        for seed in (seed for seed in seeds if seed not in kept):
             kept.add({"seed": seed, "kinds": {name: asdict(tally) for name, tally in watch([seed]).items()}})
     except KeyboardInterrupt:
         count = sum(row["seed"] in seeds for row in kept.rows)

@@ -14,8 +14,8 @@ from cell.commands.lab.shared import Shared
 from cell.commands.options import takes
 from cell.commands.terminal import console, print_json
 from cell.configuration import DEFAULT_TREE
+from cell.files.row_store import Row, RowStore
 from cell.fleet.engine import mapped
-from cell.fleet.row_file import Row, RowFile
 from cell.lab.assembly import ALGORITHM_1, throughput_ratio, timed_pair
 from cell.lab.encounters import encounter, summary
 
@@ -43,15 +43,14 @@ def encounters(
     path, person = Path(shared.config), shared.person
     experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": shared.pixels}
     experiment["config"] = str(path)
-    kept = RowFile(shared.out, {"command": "encounters", **experiment})
+    kept = RowStore(shared.out, ["kind", "tree", "seed"], {"command": "encounters", **experiment})
     met = partial(encounter, path, tree, person, provoked=provoked, rendered=shared.pixels)
     run = partial(mapped, workers=shared.workers, address=shared.scheduler)
     if not _meet(kept, lambda seeds: run(met, seeds), encounters, shared.numbers):
         return 1
     trees = (ALGORITHM_1, DEFAULT_TREE)
-    timed = _done(kept.rows)
     pairs = [(path, one, number) for number in range(throughput_seeds) for one in trees]
-    left = [pair for pair in pairs if ("throughput", pair[1].name, pair[2]) not in timed]
+    left = [pair for pair in pairs if ("throughput", pair[1].name, pair[2]) not in kept]
     for row in run(timed_pair, left) if left else ():
         kept.add(row)
     found = summary(kept.rows)
@@ -64,7 +63,7 @@ def encounters(
 
 
 def _meet(
-    kept: RowFile, rows_of: Callable[[Iterable[tuple[int]]], Iterable[Row]], encounters: int, seeds: range
+    kept: RowStore, rows_of: Callable[[Iterable[tuple[int]]], Iterable[Row]], encounters: int, seeds: range
 ) -> bool:
     """Assemble until the hand was in the arm's way so often; returns False where somebody interrupts.
 
@@ -74,8 +73,7 @@ def _meet(
     """
     if _enough(kept.rows, encounters, seeds.start):
         return True
-    done = _done(kept.rows)
-    left = ((seed,) for seed in seeds if ("assembly", None, seed) not in done)
+    left = ((seed,) for seed in seeds if ("assembly", None, seed) not in kept)
     for row in rows_of(left):
         if row["end"] == "interrupted":  # the seed is run again another time
             return False
@@ -84,11 +82,6 @@ def _meet(
         if _enough(kept.rows, encounters, seeds.start):
             break
     return True
-
-
-def _done(rows: Sequence[Row]) -> set[tuple[object, object, object]]:
-    """What need not be run again: kind, tree and seed."""
-    return {(row["kind"], row.get("tree"), row["seed"]) for row in rows}
 
 
 def _enough(rows: Sequence[Row], encounters: int, first_seed: int) -> bool:
@@ -102,7 +95,7 @@ def _met(rows: Sequence[Row]) -> int:
 
 
 def _tell_assembly(screen: Console, row: Row) -> None:
-    contacts: Sequence[Row] = row["contacts"]  # type: ignore[assignment]
+    contacts: Sequence[Row] = row["contacts"]
     words = f"{row['encounters']} encounters, {len(contacts)} contacts"
     if row.get("acknowledged"):
         words += f", acknowledged {row['acknowledged']} times"

@@ -13,8 +13,8 @@ from typer import Option
 from cell.commands.lab.shared import Shared
 from cell.commands.options import takes
 from cell.commands.terminal import console, print_json
+from cell.files.row_store import Row, RowStore
 from cell.fleet.engine import mapped
-from cell.fleet.row_file import Row, RowFile
 from cell.lab.faults import Pairs, chosen, fast_list, fast_rows, fault_try, left, merged, totals
 from cell.lab.random_faults import counted, troubled_assembly
 
@@ -34,7 +34,8 @@ def faults(
     if assemblies:
         return _assemblies(shared, each)
     screen, pairs, seeds = console(), chosen(fault, state), shared.numbers
-    kept = RowFile(shared.out, {"command": "faults", "pixels": shared.pixels, "config": str(shared.config)})
+    heading = {"command": "faults", "pixels": shared.pixels, "config": str(shared.config)}
+    kept = RowStore(shared.out, ["fault", "state", "seed"], heading)
 
     def tell(row: Row) -> None:
         kept.add(row)
@@ -77,9 +78,8 @@ def _try(shared: Shared, pairs: Mapping[int, Pairs], tell: Callable[[Row], None]
 def _assemblies(shared: Shared, faults: int) -> int:
     screen, path, seeds = console(), Path(shared.config), shared.numbers
     heading = {"command": "faults", "faults": faults, "pixels": shared.pixels, "config": str(path)}
-    kept = RowFile(shared.out, heading)
-    done = {row["seed"] for row in kept.rows}
-    wanted = ((path, seed, faults) for seed in seeds if seed not in done)
+    kept = RowStore(shared.out, ["seed"], heading)
+    wanted = ((path, seed, faults) for seed in seeds if seed not in kept)
     work = partial(troubled_assembly, rendered=shared.pixels)
     for row in mapped(work, wanted, shared.workers, shared.scheduler):
         kept.add(row)

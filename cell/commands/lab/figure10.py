@@ -13,7 +13,7 @@ from cell.commands.training.made_data import make_data
 from cell.commands.training.weights import need_torch
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
-from cell.fleet.row_file import RowFile
+from cell.files.row_store import RowStore
 
 
 @takes(Shared, "kind", "look", "seeds", "out", "config", "seed", "as_json", seeds="600000:600030")
@@ -39,9 +39,8 @@ def figure10(
     if out is None or len(seeds) < FOLDS:
         raise InputError(f"figure10 needs --out FILE, and at least {FOLDS} --seeds, as 600000:600030")
     told = {"look": shared.look, "seeds": shared.seeds, "epochs": epochs, "share": share}
-    kept = RowFile(out, {"command": "figure10", **told, "seed": shared.seed})
-    done = {(row["fold"], row["kind"]) for row in kept.rows}
-    wanted = [(fold, one) for fold in range(FOLDS) for one in kinds if (fold, one) not in done]
+    kept = RowStore(out, ["fold", "kind"], {"command": "figure10", **told, "seed": shared.seed})
+    wanted = [(fold, one) for fold in range(FOLDS) for one in kinds if (fold, one) not in kept]
     status = 0
     if wanted:
         whole = any(one in WHOLE_FRAMES for _, one in wanted)

@@ -13,7 +13,7 @@ from cell.commands.options import takes
 from cell.commands.terminal import console, print_json
 from cell.configuration import Configuration
 from cell.errors import InputError
-from cell.fleet.row_file import RowFile
+from cell.files.row_store import RowStore
 from cell.lab.knobs import SCORED, Sample, Scored, at, plot_knobs
 from trees.engine.literals import constant
 
@@ -51,7 +51,7 @@ def knobs(
         "seeds": shared.seeds,
     }
     told |= {"physics": shared.physics}
-    kept = RowFile(shared.out, {"command": "knobs", **told})
+    kept = RowStore(shared.out, ["knob", "value"], {"command": "knobs", **told})
     whole = _score(kept, turned, lambda cell: scored.score(Sample(cell, product, wanted, shared.physics)))
     rows = [row for row in kept.rows if row["value"] in tried.get(str(row["knob"]), ())]
     console().print(_table(rows, scored), highlight=False, soft_wrap=True)
@@ -63,13 +63,12 @@ def knobs(
 
 
 def _score(
-    kept: RowFile, turned: Sequence[tuple[str, Any, Configuration]], score: Callable[[Configuration], dict[str, Any]]
+    kept: RowStore, turned: Sequence[tuple[str, Any, Configuration]], score: Callable[[Configuration], dict[str, Any]]
 ) -> bool:
     """Add a row for each value that has none yet; returns False where somebody interrupts."""
-    done = {(row["knob"], row["value"]) for row in kept.rows}
     try:
         for name, value, cell in turned:
-            if (name, value) not in done:
+            if (name, value) not in kept:
                 kept.add({"knob": name, "value": value, **score(cell)})
     except KeyboardInterrupt:
         console().print(f"interrupted: {len(kept.rows)} of {len(turned)} values are done")

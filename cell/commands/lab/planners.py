@@ -24,6 +24,7 @@ from cell.commands.terminal import console, print_json, product_of, report_score
 from cell.commands.training.weights import need_torch, shipped_weights
 from cell.configuration import load_configuration
 from cell.errors import InputError
+from cell.fleet.engine import mapped
 from cell.interfaces.planning import AssemblyState, crops_file
 from cell.interfaces.product import Product
 from cell.log.report.summary import beliefs
@@ -168,7 +169,7 @@ def _grasp_experiment(experiments: list[GraspExperiment], page: Path | None, pro
     need_torch(experiments=True)
     import torch
 
-    from learned.lab.experiments import Store, write_page
+    from learned.lab.experiments import kept, write_page
     from learned.lab.grasp_cells import TEST_SEED
     from learned.lab.grasp_page import HEAD
     from learned.lab.grasp_page import experiments as tables
@@ -184,12 +185,12 @@ def _grasp_experiment(experiments: list[GraspExperiment], page: Path | None, pro
     with _camera(product, shared.config) as camera:
         every = tables(camera, test_seed)
         chosen = {name: some for name, some in every.items() if {GraspExperiment.ALL, name} & {*experiments}}
-        store = Store(KEPT / "grasp" / f"experiments_{identity}.jsonl")
+        store = kept(KEPT / "grasp" / f"experiments_{identity}.jsonl")
         write_page(HEAD, chosen, product, store, page, facts)
     console().print(f"{', '.join(chosen)} in {page}")
 
 
-@takes(Shared, "kind", "weights", "seed", "config", "as_json")
+@takes(Shared, "kind", "weights", "workers", "scheduler", "seed", "config", "as_json")
 def evaluate_semantic_planner(
     shared: Shared,
     experiment: Annotated[
@@ -212,7 +213,7 @@ def evaluate_semantic_planner(
         _certify(certify, logs or [], product, shared)
         return
     if experiment is not None:
-        _semantic_experiment(experiment, page, product)
+        _semantic_experiment(experiment, page, product, shared)
         return
     if page is not None:
         raise InputError(PAGE_ALONE)
@@ -251,11 +252,11 @@ def _certify(limit: float, logs: list[Path], product: Product, shared: Shared) -
         print_json(vars(found))
 
 
-def _semantic_experiment(experiment: SemanticExperiment, page: Path | None, product: Product) -> None:
+def _semantic_experiment(experiment: SemanticExperiment, page: Path | None, product: Product, shared: Shared) -> None:
     if page is None:
         raise InputError(NO_PAGE)
     need_torch(experiments=True)
-    from learned.lab.experiments import Store, write_page
+    from learned.lab.experiments import kept, write_page
     from learned.lab.semantic_page import EXPERIMENTS, HEAD
 
     chosen = {name: some for name, some in EXPERIMENTS.items() if experiment in (SemanticExperiment.ALL, name)}
@@ -267,6 +268,7 @@ def _semantic_experiment(experiment: SemanticExperiment, page: Path | None, prod
         "product": f"{product.name}: {len(product.positions)} positions, {len(product.parts)} types, "
         f"{len(product.goals)} goals",
     }
-    store = Store(KEPT / "semantic" / f"experiments_{Layout.of(product).sha256[:12]}.jsonl")
-    write_page(HEAD, chosen, product, store, page, facts)
+    store = kept(KEPT / "semantic" / f"experiments_{Layout.of(product).sha256[:12]}.jsonl")
+    run = partial(mapped, workers=shared.workers, address=shared.scheduler)
+    write_page(HEAD, chosen, product, store, page, facts, run)
     console().print(f"{', '.join(chosen)} in {page}")

@@ -11,7 +11,7 @@ from cell.commands.lab.shared import Shared
 from cell.commands.options import takes
 from cell.commands.terminal import console, print_json, table
 from cell.errors import InputError
-from cell.fleet.row_file import RowFile
+from cell.files.row_store import RowStore
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
 from cell.lab import weights as scoring
@@ -47,7 +47,7 @@ def evaluate_weights(
     for at in folders.values():  # what is missing, or of another product, is said before anything is scored
         for network in chosen:
             _require(at / weights_file(*network), network[1], sample.product)
-    rows = RowFile(shared.out, heading)
+    rows = RowStore(shared.out, ["name", "kind", "which"], heading)
     kept: dict[tuple[object, ...], Any] = {_named(row): row["scores"] for row in rows.rows}
     found: dict[str, Comparison] = {}
     for network in chosen:

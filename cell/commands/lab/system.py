@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from typer import Option
 
@@ -17,8 +17,8 @@ from cell.commands.terminal import console, print_json, table
 from cell.commands.training.weights import need_torch
 from cell.configuration import Configuration, detected_by
 from cell.errors import InputError
+from cell.files.row_store import RowStore
 from cell.fleet.engine import mapped
-from cell.fleet.row_file import RowFile
 from cell.interfaces.bench import Bench
 from cell.interfaces.planning import weights_file
 from cell.interfaces.product import Product
@@ -45,10 +45,9 @@ def system(
     told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
     told["cameras"] = cameras
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
-    kept = RowFile(shared.out, {"command": "system", **told})
-    rows: list[dict[str, Any]] = [row for row in kept.rows if (row.get("goals"), row.get("seed")) in wanted]
-    done = {(row["goals"], row["seed"]) for row in rows}
-    left = [one for one in wanted if one not in done]
+    kept = RowStore(shared.out, ["goals", "seed"], {"command": "system", **told})
+    rows = list(kept.rows_of(one for one in wanted if one in kept))
+    left = [one for one in wanted if one not in kept]
     status = 0
     try:
         calibrated = shared.cameras is Cameras.calibrated

@@ -19,7 +19,7 @@ from cell.commands.training.made_data import fingerprint
 from cell.commands.training.weights import need_torch, seconds, told_in
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.errors import InputError
-from cell.fleet.row_file import RowFile
+from cell.files.row_store import RowStore
 from cell.interfaces.planning import weights_file
 from cell.settings import LEARNED_KINDS, WEIGHTS, Perception
 from learned.inference.onnx_model import OnnxModel
@@ -145,13 +145,13 @@ def _say_plan(steps: Sequence[Step], left: Sequence[Step], what: str, jobs: int)
         say(f"- {step.command} ({length}): {', '.join(step.files)}", highlight=False)
 
 
-def _made(step: Step, out: Path, rows: RowFile | None) -> bool:
+def _made(step: Step, out: Path, rows: RowStore | None) -> bool:
     """Whether a training was done before, and its files are still there."""
-    done = rows is not None and any(row.get("command") == step.command for row in rows.rows)
+    done = rows is not None and step.command in rows
     return done and all((out / name).exists() for name in step.files)
 
 
-def _kept(out: Path, config: Path) -> RowFile | None:
+def _kept(out: Path, config: Path) -> RowStore | None:
     """What was trained into a folder before; None where it is not there, or empty.
 
     Raises:
@@ -168,21 +168,21 @@ def _kept(out: Path, config: Path) -> RowFile | None:
     return _rows(out, config) if kept.exists() else None
 
 
-def _rows(out: Path, config: Path) -> RowFile:
+def _rows(out: Path, config: Path) -> RowStore:
     """The rows of a folder, one for each training that is done.
 
     Raises:
         InputError: they are of another product, or damaged.
     """
     try:
-        return RowFile(out / ROWS, {"command": "train --all", "made_for": fingerprint(config)})
+        return RowStore(out / ROWS, ["command"], {"command": "train --all", "made_for": fingerprint(config)})
     except InputError as error:
         raise InputError(
             f"--out {out}: was made for another product or bench, or its {ROWS} is damaged; name another folder"
         ) from error
 
 
-def _do(step: Step, out: Path, config: Path, rows: RowFile, place: str, trainings: Children, *, quiet: bool) -> None:
+def _do(step: Step, out: Path, config: Path, rows: RowStore, place: str, trainings: Children, *, quiet: bool) -> None:
     """Train, unless that was done.
 
     Args:

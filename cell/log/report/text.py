@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from cell.log.replay.compare import Difference
@@ -27,32 +27,62 @@ def short(value: object, longest: int = LONGEST_TEXT) -> str:
 
 def note_text(topic: str, fields: Mapping[str, Any]) -> str:
     """A note of a node."""
-    if topic == "belief" and "edge" in fields:
-        part, position = fields["edge"]
-        return f"placed     {part or 'nothing'} at {position}, known from: {fields.get('source', '')}"
-    if topic == "belief" and "kept" in fields:
-        holes = ", ".join(f"{part or 'what is'} in {position}" for position, part in fields["kept"].items())
-        return f"stays      {holes}: {fields.get('reason', '')}"
-    if topic == "belief" and "goals" in fields:
-        goals = "  ".join(f"{name} {share:.1%}" for name, share in fields["goals"].items())
-        placed = " ".join(f"{position}={part}" for position, part in fields.get("placed", {}).items())
-        return f"belief     {goals}  after {placed or 'nothing placed'}"
-    if topic == "plan" and "guidance" in fields:
-        plans = "; ".join(f"{part} to {', '.join(to)}" for part, to in fields["guidance"].items() if to)
-        return f"guidance   {plans or 'nothing remains'}"
-    if topic == "plan" and "next" in fields:
-        part, *positions = fields["next"]
-        return f"plan       next {part} to {', '.join(positions)}"
-    if topic == "plan" and "required" in fields:
-        return f"plan       part {fields['required']}: {fields['solution']} (graspable {fields['graspable']:.1%})"
-    if topic == "verdict" and "decision" in fields:
-        subject, reason = str(fields.get("subject")), str(fields.get("reason"))
-        return f"guard      {fields['decision']}: {reason if reason.startswith(subject) else f'{subject}: {reason}'}"
-    if topic == "skill" and "node" in fields:
-        return f"skill      {fields['node']} {fields.get('status')}: {fields.get('reason')}"
-    if topic == "help":
-        return f"help       {fields.get('text')}"
+    for (of, needed), (head, told) in NOTE_TEXTS.items():
+        if of == topic and (not needed or needed in fields):
+            return f"{head:10} {told(fields)}"
     return f"{topic:10} {short(fields)}"
+
+
+def _placed(fields: Mapping[str, Any]) -> str:
+    part, position = fields["edge"]
+    return f"{part or 'nothing'} at {position}, known from: {fields.get('source', '')}"
+
+
+def _stays(fields: Mapping[str, Any]) -> str:
+    holes = ", ".join(f"{part or 'what is'} in {position}" for position, part in fields["kept"].items())
+    return f"{holes}: {fields.get('reason', '')}"
+
+
+def _belief(fields: Mapping[str, Any]) -> str:
+    goals = "  ".join(f"{name} {share:.1%}" for name, share in fields["goals"].items())
+    placed = " ".join(f"{position}={part}" for position, part in fields.get("placed", {}).items())
+    return f"{goals}  after {placed or 'nothing placed'}"
+
+
+def _guidance(fields: Mapping[str, Any]) -> str:
+    plans = "; ".join(f"{part} to {', '.join(to)}" for part, to in fields["guidance"].items() if to)
+    return plans or "nothing remains"
+
+
+def _next(fields: Mapping[str, Any]) -> str:
+    part, *positions = fields["next"]
+    return f"next {part} to {', '.join(positions)}"
+
+
+def _grasp(fields: Mapping[str, Any]) -> str:
+    return f"part {fields['required']}: {fields['solution']} (graspable {fields['graspable']:.1%})"
+
+
+def _verdict(fields: Mapping[str, Any]) -> str:
+    subject, reason = str(fields.get("subject")), str(fields.get("reason"))
+    return f"{fields['decision']}: {reason if reason.startswith(subject) else f'{subject}: {reason}'}"
+
+
+NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], str]]] = {
+    # topic and a field that a note must have: the word before it, and the rest
+    ("belief", "edge"): ("placed", _placed),
+    ("belief", "kept"): ("stays", _stays),
+    ("belief", "goals"): ("belief", _belief),
+    ("plan", "guidance"): ("guidance", _guidance),
+    ("plan", "next"): ("plan", _next),
+    ("plan", "required"): (
+        "plan",
+        lambda one: f"part {one['required']}: {one['solution']} (graspable {one['graspable']:.1%})",
+    ),
+    ("verdict", "decision"): ("guard", _verdict),
+    ("skill", "node"): ("skill", lambda one: f"{one['node']} {one.get('status')}: {one.get('reason')}"),
+    ("help", ""): ("help", lambda one: str(one.get("text"))),
+}
 
 
 def command_text(command: Mapping[str, Any]) -> str:

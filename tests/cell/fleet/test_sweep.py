@@ -13,7 +13,6 @@ from typing import Any
 
 import psutil
 
-from cell.fleet.journal import Journal
 from cell.fleet.one_run import run_here
 from cell.fleet.spec import Seeds, Sweep, count, load_sweep, tasks
 from cell.fleet.table import read_table
@@ -72,15 +71,3 @@ def test_every_combination_is_a_task_of_its_own() -> None:
     assert [task.seed for task in found] == [0] * 4 + [1] * 4
     names = {name for name, _ in found[0].files}
     assert {"trees/assemble.xml", "trees/clear_and_grasp.xml", "config/cell.yaml", "config/products.yaml"} <= names
-
-
-def test_half_a_line_of_a_killed_sweep_is_cut_off(tmp_path: Path) -> None:
-    path = tmp_path / "runs.jsonl"
-    path.write_text('{"key": "a"}\n{"key": "b", "se')
-    journal = Journal(path)
-    journal.add({"key": "b"})
-    journal.add({"key": "b"})
-    journal.close()
-    again = Journal(path)
-    again.close()
-    assert [row["key"] for row in again.rows()] == ["a", "b"]

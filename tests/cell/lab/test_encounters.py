@@ -11,7 +11,7 @@ from rich.console import Console
 
 from cell.commands.lab.encounters import _tell_assembly
 from cell.configuration import DEFAULT_CONFIGURATION
-from cell.fleet.row_file import Row
+from cell.files.row_store import Row
 from cell.interfaces.operator import OperatorOrder
 from cell.lab.assembly import ALGORITHM_1, NOTICES_S, Attendant, throughput_ratio
 from cell.lab.encounters import encounter, summary
@@ -22,7 +22,7 @@ from cell.lab.random_faults import counted, troubled_assembly
 def test_a_careless_person_is_met_in_many_phases_and_no_contact_is_fast_or_avoidable() -> None:
     found = summary([encounter(DEFAULT_CONFIGURATION, ALGORITHM_1, "careless", 109, provoked=True)])
     assert int(str(found["encounters"])) >= 3
-    assert len(found["phases"]) >= 3  # type: ignore[arg-type]  # a dictionary
+    assert len(found["phases"]) >= 3
     assert (found["contacts_fast"], found["contacts_avoidable"], found["moved_while_unknown"]) == (0, 0, 0)
     assert np.isfinite(float(str(found["fastest_m_s"])))
 

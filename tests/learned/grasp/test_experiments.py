@@ -71,16 +71,16 @@ def test_another_seed_gives_other_test_scenes(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_the_page_has_a_row_for_every_planner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.lab.experiments import Store, write_page
+    from learned.lab.experiments import kept, write_page
     from learned.lab.grasp_baselines import BASELINES
     from learned.lab.grasp_page import HEAD, experiments
 
     names = [f"{score}_{count}" for score in ("object_accuracy", "by_type") for count in (1, 2, 3)]
     names += ["iterative_success", "steps", "needless_moves", "graspability_accuracy"]
     values = {name + end: value for name in names for end, value in (("", 0.5), ("_low", 0.4), ("_high", 0.6))}
-    monkeypatch.setattr(Store, "run", lambda _self, _title, cells: [(cell.key, values) for cell in cells])
+    monkeypatch.setattr("learned.lab.experiments.measured", lambda _, cells, *__: [(one.key, values) for one in cells])
     out, tables = tmp_path / "grasp.md", experiments(no_camera)
-    write_page(HEAD, tables, PRODUCT, Store(tmp_path / "none"), out, {"command": "a test"})
+    write_page(HEAD, tables, PRODUCT, kept(tmp_path / "none"), out, {"command": "a test"})
     text = out.read_text()
     for baseline in BASELINES.values():
         assert f"| {baseline.title} | .500 (.400 - .600)" in text

@@ -226,7 +226,7 @@ def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
 
 def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One page of all sections, from cells that are not really measured."""
-    from learned.lab.experiments import Store, write_page
+    from learned.lab.experiments import kept, write_page
     from learned.lab.semantic_page import EXPERIMENTS, HEAD
 
     small = {"goal_accuracy": 0.9, "curve": [[0.5, 0.0], [1.0, 0.01]]}
@@ -243,9 +243,9 @@ def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatc
     shares = {name + end: 0.5 for name in stream for end in ("", "_low", "_high")}
     values = {**small, **success, **both, **parts, **unknown, **shares, "train_s": 1.0, "plan_s": 1e-3}
 
-    monkeypatch.setattr(Store, "run", lambda _self, _title, cells: [(cell.key, values) for cell in cells])
+    monkeypatch.setattr("learned.lab.experiments.measured", lambda _, cells, *__: [(one.key, values) for one in cells])
     page = tmp_path / "semantic.md"
-    write_page(HEAD, EXPERIMENTS, DEFAULT, Store(tmp_path / "none"), page, {"seeds": "1"})
+    write_page(HEAD, EXPERIMENTS, DEFAULT, kept(tmp_path / "none"), page, {"seeds": "1"})
     text = page.read_text()
     assert "| seeds | 1 |" in text
     assert "| factored | 0.2 | .750 | .750 |" in text

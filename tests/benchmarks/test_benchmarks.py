@@ -1,0 +1,45 @@
+"""Benchmarks cannot rot: each is imported and says how it is run, and those of `make bench` are there."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests import ROOT
+
+SHARED = {"asking", "clearing", "kill_moment"}  # what several benchmarks use, or one that is long without it
+FOLDER = Path(__file__).parent
+NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py") if not path.stem.startswith("test_"))
+TORCH = {"track_probe"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_benchmark_says_how_it_is_run(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if name in TORCH:
+        pytest.importorskip("torch")
+    module = importlib.import_module(f"tests.benchmarks.{name}")
+    if name in SHARED:
+        return
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        module.main()
+    assert ended.value.code == 0
+    assert "usage: " in capsys.readouterr().out
+
+
+def test_make_bench_runs_benchmarks_that_are_there() -> None:
+    named = set(re.findall(r"-m tests\.benchmarks\.(\w+)", (ROOT / "Makefile").read_text()))
+    assert named
+    assert named <= set(NAMES) - SHARED
+
+
+def test_a_page_names_every_benchmark() -> None:
+    pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "Makefile"]
+    named = set(re.findall(r"tests[./]benchmarks[./](\w+)", "\n".join(page.read_text() for page in pages)))
+    assert set(NAMES) - SHARED <= named, "delete it, or say in docs/ what it is for"

@@ -1,0 +1,74 @@
+"""Rows of many runs: taken up again where they were cut short, kept once, never mixed with others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cell.errors import InputError
+from cell.files.row_store import RowStore
+
+OF = {"command": "faults"}
+
+
+def test_rows_are_there_again_and_a_row_that_was_cut_short_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "rows.jsonl"
+    first = RowStore(path, ["seed"], OF)
+    first.add({"seed": 1})
+    first.add({"seed": 2})
+    path.write_text(path.read_text()[:-4])
+    second = RowStore(path, ["seed"], OF)
+    assert second.rows == [{"seed": 1}]
+    second.add({"seed": 2})
+    assert RowStore(path, ["seed"], OF).rows == [{"seed": 1}, {"seed": 2}]
+
+
+def test_a_heading_that_was_cut_short_is_written_again(tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    RowStore(path, ["seed"], OF)
+    whole = path.read_text()
+    path.write_text(whole[:7])
+    RowStore(path, ["seed"], OF)
+    assert path.read_text() == whole
+
+
+@pytest.mark.parametrize("of", [OF, None])
+@pytest.mark.parametrize("text", ['{"rows_of": {"command": "other"}}\n', "a diary\n", "a diary", "[]\n", "1\n"])
+def test_a_file_of_something_else_is_refused_and_left_as_it_is(
+    tmp_path: Path, text: str, of: dict[str, str] | None
+) -> None:
+    path = tmp_path / "rows.jsonl"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"rows\.jsonl:1: .*name another file"):
+        RowStore(path, ["seed"], of)
+    assert path.read_text() == text
+
+
+def test_a_row_is_kept_once_for_its_key(tmp_path: Path) -> None:
+    path = tmp_path / "runs.jsonl"
+    path.write_text('{"key": "a"}\n{"key": "b", "se')
+    store = RowStore(path, ["key"])
+    store.add({"key": "b", "seed": 1})
+    store.add({"key": "b", "seed": 2})
+    again = RowStore(path, ["key"])
+    assert ("b" in again, "c" in again) == (True, False)
+    assert again["b"] == {"key": "b", "seed": 1}
+    assert [row["key"] for row in again.rows_of(["b", "a"])] == ["b", "a"]
+
+
+def test_a_key_of_several_fields_may_lack_some() -> None:
+    store = RowStore(None, ["kind", "tree"])
+    store.add({"kind": "assembly"})
+    store.add({"kind": "throughput", "tree": "t"})
+    assert list(store.keys) == [("assembly", None), ("throughput", "t")]
+    assert store.rows == [{"kind": "assembly"}, {"kind": "throughput", "tree": "t"}]
+    with pytest.raises(KeyError):
+        store.add({"seed": 1})
+
+
+def test_a_folder_is_no_file_of_rows(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "rows.jsonl" / "below"):
+        (tmp_path / "rows.jsonl").touch()
+        with pytest.raises(InputError, match="cannot keep rows"):
+            RowStore(path, ["seed"], OF)

@@ -9,13 +9,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
 from pydantic import Field
 
-from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, load_configuration, load_product, simulated
+from cell.configuration import (
+    DEFAULT_CONFIGURATION,
+    DEFAULT_TREE,
+    Configuration,
+    load_configuration,
+    load_product,
+    simulated,
+)
 from cell.errors import InputError
 from cell.faults.injection import Injection
+from cell.files.files import read_text
 from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
+from cell.interfaces.devices import ROLES
+from cell.settings import OwnDevice
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 
@@ -177,7 +188,8 @@ def _packed(sweep: Sweep, tree: Path, path: Path) -> Packed:
     files = {f"trees/{_inside(part, folder)}": text.encode() for part, text in loaded.texts.items()}
     config_folder = path.resolve().parent
     semantic = configuration.planners.semantic
-    named = (configuration.product, configuration.faults, semantic.goals, semantic.confusions)
+    read = (configuration.product, configuration.faults, semantic.goals, semantic.confusions)
+    named = (*read, *_beside(configuration, path))
     for named_file in (*sweep.people, *sweep.looks):
         if named_file is not None and Path(named_file).is_file():
             files[named_file] = Path(named_file).read_bytes()
@@ -185,6 +197,19 @@ def _packed(sweep: Sweep, tree: Path, path: Path) -> Packed:
         if file.resolve().is_relative_to(config_folder):
             files[f"config/{file.resolve().relative_to(config_folder)}"] = file.read_bytes()
     return f"trees/{tree.name}", f"config/{path.name}", tuple(sorted(files.items()))
+
+
+def _beside(configuration: Configuration, path: Path) -> Iterator[Path]:
+    """What a configuration names next to itself and, once loaded, holds no path of: simulator, robot, drivers."""
+    written = yaml.safe_load(read_text(path))
+    devices = written.get("devices", {})
+    for name in (written.get("robot"), devices.get("simulation")):
+        if name is not None:
+            yield path.parent / name
+    for role in ROLES:
+        device = getattr(configuration.devices, role)
+        if isinstance(device, OwnDevice):
+            yield path.parent / f"{device.kind.partition(':')[0].replace('.', '/')}.py"
 
 
 def _inside(file: Path, folder: Path) -> Path:

@@ -70,4 +70,10 @@ def test_every_combination_is_a_task_of_its_own() -> None:
     assert len({task.key for task in found}) == len(found) == count(sweep) == 8
     assert [task.seed for task in found] == [0] * 4 + [1] * 4
     names = {name for name, _ in found[0].files}
-    assert {"trees/assemble.xml", "trees/clear_and_grasp.xml", "config/cell.yaml", "config/products.yaml"} <= names
+    assert {
+        "trees/assemble.xml",
+        "trees/clear_and_grasp.xml",
+        "config/cell.yaml",
+        "config/products.yaml",
+        "config/sim.yaml",
+    } <= names

@@ -10,6 +10,7 @@ from typing import ClassVar
 
 from pydantic import Field, model_validator
 
+from cell.device_settings import DeviceSettings, OwnDevice
 from cell.errors import InputError, Problem, SettingError
 from cell.files.files import shipped
 from cell.files.model import Disagreement, Model
@@ -23,9 +24,7 @@ from cell.settings import (
     LEARNED_KINDS,
     WEIGHTS,
     ControllerSettings,
-    DeviceSettings,
     LogSettings,
-    OwnDevice,
     Perception,
     Planners,
     PlannerSettings,

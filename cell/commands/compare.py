@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +15,7 @@ from cell.commands.terminal import console, print_json
 from cell.errors import InputError
 
 if TYPE_CHECKING:
+    from cell.fleet.compare import Row
     from cell.fleet.spec import Task
 
 FleetWorkersOption = Annotated[
@@ -52,7 +53,6 @@ def compare(
     from cell.fleet.compare_text import as_json as answer
     from cell.fleet.compare_text import lines, page
     from cell.fleet.spec import Seeds, Sweep, count, tasks
-    from cell.fleet.table import read_table
     from cell.log.report.html_page import write_page
 
     limits = [comparing.Limit.parse(text) for text in fail_if or ()]
@@ -69,10 +69,7 @@ def compare(
         pixels=pixels,
     )
     run_all(tasks(asked), count(asked), out, workers, scheduler)
-    rows = read_table(out / "runs.parquet")
-    by_tree = [[row for row in rows if row["tree"] == tree.name] for tree in trees]
-    ones, others = (list(before.values()), by_tree[0]) if before else (by_tree[0], by_tree[-1])
-    pairs = comparing.pair(ones, others)
+    pairs = _pairs(out, trees, before)
     if not pairs:
         raise InputError(f"{against}: no run has the seed, person and goal of those that were asked for")
     found = comparing.findings(pairs)
@@ -87,6 +84,16 @@ def compare(
     for text in broken:
         console().print(f"beyond the bound: {text}", highlight=False)
     return WORSE if broken else 0
+
+
+def _pairs(out: Path, trees: Sequence[Path], before: Mapping[int, dict[str, Any]]) -> list[tuple[Row, Row]]:
+    """Rows of the same seed: of two trees, or of a baseline and one tree."""
+    from cell.fleet.compare import pair
+    from cell.fleet.table import read_table
+
+    rows = read_table(out / "runs.parquet")
+    by_tree = [[row for row in rows if row["tree"] == tree.name] for tree in trees]
+    return pair(list(before.values()) or by_tree[0], by_tree[-1])
 
 
 def _baseline(path: Path | None, runs: int) -> dict[int, dict[str, Any]]:

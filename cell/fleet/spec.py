@@ -20,13 +20,13 @@ from cell.configuration import (
     load_product,
     simulated,
 )
+from cell.device_settings import OwnDevice
 from cell.errors import InputError
 from cell.faults.injection import Injection
 from cell.files.files import read_text
 from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.devices import ROLES
-from cell.settings import OwnDevice
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 

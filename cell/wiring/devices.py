@@ -15,13 +15,13 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from cell.configuration import Configuration
+from cell.device_settings import NoPanel as NoPanelSettings
+from cell.device_settings import OwnDevice, SimulatedDevice
 from cell.errors import CellError, DeviceFault, SettingError
 from cell.files.yaml_file import suggestion
 from cell.interfaces.clock import WallClock
 from cell.interfaces.devices import ROLES, Arm, Camera, Devices, Gripper, Panel, Signals
 from cell.interfaces.product import Product
-from cell.settings import NoPanel as NoPanelSettings
-from cell.settings import OwnDevice, SimulatedDevice
 from skills.drivers.can_gripper import CanGripper
 from skills.drivers.can_signals import CanSignals
 from skills.drivers.no_panel import NoPanel

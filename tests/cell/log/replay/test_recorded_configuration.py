@@ -8,9 +8,9 @@ from pathlib import Path
 import yaml
 
 from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
+from cell.device_settings import OwnDevice
 from cell.interfaces.robot import default_robot
 from cell.log.replay.recorded_configuration import upgrade
-from cell.settings import OwnDevice
 from skills.drivers.settings import CanSettings, SignalSettings
 
 

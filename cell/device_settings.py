@@ -1,0 +1,166 @@
+"""Settings of the devices, by role and kind; the simulator's are a file of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PrivateAttr,
+    Tag,
+    ValidationInfo,
+)
+
+from cell.files.model import Model
+from cell.files.yaml_file import load_yaml
+from cell.interfaces.devices import ROLES
+from sim.scene.settings import SimSettings
+from skills.drivers.settings import CanSettings, SignalSettings
+
+
+class SimulatedDevice(Model):
+    """The simulator's device of this role.
+
+    Attributes:
+        kind: the simulator.
+    """
+
+    kind: Literal["simulated"] = "simulated"
+
+
+class NoPanel(Model):
+    """Nobody is shown anything at the bench.
+
+    Attributes:
+        kind: no panel.
+    """
+
+    kind: Literal["none"] = "none"
+
+
+class OwnDevice(Model):
+    """A device whose driver is not ours; that driver's own settings stand next to `kind`.
+
+    Attributes:
+        kind: MODULE:CLASS, a module in the folder of this file or in the working folder, or installed; or a name of
+            the entry points `cell.devices`.
+    """
+
+    model_config = ConfigDict(extra="allow")
+    kind: str = Field(pattern=r"^[\w.-]+(:\w+)?$", json_schema_extra={"not": {"enum": ["simulated", "can", "none"]}})
+    _folder: Path = PrivateAttr(Path())
+
+    def model_post_init(self, context: Any) -> None:
+        """Keep where the file stands."""
+        self._folder = Path((context or {}).get("folder", ".")).resolve()
+
+    @property
+    def folder(self) -> Path:
+        """Where the file stands that names the driver."""
+        return self._folder
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What stands next to `kind`, as it was read."""
+        return dict(self.model_extra or {})
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of digital inputs, where it is a module with signals that has such a setting."""
+        return tuple(self.settings.get("inputs", ()))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of digital outputs, likewise."""
+        return tuple(self.settings.get("outputs", ()))
+
+
+def _kind(*known: str) -> Discriminator:
+    """Tells the models of a role apart."""
+
+    def named(value: Any) -> str:
+        kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
+        return kind if kind in known else "own"
+
+    return Discriminator(named)
+
+
+Simulated = Annotated[SimulatedDevice, Tag("simulated")]
+Own = Annotated[OwnDevice, Tag("own")]
+AnyDevice = Annotated[Simulated | Own, _kind("simulated")]
+GripperDevice = Annotated[Simulated | Annotated[CanSettings, Tag("can")] | Own, _kind("simulated", "can")]
+PanelDevice = Annotated[Simulated | Annotated[NoPanel, Tag("none")] | Own, _kind("simulated", "none")]
+SignalsDevice = Annotated[Annotated[SignalSettings, Tag("can")] | Own, _kind("can")]
+
+
+def _from_file(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, Mapping):
+        raise ValueError(
+            "the simulator's settings are a file of their own: move these keys to sim.yaml next to this file, "
+            "and write simulation: sim.yaml"
+        )
+    if not isinstance(value, str):
+        return value
+    path = Path((info.context or {}).get("folder", ".")) / value
+    if not path.is_file():
+        raise ValueError("there is no such file")
+    return load_yaml(path, SimSettings)
+
+
+SimulationFile = Annotated[SimSettings, BeforeValidator(_from_file, json_schema_input_type=Path)]
+
+
+class DeviceSettings(Model):
+    """Devices of the cell, by role: each has a kind, and next to it the settings of that kind (docs/drivers.md).
+
+    Attributes:
+        arm: simulated, or a driver of one's own.
+        gripper: simulated, can, or a driver of one's own.
+        overhead: the camera over the bench: simulated, or a driver of one's own.
+        wrist: the camera at the gripper: simulated, or a driver of one's own.
+        panel: what the person at the bench sees: simulated, none, or a driver of one's own.
+        signals: an I/O module with digital signals: can, or a driver of one's own; none by default.
+        simulation: file with the simulator's settings, relative to this file; by default ideal hardware and a careful
+            person.
+    """
+
+    moved: ClassVar[Mapping[str, str]] = {
+        "factory": "each device has its own driver now: arm: {kind: MODULE:CLASS, ...}, gripper: ... (docs/drivers.md)"
+    }
+    arm: AnyDevice = SimulatedDevice()
+    gripper: GripperDevice = SimulatedDevice()
+    overhead: AnyDevice = SimulatedDevice()
+    wrist: AnyDevice = SimulatedDevice()
+    panel: PanelDevice = SimulatedDevice()
+    signals: SignalsDevice | None = None
+    simulation: SimulationFile = Field(default=SimSettings(), json_schema_extra={"default": None})
+
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """Roles that are the simulator's; it is opened where there is one."""
+        return tuple(role for role in ROLES if isinstance(getattr(self, role), SimulatedDevice))
+
+    @property
+    def gripper_bus(self) -> tuple[str, str]:
+        """Interface and channel on which a simulated gripper listens."""
+        gripper = self.gripper if isinstance(self.gripper, CanSettings) else CanSettings()
+        return gripper.interface, gripper.channel
+
+    @property
+    def virtual_channels(self) -> tuple[str, ...]:
+        """CAN buses that exist within a process alone."""
+        ends = [self.gripper_bus]
+        if isinstance(self.signals, SignalSettings):
+            ends.append((self.signals.interface, self.signals.channel))
+        return tuple(dict.fromkeys(channel for interface, channel in ends if interface == "virtual"))
+
+    def on_channel(self, channel: str) -> DeviceSettings:
+        """The same with the gripper on another bus, so that several cells may be in one process."""
+        if not isinstance(self.gripper, CanSettings):
+            return self
+        return self.model_copy(update={"gripper": self.gripper.model_copy(update={"channel": channel})})

@@ -30,7 +30,7 @@ from sim.scene.settings import HARDWARE, SimSettings
 from sim.scene.storage import lay_out
 from sim.scene.world import World, build_world
 from sim.truth.contacts import ContactMonitor
-from sim.truth.ground_truth_perception import bare_sight
+from sim.truth.ground_truth_perception import ground_truth_perception
 from sim.truth.score import Score
 from sim.truth.tray_truth import resting_event, resting_parts
 from sim.worker.stock import Stock
@@ -135,7 +135,7 @@ class SimCell:
             "wrist": SensorSetup(bench.wrist, self.look.camera, chance.wrist),
         }
         beside = RenderProcess(self.world.model, sensors) if overlap and rendered else None
-        self.sight = None if rendered else bare_sight(self.world, sensors, hand=worker)
+        self.sight = None if rendered else ground_truth_perception(self.world, sensors, hand=worker)
         self._photographer = self.sight or beside or Photographer(self.world.model, sensors)
         latency_s = settings.hardware.camera_latency_s
         overhead = self._camera("overhead", bench.overhead, latency_s, chance.overhead_delivery)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from cell.interfaces.perception import PartDetection
-from cell.interfaces.resume import LeftOff
+from cell.interfaces.resume import ResumeState
 
 PREFIX = "memory_"  # of the entries of the main tree: {@memory_held_part}
 IN_VAIN_N, SAME_SPOT_M = 12, 0.015  # failed grasps that are remembered; parts so near to each other are the same
@@ -49,7 +49,7 @@ class Memory:
     questions: int = 0
     brackets: int = 0
     finished: tuple[tuple[str, ...], ...] = ()
-    left_off: LeftOff = field(default_factory=LeftOff)
+    left_off: ResumeState = field(default_factory=ResumeState)
 
     def __post_init__(self) -> None:
         self.follow(lambda _: None)

@@ -10,7 +10,7 @@ from cell.interfaces.planning import AssemblyState
 
 
 @dataclass(frozen=True)
-class LeftOff:
+class ResumeState:
     """What a controller knew that no camera sees, when it was gone.
 
     Attributes:
@@ -50,7 +50,7 @@ class LeftOff:
         return asdict(self)
 
     @classmethod
-    def of(cls, plain: Mapping[str, Any]) -> LeftOff:
+    def of(cls, plain: Mapping[str, Any]) -> ResumeState:
         """From a log; older ones have the fields of the graph among the others."""
         names = {one.name for one in fields(cls)}
         graph = plain.get("graph") or {name: value for name, value in plain.items() if name not in names}

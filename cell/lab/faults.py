@@ -21,7 +21,7 @@ from cell.configuration import load_configuration, load_faults, load_product
 from cell.faults.injection import FAULTS, OTHER_STATES, STATES, FaultKind, Injection
 from cell.files.files import shipped
 from cell.files.row_store import Row
-from cell.lab.stopping_distance import StopWatch
+from cell.lab.stopping_distance import StoppingDistance
 from cell.runs.options import Files
 from cell.runs.run import drive
 from cell.watching.observer import Outcome, TickRecord
@@ -198,7 +198,7 @@ def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Ro
         rendered=rendered,
         robot=configuration.robot,
     )
-    watch = StopWatch(injection, motion)
+    watch = StoppingDistance(injection, motion)
     try:
         with attached(configuration, product, cell.devices if rendered else without_pixels(cell)) as opened:
             outcome = drive(files, opened, motion, [watch], injection=injection)
@@ -207,7 +207,7 @@ def _trial(path: Path, injection: Injection, seed: int, *, rendered: bool) -> Ro
         cell.close()
 
 
-def _row(cell: SimCell, injection: Injection, watch: StopWatch, outcome: Outcome, seed: int) -> Row:
+def _row(cell: SimCell, injection: Injection, watch: StoppingDistance, outcome: Outcome, seed: int) -> Row:
     kind = FAULTS.get(injection.fault)
     placed = any(one.seated and one.by == "robot" for one in cell.score.placements().values())
     hangs = _hangs(cell)
@@ -239,7 +239,7 @@ def _row(cell: SimCell, injection: Injection, watch: StopWatch, outcome: Outcome
     }
 
 
-def _ends(kind: FaultKind | None, watch: StopWatch) -> tuple[str, ...]:
+def _ends(kind: FaultKind | None, watch: StoppingDistance) -> tuple[str, ...]:
     """How the run may end."""
     if kind is None:
         return ("finished",)

@@ -18,7 +18,7 @@ EVERY = 4  # of the joints' samples
 
 
 @dataclass
-class StopWatch(Observer):
+class StoppingDistance(Observer):
     """Measures from the fault on.
 
     Attributes:

@@ -18,10 +18,10 @@ from cell.interfaces.memory import Memory
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.observation import JointSamples, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
-from cell.running.device_reader import DeviceReader, OwnBody, describe
+from cell.running.device_reader import DeviceReader, RobotPoseHistory, describe
 from cell.running.device_writer import DeviceActor
 from cell.running.inference import Executor
-from cell.running.observers import Announcer, Audience
+from cell.running.observers import Announcer, Observers
 from cell.running.operator import OperatorChannel
 from cell.running.safe_stop import Interrupted, StopSignals, await_rest, condition, failure, stop_orders
 from cell.running.supervisor import Supervisor
@@ -83,7 +83,7 @@ class Controller:
         supervisor: Supervisor,
         observers: Sequence[Observer] = (),
         operator: OperatorChannel | None = None,
-        own_body: OwnBody | None = None,
+        own_body: RobotPoseHistory | None = None,
     ) -> None:
         self.journal = ListJournal()
         self._devices = devices
@@ -92,13 +92,13 @@ class Controller:
         self._settings = settings
         self._supervisor = supervisor
         self._period_s = 1.0 / settings.tick_hz
-        self._audience = Audience(observers, devices.clock)
+        self._observers = Observers(observers, devices.clock)
         self._reader = DeviceReader(
             devices,
             watcher,
             finder,
-            self._audience.frame,
-            lambda text: self._audience.say("warning", text),
+            self._observers.frame,
+            lambda text: self._observers.say("warning", text),
             own_body,
         )
         self._signals = StopSignals()
@@ -204,7 +204,7 @@ class Controller:
         judgement = self._judgement
         self._seen = self._actor.seen(replace(seen, share=judgement.share, held_by=judgement.held_by))
         if seen.acknowledged:
-            self._audience.say("info", "acknowledged by the operator")
+            self._observers.say("info", "acknowledged by the operator")
         self._announce()
         return self._seen, joints
 
@@ -212,7 +212,7 @@ class Controller:
         """Tell people what the supervisor does, and what waits for them, when that changes."""
         unacknowledged = self._supervisor.unacknowledged
         if (news := self._announcer.news(self._judgement, unacknowledged)) is not None:
-            self._audience.say(*news)
+            self._observers.say(*news)
         if (alarm := self._announcer.alarm(self._judgement, unacknowledged)) is not None:
             self._actor.alarm(alarm)
 
@@ -226,12 +226,12 @@ class Controller:
         joints: JointSamples | None,
         began_s: float,
     ) -> None:
-        wall_s, observers_s = time.perf_counter() - began_s, self._audience.took_s
+        wall_s, observers_s = time.perf_counter() - began_s, self._observers.took_s
         overrun = wall_s + observers_s > self._period_s
         self._ticks += 1
         self._overruns += overrun
         notes = self.journal.take()
-        self._audience.tick(
+        self._observers.tick(
             TickRecord(
                 seen,
                 status,
@@ -289,9 +289,9 @@ class Controller:
         return seen
 
     def _close(self, outcome: Outcome) -> Outcome:
-        self._audience.say("error" if outcome.end == "fault" else "info", f"{outcome.end}: {outcome.reason}")
-        self._audience.say("info", outcome.condition)
+        self._observers.say("error" if outcome.end == "fault" else "info", f"{outcome.end}: {outcome.reason}")
+        self._observers.say("info", outcome.condition)
         if outcome.detail:
-            self._audience.say("error", outcome.detail)
-        self._audience.close(outcome)
-        return replace(outcome, observer_problems=tuple(self._audience.problems))
+            self._observers.say("error", outcome.detail)
+        self._observers.close(outcome)
+        return replace(outcome, observer_problems=tuple(self._observers.problems))

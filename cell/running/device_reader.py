@@ -31,7 +31,7 @@ KEPT = 12  # states of the arm: half a second
 NEAR_S = 0.1  # a state that is farther in time from a frame tells nothing of it
 
 
-class OwnBody:
+class RobotPoseHistory:
     """Remembers the arm's last states."""
 
     def __init__(self, outline: ArmOutline) -> None:
@@ -101,7 +101,7 @@ class DeviceReader:
         finder: Executor[Frame, PartsView],
         framed: Callable[[Frame], None],
         say: Callable[[str], None],
-        own_body: OwnBody | None = None,
+        own_body: RobotPoseHistory | None = None,
     ) -> None:
         self._signals, self._own_body = devices.signals, own_body
         self._devices, self._gripper = devices, devices.gripper
@@ -169,7 +169,7 @@ class DeviceReader:
             return None
 
 
-class HeldFingers:
+class GripperHold:
     """Stops moving fingers while the supervisor holds, and lets them go on; skills see fingers that still move.
 
     Fingers that grip a part are left alone where a knock moves them a little: stopped in such a moment, they would

@@ -10,7 +10,7 @@ from cell.interfaces.command import Command
 from cell.interfaces.devices import Devices
 from cell.interfaces.faults import Action, Judgement
 from cell.interfaces.observation import Observation
-from cell.running.device_reader import HeldFingers
+from cell.running.device_reader import GripperHold
 from cell.running.operator import OperatorChannel
 from cell.watching.observer import SentCommand
 
@@ -36,7 +36,7 @@ class DeviceActor:
         self._signals = devices.signals
         self._operator = operator
         self._refused = refused
-        self._fingers = HeldFingers(devices.gripper)
+        self._fingers = GripperHold(devices.gripper)
 
     def seen(self, observation: Observation) -> Observation:
         """The observation as skills are to see it: fingers that were stopped half way still move."""

@@ -30,7 +30,7 @@ REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
 
 
 @dataclass(frozen=True)
-class Sign:
+class Detection:
     """Something was found.
 
     Attributes:
@@ -90,20 +90,20 @@ class Memory:
             self.trajectory = command.follow
 
 
-Check = Callable[[Observation, Command, Memory], Sign | None]
+Check = Callable[[Observation, Command, Memory], Detection | None]
 
 
 def _trouble_of(*devices: str) -> Check:
-    def check(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
         found = [trouble.reason for trouble in seen.troubles if trouble.device in devices]
-        return Sign("; ".join(found)) if found else None
+        return Detection("; ".join(found)) if found else None
 
     return check
 
 
 def _mode(text: str, *modes: ArmMode) -> Check:
-    def check(seen: Observation, _: Command, __: Memory) -> Sign | None:
-        return Sign(seen.arm.reason or text) if seen.arm.mode in modes else None
+    def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
+        return Detection(seen.arm.reason or text) if seen.arm.mode in modes else None
 
     return check
 
@@ -112,33 +112,33 @@ def robot_checks(robot: RobotModel) -> dict[str, Check]:
     """Checks that need to know what the arm can do."""
     range_rad, speed_rad_s = np.array(robot.range_rad) + RANGE_SLACK_RAD, np.array(robot.speed_rad_s) * SPEED_SLACK
 
-    def not_plausible(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    def not_plausible(seen: Observation, _: Command, __: Memory) -> Detection | None:
         arm = seen.arm
         counts = len(arm.positions_rad), len(arm.velocities_rad_s)
         if counts != (6, 6):
-            return Sign(f"the arm told {counts[0]} positions and {counts[1]} speeds, not 6")
+            return Detection(f"the arm told {counts[0]} positions and {counts[1]} speeds, not 6")
         if not all(map(math.isfinite, (*arm.positions_rad, *arm.velocities_rad_s))):
-            return Sign("the arm told a value that is not finite")
+            return Detection("the arm told a value that is not finite")
         if (np.abs(arm.positions_rad) > range_rad).any():
-            return Sign("the arm told a joint beyond its range")
+            return Detection("the arm told a joint beyond its range")
         if (np.abs(arm.velocities_rad_s) > speed_rad_s).any():
-            return Sign("the arm told a joint faster than it can be")
+            return Detection("the arm told a joint faster than it can be")
         return None
 
     return {"arm_not_plausible": not_plausible}
 
 
-def _stale_arm(seen: Observation, _: Command, __: Memory) -> Sign | None:
+def _stale_arm(seen: Observation, _: Command, __: Memory) -> Detection | None:
     age_s = seen.time_s - seen.arm.time_s
-    return Sign(f"the arm's state is {age_s:.2f} s old") if not age_s <= STALE_ARM_S else None
+    return Detection(f"the arm's state is {age_s:.2f} s old") if not age_s <= STALE_ARM_S else None
 
 
-def _off_path(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+def _off_path(seen: Observation, _: Command, memory: Memory) -> Detection | None:
     """The arm is elsewhere than its trajectory has it, or does not follow it at all."""
     words = _why_off_path(seen, memory.trajectory)
     if words and memory.given_up >= VAIN_TIMES:
-        return Sign(f"{words}, although it was acknowledged {memory.given_up} times in a row", vain=True)
-    return Sign(words) if words else None
+        return Detection(f"{words}, although it was acknowledged {memory.given_up} times in a row", vain=True)
+    return Detection(words) if words else None
 
 
 def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
@@ -166,63 +166,63 @@ def _arrived(seen: Observation, sent: JointTrajectory) -> bool:
     return missed <= max(ARRIVED_RAD, min(OFF_PATH_RAD, _far_rad(sent) / 2))
 
 
-def _stale_gripper(seen: Observation, _: Command, __: Memory) -> Sign | None:
+def _stale_gripper(seen: Observation, _: Command, __: Memory) -> Detection | None:
     age_s = seen.time_s - seen.gripper.time_s
-    return Sign(f"the gripper's status is {age_s:.2f} s old") if not age_s <= STALE_GRIPPER_S else None
+    return Detection(f"the gripper's status is {age_s:.2f} s old") if not age_s <= STALE_GRIPPER_S else None
 
 
-def _refuses(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+def _refuses(seen: Observation, _: Command, memory: Memory) -> Detection | None:
     if seen.gripper.node_state == "stopped":
-        return Sign("the gripper's node is stopped")
+        return Detection("the gripper's node is stopped")
     refused = memory.ever_active and seen.gripper.activated and seen.gripper.fault in REFUSALS
-    return Sign(f"the gripper takes no command, gFLT 0x{seen.gripper.fault:02X}") if refused else None
+    return Detection(f"the gripper takes no command, gFLT 0x{seen.gripper.fault:02X}") if refused else None
 
 
 def _restarted(how: str, words: str) -> Check:
-    def check(_: Observation, __: Command, memory: Memory) -> Sign | None:
-        return Sign(f"the gripper restarted {words}") if memory.restarted == how else None
+    def check(_: Observation, __: Command, memory: Memory) -> Detection | None:
+        return Detection(f"the gripper restarted {words}") if memory.restarted == how else None
 
     return check
 
 
-def _stale_bench(seen: Observation, _: Command, __: Memory) -> Sign | None:
+def _stale_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
     if seen.bench is None:
-        return Sign("no view of the bench yet")
+        return Detection("no view of the bench yet")
     age_s = seen.time_s - seen.bench.time_s
-    return Sign(f"the view of the bench is {age_s:.1f} s old") if not age_s <= STALE_BENCH_S else None
+    return Detection(f"the view of the bench is {age_s:.1f} s old") if not age_s <= STALE_BENCH_S else None
 
 
-def _future_bench(seen: Observation, _: Command, __: Memory) -> Sign | None:
+def _future_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
     ahead = seen.bench is not None and not seen.bench.time_s <= seen.time_s + FUTURE_S
-    return Sign("the view of the bench is stamped with a time to come") if ahead else None
+    return Detection("the view of the bench is stamped with a time to come") if ahead else None
 
 
-def _health(seen: Observation, _: Command, __: Memory) -> Sign | None:
+def _health(seen: Observation, _: Command, __: Memory) -> Detection | None:
     if seen.bench is None or not seen.bench.health:
         return None
-    return Sign(f"the overhead image is {seen.bench.health}")
+    return Detection(f"the overhead image is {seen.bench.health}")
 
 
-def _camera_moved(seen: Observation, _: Command, __: Memory) -> Sign | None:
+def _camera_moved(seen: Observation, _: Command, __: Memory) -> Detection | None:
     told = [view.calibration for view in (seen.bench, seen.parts) if view is not None and view.calibration]
-    return Sign("; ".join(told)) if told else None
+    return Detection("; ".join(told)) if told else None
 
 
-def _hand_unknown(seen: Observation, _: Command, __: Memory) -> Sign | None:
+def _hand_unknown(seen: Observation, _: Command, __: Memory) -> Detection | None:
     if seen.bench is None or not seen.bench.hand_unknown:
         return None
-    return Sign(f"where the hand is, is not known: {seen.bench.hand_unknown}")
+    return Detection(f"where the hand is, is not known: {seen.bench.hand_unknown}")
 
 
 def _late(limit_s: float) -> Check:
-    def check(seen: Observation, _: Command, __: Memory) -> Sign | None:
-        return Sign(f"a tick came {seen.late_s:.2f} s late") if seen.late_s > limit_s else None
+    def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
+        return Detection(f"a tick came {seen.late_s:.2f} s late") if seen.late_s > limit_s else None
 
     return check
 
 
-def _contested(_: Observation, command: Command, __: Memory) -> Sign | None:
-    return Sign(f"two nodes commanded the {' and the '.join(command.contested)}") if command.contested else None
+def _contested(_: Observation, command: Command, __: Memory) -> Detection | None:
+    return Detection(f"two nodes commanded the {' and the '.join(command.contested)}") if command.contested else None
 
 
 def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
@@ -234,28 +234,28 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
             known[0] = (seen.tick, separation_of(monitor, seen, _followed(seen, memory)))
         return known[0][1]
 
-    def near(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+    def near(seen: Observation, _: Command, memory: Memory) -> Detection | None:
         found = separation(seen, memory)
         if found is None or found.share >= 1:
             return None
-        return Sign("slower, as a hand is near", found.share)
+        return Detection("slower, as a hand is near", found.share)
 
-    def too_near(seen: Observation, _: Command, memory: Memory) -> Sign | None:
+    def too_near(seen: Observation, _: Command, memory: Memory) -> Detection | None:
         found = separation(seen, memory)
         slack_m = monitor.settings.hysteresis_m if memory.too_near else 0.0
         memory.too_near = found is not None and found.distance_m < found.least_m + slack_m
         if found is None or not memory.too_near:
             return None
         words = "the hand is too near" + "; the arm moves away from it, slowly" * (found.leaving > 0)
-        return Sign(words, leaving=found.leaving)
+        return Detection(words, leaving=found.leaving)
 
-    def blind(seen: Observation, _: Command, __: Memory) -> Sign | None:
+    def blind(seen: Observation, _: Command, __: Memory) -> Detection | None:
         joints = seen.arm.positions_rad
         if seen.bench is None or seen.bench.hand is not None or len(joints) != 6 or not all(map(math.isfinite, joints)):
             return None
         if not monitor.out_of_view(np.array(joints)):
             return None
-        return Sign("slower, as nobody is seen and the camera does not look here", monitor.settings.blind_share)
+        return Detection("slower, as nobody is seen and the camera does not look here", monitor.settings.blind_share)
 
     return {"hand_near": near, "hand_too_near": too_near, "blind_area": blind}
 

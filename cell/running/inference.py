@@ -45,7 +45,7 @@ class Executor(Protocol[Job_contra, Answer_co]):
         ...
 
 
-class HeldBack(Generic[Job, Answer]):
+class DelayedExecutor(Generic[Job, Answer]):
     """Begins a job at once and hands its answer out when `latency_s` of clock time have passed, not before.
 
     So a simulated run is deterministic, and no tick knows an answer earlier than on a real cell.
@@ -77,7 +77,7 @@ class HeldBack(Generic[Job, Answer]):
         self._waiting.clear()
 
 
-class LockStep(HeldBack[Job, Answer]):
+class LockStep(DelayedExecutor[Job, Answer]):
     """Computes in `submit`, in this process."""
 
     def __init__(self, detector: Callable[[Job], Answer], clock: Clock, latency_s: float) -> None:

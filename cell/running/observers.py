@@ -50,7 +50,7 @@ class Announcer:
         return "warning", f"{judgement.action.name.lower()}: {judgement.words}{ending}"
 
 
-class Audience:
+class Observers:
     """All observers of a run: none of them has power over it.
 
     Attributes:

@@ -1,7 +1,7 @@
 """The supervisor: judges every tick by a table of faults; its only actuators are a share of speed and the run's end.
 
 It is pure: the same observations and commands in the same order give the same judgements, so a log is enough to judge
-again. Modelled after PX4's failsafe: every sign has an action and a condition for clearing, and the severest wins.
+again. Modelled after PX4's failsafe: every detection has an action and a condition for clearing, and the severest wins.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from cell.interfaces.command import Command
 from cell.interfaces.faults import Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
-from cell.running.fault_checks import CHECKS, Check, Memory, Sign, person_checks, robot_checks
+from cell.running.fault_checks import CHECKS, Check, Detection, Memory, person_checks, robot_checks
 from skills.motion.planner import MotionPlanner
 
-NO_SIGN = Sign("")
+NO_DETECTION = Detection("")
 PAUSED = "operator_pause"
 
 
@@ -25,10 +25,10 @@ class _State:
     """Where one row of the table stands.
 
     Attributes:
-        since_s: since when its sign is seen; None while it is not.
+        since_s: since when its detection is seen; None while it is not.
         active_s: since when it acts; None while it does not.
-        last_s: when its sign was seen last.
-        sign: the newest one.
+        last_s: when its detection was seen last.
+        detection: the newest one.
         lasted: it acted for so long that a person must see it.
         acknowledged_s: when somebody acknowledged it last.
     """
@@ -36,7 +36,7 @@ class _State:
     since_s: float | None = None
     active_s: float | None = None
     last_s: float = 0.0
-    sign: Sign = NO_SIGN
+    detection: Detection = NO_DETECTION
     expired: bool = False
     lasted: bool = False
     acknowledged_s: float = -math.inf
@@ -50,8 +50,8 @@ class Supervisor:
     """Stands above the tree: is asked before it with what is seen, and after it with what it wants.
 
     Args:
-        table: what is done about each sign.
-        checks: by signal, what finds the sign; a signal without one is not judged.
+        table: what is done about each detection.
+        checks: by signal, what finds the detection; a signal without one is not judged.
     """
 
     def __init__(self, table: FaultTable | Sequence[Fault], checks: Mapping[str, Check]) -> None:
@@ -86,7 +86,7 @@ class Supervisor:
             if state.active_s is None:
                 continue
             action, allowed = _answer(fault, state)
-            found.append((action, fault.signal, state.sign.reason))
+            found.append((action, fault.signal, state.detection.reason))
             share = min(share, allowed)
         worst = max((action for action, *_ in found), default=Action.RUN)
         found.sort(key=lambda entry: -entry[0])
@@ -100,13 +100,13 @@ def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
     return Supervisor(table, {**CHECKS, **robot_checks(motion.settings.robot), **person_checks(motion.separation)})
 
 
-def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -> None:
+def _update(fault: Fault, state: _State, detection: Detection | None, seen: Observation) -> None:
     now_s = seen.time_s
     if seen.acknowledged:
         state.acknowledged_s = now_s
-    if sign is not None:
+    if detection is not None:
         state.since_s = now_s if state.since_s is None else state.since_s
-        state.last_s, state.sign = now_s, sign
+        state.last_s, state.detection = now_s, detection
         if state.active_s is None and now_s - state.since_s >= fault.delay_s:
             state.active_s, state.acknowledged_s = now_s, now_s if seen.acknowledged else -math.inf
     else:
@@ -116,7 +116,7 @@ def _update(fault: Fault, state: _State, sign: Sign | None, seen: Observation) -
     if state.active_s is not None:
         acts_s = now_s - state.active_s
         state.lasted |= fault.person_after_s is not None and acts_s > fault.person_after_s
-        state.expired |= state.lasted and state.sign.vain
+        state.expired |= state.lasted and state.detection.vain
         state.expired |= fault.stop_after_s is not None and fault.does > Action.WARN and acts_s > fault.stop_after_s
 
 
@@ -124,9 +124,9 @@ def _answer(fault: Fault, state: _State) -> tuple[Action, float]:
     """What a row does that acts, and the share of speed that it leaves."""
     if state.expired:
         return Action.STOP, 0.0
-    if fault.does is Action.HOLD and state.sign.leaving > 0:
-        return Action.SLOW, state.sign.leaving
-    return fault.does, min(fault.share, state.sign.share) if fault.does is Action.SLOW else 1.0
+    if fault.does is Action.HOLD and state.detection.leaving > 0:
+        return Action.SLOW, state.detection.leaving
+    return fault.does, min(fault.share, state.detection.share) if fault.does is Action.SLOW else 1.0
 
 
 def _waits_for_person(fault: Fault, state: _State) -> bool:

@@ -14,7 +14,7 @@ from cell.errors import InputError
 from cell.interfaces.devices import Devices
 from cell.interfaces.faults import FaultTable
 from cell.interfaces.product import Product
-from cell.interfaces.resume import LeftOff
+from cell.interfaces.resume import ResumeState
 from cell.wiring.services import Planners
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree, unused_entries
@@ -140,4 +140,4 @@ class Files:
     tree: Tree
     planners: Planners
     faults: FaultTable
-    left_off: LeftOff = field(default_factory=LeftOff)
+    left_off: ResumeState = field(default_factory=ResumeState)

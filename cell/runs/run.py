@@ -25,12 +25,12 @@ from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices, TruthEvent
 from cell.interfaces.observation import Observation
 from cell.interfaces.product import Product
-from cell.interfaces.resume import LeftOff
-from cell.log.read.resume import read_left_off, world_of
+from cell.interfaces.resume import ResumeState
+from cell.log.read.resume import read_resume_state, world_of
 from cell.recording.recorder import McapRecorder
 from cell.recording.scene import CellModel
 from cell.running.controller import Controller
-from cell.running.device_reader import OwnBody
+from cell.running.device_reader import RobotPoseHistory
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import make_supervisor
 from cell.runs.heading import heading, log_path
@@ -105,9 +105,9 @@ def run(options: RunOptions, console: Console) -> RunResult:
         if options.devices is None and not configuration.devices.simulated:
             options = replace(options, pace="real")
         tally = BracketTally()
-        left_off = LeftOff()
+        left_off = ResumeState()
         if options.resume is not None:
-            left_off = read_left_off(options.resume, product, lambda tick: tally.add(tick.time_s, tick.notes))
+            left_off = read_resume_state(options.resume, product, lambda tick: tally.add(tick.time_s, tick.notes))
             console.print(f"goes on with {options.resume}: {left_off.told}", highlight=False)
             world = options.world or world_of(options.resume)
             if options.world is None and world is not None and not is_there(world):
@@ -200,7 +200,7 @@ def drive(
         for executor in executors:
             stack.callback(executor.close)
         supervisor = make_supervisor(files.faults, motion)
-        own_body = OwnBody(motion.separation.outline)
+        own_body = RobotPoseHistory(motion.separation.outline)
         controller = Controller(
             devices, *executors, configuration.controller, supervisor, observers, operator, own_body
         )

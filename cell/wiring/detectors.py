@@ -25,7 +25,7 @@ from cell.interfaces.perception import (
     PartsView,
 )
 from cell.interfaces.product import Product
-from cell.running.inference import Executor, HeldBack, LockStep, WorkerProcess
+from cell.running.inference import DelayedExecutor, Executor, LockStep, WorkerProcess
 from cell.settings import LEARNED_KINDS, Perception
 from learned.bench_watcher import ClassicalDetectors, DetectorChain
 from learned.calibration.check import TrayCheck
@@ -204,8 +204,8 @@ def lock_step(
         watch, find = bench_watcher(*arguments), part_finder(*arguments)
         return LockStep(watch, clock, watched_s), LockStep(find, clock, found_s)
     return (
-        HeldBack(devices.host.host(bench_watcher, *arguments), clock, watched_s),
-        HeldBack(devices.host.host(part_finder, *arguments), clock, found_s),
+        DelayedExecutor(devices.host.host(bench_watcher, *arguments), clock, watched_s),
+        DelayedExecutor(devices.host.host(part_finder, *arguments), clock, found_s),
     )
 
 

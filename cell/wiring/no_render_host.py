@@ -13,15 +13,15 @@ from learned.bench_watcher import ClassicalDetectors, DetectorChain
 
 if TYPE_CHECKING:
     from sim.cell import SimCell
-    from sim.truth.ground_truth_perception import BareSight
+    from sim.truth.ground_truth_perception import GroundTruthPerception
 
 Answer = TypeVar("Answer")
 
 
-class BareHost:
+class NoRenderHost:
     """Implements `DetectorHost`: hands, holes and parts come from the truth; actions are detected from these."""
 
-    def __init__(self, sight: BareSight) -> None:
+    def __init__(self, sight: GroundTruthPerception) -> None:
         self._sight = sight
 
     def host(
@@ -47,4 +47,4 @@ class BareHost:
 def without_pixels(cell: SimCell) -> Devices:
     """The devices of a cell that was opened with `rendered=False`."""
     assert cell.sight is not None
-    return replace(cell.devices, host=BareHost(cell.sight))
+    return replace(cell.devices, host=NoRenderHost(cell.sight))

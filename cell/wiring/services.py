@@ -14,7 +14,7 @@ from cell.interfaces.notes import Journal
 from cell.interfaces.observation import Observation
 from cell.interfaces.planning import GraspPlanner, SemanticPlanner
 from cell.interfaces.product import Product
-from cell.interfaces.resume import LeftOff
+from cell.interfaces.resume import ResumeState
 from cell.settings import Perception
 from learned.grasp.model import load_grasp_planner
 from learned.inference.onnx_model import OnnxModel
@@ -117,7 +117,7 @@ def make_services(
     motion: MotionPlanner,
     journal: Journal,
     observation: Observation,
-    left_off: LeftOff = LeftOff(),  # noqa: B008 - frozen
+    left_off: ResumeState = ResumeState(),  # noqa: B008 - frozen
     files: Files | None = None,
 ) -> Services:
     """What the nodes of a tree work with.

@@ -19,7 +19,7 @@ from cell.interfaces.perception import Edge, Frame
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.classical.box_model import View
-from learned.inference.prefetch import Ahead
+from learned.inference.prefetch import Prefetch
 
 DARK, BRIGHT = 16.0, 235.0  # mean grey level of 255
 LEAST_CONTRAST = 6.0  # standard deviation of grey levels
@@ -67,7 +67,7 @@ class ImageHealth:
         self._same = self._moved = self._astray = self._soft = 0
         self._first: NDArray[np.float32] | None = None
         self._frames, self._whole_px = 0, 0.0
-        self._looked = Ahead(_look)
+        self._looked = Prefetch(_look)
 
     def judge(self, frame: Frame) -> str:
         """What is wrong with it, in words; empty for a sound image."""

@@ -15,11 +15,11 @@ from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.hands.height import PalmLength
 from learned.hands.reading import ApparentSize, Reading
-from learned.hands.refinement import CloserLook
+from learned.hands.refinement import Refinement
 from learned.hands.regions import POINTS, Image, Regions, planes
 from learned.hands.tracking import LEAST_CONFIDENCE, HandTracks
 from learned.inference.onnx_model import OnnxModel
-from learned.inference.prefetch import Ahead
+from learned.inference.prefetch import Prefetch
 
 DARK = 70.0  # mean of an image's levels; what is lighter stays as it is
 BRIGHTEST = 99.5  # percentage of all levels that is to be no lighter than white
@@ -82,8 +82,8 @@ class SlimReader:
         if "around" not in self._reader.inputs:
             raise ModelError(f"{path}: an older version trained it; train it again with: cell train --only hands")
         self._finder = OnnxModel.load(finder_file(path), FINDER_KIND)
-        self._seen = Ahead(self._see)
-        self._closer = CloserLook(self._regions, OnnxModel.load(refiner_file(path), REFINER_KIND))
+        self._seen = Prefetch(self._see)
+        self._closer = Refinement(self._regions, OnnxModel.load(refiner_file(path), REFINER_KIND))
         known = self._reader.card.vocabulary.get("parts", ())
         self._types: tuple[str | None, ...] = known if known == types else (None,) * len(known)
 

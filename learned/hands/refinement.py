@@ -90,7 +90,7 @@ UNCLEAR = 0.05
 DOUBTED = 0.9  # confidence of such readings at most: enough to go on following a hand, too little to begin
 
 
-class CloserLook:
+class Refinement:
     """Refines readings of the images of one camera."""
 
     def __init__(self, regions: Regions, network: Network) -> None:

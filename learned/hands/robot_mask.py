@@ -25,7 +25,7 @@ LEAST_DEPTH_M = 0.05  # links nearer to the camera are not drawn
 LEFT_CONFIDENCE = 0.5  # of what is read where the robot is painted over: a hand is left
 
 
-class OwnRobot:
+class RobotMask:
     """The robot in one frame.
 
     Args:

@@ -16,7 +16,7 @@ from learned.classical.box_model import View
 from learned.hands.height import PalmLength, heights_m, learn_length
 from learned.hands.reading import HandReader, Reading
 from learned.hands.regions import Regions
-from learned.hands.robot_mask import OwnRobot
+from learned.hands.robot_mask import RobotMask
 from learned.inference.prefetch import Image
 
 NEW_CONFIDENCE, LEAST_CONFIDENCE = 0.5, 0.5  # of a hand that was not seen before, and of one that was
@@ -151,7 +151,7 @@ class HandTracks:
         view, now_s = View.of(self._setup.model, frame), frame.time_s
         self._lose(now_s)
         readings = self._reader.read(frame.image, [one.expected_px(now_s) for one in self._tracks])
-        self._assign(readings, now_s, OwnRobot(frame, view, self._reader, self._near_px))
+        self._assign(readings, now_s, RobotMask(frame, view, self._reader, self._near_px))
         seen = [one for one in self._tracks if one.seen_s == now_s]
         self._choose(seen)
         if self._works is not None and self._works.seen_s == now_s:
@@ -168,7 +168,7 @@ class HandTracks:
         self._lost = [one for one in self._lost if 0 < now_s - one.seen_s <= COMES_BACK_S]
         self._tracks = kept
 
-    def _assign(self, readings: list[Reading], now_s: float, robot: OwnRobot) -> None:
+    def _assign(self, readings: list[Reading], now_s: float, robot: RobotMask) -> None:
         """Give readings to tracks, nearest first; sure ones that are left begin tracks.
 
         What has been seen on the robot alone, and is explained by it, is no hand.

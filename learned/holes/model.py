@@ -19,7 +19,7 @@ from cell.interfaces.product import Product
 from learned.classical.box_model import View, outline
 from learned.inference.exposure import Image, levelled
 from learned.inference.onnx_model import Network, OnnxModel
-from learned.inference.prefetch import Ahead
+from learned.inference.prefetch import Prefetch
 
 CROP_PX = 48
 STEP_M = 0.002  # a pixel of the crop on the plate
@@ -130,7 +130,7 @@ class PlateHoleReader:
     def __init__(self, bench: Bench, product: Product, network: Network) -> None:
         self._camera = bench.overhead.mount.pose
         self._network = HoleNetwork(bench, product, network)
-        self._answer = Ahead(lambda image: self._network.answer(image, self._camera))
+        self._answer = Prefetch(lambda image: self._network.answer(image, self._camera))
         self._answers: deque[Answer] = deque(maxlen=VOTES)
         self._robots: deque[Array | None] = deque(maxlen=VOTES)
         self._holes_m = dict(zip(product.positions, squares_m(bench, product).mean(axis=1), strict=True))

@@ -14,7 +14,7 @@ Image = NDArray[np.uint8]
 KEPT = 4  # frames between the one that is drawn and the one that is asked about
 
 
-class Ahead(Generic[Answer]):
+class Prefetch(Generic[Answer]):
     """What follows from an image alone: the same answer whether it was prepared or not.
 
     Args:

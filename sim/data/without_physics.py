@@ -47,7 +47,7 @@ class Recording:
     Attributes:
         times_s: (n,).
         fingertips_m, palm_m: (n, 3) in the world frame.
-        actions, acts: the truth, see `Diary`.
+        actions, acts: the truth, see `EventLog`.
     """
 
     times_s: Array

@@ -15,7 +15,7 @@ from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from sim.scene.posture import LYING, SIDES, UPRIGHT, stance, whole
 from sim.scene.settings import ClutterSettings
-from sim.scene.unknown_objects import UNKNOWN, ForeignObject, draw_foreign
+from sim.scene.unknown_objects import UNKNOWN, UnknownObject, draw_unknown_object
 
 TRIES = 500
 TOPS = 8  # spots on top of others that are compared
@@ -40,7 +40,7 @@ class ScenePart:
     part: str
     world_from_part: Pose
     owner: Owner = "robot"
-    foreign: ForeignObject | None = None
+    foreign: UnknownObject | None = None
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class _Item:
     part: str
     spot_from_part: Pose
     room_m: tuple[float, float, float]
-    foreign: ForeignObject | None = None
+    foreign: UnknownObject | None = None
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def _posed(
 
 
 def _unknown(rng: np.random.Generator) -> _Item:
-    foreign = draw_foreign(rng)
+    foreign = draw_unknown_object(rng)
     lies = stance(foreign.solids, (UPRIGHT, *LYING)[int(rng.integers(len(LYING) + 1))])
     return _Item(UNKNOWN, lies.spot_from_body, lies.room_m, foreign)
 

@@ -13,7 +13,7 @@ from cell.interfaces.solid import Solid
 from sim.scene import palette
 from sim.scene.clutter import ScenePart
 from sim.scene.palette import add_box, add_cylinder, add_ellipsoid
-from sim.scene.unknown_objects import ForeignObject
+from sim.scene.unknown_objects import UnknownObject
 
 PEG_RGB = (0.38, 0.38, 0.36)
 PEG_MASS_SHARE = 0.4  # solid steel below a hollow body: keeps the centre of mass low
@@ -46,7 +46,7 @@ def add_part(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, kind: PartTy
         _polish(spec, body)
 
 
-def add_foreign(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, foreign: ForeignObject) -> None:
+def add_unknown_object(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, foreign: UnknownObject) -> None:
     """Add one free object of no type."""
     body = _free_body(spec, name, scene_part)
     add_solids(body, foreign.solids, foreign.colour_rgb, foreign.mass_kg)

@@ -26,7 +26,7 @@ METALS = ("brass", "zinc")
 
 
 @dataclass(frozen=True)
-class ForeignObject:
+class UnknownObject:
     """Something that nobody knows, to be touched and gripped like a part.
 
     Attributes:
@@ -40,12 +40,12 @@ class ForeignObject:
     finish: Literal["paint", "steel"]
 
 
-def draw_foreign(rng: np.random.Generator) -> ForeignObject:
+def draw_unknown_object(rng: np.random.Generator) -> UnknownObject:
     """One at random: a bolt, a pipe fitting, a block, a knob or a bracket, 2 to 8 cm long."""
     solids = _FAMILIES[int(rng.integers(len(_FAMILIES)))](rng)
     name = list(COLOURS)[int(rng.integers(len(COLOURS)))]
     volume_m3 = sum(solid.volume_m3 for solid in solids)
-    return ForeignObject(solids, COLOURS[name], DENSITY_KG_M3 * volume_m3, "steel" if name in METALS else "paint")
+    return UnknownObject(solids, COLOURS[name], DENSITY_KG_M3 * volume_m3, "steel" if name in METALS else "paint")
 
 
 def _cylinder(diameter_m: float, length_m: float, bottom_m: float, shade: float = 1.0) -> Solid:

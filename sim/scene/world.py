@@ -21,7 +21,7 @@ from sim.scene.hand_fit import fit_hand
 from sim.scene.lens import Lens
 from sim.scene.lighting import add_lights, fit_shadows
 from sim.scene.look import NOMINAL, Camera, Look, MountError
-from sim.scene.parts import add_foreign, add_part, simplify_cylinders
+from sim.scene.parts import add_part, add_unknown_object, simplify_cylinders
 from sim.scene.robot import STROKE_M, add_gripper, arm_spec
 from sim.scene.settings import PhysicsSettings
 from sim.scene.storage import Bin, own_bins, person_set
@@ -227,7 +227,7 @@ def build_world(
     kinds = list(product.parts)
     for name, entry in zip(part_names(scene), scene, strict=True):
         if entry.foreign is not None:
-            add_foreign(spec, name, entry, entry.foreign)
+            add_unknown_object(spec, name, entry, entry.foreign)
             continue
         kind = product.parts[entry.part]
         kind = kind.model_copy(update={"colour_rgb": look.surfaces.painted(kind.colour_rgb)})

@@ -34,7 +34,7 @@ KEPT = 64  # frames that may still be asked about
 NOISE = 2.0  # grey levels
 
 
-class BareSight:
+class GroundTruthPerception:
     """Makes frames without images of their own, and answers what they would have shown (HandTracker, HoleReader).
 
     Args:
@@ -151,13 +151,13 @@ class BareSight:
         return hides.startswith(of)
 
 
-def bare_sight(world: World, sensors: Mapping[str, SensorSetup], *, hand: bool) -> BareSight:
+def ground_truth_perception(world: World, sensors: Mapping[str, SensorSetup], *, hand: bool) -> GroundTruthPerception:
     """One that shows the bench as it is at the beginning in every frame; renders once."""
     photographer = Photographer(world.model, sensors)
     exposure = Exposure("overhead", 0, 0.0, world.camera_pose("overhead"), (visible_poses(world.data),))
     still = photographer.take(exposure).image
     photographer.close()
-    return BareSight(world, hand=hand, still=still)
+    return GroundTruthPerception(world, hand=hand, still=still)
 
 
 def _in_hole(offset_m: Array) -> bool:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim.scene.person import Person, drawn, happens
-from sim.worker.event_log import Diary
-from sim.worker.hand_primitives import Handwork, ScrewMotion, Script
+from sim.worker.event_log import EventLog
+from sim.worker.hand_primitives import HandPrimitives, ScrewMotion, Script
 from sim.worker.placing import Placing
 from sim.worker.worker_sight import Sight
 
@@ -103,14 +103,14 @@ class Screwing:
 
     def __init__(
         self,
-        work: Handwork,
+        work: HandPrimitives,
         sight: Sight,
         person: Person,
         rng: np.random.Generator,
         chance: np.random.Generator,
-        diary: Diary,
+        events: EventLog,
     ) -> None:
-        self._work, self._sight, self._diary = work, sight, diary
+        self._work, self._sight, self._events = work, sight, events
         self._habits, self._waits = person.screw, person.robot.waits
         self._rng, self._chance = rng, chance
         self._unscrewed = 0
@@ -138,10 +138,10 @@ class Screwing:
         tool = happens(habits.tool, self._chance)
         if tool:
             motion = replace(motion, radius_m=min(motion.radius_m, TOOL_RADIUS_M))
-            self._diary.note("tool", position=position)
+            self._events.note("tool", position=position)
         polite = happens(self._waits, self._chance)
         yield from self._work.reach_over(seen, drawn(habits.height_m, self._rng), tool=tool)
-        self._diary.begin("screw")
+        self._events.begin("screw")
         yield from self._work.screw(motion, stop=lambda: polite and self._sight.arm_over_bracket)
-        self._diary.begin("transit")
+        self._events.begin("transit")
         yield from self._work.back_off()

@@ -32,7 +32,7 @@ class ActionEvent:
 KEPT = 1000  # of each sort; a shift has many more
 
 
-class Diary:
+class EventLog:
     """Collects what happens at the time that it was told last.
 
     Of what `news` told only the newest is kept, so that a shift of many hours needs no more memory than one bracket.

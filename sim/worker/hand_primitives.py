@@ -48,7 +48,7 @@ class ScrewMotion:
     yaw_rad: float
 
 
-class Handwork:
+class HandPrimitives:
     """Runs one hand; owns what is commanded: position, yaw and gap.
 
     Attributes:

@@ -11,7 +11,7 @@ import numpy as np
 from cell.interfaces.pose import Array
 from sim.scene.hand_motion import PEAK_TO_MEAN
 from sim.scene.person import BesideRobot, drawn, happens
-from sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, Handwork, Script
+from sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
 from sim.worker.worker_sight import Sight
 
 ABOVE_M = 0.02  # of the fingertips over a part
@@ -70,7 +70,7 @@ class Intrusion:
 
     def __init__(
         self,
-        work: Handwork,
+        work: HandPrimitives,
         sight: Sight,
         habits: BesideRobot,
         rng: np.random.Generator,

@@ -8,9 +8,9 @@ import numpy as np
 
 from cell.interfaces.pose import Array
 from sim.scene.person import Order, Person, drawn, happens
-from sim.worker.event_log import Diary
+from sim.worker.event_log import EventLog
 from sim.worker.gripping import fold_yaw
-from sim.worker.hand_primitives import MOST_YAW_RAD, Handwork, Script
+from sim.worker.hand_primitives import MOST_YAW_RAD, HandPrimitives, Script
 from sim.worker.worker_sight import GRASPABLE_TILT_RAD, SeenPart, Sight
 
 BEHIND_BRACKET_M = 0.26  # where the hand waits with a part while the arm is over the bracket
@@ -26,16 +26,16 @@ class Placing:
 
     def __init__(
         self,
-        work: Handwork,
+        work: HandPrimitives,
         sight: Sight,
         person: Person,
         wanted: Mapping[str, str],
         rng: np.random.Generator,
-        diary: Diary,
+        events: EventLog,
         polite: Callable[[], bool],
     ) -> None:
         self._work, self._sight, self._person, self._wanted = work, sight, person, wanted
-        self._rng, self._diary, self._polite = rng, diary, polite
+        self._rng, self._events, self._polite = rng, events, polite
         self._tries = dict.fromkeys(wanted, 0)
         self._mistakes: dict[str, str] = {}  # body in the wrong hole by position
         self._unnoticed: dict[str, str] = {}  # as long as nobody tells the person
@@ -109,7 +109,7 @@ class Placing:
             return False
         self._tries[position] += 1
         seen = there or self._choose(position)
-        self._diary.begin("transit")
+        self._events.begin("transit")
         self._origins_m[seen.body] = np.array(seen.pose.position_m)
         yield from self._take(seen)
         if self._work.holds(seen.body):
@@ -132,8 +132,8 @@ class Placing:
             return
         self._mistakes.pop(position, None)
         self._unnoticed.pop(position, None)
-        self._diary.note("take away", part=seen.part, position=position)
-        self._diary.begin("transit")
+        self._events.note("take away", part=seen.part, position=position)
+        self._events.begin("transit")
         yield from self._work.grasp(seen)
         if self._work.holds(seen.body):
             home_m = self._origins_m.get(seen.body, self._sight.set_down_m(seen.part))
@@ -150,7 +150,7 @@ class Placing:
         if (theirs := self._sight.handed(self._wanted[position])) is not None:
             return theirs
         if (brought := self.left(position)) is not None:
-            self._diary.note("brought", part=brought.part)
+            self._events.note("brought", part=brought.part)
             return brought
         right = next(filter(_graspable, self._sight.spares(self._wanted[position])))
         if self._happens(self._person.lapses.wrong_part):
@@ -158,44 +158,44 @@ class Placing:
             spares = [spare for name in sorted(others) for spare in filter(_graspable, self._sight.spares(name))]
             if spares:
                 wrong = spares[int(self._rng.integers(len(spares)))]
-                self._diary.note("wrong part", part=wrong.part, position=position)
+                self._events.note("wrong part", part=wrong.part, position=position)
                 return wrong
         if self._happens(self._person.storage.from_tray):
             lying = filter(_graspable, self._sight.in_tray(self._wanted[position]))
             if self._sight.arm_parked and (theirs := next(lying, None)) is not None:
-                self._diary.note("from tray", part=theirs.part)
+                self._events.note("from tray", part=theirs.part)
                 return theirs
         return right
 
     def _take(self, seen: SeenPart) -> Script:
         if self._sight.handed(seen.part) == seen:
-            self._diary.note("handed over", part=seen.part)
+            self._events.note("handed over", part=seen.part)
             yield from self._work.take_over(seen)
             self._origins_m[seen.body] = self._sight.set_down_m(seen.part)
             return
         yield from self._work.grasp(seen)
         lapses = self._person.lapses
         if self._work.holds(seen.body) and self._happens(lapses.regrips):
-            self._diary.note("regrip", part=seen.part)
+            self._events.note("regrip", part=seen.part)
             yield from self._work.insert(seen.body, self._origins_m[seen.body])
             yield from self._work.let_go(seen.part)
             yield from self._work.back_off()
             yield from self._work.grasp(self._sight.part(seen.body))
         if self._work.holds(seen.body) and self._happens(lapses.holds):
             duration_s = drawn(lapses.hold_s, self._rng)
-            self._diary.note("hold", part=seen.part, duration_s=duration_s)
+            self._events.note("hold", part=seen.part, duration_s=duration_s)
             yield from self._work.wait(duration_s)
 
     def _bring(self, seen: SeenPart, position: str) -> Script:
         """Take a held part to a hole, or back where it came from if the robot has filled the hole meanwhile."""
         target_m = self._sight.holes_m[position]
-        self._diary.begin("assembly", seen.part, position)
+        self._events.begin("assembly", seen.part, position)
         if self._happens(self._person.lapses.hesitates):
             yield from self._hesitate(seen, position)
         yield from self._carry_to_bracket(seen.body, target_m)
         there = self._sight.in_hole(position)
         if there is not None and there.body != seen.body:
-            self._diary.begin("transit")
+            self._events.begin("transit")
             target_m = np.array(seen.pose.position_m)
             yield from self._work.carry(seen.body, target_m)
         if self._work.holds(seen.body):
@@ -205,16 +205,16 @@ class Placing:
         """Stay over another hole first."""
         others = [name for name in self._sight.holes_m if name != position]
         other = others[int(self._rng.integers(len(others)))]
-        self._diary.note("hesitate", part=seen.part, position=other)
+        self._events.note("hesitate", part=seen.part, position=other)
         yield from self._carry_to_bracket(seen.body, self._sight.holes_m[other])
         yield from self._work.wait(drawn(self._person.lapses.hesitate_s, self._rng))
 
     def _let_go(self, seen: SeenPart, position: str | None) -> Script:
         held = self._work.holds(seen.body)
-        in_hole = self._diary.doing == ("assembly", seen.part, position)
-        self._diary.note("release", part=seen.part if held else None, position=position if held and in_hole else None)
+        in_hole = self._events.doing == ("assembly", seen.part, position)
+        self._events.note("release", part=seen.part if held else None, position=position if held and in_hole else None)
         yield from self._work.let_go(seen.part)
-        self._diary.begin("transit")
+        self._events.begin("transit")
         yield from self._work.back_off()
 
     def _carry_to_bracket(self, body: str, target_m: Array) -> Script:

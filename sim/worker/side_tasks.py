@@ -10,8 +10,8 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.operator import HELP_GIVEN, IS_RIGHT, PLACED_BY_HAND, OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
 from sim.scene.person import ShiftHabits, drawn, happens
-from sim.worker.event_log import Diary
-from sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, Handwork, Script
+from sim.worker.event_log import EventLog
+from sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
 from sim.worker.stock import Stock
 from sim.worker.worker_sight import Sight
 
@@ -82,7 +82,7 @@ class Replies:
         return pressed
 
 
-class Errands:
+class SideTasks:
     """Scripts of the hand; each `yield` is a period.
 
     Args:
@@ -92,30 +92,30 @@ class Errands:
 
     def __init__(
         self,
-        work: Handwork,
+        work: HandPrimitives,
         sight: Sight,
         bench: Bench,
         stock: Stock,
         habits: ShiftHabits,
         rng: np.random.Generator,
-        diary: Diary,
+        events: EventLog,
         change: Callable[[], None],
         polite: Callable[[], bool],
     ) -> None:
         self._work, self._sight, self._bench, self._stock = work, sight, bench, stock
-        self._habits, self._rng, self._diary, self._change, self._polite = habits, rng, diary, change, polite
+        self._habits, self._rng, self._events, self._change, self._polite = habits, rng, events, change, polite
         self.due: set[str] = set()  # "bins" and "tray", to be filled later
 
     def change_bracket(self) -> Script:
         """Finished bracket out, empty one in; bins and tray are filled now, in any order, or when something lacks."""
-        self._diary.begin("transit")
+        self._events.begin("transit")
         yield from self._wait_for_arm(lambda: self._sight.arm_over_bracket)
         x, y, _ = self._sight.bracket_m
         half_s = drawn(self._habits.exchange_s, self._rng) / 2
         yield from self._over(np.array([x + 0.03, y, self._work.clear_height_m + 0.08]), half_s)
         self._change()
         self._stock.take_bracket()
-        self._diary.note("change bracket")
+        self._events.note("change bracket")
         yield from self._work.wait(half_s)
         self.due = {"bins", "tray"}
         for place in ("bins", "tray") if self._rng.random() < 0.5 else ("tray", "bins"):
@@ -125,7 +125,7 @@ class Errands:
     def fill(self, place: str) -> Script:
         """Fill the bins or the tray."""
         self.due.discard(place)
-        self._diary.begin("transit")
+        self._events.begin("transit")
         duration_s = drawn(self._habits.fill_s, self._rng)
         if place == "tray":
             yield from self._at_tray(duration_s, lambda: self._stock.fill_tray())
@@ -135,21 +135,21 @@ class Errands:
         middle[2] = OVER_BINS_M
         yield from self._over(middle, duration_s / 2)
         self._stock.fill_bins()
-        self._diary.note("fill bins")
+        self._events.note("fill bins")
         yield from self._work.wait(duration_s / 2)
 
     def tidy_up(self) -> Script:
         """Pick up what fell over on the bench, if anything did, and put it back where such parts are kept."""
         if not self._stock.fallen():
             return
-        self._diary.begin("transit")
+        self._events.begin("transit")
         yield from self._wait_for_arm(lambda: self._sight.arm_over_bracket)
         x, y, _ = self._sight.bracket_m
         half_s = drawn(self._habits.fill_s, self._rng) / 2
         yield from self._over(np.array([x + 0.03, y, self._work.clear_height_m + 0.08]), half_s)
         fallen = self._stock.fallen()
         self._stock.take(fallen)
-        self._diary.note("tidy up", parts=[body.part for body in fallen])
+        self._events.note("tidy up", parts=[body.part for body in fallen])
         yield from self._work.wait(half_s)
         owners = {body.owner for body in fallen}
         for owner, place in (("person", "bins"), ("robot", "tray")):
@@ -158,7 +158,7 @@ class Errands:
 
     def help(self, part: str) -> Script:
         """Set a part of this type into the tray so that the robot can take it."""
-        self._diary.begin("transit")
+        self._events.begin("transit")
         yield from self._at_tray(drawn(self._habits.fill_s, self._rng), lambda: self._free(part))
 
     def _free(self, part: str) -> None:
@@ -173,7 +173,7 @@ class Errands:
         towards_x, towards_y = OVER_TRAY_M
         yield from self._over(np.array([x + towards_x, y + towards_y, TRAY_HEIGHT_M]), duration_s / 2)
         act()
-        self._diary.note("fill tray")
+        self._events.note("fill tray")
         yield from self._work.wait(duration_s / 2)
 
     def _over(self, target_m: np.ndarray[tuple[int], np.dtype[np.float64]], stay_s: float) -> Script:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from sim.scene.person import BesideRobot, happens
-from sim.worker.event_log import Diary
-from sim.worker.hand_primitives import Handwork, Script
+from sim.worker.event_log import EventLog
+from sim.worker.hand_primitives import HandPrimitives, Script
 from sim.worker.worker_sight import Sight
 
 
@@ -24,21 +24,21 @@ class Waiting:
 
     def __init__(
         self,
-        work: Handwork,
+        work: HandPrimitives,
         sight: Sight,
         habits: BesideRobot,
         chance: np.random.Generator,
-        diary: Diary,
+        events: EventLog,
         asked: Callable[[], bool],
     ) -> None:
         self._work, self._sight, self._habits = work, sight, habits
-        self._chance, self._diary, self._asked = chance, diary, asked
+        self._chance, self._events, self._asked = chance, events, asked
 
     def polite(self) -> bool:
         """Whether the person waits for the arm this time."""
         polite = happens(self._habits.waits, self._chance)
         if not polite:
-            self._diary.note("does not wait")
+            self._events.note("does not wait")
         return polite
 
     def begins(self) -> Script:

@@ -19,13 +19,13 @@ from cell.interfaces.product import Product
 from sim.scene.hand import Hand, hand_rest_m
 from sim.scene.person import Person, drawn, happens
 from sim.worker.bracket_work import BracketWork, Screwing
-from sim.worker.event_log import ActionEvent, Diary
-from sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, Handwork, Script
+from sim.worker.event_log import ActionEvent, EventLog
+from sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
 from sim.worker.intrusion import Intrusion, Sequel
 from sim.worker.placing import Placing, positions_in_order
 from sim.worker.side_tasks import (
-    Errands,
     Replies,
+    SideTasks,
     choice_answer,
     goal_answer,
     help_answer,
@@ -89,9 +89,9 @@ class Worker:
         self._chance = chance or np.random.default_rng(0)
         self._sight = Sight(world, product, bench)
         self.hand = Hand(world.model, world.data)
-        self._diary = Diary()
-        self._work = Handwork(self.hand, self._sight, product, person, rng, self._chance)
-        self._diary.note("person", pace=self._work.pace)
+        self._events = EventLog()
+        self._work = HandPrimitives(self.hand, self._sight, product, person, rng, self._chance)
+        self._events.note("person", pace=self._work.pace)
         self._rest_m = np.array(hand_rest_m(bench))
         self._bracket = 0
         self._request: str | None = None
@@ -101,14 +101,14 @@ class Worker:
         self._around, self._replies, self._errands = around, None, None
         if around is not None:
             self._replies = Replies(person.shift, around.rng)
-            self._errands = Errands(
+            self._errands = SideTasks(
                 self._work,
                 self._sight,
                 bench,
                 around.stock,
                 person.shift,
                 around.rng,
-                self._diary,
+                self._events,
                 self._change_job,
                 lambda: self._waiting.polite(),
             )
@@ -119,7 +119,7 @@ class Worker:
     def show(self, display: Display) -> None:
         """The person reads the panel; a help request that is new gets them going at once."""
         if self._replies is not None:
-            self._replies.show(display.questions, self._diary.time_s)
+            self._replies.show(display.questions, self._events.time_s)
         if self._replies is None or not display.questions:  # a question is noticed after a while, see Replies
             self._request = display.help_request
         if display.help_request is None:
@@ -132,11 +132,11 @@ class Worker:
     def alarm(self, text: str) -> None:
         """A trouble that waits for somebody: the person acknowledges it after a while."""
         if self._replies is not None:
-            self._replies.alarm(text, self._diary.time_s)
+            self._replies.alarm(text, self._events.time_s)
 
     def update(self, time_s: float, dt_s: float) -> None:
         """Let one control period pass."""
-        self._diary.time_s, self._work.dt_s = time_s, dt_s
+        self._events.time_s, self._work.dt_s = time_s, dt_s
         if self._occupied:
             self._idle_since_s = time_s
         if self._intruding is None and self._tempted(dt_s):
@@ -161,21 +161,21 @@ class Worker:
     @property
     def busy(self) -> bool:
         """Whether the hand is occupied with a part."""
-        return self._diary.doing is None or self._diary.doing[0] == "assembly"
+        return self._events.doing is None or self._events.doing[0] == "assembly"
 
     @property
     def events(self) -> list[ActionEvent]:
         """What the hand did so far, in order."""
-        return self._diary.actions
+        return self._events.actions
 
     @property
     def acts(self) -> list[TruthEvent]:
         """What the person did besides, mistakes and bad habits among it, in order."""
-        return self._diary.acts
+        return self._events.acts
 
     def news(self) -> list[TruthEvent]:
         """Actions and acts since the last call, in order."""
-        return self._diary.news()
+        return self._events.news()
 
     def _tempted(self, dt_s: float) -> bool:
         """Whether the hand goes into the arm's way in this period: the arm moves, and the hand is free."""
@@ -185,7 +185,7 @@ class Worker:
         return self._chance.random() < often / 60 * dt_s
 
     def _assemble(self) -> Script:
-        self._diary.begin("idle")
+        self._events.begin("idle")
         while True:
             yield from self._pause()
             yield from self._answer()
@@ -214,10 +214,10 @@ class Worker:
         """From now on, this is to be built."""
         order = positions_in_order(self._person.order, wanted, self._rng, self._chance)
         placing = Placing(
-            self._work, self._sight, self._person, wanted, self._chance, self._diary, self._waiting.polite
+            self._work, self._sight, self._person, wanted, self._chance, self._events, self._waiting.polite
         )
         self._job = BracketWork(placing, self._sight, wanted, order, self._go_to_rest)
-        self._idle_since_s = self._diary.time_s
+        self._idle_since_s = self._events.time_s
 
     @property
     def _occupied(self) -> bool:
@@ -236,20 +236,20 @@ class Worker:
         """Somebody else takes over the bench; where the parts are kept stays as it is."""
         self._person = person
         self._work.become(person)
-        self._diary.note("person", pace=self._work.pace)
+        self._events.note("person", pace=self._work.pace)
         self._set_habits(person)
 
     def _set_habits(self, person: Person) -> None:
         """What this person does in their own way."""
-        self._waiting = Waiting(self._work, self._sight, person.robot, self._chance, self._diary, lambda: self._asked)
-        self._screwing = Screwing(self._work, self._sight, person, self._rng, self._chance, self._diary)
-        self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._diary.note)
+        self._waiting = Waiting(self._work, self._sight, person.robot, self._chance, self._events, lambda: self._asked)
+        self._screwing = Screwing(self._work, self._sight, person, self._rng, self._chance, self._events)
+        self._intrusion = Intrusion(self._work, self._sight, person.robot, self._chance, self._events.note)
 
     def _answer(self) -> Script:
         """Answer what was noticed: words at once, help with a part by hand."""
         if self._replies is None or self._errands is None:
             return
-        for question in list(self._replies.noticed(self._diary.time_s)):
+        for question in list(self._replies.noticed(self._events.time_s)):
             if question.kind == "goal":
                 self._replies.answer(question, goal_answer(question, self._job.wanted))
             elif question.kind == "where":
@@ -279,12 +279,12 @@ class Worker:
         if not complete and "bins" in self._errands.due:
             yield from self._errands.fill("bins")
             return
-        idle_s = self._diary.time_s - self._idle_since_s
+        idle_s = self._events.time_s - self._idle_since_s
         if not complete and idle_s > ASKS_AGAIN_S:
             yield from self._ask_for_part()
-            self._idle_since_s = self._diary.time_s
+            self._idle_since_s = self._events.time_s
             return
-        asked = self._replies.asks_for_bracket(self._diary.time_s)
+        asked = self._replies.asks_for_bracket(self._events.time_s)
         if asked or (self._around.goes_on and idle_s > self._person.shift.gives_up_s):
             yield from self._errands.change_bracket()
             yield from self._go_to_rest()
@@ -304,9 +304,9 @@ class Worker:
 
     def _go_to_rest(self) -> Script:
         if float(np.linalg.norm(self._work.position_m - self._rest_m)) > AT_REST_M:
-            self._diary.begin("transit")
+            self._events.begin("transit")
             yield from self._work.reach(self._rest_m, 0.0, RELAXED_GAP_M, arch_m=ARCH_M)
-        self._diary.begin("idle")
+        self._events.begin("idle")
 
     def _pause(self) -> Script:
         yield from self._work.wait(drawn(self._person.pause_s, self._rng))

@@ -15,7 +15,7 @@ from cell.runs.run import drive
 from cell.wiring.devices import attached
 from cell.wiring.services import load_planners
 from sim.cell import SimCell
-from tests.integration.cell_rig import CONFIGURATION, PRODUCT, Diary, motion_planner
+from tests.integration.cell_rig import CONFIGURATION, PRODUCT, Recorded, motion_planner
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 
@@ -28,13 +28,13 @@ def assembled(
     configuration: Configuration = CONFIGURATION,
 ) -> dict[str, Any]:
     """Run the tree to its end: how it ended, and what was asked when."""
-    diary = Diary()
+    events = Recorded()
     planners, faults = load_planners(CONFIGURATION, PRODUCT), load_faults(CONFIGURATION)
     files = Files(configuration, PRODUCT, load_tree(tree, node_registry(PRODUCT)), planners, faults)
     with attached(configuration, PRODUCT, devices) as opened:
-        outcome = drive(files, opened, motion_planner(), (diary,), operator=operator)
+        outcome = drive(files, opened, motion_planner(), (events,), operator=operator)
     report = cell.report()
-    asked = [(round(time_s, 1), fields.get("text")) for time_s, topic, fields in diary.notes if topic == "help"]
+    asked = [(round(time_s, 1), fields.get("text")) for time_s, topic, fields in events.notes if topic == "help"]
     return {
         "finished": outcome.end == "finished",
         "correct": report["correct"],

@@ -19,7 +19,7 @@ from learned.grasp.solution import nearest_first, solve
 from learned.inference.scores import wilson
 from sim.cell import SimCell
 from sim.scene.clutter import ScenePart, sample_clutter, standing
-from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Diary, lifted, robot_alone, run_tree
+from tests.integration.cell_rig import BENCH, COMMISSION, PRODUCT, Recorded, lifted, robot_alone, run_tree
 
 SIZES = (3, 4, 5, 6)
 MOST_DRAWS = 1000
@@ -106,10 +106,10 @@ def fetch(draw: Draw, size: int, seed: int, configuration: Configuration) -> Cas
     scene, part = draw(size, seed)
     with robot_alone(scene, seed) as cell:
         fewest = fewest_moves(true_boxes(cell), part)
-        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": part}, configuration=configuration)
+        outcome, recorded = run_tree(cell, COMMISSION, "FetchPart", {"part": part}, configuration=configuration)
         fetched = lifted(cell, part)
-    moves = sum(reason.endswith("moved aside") for reason in diary.reasons())
-    return Case(size, seed, fetched, fewest, moves, f"{part} ({outcome.reason}): {last_words(diary)}")
+    moves = sum(reason.endswith("moved aside") for reason in recorded.reasons())
+    return Case(size, seed, fetched, fewest, moves, f"{part} ({outcome.reason}): {last_words(recorded)}")
 
 
 def true_boxes(cell: SimCell) -> Boxes:
@@ -125,9 +125,9 @@ def fewest_moves(boxes: Boxes, part: str) -> int | None:
     return min((len(one.moves) for one in solutions if not one.needs_help), default=None)
 
 
-def last_words(diary: Diary) -> str:
+def last_words(recorded: Recorded) -> str:
     """The last different things that nodes said."""
-    said = list(dict.fromkeys(diary.reasons()))
+    said = list(dict.fromkeys(recorded.reasons()))
     return "; ".join(said[-3:])
 
 

@@ -67,11 +67,11 @@ def place_one(part: str, seed: int) -> str | None:
     rng = np.random.default_rng(seed)
     position = PRODUCT.positions[int(rng.integers(len(PRODUCT.positions)))]
     with robot_alone(sample_clutter(PRODUCT, BENCH.tray, [part], rng), seed) as cell:
-        outcome, diary = run_tree(cell, COMMISSION, "PickAndPlaceOne", {"part": part, "position": position})
+        outcome, events = run_tree(cell, COMMISSION, "PickAndPlaceOne", {"part": part, "position": position})
         placement = cell.score.placements().get(position)
     if outcome.end == "finished" and placement is not None and placement.part == part and placement.seated:
         return None
-    return f"{outcome.reason}, {position} holds {placement}: {clearing.last_words(diary)}"
+    return f"{outcome.reason}, {position} holds {placement}: {clearing.last_words(events)}"
 
 
 def with_planner(kind: str) -> Configuration:

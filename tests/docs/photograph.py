@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from cell.watching.observer import TickRecord
 from sim.scene.world import World
 from tests.docs.portrait import portrait
-from tests.integration.cell_rig import ASSEMBLE, Diary, run_tree, with_person
+from tests.integration.cell_rig import ASSEMBLE, Recorded, run_tree, with_person
 
 GOAL, SEED = "g0", 1
 MOMENT, AFTER_S = "lowering o3", 0.24  # what the robot says that it does, and so long after it begins
 WIDTH_PX, HEIGHT_PX = 1200, 675
 
 
-class Photographer(Diary):
-    """A diary that takes one picture: `after_s` after a skill says that it begins with this."""
+class Photographer(Recorded):
+    """A recorded that takes one picture: `after_s` after a skill says that it begins with this."""
 
     def __init__(self, world: World, moment: str, after_s: float) -> None:
         super().__init__()
@@ -43,11 +43,11 @@ def photograph(moment: str = MOMENT, after_s: float = AFTER_S) -> NDArray[np.uin
         ValueError: the robot does not do that in this run.
     """
     with with_person(GOAL, SEED) as cell:
-        diary = Photographer(cell.world, moment, after_s)
-        run_tree(cell, ASSEMBLE, diary=diary)
-    if diary.image is None:
+        recorded = Photographer(cell.world, moment, after_s)
+        run_tree(cell, ASSEMBLE, recorded=recorded)
+    if recorded.image is None:
         raise ValueError(f"in the run of {GOAL} with seed {SEED} nothing says '{moment}'")
-    return diary.image
+    return recorded.image
 
 
 def png(image: NDArray[np.uint8]) -> bytes:

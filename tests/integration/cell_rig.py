@@ -31,7 +31,7 @@ CAN = CONFIGURATION.devices.gripper_bus
 
 
 @dataclass
-class Diary(Observer):
+class Recorded(Observer):
     """An observer that keeps what decides a test.
 
     Attributes:
@@ -99,16 +99,16 @@ def run_tree(
     tree: Path,
     main: str | None = None,
     provided: Mapping[str, object] | None = None,
-    diary: Diary | None = None,
+    recorded: Recorded | None = None,
     configuration: Configuration = CONFIGURATION,
-) -> tuple[Outcome, Diary]:
+) -> tuple[Outcome, Recorded]:
     """Run a tree to its end on a cell."""
-    diary = diary or Diary()
+    recorded = recorded or Recorded()
     loaded = load_tree(tree, node_registry(PRODUCT), main, provided)
     planners, faults = load_planners(configuration, PRODUCT), load_faults(configuration)
     files = Files(configuration, PRODUCT, loaded, planners, faults)
     with attached(configuration, PRODUCT, cell.devices) as devices:
-        return drive(files, devices, motion_planner(), (diary,)), diary
+        return drive(files, devices, motion_planner(), (recorded,)), recorded
 
 
 def lifted(cell: SimCell, part: str, height_m: float = 0.03) -> bool:

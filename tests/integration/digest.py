@@ -11,10 +11,10 @@ from tests.integration.cell_rig import ASSEMBLE, run_tree, with_person
 
 def main(goal: str, seed: int) -> None:
     with with_person(goal, seed) as cell:
-        outcome, diary = run_tree(cell, ASSEMBLE)
+        outcome, recorded = run_tree(cell, ASSEMBLE)
         report = cell.score.report()
-    decided = repr((diary.joints, diary.statuses, diary.notes)).encode()
-    ending = {"end": outcome.end, **report, "last_joints": repr(diary.joints[-1]), "ticks": len(diary.joints)}
+    decided = repr((recorded.joints, recorded.statuses, recorded.notes)).encode()
+    ending = {"end": outcome.end, **report, "last_joints": repr(recorded.joints[-1]), "ticks": len(recorded.joints)}
     print(json.dumps({**ending, "digest": hashlib.sha256(decided).hexdigest()}))
 
 

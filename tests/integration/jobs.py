@@ -61,7 +61,7 @@ def clutter(seed: int) -> tuple[ScenePart, ...]:
 def palletise(seed: int) -> str | None:
     """None where every type stands in its row, else what is wrong."""
     with robot_alone(clutter(seed), seed) as cell:
-        outcome, diary = run_tree(cell, JOBS / "palletise.xml")
+        outcome, recorded = run_tree(cell, JOBS / "palletise.xml")
         rows: dict[str, list[tuple[float, float]]] = {part: [] for part in PRODUCT.parts}
         for body in cell.world.bodies:
             x, y, _ = cell.world.part_pose(body).position_m
@@ -70,20 +70,20 @@ def palletise(seed: int) -> str | None:
         wanted = [(0.28 + 0.10 * column, 0.44 + 0.10 * row) for column in range(len(places))]
         for place in wanted:
             if min(math.dist(place, found) for found in places) > NEAR_M:
-                return f"no {part} at {place}; {outcome.reason}; {diary.reasons()[-3:]}"
-    return None if outcome.end == "finished" else f"{outcome.reason}; {diary.reasons()[-3:]}"
+                return f"no {part} at {place}; {outcome.reason}; {recorded.reasons()[-3:]}"
+    return None if outcome.end == "finished" else f"{outcome.reason}; {recorded.reasons()[-3:]}"
 
 
 def kit(seed: int) -> str | None:
     """None where every row of the order stands at its spot."""
     with folder(), robot_alone(clutter(seed), seed) as cell:
-        outcome, diary = run_tree(cell, JOBS / "kit.xml")
+        outcome, recorded = run_tree(cell, JOBS / "kit.xml")
         bodies = [(body.part, cell.world.part_pose(body).position_m[:2]) for body in cell.world.bodies]
     with (JOBS / "order.csv").open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
             x, y = (float(word) for word in row["spot"].split(":")[1].split()[:2])
             if not any(part == row["part"] and math.dist(place, (x, y)) < NEAR_M for part, place in bodies):
-                return f"no {row['part']} at {row['spot']}; {outcome.reason}; {diary.reasons()[-3:]}"
+                return f"no {row['part']} at {row['spot']}; {outcome.reason}; {recorded.reasons()[-3:]}"
     return None if outcome.end == "finished" else outcome.reason
 
 
@@ -94,11 +94,11 @@ def inspect(seed: int) -> str | None:
     truth = {p: types.pop() if rng.random() < 0.7 else "empty" for p in PRODUCT.positions}
     scene = [ScenePart(part, hole_pose(PRODUCT, BENCH, p)) for p, part in truth.items() if part != "empty"]
     with folder() as here, robot_alone(scene, seed) as cell:
-        outcome, diary = run_tree(cell, JOBS / "inspect.xml")
+        outcome, recorded = run_tree(cell, JOBS / "inspect.xml")
         report = here / "inspection.csv"
         rows = list(csv.DictReader(report.read_text().splitlines())) if report.exists() else []
     if outcome.end != "finished":
-        return f"{outcome.reason}; {diary.reasons()[-3:]}"
+        return f"{outcome.reason}; {recorded.reasons()[-3:]}"
     seen = {row["position"]: row["seen"] for row in rows}
     goal = PRODUCT.goal_placements("g0")
     judged = {row["position"]: row["right"] == "true" for row in rows}
@@ -126,10 +126,10 @@ def _teach(seed: int, product: object, shown: tuple[str, ...]) -> str | None:
         planners = CONFIGURATION.planners.model_copy(update={"semantic": semantic})
         configuration = CONFIGURATION.model_copy(update={"planners": planners})
         with cell_rig.person_who_knows(product, "secret", seed) as cell:  # type: ignore[arg-type]
-            outcome, diary = run_tree(cell, JOBS / "teach.xml", configuration=configuration)
+            outcome, recorded = run_tree(cell, JOBS / "teach.xml", configuration=configuration)
         learned = OpenGoals.load(path, PRODUCT).learned
     if outcome.end != "finished":
-        return f"{outcome.reason}; {diary.reasons()[-3:]}"
+        return f"{outcome.reason}; {recorded.reasons()[-3:]}"
     return None if [goal.parts for goal in learned.values()] == [shown] else f"learned {learned}, shown was {shown}"
 
 
@@ -139,12 +139,12 @@ def hand_over(seed: int) -> str | None:
     with robot_alone(clutter(seed), seed) as cell:
         taker = Taker(cell, spot)
         cell.devices = replace(cell.devices, panel=taker, pressed=taker.pressed)
-        outcome, diary = run_tree(cell, JOBS / "hand_over.xml")
+        outcome, recorded = run_tree(cell, JOBS / "hand_over.xml")
     if taker.taken is None:
-        return f"nothing was taken; {outcome.reason}; {diary.reasons()[-3:]}"
+        return f"nothing was taken; {outcome.reason}; {recorded.reasons()[-3:]}"
     if taker.taken != "o2":
         return f"{taker.taken} was handed over"
-    return None if outcome.end == "finished" else f"{outcome.reason}; {diary.reasons()[-3:]}"
+    return None if outcome.end == "finished" else f"{outcome.reason}; {recorded.reasons()[-3:]}"
 
 
 class Taker:

@@ -36,7 +36,7 @@ def standing_in_tray(spots: Sequence[tuple[str, tuple[float, float], float]]) ->
 @pytest.mark.parametrize(("goal", "seed"), [("g1", 2), ("g2", 3)])
 def test_a_bracket_is_assembled_together(goal: str, seed: int) -> None:
     with with_person(goal, seed) as cell:
-        outcome, diary = run_tree(cell, ASSEMBLE)
+        outcome, recorded = run_tree(cell, ASSEMBLE)
         report = cell.report()
     assert outcome.end == "finished", outcome.reason
     assert report["correct"]
@@ -44,8 +44,8 @@ def test_a_bracket_is_assembled_together(goal: str, seed: int) -> None:
     assert report["wrong_placements"] == 0
     assert isinstance(report["robot_placements"], int)
     assert report["robot_placements"] >= 1
-    assert [fields["goal"] for _, topic, fields in diary.notes if topic == "belief" and "goal" in fields][-1] == goal
-    refused = [fields["subject"] for _, _, fields in diary.notes if fields.get("decision") == "refused"]
+    assert [fields["goal"] for _, topic, fields in recorded.notes if topic == "belief" and "goal" in fields][-1] == goal
+    refused = [fields["subject"] for _, _, fields in recorded.notes if fields.get("decision") == "refused"]
     assert "assembly plan" not in refused
 
 
@@ -61,12 +61,12 @@ def test_the_same_seed_decides_the_same_in_two_processes() -> None:
 def test_a_blocked_part_is_fetched_out_of_clutter() -> None:
     spots = [("o2", (0.55, -0.40), 0.0), ("o3", (0.55, -0.356), 0.0), ("o3", (0.61, -0.43), math.pi / 2)]
     with robot_alone(standing_in_tray(spots), seed=1) as cell:
-        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o2"})
+        outcome, recorded = run_tree(cell, COMMISSION, "FetchPart", {"part": "o2"})
         held = lifted(cell, "o2")
     assert outcome.end == "finished", outcome.reason
     assert held
-    assert "o3 moved aside" in diary.reasons()
-    solutions = [str(fields["solution"]) for _, _, fields in diary.notes if "solution" in fields]
+    assert "o3 moved aside" in recorded.reasons()
+    solutions = [str(fields["solution"]) for _, _, fields in recorded.notes if "solution" in fields]
     assert any(solution.startswith("move") for solution in solutions)
 
 
@@ -74,12 +74,12 @@ def test_a_blocked_part_is_fetched_out_of_clutter() -> None:
 def test_of_two_parts_side_by_side_one_is_fetched_and_placed(part: str, width_m: float, position: str) -> None:
     spots = [(part, (0.55, -0.40), 0.0), (part, (0.55, -0.40 + width_m + 0.006), 0.0)]
     with robot_alone(standing_in_tray(spots), seed=1) as cell:
-        outcome, diary = run_tree(cell, COMMISSION, "PickAndPlaceOne", {"part": part, "position": position})
+        outcome, recorded = run_tree(cell, COMMISSION, "PickAndPlaceOne", {"part": part, "position": position})
         placement = cell.score.placements().get(position)
     assert outcome.end == "finished", outcome.reason
     assert placement is not None
     assert (placement.part, placement.seated) == (part, True)
-    assert not any("aside" in reason for reason in diary.reasons())
+    assert not any("aside" in reason for reason in recorded.reasons())
 
 
 def lying_beside(*offsets_m: tuple[float, float]) -> list[ScenePart]:
@@ -92,20 +92,20 @@ def lying_beside(*offsets_m: tuple[float, float]) -> list[ScenePart]:
 
 def test_a_part_lying_where_the_fingers_go_is_avoided() -> None:
     with robot_alone(lying_beside((0.0, 0.05)), seed=1) as cell:
-        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o1"})
+        outcome, recorded = run_tree(cell, COMMISSION, "FetchPart", {"part": "o1"})
         held = lifted(cell, "o1")
     assert outcome.end == "finished", outcome.reason
     assert held
-    assert not any("met something" in reason for reason in diary.reasons())
+    assert not any("met something" in reason for reason in recorded.reasons())
 
 
 def test_where_parts_lie_on_all_sides_one_of_them_is_set_upright_first() -> None:
     with robot_alone(lying_beside((0.0, 0.05), (0.0, -0.075), (0.065, 0.0), (-0.065, 0.0)), seed=1) as cell:
-        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o1"})
+        outcome, recorded = run_tree(cell, COMMISSION, "FetchPart", {"part": "o1"})
         held = lifted(cell, "o1")
     assert outcome.end == "finished", outcome.reason
     assert held
-    reasons = diary.reasons()
+    reasons = recorded.reasons()
     assert reasons.index("o2 stands upright") < reasons.index("grasping o1")
     assert not any("met something" in reason for reason in reasons)
 
@@ -120,10 +120,10 @@ def test_a_hand_near_the_part_stops_the_arm_which_goes_on_afterwards(monkeypatch
 
     monkeypatch.setattr(WaitForHandClearOfPart, "update", update)
     with robot_alone(standing_in_tray([("o2", (0.55, -0.40), 0.4)]), seed=1) as cell:
-        outcome, diary = run_tree(cell, COMMISSION, "FetchPart", {"part": "o2"})
+        outcome, recorded = run_tree(cell, COMMISSION, "FetchPart", {"part": "o2"})
         held = lifted(cell, "o2")
     assert outcome.end == "finished", outcome.reason
     assert held
-    assert "halted" in diary.reasons()
-    ticks = np.array(diary.joints)[round((near_s[0] + 0.6) * 25) : round(near_s[1] * 25)]
+    assert "halted" in recorded.reasons()
+    ticks = np.array(recorded.joints)[round((near_s[0] + 0.6) * 25) : round(near_s[1] * 25)]
     assert np.ptp(ticks, axis=0).max() < 1e-3, "the arm stands while the hand is near"

@@ -120,9 +120,9 @@ def test_a_tree_fetches_a_part_that_lies_from_pixels() -> None:
     spot = Pose.from_yaw((0.52, -0.42, BENCH.tray.centre_m[2] + 0.001), 0.6)
     scene = [ScenePart("o3", spot @ side[0]), standing(PRODUCT, BENCH.tray, "o1", (0.62, -0.28), 1.0)]
     with robot_alone(scene, seed=3) as cell:
-        outcome, diary = run_tree(cell, ROOT / "trees" / "clear_and_grasp.xml")
+        outcome, recorded = run_tree(cell, ROOT / "trees" / "clear_and_grasp.xml")
         assert outcome.end == "finished", outcome
-        assert "o3 stands upright" in diary.reasons()
-        assert "holding o3" in diary.reasons()
+        assert "o3 stands upright" in recorded.reasons()
+        assert "holding o3" in recorded.reasons()
         stands = [cell.world.part_pose(body).rotation[2, 2] for body in cell.world.bodies]
         assert min(stands) > 0.999

@@ -20,7 +20,7 @@ from cell.configuration import DEFAULT_CONFIGURATION
 from cell.watching.observer import TickRecord
 from sim.cell import SimCell
 from sim.rendering.render_process import RenderProcess
-from tests.integration.cell_rig import ASSEMBLE, BENCH, CAN, PRODUCT, SIMULATION, Diary, run_tree
+from tests.integration.cell_rig import ASSEMBLE, BENCH, CAN, PRODUCT, SIMULATION, Recorded, run_tree
 
 DURATION_S = 14.0
 MEASURED_IN_WALL_TIME = ("/timing", "/log")
@@ -61,7 +61,7 @@ def test_the_log_is_the_same_with_and_without_overlap(tmp_path: Path) -> None:
 
 
 @dataclass
-class Killer(Diary):
+class Killer(Recorded):
     """Kills the render process at a tick."""
 
     process_id: int = 0
@@ -77,10 +77,10 @@ def test_a_render_process_that_dies_is_a_fault_of_a_device() -> None:
     with closing(SimCell(PRODUCT, BENCH, SIMULATION, *CAN, 3, "g1", overlap=True)) as cell:
         assert isinstance(cell.devices.host, RenderProcess)
         killer = Killer(process_id=cell.devices.host.process_ids[0], tick_number=40)
-        outcome, diary = run_tree(cell, ASSEMBLE, diary=killer)
+        outcome, recorded = run_tree(cell, ASSEMBLE, recorded=killer)
     assert outcome.end == "fault"
     assert outcome.reason.startswith("render process: it died")
     assert not outcome.detail, "a typed fault has no traceback"
     # Where a detector waits for a frame the run ends at once; else a camera is lost, which may come back for 20 s.
     assert 40 < outcome.ticks < 50 or 540 < outcome.ticks < 550
-    assert np.ptp(diary.joints[50:] or diary.joints[-1:], axis=0).max() < 1e-3, "the arm stands meanwhile"
+    assert np.ptp(recorded.joints[50:] or recorded.joints[-1:], axis=0).max() < 1e-3, "the arm stands meanwhile"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from learned.inference.prefetch import KEPT, Ahead, Image
+from learned.inference.prefetch import KEPT, Image, Prefetch
 
 
 def test_work_is_done_once_for_an_image_and_again_for_its_copy() -> None:
@@ -14,7 +14,7 @@ def test_work_is_done_once_for_an_image_and_again_for_its_copy() -> None:
         asked.append(int(image.sum()))
         return asked[-1]
 
-    ahead = Ahead(brightness)
+    ahead = Prefetch(brightness)
     images = [np.full((2, 2), number, np.uint8) for number in range(KEPT + 1)]
     for image in images:
         ahead.prepare(image)

@@ -15,7 +15,7 @@ from cell.interfaces.solid import span_m
 from sim.scene.clutter import ScenePart, full_set, gap, rectangle, sample_clutter, standing
 from sim.scene.posture import stance, whole
 from sim.scene.settings import ClutterSettings
-from sim.scene.unknown_objects import UNKNOWN, draw_foreign
+from sim.scene.unknown_objects import UNKNOWN, draw_unknown_object
 from sim.scene.world import World, build_world
 from sim.truth.tray_truth import resting_parts
 
@@ -142,7 +142,7 @@ def test_nominal_trays_stay_what_they_are(product: Product, bench: Bench) -> Non
 
 def test_things_that_nobody_knows_differ() -> None:
     rng = np.random.default_rng(0)
-    things = [draw_foreign(rng) for _ in range(60)]
+    things = [draw_unknown_object(rng) for _ in range(60)]
     assert len({thing.colour_rgb for thing in things}) >= 5
     assert len({tuple(solid.solid for solid in thing.solids) for thing in things}) >= 4
     for thing in things:

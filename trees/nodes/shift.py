@@ -7,7 +7,7 @@ from py_trees.common import Status
 from cell.errors import InputError
 from cell.interfaces.operator import Question
 from cell.interfaces.planning import AssemblyState
-from cell.interfaces.resume import LeftOff
+from cell.interfaces.resume import ResumeState
 from trees.engine.node import FAILURE, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.engine.status import NodeError
@@ -71,7 +71,7 @@ class BeginBracket(CellNode):
 
     def update(self) -> Status:
         memory = self.memory
-        left, memory.left_off = memory.left_off, LeftOff()
+        left, memory.left_off = memory.left_off, ResumeState()
         resumed = left.under_way
         number = left.bracket if resumed else max(self.number.get(), left.bracket) + 1
         self.number.set(number)

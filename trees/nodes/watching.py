@@ -8,7 +8,7 @@ from py_trees.common import Status
 
 from cell.interfaces.perception import Action, HoleView
 from cell.interfaces.planning import AssemblyState
-from cell.interfaces.resume import LeftOff
+from cell.interfaces.resume import ResumeState
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InOutPort, InputPort, OutputPort
 from trees.engine.traits import Traits
@@ -38,7 +38,7 @@ class StartGraph(CellNode):
 
     def update(self) -> Status:
         memory = self.memory
-        kept, memory.left_off = memory.left_off.state, LeftOff()
+        kept, memory.left_off = memory.left_off.state, ResumeState()
         if self.state.carried and self.state.entry:
             kept = self.state.entry.value
         self.state.set(kept)

@@ -11,11 +11,11 @@ from typing import Any
 from cell.errors import InputError, LogError
 from cell.interfaces.planning import UNKNOWN_GOAL
 from cell.interfaces.product import Product
-from cell.interfaces.resume import LeftOff
+from cell.interfaces.resume import ResumeState
 from cell.log.read.reader import Log, LoggedTick, files_of, read_log
 
 
-def read_left_off(path: Path, product: Product, told: Callable[[LoggedTick], None] = lambda _: None) -> LeftOff:
+def read_resume_state(path: Path, product: Product, told: Callable[[LoggedTick], None] = lambda _: None) -> ResumeState:
     """What the log says about the work that it broke off in.
 
     Args:
@@ -25,12 +25,12 @@ def read_left_off(path: Path, product: Product, told: Callable[[LoggedTick], Non
         LogError: it cannot be read.
         InputError: it is of another product.
     """
-    left, remembers = LeftOff(), False
+    left, remembers = ResumeState(), False
     for number, log in enumerate(_parts(path)):
         if (name := log.metadata.get("product", product.name)) != product.name:
             raise InputError(f"{path}: the run was with product {name!r}, this one is with {product.name!r}")
         if "left_off" in log.metadata and number == 0:
-            left = LeftOff.of(json.loads(log.metadata["left_off"]))
+            left = ResumeState.of(json.loads(log.metadata["left_off"]))
         for tick in log.ticks:
             told(tick)
             for topic, fields in tick.notes:
@@ -56,13 +56,13 @@ def _parts(path: Path) -> Iterator[Log]:
                 raise
 
 
-def _after(left: LeftOff, topic: str, fields: dict[str, Any], product: Product) -> LeftOff:
+def _after(left: ResumeState, topic: str, fields: dict[str, Any], product: Product) -> ResumeState:
     """What is known after one more note."""
     graph = left.graph
     if topic == "bracket" and fields["edge"] == "begin":
         if fields.get("resumed"):
             return replace(left, bracket=fields["number"], ended=False)
-        begun = LeftOff(held_part=left.held_part, finished=left.finished)
+        begun = ResumeState(held_part=left.held_part, finished=left.finished)
         return replace(begun, bracket=fields["number"])
     if topic == "bracket":
         return _ended(left, fields, product)
@@ -88,12 +88,12 @@ def _after(left: LeftOff, topic: str, fields: dict[str, Any], product: Product) 
     return left
 
 
-def _seen(left: LeftOff, **changes: Any) -> LeftOff:
+def _seen(left: ResumeState, **changes: Any) -> ResumeState:
     """With another assembly graph."""
     return replace(left, graph=replace(left.graph, **changes))
 
 
-def _ended(left: LeftOff, fields: dict[str, Any], product: Product) -> LeftOff:
+def _ended(left: ResumeState, fields: dict[str, Any], product: Product) -> ResumeState:
     learned = fields.get("goal")
     if not learned or learned == UNKNOWN_GOAL or learned in product.goals:
         return replace(left, ended=True)

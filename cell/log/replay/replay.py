@@ -19,7 +19,7 @@ from cell.interfaces.command import Command
 from cell.interfaces.faults import SIGNALS, Action, FaultTable, Judgement
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.product import Product
-from cell.interfaces.resume import LeftOff
+from cell.interfaces.resume import ResumeState
 from cell.log.read.reader import Log, LoggedTick
 from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
 from cell.log.replay.logged_tree import write_files
@@ -109,7 +109,7 @@ class Replay:
             motion,
             self._journal,
             log.ticks[0].observation,
-            LeftOff.of(json.loads(log.metadata["left_off"])) if "left_off" in log.metadata else LeftOff(),
+            ResumeState.of(json.loads(log.metadata["left_off"])) if "left_off" in log.metadata else ResumeState(),
             LoggedFiles([fields for tick in log.ticks for topic, fields in tick.notes if topic == "file"]),
         )
         self._clock = TickClock(self._services)

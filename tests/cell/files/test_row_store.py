@@ -34,7 +34,7 @@ def test_a_heading_that_was_cut_short_is_written_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("of", [OF, None])
-@pytest.mark.parametrize("text", ['{"rows_of": {"command": "other"}}\n', "a diary\n", "a diary", "[]\n", "1\n"])
+@pytest.mark.parametrize("text", ['{"rows_of": {"command": "other"}}\n', "a events\n", "a events", "[]\n", "1\n"])
 def test_a_file_of_something_else_is_refused_and_left_as_it_is(
     tmp_path: Path, text: str, of: dict[str, str] | None
 ) -> None:

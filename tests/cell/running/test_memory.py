@@ -16,7 +16,7 @@ from cell.watching.fluency import Fluency
 from cell.watching.lateness import Lateness
 from cell.watching.observer import Observer, SentCommand, TickRecord
 from cell.watching.statistics import RunStatistics
-from sim.worker.event_log import Diary
+from sim.worker.event_log import EventLog
 from tests.cell.running.test_brackets import Note
 from tests.cell.running.test_finished import ARM, GRIPPER
 from trees.engine.node import StatusChange
@@ -67,14 +67,14 @@ def test_observers_that_count_stay_small() -> None:
 
 
 def test_what_the_person_did_is_forgotten_once_it_was_told() -> None:
-    diary = Diary()
+    events = EventLog()
     told: list[TruthEvent] = []
 
     def step(number: int) -> None:
-        diary.time_s = number * 0.04
-        diary.begin("screw" if number % 2 else "transit")
-        diary.note("slip", part=f"o{number}")
-        told[:] = diary.news()
+        events.time_s = number * 0.04
+        events.begin("screw" if number % 2 else "transit")
+        events.note("slip", part=f"o{number}")
+        told[:] = events.news()
 
     assert growth_bytes(step) < LEAST_GROWTH_BYTES
     assert [event.fields.get("act") for event in told if event.kind == "act"] == ["slip"]

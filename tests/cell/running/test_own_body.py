@@ -11,7 +11,7 @@ from cell.interfaces.devices import Devices
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus
 from cell.interfaces.perception import BenchView, Frame, PendingFrame
 from cell.interfaces.pose import Pose
-from cell.running.device_reader import NEAR_S, DeviceReader, OwnBody
+from cell.running.device_reader import NEAR_S, DeviceReader, RobotPoseHistory
 from cell.running.inference import LockStep
 from skills.motion.planner import MotionPlanner
 from tests.cell.fakes import FakeArm, FakeCamera, FakeGripper, FakePanel, frame, idle_view, no_parts
@@ -36,7 +36,7 @@ def fingers(holding: bool) -> GripperState:
 
 
 def test_the_tool_is_in_the_hull_of_the_points_of_its_links(motion: MotionPlanner) -> None:
-    body = OwnBody(motion.separation.outline)
+    body = RobotPoseHistory(motion.separation.outline)
     body.keep(arm(1.0, LOOK), fingers(holding=False))
     points = body.at(1.0)
     assert points is not None
@@ -51,7 +51,7 @@ def test_the_tool_is_in_the_hull_of_the_points_of_its_links(motion: MotionPlanne
 
 
 def test_between_two_ticks_it_is_wherever_the_arm_may_have_been(motion: MotionPlanner) -> None:
-    body, nobody = OwnBody(motion.separation.outline), fingers(holding=False)
+    body, nobody = RobotPoseHistory(motion.separation.outline), fingers(holding=False)
     body.keep(arm(1.0, PARK), nobody)
     body.keep(arm(1.04, LOOK), nobody)
     between, after = body.at(1.02), body.at(1.04)
@@ -65,7 +65,7 @@ def test_between_two_ticks_it_is_wherever_the_arm_may_have_been(motion: MotionPl
 
 
 def test_it_is_unknown_where_the_arm_was_not_measured_about_then(motion: MotionPlanner) -> None:
-    body, nobody = OwnBody(motion.separation.outline), fingers(holding=False)
+    body, nobody = RobotPoseHistory(motion.separation.outline), fingers(holding=False)
     assert body.at(0.0) is None
     body.keep(arm(0.0, (float("nan"), *LOOK[1:])), nobody)
     body.keep(arm(0.0, LOOK[:3]), nobody)
@@ -91,7 +91,7 @@ def test_detectors_of_the_bench_are_told_and_images_still_come_late(motion: Moti
         LockStep(no_parts, clock, 0.0),
         lambda _: None,
         lambda _: None,
-        own_body=OwnBody(motion.separation.outline),
+        own_body=RobotPoseHistory(motion.separation.outline),
     )
     reader.observe(0)
     assert seen

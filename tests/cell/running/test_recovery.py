@@ -12,7 +12,7 @@ from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.operator import OperatorOrder
-from cell.running.device_reader import HeldFingers
+from cell.running.device_reader import GripperHold
 from tests.cell.fakes import PARKED, FakeGripper, Rig
 
 OPEN = GripperCommand(0.085, 0.1, 40.0)
@@ -100,7 +100,7 @@ def test_fingers_that_grip_keep_their_force_while_the_arm_is_held_and_a_hand_kno
 def test_fingers_that_were_sent_off_again_after_a_hold_grip_nothing_so_far() -> None:
     """They lost their part, and were stopped; where they once gripped it says nothing about the way they go on."""
     gripper = GrippingGripper(ManualClock())
-    fingers = HeldFingers(gripper)
+    fingers = GripperHold(gripper)
     fingers.sent(GripperCommand(0.0, 0.1, 40.0))
 
     def tick(opening_m: float, *, moving: bool, held: bool) -> None:

@@ -11,7 +11,7 @@ from cell.configuration import load_configuration
 from cell.interfaces.pose import Array
 from learned.hands.model import NEW_CONFIDENCE
 from learned.hands.reading import ApparentSize, Reading
-from learned.hands.refinement import REFINED, UNCLEAR, CloserLook
+from learned.hands.refinement import REFINED, UNCLEAR, Refinement
 from learned.hands.regions import Regions
 from learned.hands.tracking import LEAST_CONFIDENCE
 from learned.inference.onnx_model import Network
@@ -40,7 +40,7 @@ def _readings(error: float, sized: bool = True) -> tuple[Reading, Reading]:
     size = ApparentSize(math.log(0.05), 0.03, (0.01, 0.01)) if sized else None
     read = Reading(SURE, 0.0, 1.0, points, (0.0, 0.0, 1.0, 1.0), (0.1, 0.1), size=size)
     image = np.full((int(regions.size_px[1]), int(regions.size_px[0]), 3), 90, np.uint8)
-    return read, CloserLook(regions, cast(Network, _Told(error))).refined(image, [read])[0]
+    return read, Refinement(regions, cast(Network, _Told(error))).refined(image, [read])[0]
 
 
 def test_a_clear_closeup_tells_size_and_points() -> None:

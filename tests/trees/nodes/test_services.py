@@ -16,7 +16,7 @@ from cell.interfaces.clock import ManualClock
 from cell.interfaces.memory import PREFIX, Memory, more, without
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.planning import AssemblyState
-from cell.interfaces.resume import LeftOff
+from cell.interfaces.resume import ResumeState
 from cell.recording.json_schema import with_nulls, without_nulls
 from cell.recording.schemas import json_bytes, plain
 from cell.recording.snapshot import Snapshot
@@ -52,7 +52,7 @@ def filled() -> Memory:
     """A memory of which no field is as at the beginning."""
     parts = seen_parts("o1", "o2").seen
     goal = tuple(PRODUCT.goal_placements("g0").values())
-    left = LeftOff(AssemblyState({"p1": "o1"}, "g0", kept={"p2": "o2"}), 3, False, "o1", (goal,))
+    left = ResumeState(AssemblyState({"p1": "o1"}, "g0", kept={"p2": "o2"}), 3, False, "o1", (goal,))
     counts: dict[str, Any] = {"reasons": {"it slipped": 2}, "turned": {"o2": 1}, "unplaced": {"o1 at p2": 3}}
     lists: dict[str, Any] = {"tray_parts": parts, "put_down": parts[:1], "in_vain": parts[1:], "finished": (goal,)}
     return Memory("o2", True, tray_seen_s=3.25, questions=4, brackets=2, left_off=left, **counts, **lists)

@@ -10,7 +10,7 @@ from py_trees.common import Status
 from cell.interfaces.operator import OperatorState
 from cell.interfaces.perception import HoleView
 from cell.interfaces.planning import AssemblyState
-from cell.interfaces.resume import LeftOff
+from cell.interfaces.resume import ResumeState
 from tests.trees.nodes.rig import EMPTY_HOLES, PRODUCT, see, services
 from trees.nodes.services import Services, Tools
 from trees.nodes.shift import BeginBracket, BracketTaken, EndBracket, ShiftIsOver, WaitForEmptyBracket
@@ -112,7 +112,7 @@ def test_a_shift_that_begins_with_a_bracket_half_full_goes_on_with_it_but_only_t
 
 
 def test_a_resumed_shift_goes_on_with_its_bracket_and_keeps_counting() -> None:
-    to = services(left_off=LeftOff(AssemblyState({"p1": "o1"}, "g0"), bracket=3))
+    to = services(left_off=ResumeState(AssemblyState({"p1": "o1"}, "g0"), bracket=3))
     wait: Any = alone(WaitForEmptyBracket("wait"), to)
     see(to, 0.0)
     assert wait.execute() is Status.SUCCESS, "nothing stood in it yet, and it was begun"
@@ -125,7 +125,7 @@ def test_a_resumed_shift_goes_on_with_its_bracket_and_keeps_counting() -> None:
 
 
 def test_a_shift_that_was_left_between_two_brackets_begins_the_next_one() -> None:
-    to = services(left_off=LeftOff(AssemblyState(dict(G0)), bracket=3, ended=True))
+    to = services(left_off=ResumeState(AssemblyState(dict(G0)), bracket=3, ended=True))
     wait: Any = alone(WaitForEmptyBracket("wait"), to)
     see(to, 0.0, holes=FULL)
     assert wait.execute() is Status.RUNNING
@@ -135,8 +135,8 @@ def test_a_shift_that_was_left_between_two_brackets_begins_the_next_one() -> Non
 
 
 def test_an_assembly_that_was_left_begins_with_its_graph() -> None:
-    to = services(left_off=LeftOff(AssemblyState({"p2": "o2"})))
+    to = services(left_off=ResumeState(AssemblyState({"p2": "o2"})))
     node: Any = alone(StartGraph("start"), to)
     assert node.execute() is Status.SUCCESS
     assert node.state.entry.value == AssemblyState({"p2": "o2"})
-    assert to.memory.left_off == LeftOff()
+    assert to.memory.left_off == ResumeState()

@@ -14,8 +14,8 @@ from rich.console import Console
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError
 from cell.interfaces.planning import AssemblyState
-from cell.interfaces.resume import LeftOff
-from cell.log.read.resume import _after, read_left_off
+from cell.interfaces.resume import ResumeState
+from cell.log.read.resume import _after, read_resume_state
 from cell.runs.options import RunOptions
 from cell.runs.run import run
 from sim.process.messages import Drawn
@@ -26,32 +26,32 @@ CASE = ROOT / "tests" / "cases" / "assembly-g0-seed5.mcap"
 G0 = dict(PRODUCT.goal_placements("g0"))
 
 
-def after(*notes: tuple[str, dict[str, Any]]) -> LeftOff:
-    left = LeftOff()
+def after(*notes: tuple[str, dict[str, Any]]) -> ResumeState:
+    left = ResumeState()
     for topic, fields in notes:
         left = _after(left, topic, fields, PRODUCT)
     return left
 
 
 def test_a_whole_assembly_is_known_from_its_log() -> None:
-    left = read_left_off(CASE, PRODUCT)
+    left = read_resume_state(CASE, PRODUCT)
     assert dict(left.graph.placed) == G0
     assert left.held_part in PRODUCT.parts
     assert (left.bracket, left.ended) == (0, False)
-    assert LeftOff.of(left.plain()) == left
+    assert ResumeState.of(left.plain()) == left
     assert left.told.startswith("o1 at p1, o1 at p2, ")
     assert left.told.endswith(f"; {left.held_part} was picked last")
 
 
 def test_where_a_shift_was_left_off_is_told_in_words() -> None:
-    assert LeftOff().told == "nothing is placed"
-    assert LeftOff(AssemblyState({"p5": "o3"}), bracket=2).told == "bracket 2; o3 at p5"
-    assert LeftOff(AssemblyState({"p5": "o3"}), bracket=2, ended=True).told == "bracket 2; nothing is placed"
+    assert ResumeState().told == "nothing is placed"
+    assert ResumeState(AssemblyState({"p5": "o3"}), bracket=2).told == "bracket 2; o3 at p5"
+    assert ResumeState(AssemblyState({"p5": "o3"}), bracket=2, ended=True).told == "bracket 2; nothing is placed"
 
 
 def test_a_log_of_another_product_is_refused() -> None:
     with pytest.raises(InputError, match="this one is with 'another'"):
-        read_left_off(CASE, PRODUCT.model_copy(update={"name": "another"}))
+        read_resume_state(CASE, PRODUCT.model_copy(update={"name": "another"}))
 
 
 def test_edges_that_were_taken_back_and_brackets_that_ended_are_followed() -> None:
@@ -79,9 +79,9 @@ def test_what_is_held_is_read_from_the_memory_of_the_nodes() -> None:
 def test_a_log_of_before_has_the_graph_among_the_other_fields() -> None:
     plain = {"placed": {"p1": "o1"}, "told_goal": "g0", "bracket": 2, "ended": False, "held_part": None, "finished": []}
     more = {"kept": {"p2": None}, "known_wrong": {}, "told_parts": {}, "taken_out": {}}
-    left = LeftOff(AssemblyState({"p1": "o1"}, "g0", kept={"p2": None}), 2)
-    assert LeftOff.of({**plain, **more}) == left
-    assert LeftOff.of(json.loads(json.dumps(left.plain()))) == left
+    left = ResumeState(AssemblyState({"p1": "o1"}, "g0", kept={"p2": None}), 2)
+    assert ResumeState.of({**plain, **more}) == left
+    assert ResumeState.of(json.loads(json.dumps(left.plain()))) == left
 
 
 def test_a_resumed_bracket_keeps_what_was_known_of_it() -> None:

@@ -177,12 +177,12 @@ class LogSettings(Model):
         jpeg_quality: quality of those frames.
         buffer_mb: what may wait for a slow or full disk; images are dropped from half of it on, ticks beyond it.
         joint_samples: write the joints at the rate of the arm's own control.
-        rotate_mb: begin a new part of the log when it has so many bytes; one file by default.
+        rotate_mb: begin a new part of the log at this size; one file by default.
         rotate_s: begin a new part of the log after so long; one file by default.
         rotate_brackets: begin a new part of the log with every bracket of a shift.
         compress: make closed parts of a log smaller (zstd), in a process beside the run.
-        keep_parts: keep only so many parts, the newest; all by default.
-        keep_mb: keep only so many bytes of finished parts, the newest; all by default.
+        keep_parts: keep only this many parts, the newest; all by default.
+        keep_mb: keep only this much of finished parts, the newest; all by default.
     """
 
     folder: Path = Path("runs")

@@ -141,7 +141,7 @@ def _file(file: Path) -> ModuleType:
     """A module of its own; its name holds the path, so that two files may have one name."""
     spec = importlib.util.spec_from_file_location(f"cell_nodes_{file.resolve().as_posix()}", file)
     if spec is None or spec.loader is None or not file.is_file():
-        raise InputError(f"{file}: there is no such file of Python; give FILE.py or the name of a package")
+        raise InputError(f"{file}: there is no such Python file; give FILE.py or the name of a package")
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

@@ -133,7 +133,7 @@ class FaultTable(Model):
         wrong: list[tuple[tuple[str | int, ...], str]] = []
         for row, fault in enumerate(self.faults):
             if fault.signal in found:
-                wrong.append((("faults", row), f"signal {fault.signal} stands in the table twice"))
+                wrong.append((("faults", row), f"signal {fault.signal} is in the table twice"))
             found.add(fault.signal)
         wrong += [
             (("faults",), f"no row for signal {name}: {what}") for name, what in SIGNALS.items() if name not in found

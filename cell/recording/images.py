@@ -75,7 +75,7 @@ class Video:
         there.release()
         if held < self._frames:
             self.discard()
-            raise InputError(f"{self._name}: the video cannot be written whole; is the disk full?")
+            raise InputError(f"{self._name}: the video cannot be written completely; is the disk full?")
         return self._frames
 
     def discard(self) -> None:

@@ -130,7 +130,7 @@ class MonitorClient:
         try:
             head, *bodies = self._socket.recv_multipart()
         except zmq.Again:
-            raise InputError(f"nobody answers on port {self._port}; start `cell run --monitor` first") from None
+            raise InputError(f"nothing answers on port {self._port}; start `cell run --monitor` first") from None
         if head == b"error":
             raise InputError(f"the monitor refuses: {b''.join(bodies).decode(errors='replace')}")
         self.identity = head[HEADER.size :]

@@ -247,7 +247,7 @@ class Monitor(Observer):
         except zmq.ZMQError as error:
             self._context.destroy(linger=0)
             raise InputError(
-                f"port {port} cannot be used: {error.strerror}; choose another by --monitor PORT"
+                f"port {port} cannot be used: {error.strerror}; choose another with --monitor PORT"
             ) from None
         return socket
 

@@ -172,7 +172,7 @@ def _settings_of(role: str, make: type, device: OwnDevice) -> BaseModel:
     """
     model = getattr(make, "Settings", NoSettings)
     if not (isinstance(model, type) and issubclass(model, BaseModel)):
-        raise SettingError((_kind(role), f"{device.kind}.Settings is no model of pydantic"))
+        raise SettingError((_kind(role), f"{device.kind}.Settings is not a pydantic model"))
     given, legal = device.settings, ("kind", *model.model_fields)
     problems: list[tuple[tuple[str, ...], str]] = [
         (("devices", role, name), f"unknown key {name!r}; {suggestion(name, legal)}")

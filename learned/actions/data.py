@@ -84,7 +84,7 @@ class Segments:
         )
 
     def without(self, fold: int, folds: int) -> tuple[Segments, Segments]:
-        """The segments of all recordings but every so many, to learn from, and those of the others."""
+        """The segments to learn from, and those of every Nth recording, which are kept for scores."""
         logs = sorted(set(self.logs))
         apart = set(logs[fold::folds])
         inside = np.array([log in apart for log in self.logs])

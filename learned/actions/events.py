@@ -38,7 +38,7 @@ class EventSettings(Model):
         again_s: evidence counts until there was no assembly at the hole for so long, and nothing is told there again.
         report_s: how long a finished assembly is told.
         keep: probability below which a screw action that goes on is given up.
-        shown_reads: so many looks in a row show a part in a hole that was empty, before it counts as newly filled.
+        shown_reads: this many looks in a row show a part in a hole that was empty, before it counts as newly filled.
         shown_confidence: how sure of the part hole and hand must be together, as if they erred independently.
         shown_evidence: sum over the frames of the probability of an assembly at a hole from which on a newly filled
             hole shows that the assembly is finished.

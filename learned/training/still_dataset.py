@@ -110,7 +110,7 @@ def _labelled_still(
 def _still(folder: Path, row: dict[str, Any]) -> Still:
     read = cv2.imread(str(folder / row["file"]), cv2.IMREAD_COLOR)
     if read is None:
-        raise ValueError(f"{folder / row['file']} is no image")
+        raise ValueError(f"{folder / row['file']} is not an image")
     image = np.ascontiguousarray(read[..., ::-1], np.uint8)
     true = row["true_camera"]
     lens = true["focal_px"], true["distortion_k1"], true["distortion_k2"]

@@ -165,7 +165,7 @@ def test_the_simulator_is_not_loaded_for_real_devices(home: Path) -> None:
         ({"kind": "lap:Device"}, "no module 'lap'; looked for in"),
         ({"kind": "lab:Half", "host": "a"}, "lab:Half lacks follow, stop, pace, acknowledge, samples, close"),
         ({"kind": "lab:Greedy", "host": "a"}, "the driver asks for port; there is: settings, clock, bench"),
-        ({"kind": "lab:Odd"}, "lab:Odd.Settings is no model of pydantic"),
+        ({"kind": "lab:Odd"}, "lab:Odd.Settings is not a pydantic model"),
         ({"kind": "can"}, "no kind 'can' of arm; legal: simulated, or MODULE:CLASS"),
         ({"kind": "recorded"}, "no kind 'recorded' of arm"),
     ],

@@ -160,7 +160,7 @@ class Precondition(Decorator):
 
     traits = _passing(ANY)
     if_ = InputPort(Code, "script that must be true", name="if")
-    else_ = InputPort(Status, "answer where it is not", default=FAILURE, name="else")
+    else_ = InputPort(Status, "result if it is not", default=FAILURE, name="else")
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)

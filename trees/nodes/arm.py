@@ -200,7 +200,7 @@ class CloseGripper(SkillNode):
 
     force_n = InputPort(float, "force of the fingers in [N]", default=60.0)
     speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1)
-    on_something = InputPort(bool, "fail where nothing is between the fingers", default=True)
+    on_something = InputPort(bool, "fail if nothing is between the fingers", default=True)
 
     def make_skill(self) -> Skill:
         from skills.grasping.phases import MoveFingers

@@ -150,9 +150,9 @@ class AskWhichGoal(Asks):
     """
 
     plan = InputPort(AssemblyPlan, "belief over goals")
-    state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
+    state = InOutPort(AssemblyState, "what is placed so far, and which goal was named")
     wait_s = InputPort(float, "longest wait for an answer", default=60.0)
-    unattended = InputPort(bool, "ask also where nobody is known to be there", default=False)
+    unattended = InputPort(bool, "ask even if no person is known to be there", default=False)
 
     _asks = False  # this node, or another one the same
 
@@ -204,7 +204,7 @@ class AskWhichGoal(Asks):
 class HearOperator(CellNode):
     """Take over which goal the operator says is being built; each statement counts once."""
 
-    state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
+    state = InOutPort(AssemblyState, "what is placed so far, and which goal was named")
     persistent = ("_heard_s",)
     traits = Traits(instant=True)
 

@@ -76,7 +76,7 @@ class AwaitMistake(CellNode):
 class AwaitMisfit(CellNode):
     """Wait until what is placed has fitted no known product for a while: a new one, or is something in it wrong?"""
 
-    state = InputPort(AssemblyState, "what is placed so far, and which goal was told")
+    state = InputPort(AssemblyState, "what is placed so far, and which goal was named")
     settle_s = InputPort(float, "how long it must fit none", default=6.0)
 
     _since_s: float | None = None

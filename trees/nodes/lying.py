@@ -27,7 +27,7 @@ class FindLying(CellNode):
     does a type of which none is seen to stand, however often one was turned: how these lie is seen wrongly.
     """
 
-    part = InputPort(Part, "only this type; any type where nothing is given", optional=True)
+    part = InputPort(Part, "only this type; any type if left out", optional=True)
     parts = InputPort(PartsView, "parts seen in the tray")
     near = InputPort(int, "number of a seen part; only what lies near it", optional=True)
     within_m = InputPort(float, "how near to it, middle to middle", default=0.15)

@@ -83,7 +83,7 @@ class IdentifyHeldPart(CellNode):
             opening_m = services.now.observation.gripper.opening_m
             memory.held_part = held_type(services.tools.product, opening_m, motion.settings) or ""
         if not memory.held_part:
-            self.feedback_message = "something is in the gripper, and its width says not what"
+            self.feedback_message = "something is in the gripper, and its width does not say what"
             memory.failed("I do not know what I hold")
             return Status.FAILURE
         self.feedback_message = f"holds {memory.held_part}"

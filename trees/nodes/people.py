@@ -74,7 +74,7 @@ class HandWatch(CellNode):
 
     distance_m = InputPort(float, "how near is too near", default=0.20)
     lookahead_s = InputPort(float, "the hand counts as where it will be after this time", default=0.0)
-    way_m = InputPort(float, "how much of the way counts, from the tool on; all of it by default", default=10.0)
+    way_m = InputPort(float, "how much of the way counts, from the tool onwards; all of it by default", default=10.0)
     stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5)
 
     def target(self) -> tuple[str, Array]:

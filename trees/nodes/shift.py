@@ -167,7 +167,7 @@ def filled_holes(node: CellNode) -> list[str] | None:
 class TeachGoal(CellNode):
     """Note what is assembled as a goal; fails while the cameras see anything else in a hole than is believed."""
 
-    name_given = InputPort(str, "how the goal is to be called", name="goal")
+    name_given = InputPort(str, "name for the goal", name="goal")
     state = InputPort(AssemblyState, "what is placed so far")
 
     def update(self) -> Status:

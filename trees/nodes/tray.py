@@ -23,7 +23,7 @@ class ChoosePart(CellNode):
     """Choose a seen part by its type, by where it is, or any: the nearest to a place, else the easiest to get at."""
 
     parts = InputPort(PartsView, "parts seen in the tray")
-    wanted = InputPort(Part, "only this type; any type where nothing is given", optional=True, name="type")
+    wanted = InputPort(Part, "only this type; any type if left out", optional=True, name="type")
     near = InputPort(FramedPose, "the nearest to this place", optional=True)
     within_m = InputPort(float, "only as near as this to it in [m]", default=1.0)
     index = OutputPort(int, "number of the chosen part among the seen ones")

@@ -62,7 +62,7 @@ class Trend:
 
     @property
     def label_each(self) -> int:
-        """Every so many bars there is room for a number below."""
+        """How many bars apart the numbers below may stand."""
         return next(each for each in (1, 2, 5, 10, 20, 50, 100, 1000) if len(self.bars) <= 30 * each)
 
 

@@ -123,7 +123,7 @@ def _own_driver(role: str, device: OwnDevice) -> Driver:
 
 
 def _class_of(role: str, device: OwnDevice) -> type:
-    """The class of a driver of one's own.
+    """The class of your own driver.
 
     Raises:
         SettingError: there is none.

@@ -115,7 +115,7 @@ class AskForHelp(Asks):
 
 
 class AskOperator(Asks):
-    """Ask somebody a question of the tree's own, and wait for one of its answers, or for any text; fails without one.
+    """Ask the person a question, and wait for one of its answers, or for any text; fails without one.
 
     A text may have up to 200 characters.
     """
@@ -143,7 +143,7 @@ class AskOperator(Asks):
 
 
 class AskWhichGoal(Asks):
-    """Ask which product is built where none that is known fits, or where the first act would be a guess.
+    """Ask which product is built, if no known one fits or the first act would be a guess.
 
     Succeeds when it is told and the plan follows it, or when the doubt has gone by itself; fails at once where there is
     nothing to ask or nobody to answer, and when no answer comes in time. Two such nodes ask one question.

@@ -64,7 +64,7 @@ class ForEach(Decorator):
 
 
 class ForEachPart(ForEach):
-    """Ticks its child once for each part of a view; each round sees the parts that are left."""
+    """Ticks its child once for each part of a view; each round sees the remaining parts."""
 
     seen = InputPort(PartsView, "parts seen in the tray")
     wanted = InputPort(Part, "only this type; any type if left out", optional=True, name="type")

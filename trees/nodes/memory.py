@@ -77,7 +77,7 @@ class ReadTimer(CellNode):
 
 
 class TimerIsOver(CellNode):
-    """A timer was started at least so long ago."""
+    """A timer was started at least this long ago."""
 
     node_type = "Condition"
     traits = Traits(instant=True)

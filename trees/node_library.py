@@ -116,7 +116,7 @@ def _installed() -> Iterator[ModuleType]:
 
 
 def _remark() -> str:
-    """What to say of a node that nobody knows, where the user's own were not asked for."""
+    """What to say of an unknown node, if the user's own nodes were not loaded."""
     here = any(USUAL_FOLDER.glob("*.py"))
     return f"{USUAL_FOLDER}/ is not loaded: add --with {USUAL_FOLDER}" if here else ""
 

@@ -140,7 +140,7 @@ def run_all(tasks: Iterable[Task], total: int, out: Path, workers: int, schedule
                     yield task
 
         for row in results(client, missing()):
-            if row["end"] != "lost":  # what no worker could run is tried again next time
+            if row["end"] != "lost":  # runs that no worker finished are tried again next time
                 store.add(row)
                 progress.advance(shown)
     done = [key for key in wanted if key in store]

@@ -89,8 +89,8 @@ class DeviceReader:
     """What the loop sees of the cell.
 
     Args:
-        framed: told of every new camera frame.
-        say: told of frames that a detector had no time for.
+        framed: called with every new camera frame.
+        say: called for frames that a detector had no time for.
         own_body: tells the detector of overhead frames where the robot is.
     """
 

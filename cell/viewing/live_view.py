@@ -123,7 +123,7 @@ class MonitorClient:
         """The body of an answer.
 
         Raises:
-            InputError: nobody answers, or refuses to.
+            InputError: there is no answer, or a refusal.
         """
         head = HEADER.pack(PROTOCOL, ord(kind), self._session)
         self._socket.send_multipart([head, body] if body else [head])
@@ -141,7 +141,7 @@ def live_view(port: int, console: Console) -> None:
     """Show a running tree until it ends or the person leaves; keys pause it and let it go on step by step.
 
     Raises:
-        InputError: nobody answers at first.
+        InputError: there is no first answer.
     """
     client = MonitorClient(port)
     stepper: Stepper | None = None

@@ -76,7 +76,7 @@ FEEDBACK = "F"  # a request of our own beside Groot2's
 LOOPBACK = "tcp://127.0.0.1"
 REQUESTS_A_TICK = 16  # so that a flood of requests does not hold up the loop
 REQUEST_BYTES = 64 * 1024
-HOOKS_REST_AFTER_S = 5.0  # of wall time without a request: nobody is there to unlock a breakpoint
+HOOKS_REST_AFTER_S = 5.0  # of wall time without a request: no client is there to unlock a breakpoint
 HEADER = struct.Struct("<BBI")
 
 

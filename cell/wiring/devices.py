@@ -184,7 +184,9 @@ def _settings_of(role: str, make: type, device: OwnDevice) -> BaseModel:
     except ValidationError as error:
         for details in error.errors():
             places = tuple(map(str, details["loc"]))
-            problems.append((("devices", role, *places), f"{'.'.join((role, *places))}: {details['msg']}"))
+            missing = details["type"] == "missing"
+            said = f"key {places[-1]!r} is missing" if missing else f"{'.'.join((role, *places))}: {details['msg']}"
+            problems.append((("devices", role, *places), said))
     if problems:
         raise SettingError(*problems)
     paths = {name: device.folder / value for name, value in read if isinstance(value, Path)}

@@ -40,7 +40,7 @@ from learned.semantic.scenarios import Scenarios
 
 FORMAT: Final = "cell.demonstrations"
 VERSION: Final = 1
-MOST_PROBLEMS = 20  # of a file are told at once
+MOST_PROBLEMS = 20  # of a file that are reported at once
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 

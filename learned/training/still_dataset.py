@@ -78,7 +78,7 @@ def split(stills: Sequence[OneStill], share: float, seed: int) -> tuple[list[One
 
 
 def pose_of(entry: dict[str, Any]) -> Pose:
-    """The pose that a row tells."""
+    """The pose of a row."""
     x, y, z = entry["position_m"]
     w, a, b, c = entry["quaternion_wxyz"]
     return Pose((x, y, z), (w, a, b, c))

@@ -34,7 +34,8 @@ def load_gripper_database(path: Path = SHIPPED) -> Database:
     """Read the frames.
 
     Raises:
-        SettingError: the file cannot be read, is no DBC, or does not say what a 2F-85 needs; every problem is told.
+        SettingError: the file cannot be read, is not a DBC file, or does not say what a 2F-85 needs;
+            every problem is reported.
     """
     text = read_frames(path)
     try:

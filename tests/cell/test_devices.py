@@ -157,7 +157,7 @@ def test_the_simulator_is_not_loaded_for_real_devices(home: Path) -> None:
 @pytest.mark.parametrize(
     ("device", "words"),
     [
-        ({"kind": "lab:Device"}, "arm.host: Field required"),
+        ({"kind": "lab:Device"}, "key 'host' is missing"),
         ({"kind": "lab:Device", "host": "a", "gain": -1}, "arm.gain: Input should be greater than 0"),
         ({"kind": "lab:Device", "hots": "a"}, "unknown key 'hots'; did you mean 'host'? legal here: kind, host, gain"),
         ({"kind": "lab:Nobody"}, "lab has no class 'Nobody'"),

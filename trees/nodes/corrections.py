@@ -18,7 +18,7 @@ from trees.nodes.services import CellNode
 class AwaitMistake(CellNode):
     """Wait until something in the bracket has looked wrong for a while, and output which holes.
 
-    A person who notices it mends it by themselves meanwhile. Mistakes of one kind are told together.
+    A person who notices it mends it by themselves meanwhile. Mistakes of one kind are reported together.
     """
 
     state = InputPort(AssemblyState, "what is placed so far")

@@ -1,4 +1,4 @@
-"""What the people at the bench and the log are told."""
+"""Messages to the people at the bench and to the log."""
 
 from __future__ import annotations
 

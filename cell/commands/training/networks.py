@@ -63,7 +63,7 @@ def hands(asked: Training, weights: Path) -> Scores:
     epochs = asked.epochs or 9
     count = max(4, int(seconds(asked.budget) / (HAND_DATA_S + HAND_EPOCH_S * epochs)))
     for folder in asked.data or ():
-        rows_of(folder)  # a wrong one is told before minutes go into frames for the scores
+        rows_of(folder)  # a wrong one is reported before minutes go into frames for the scores
     validation = max(2, int(HAND_VALIDATION * count))
     folders, apart = made(asked, weights, "hands", HANDS, count, validation=validation)
     configuration, product = asked.cell()

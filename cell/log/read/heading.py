@@ -18,7 +18,7 @@ Row = dict[str, Any]
 
 
 def run_row(path: Path) -> Row:
-    """One row that tells of the run: who, when, with what, and what came of it.
+    """One row about the run: who, when, with what, and the result.
 
     A log without an index, as of a killed process, is read whole.
 

@@ -1,4 +1,4 @@
-"""A log as the run that it tells of: ticks with what each one saw and decided, attachments and metadata."""
+"""A log as the run that it records: ticks with what each one saw and decided, attachments and metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Serves the operator's page on loopback: pictures and state go out, orders come in; nobody else gets in.
+"""Serves the operator's page on loopback: pictures and state go out, orders come in; others are refused.
 
 Starlette on uvicorn in a thread of its own. The loop hands over whole states and goes on: each client is sent the
 newest one when it has taken the one before, and a client that takes none for a while is dropped.
@@ -92,7 +92,7 @@ class PageServer:
 
     @property
     def address(self) -> str:
-        """Where an operator opens it; the token stands behind #, which browsers send to nobody."""
+        """Where an operator opens it; the token stands behind #, which browsers never send."""
         return f"http://{LOOPBACK}:{self.port}/#{self.token}"
 
     @property
@@ -111,7 +111,7 @@ class PageServer:
                 return  # the server has just ended
 
     def still(self, values: dict[str, Any]) -> None:
-        """What a newcomer is told first."""
+        """What a new client gets first."""
         self._still = orjson.dumps(values, option=orjson.OPT_NON_STR_KEYS)
 
     def show(self, sequence: int, image: Image) -> None:

@@ -85,7 +85,7 @@ def __getattr__(name: str) -> object:
 
         return metadata.version("cell")
     if name not in _HOME:
-        raise AttributeError(f"module 'cell' has no attribute '{name}'; it hands on {', '.join(__all__)}")
+        raise AttributeError(f"module 'cell' has no attribute '{name}'; it offers {', '.join(__all__)}")
     return getattr(import_module(_HOME[name]), name)
 
 

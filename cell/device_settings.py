@@ -34,7 +34,7 @@ class SimulatedDevice(Model):
 
 
 class NoPanel(Model):
-    """Nobody is shown anything at the bench.
+    """The person at the bench is shown nothing.
 
     Attributes:
         kind: no panel.
@@ -44,7 +44,7 @@ class NoPanel(Model):
 
 
 class OwnDevice(Model):
-    """A device whose driver is not ours; that driver's own settings stand next to `kind`.
+    """A device with a driver of your own; the driver's settings stand next to `kind`.
 
     Attributes:
         kind: MODULE:CLASS, a module in the folder of this file or in the working folder, or installed; or a name of
@@ -119,12 +119,12 @@ class DeviceSettings(Model):
     """Devices of the cell, by role: each has a kind, and next to it the settings of that kind (docs/drivers.md).
 
     Attributes:
-        arm: simulated, or a driver of one's own.
-        gripper: simulated, can, or a driver of one's own.
-        overhead: the camera over the bench: simulated, or a driver of one's own.
-        wrist: the camera at the gripper: simulated, or a driver of one's own.
-        panel: what the person at the bench sees: simulated, none, or a driver of one's own.
-        signals: an I/O module with digital signals: can, or a driver of one's own; none by default.
+        arm: simulated, or your own driver.
+        gripper: simulated, can, or your own driver.
+        overhead: the camera over the bench: simulated, or your own driver.
+        wrist: the camera at the gripper: simulated, or your own driver.
+        panel: what the person at the bench sees: simulated, none, or your own driver.
+        signals: an I/O module with digital signals: can, or your own driver; none by default.
         simulation: file with the simulator's settings, relative to this file; by default ideal hardware and a careful
             person.
     """

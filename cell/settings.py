@@ -27,8 +27,8 @@ class ControllerSettings(Model):
 
     Attributes:
         tick_hz: how often the controller observes, ticks the tree, acts and records.
-        max_duration_s: the run ends by itself after this much clock time.
-        stop_timeout_s: how long a controlled stop may take before the run ends all the same.
+        max_duration_s: the run ends by itself after this time.
+        stop_timeout_s: how long a controlled stop may take before the run ends anyway.
     """
 
     tick_hz: float = Field(default=25.0, ge=5, le=500)
@@ -53,10 +53,10 @@ class Perception(Model):
 
     Attributes:
         kind: all detectors at once: by rules about colours and outlines (classical), or trained (learned).
-        hands: who finds the hand, where that is to be another kind: classical, slim, mediapipe.
-        actions: who names what the hand does: classical, slim, paper.
-        holes: who reads the holes: classical, plate.
-        parts: who finds parts in the wrist camera's view: classical, centre.
+        hands: what finds the hand, if another kind than that: classical, slim, mediapipe.
+        actions: what recognises the hand's action: classical, slim, paper.
+        holes: what reads the holes: classical, plate.
+        parts: what finds parts in the wrist camera's view: classical, centre.
         folder: folder with the weights of trained detectors, as `cell train --all` fills it, relative to this file; the
             shipped ones by default.
         crops: network that tells the `paper` grasp planner what is around each part; beside that planner's weights
@@ -143,10 +143,10 @@ class SemanticPlannerSettings(PlannerSettings):
     Attributes:
         kind: factored, paper, bayes or and_or; auto is factored where its weights are of this product, else bayes.
         weights: file of weights, relative to this file; the shipped one of this kind by default.
-        goals: file of goals that were finished, relative to this file; goals that the product does not list are learned
+        goals: file of finished goals, relative to this file; goals that the product does not list are learned
             from it, and every finished bracket is noted in it. Without, only the product's goals are known.
-        new_goals: what is expected of goals that nobody listed.
-        confusions: file of what the action detector takes for what, from `cell train --only noise`, relative to this
+        new_goals: expectation of goals that the product file does not list.
+        confusions: file with the action detector's confusions, from `cell train --only noise`, relative to this
             file; by default what the model card of a trained detector tells. Without any, every action is taken for any
             other alike.
     """
@@ -172,17 +172,17 @@ class LogSettings(Model):
     """The log of each run.
 
     Attributes:
-        folder: where logs go without `--log`, relative to the working folder.
+        folder: where logs are written without `--log`, relative to the working folder.
         camera_frames: write camera frames as JPEG.
         jpeg_quality: quality of those frames.
         buffer_mb: what may wait for a slow or full disk; images are dropped from half of it on, ticks beyond it.
         joint_samples: write the joints at the rate of the arm's own control.
-        rotate_mb: begin a new part of the log when it has so many bytes; one file by default.
-        rotate_s: begin a new part of the log after so long; one file by default.
+        rotate_mb: begin a new part of the log at this size; one file by default.
+        rotate_s: begin a new part of the log after this time; one file by default.
         rotate_brackets: begin a new part of the log with every bracket of a shift.
         compress: make closed parts of a log smaller (zstd), in a process beside the run.
-        keep_parts: keep only so many parts, the newest; all by default.
-        keep_mb: keep only so many bytes of finished parts, the newest; all by default.
+        keep_parts: keep only this many parts, the newest; all by default.
+        keep_mb: keep only this much of finished parts, the newest; all by default.
     """
 
     folder: Path = Path("runs")

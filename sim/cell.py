@@ -38,7 +38,7 @@ from sim.worker.worker import Around, Worker
 
 
 class EmptyPanel:
-    """A panel that nobody reads."""
+    """A panel without a reader."""
 
     def show(self, display: Display) -> None:
         """Nothing happens."""

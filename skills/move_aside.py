@@ -101,7 +101,8 @@ def free_centres(
     settings: MotionSettings,
     each: int = SPOTS,
 ) -> list[tuple[float, float, float]]:
-    """Where a box (length, width, ...) has room in the tray: (x, y) and heading, best first, so many of each heading.
+    """Where a box (length, width, ...) has room in the tray: (x, y) and heading, best first, a few of each
+    heading.
 
     Args:
         start_m: (x, y) of where it is now.

@@ -48,7 +48,7 @@ def test_the_front_door_hands_on_what_was_promised() -> None:
 
 
 def test_a_name_that_is_not_there_is_refused_with_those_that_are() -> None:
-    with pytest.raises(AttributeError, match="module 'cell' has no attribute 'Gripr'; it hands on Arm, ArmState"):
+    with pytest.raises(AttributeError, match="module 'cell' has no attribute 'Gripr'; it offers Arm, ArmState"):
         cell.Gripr  # noqa: B018
 
 

@@ -43,7 +43,7 @@ __all__ = ["Bench", "InputPort", "Node", "OutputPort", "Status", "Traits", "load
 def __getattr__(name: str) -> object:
     """Load a promised name when it is first asked for."""
     if name not in _HOME:
-        raise AttributeError(f"module 'trees' has no attribute '{name}'; it hands on {', '.join(__all__)}")
+        raise AttributeError(f"module 'trees' has no attribute '{name}'; it offers {', '.join(__all__)}")
     module, attribute = _HOME[name]
     return getattr(import_module(module), attribute)
 

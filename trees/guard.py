@@ -23,12 +23,11 @@ class GuardSettings(Model):
 
     Attributes:
         act_probability: least posterior of the next (part, position) at which the robot acts.
-        wrong_share: share of acts that may be wrong by what the semantic planner itself expects. Where it knows goals
-            that the product does not list, the robot acts from a higher probability on if that needs be, and asks or
-            waits below; 1 never.
+        wrong_share: share of acts that may be wrong, as the semantic planner itself expects. If it knows goals that the
+            product does not list, the robot may need a higher probability to act, and asks or waits below it; 1 never.
         ask_probability: posterior of "none of these goals" from which the robot asks.
         doubt_probability: posterior of "none of these goals" from which the robot asks which goal it is instead of
-            acting, until it is told; 1 never asks. It counts where somebody is there to answer: in a shift and
+            acting, until it gets an answer; 1 never asks. It counts if a person can answer: in a shift and
             beside the operator's page.
     """
 

@@ -116,7 +116,7 @@ def _installed() -> Iterator[ModuleType]:
 
 
 def _remark() -> str:
-    """What to say of a node that nobody knows, where the user's own were not asked for."""
+    """What to say of an unknown node, if the user's own nodes were not loaded."""
     here = any(USUAL_FOLDER.glob("*.py"))
     return f"{USUAL_FOLDER}/ is not loaded: add --with {USUAL_FOLDER}" if here else ""
 
@@ -141,7 +141,7 @@ def _file(file: Path) -> ModuleType:
     """A module of its own; its name holds the path, so that two files may have one name."""
     spec = importlib.util.spec_from_file_location(f"cell_nodes_{file.resolve().as_posix()}", file)
     if spec is None or spec.loader is None or not file.is_file():
-        raise InputError(f"{file}: there is no such file of Python; give FILE.py or the name of a package")
+        raise InputError(f"{file}: there is no such Python file; give FILE.py or the name of a package")
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

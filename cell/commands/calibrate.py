@@ -27,14 +27,20 @@ def calibrate(
     out: Annotated[Path | None, typer.Option("--out", "-o", help=f"File; {NAME} next to --config by default.")] = None,
     config: ConfigOption = CONFIGURATION,
     seed: SeedOption = 0,
-    look: Annotated[str | None, typer.Option(help="Look of the simulation, and how its cameras hang.")] = None,
+    look: Annotated[
+        str | None, typer.Option(help="Look of the simulation; it also decides how the cameras hang.")
+    ] = None,
     overhead_only: Annotated[
-        bool, typer.Option("--overhead-only", help="Nothing moves; the file's wrist camera stays.")
+        bool,
+        typer.Option(
+            "--overhead-only",
+            help="Calibrate only the overhead camera: nothing moves, and the file's wrist camera is kept.",
+        ),
     ] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it is there.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Find out where the cameras hang. The arm moves over the empty bracket: keep away from it."""
+    """Calibrate the cameras: find out where they hang. The arm moves over the empty bracket: keep away from it."""
     path = out or folder_for(config) / NAME
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another --out, or add --overwrite")

@@ -20,7 +20,8 @@ from trees.node_library import node_registry
 def check(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Tree files.")],
     config: Annotated[
-        Path | None, typer.Option(help="Configuration whose part types and positions are the only legal ones.")
+        Path | None,
+        typer.Option(help="Also check names of parts, positions, goals and signals against this configuration."),
     ] = None,
     own: WithOption = None,
     entries: SetOption = None,
@@ -28,7 +29,7 @@ def check(
     strict: Annotated[bool, typer.Option("--strict", help="Treat warnings and notes as mistakes.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="For editors: one line of JSON with every problem.")] = False,
 ) -> int:
-    """Say everything that is wrong with tree files."""
+    """Check tree files and list all mistakes."""
     nodes, beside = own_files(own)
     known = Circumstances(beside, entries_of(entries), stubs)
     problems, warnings, notes = findings(files, _registry(config, nodes), known)

@@ -30,25 +30,29 @@ def compare(
     runs: Annotated[int, typer.Option(min=2, help="Pairs of runs.")] = 20,
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first pair.")] = 0,
     person: Annotated[str | None, typer.Option(help="The simulated person, by name or YAML file.")] = None,
-    goal: Annotated[str, typer.Option(help="A goal's name or random.")] = "random",
+    goal: Annotated[str, typer.Option(help="Goal of the simulated person: a goal's name, or random.")] = "random",
     against: Annotated[
         Path | None, typer.Option(help="Table of runs (Parquet) to compare with; its seeds are run again.")
     ] = None,
     fail_if: Annotated[
-        list[str] | None, typer.Option(help="Status 1 if B - A is beyond this, as 'right < -2%'.")
+        list[str] | None, typer.Option(help="Status 1 if B - A is beyond this bound, like 'right < -2%'.")
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for runs.parquet and compare.html.")] = Path(
         "compare"
     ),
     pixels: Annotated[
-        bool, typer.Option("--pixels/--no-pixels", help="Render; else hands, holes and parts come from the truth.")
+        bool,
+        typer.Option(
+            "--pixels/--no-pixels",
+            help="Render camera images; otherwise hands, holes and parts come from the simulator's truth.",
+        ),
     ] = True,
     config: ConfigOption = CONFIGURATION,
     workers: FleetWorkersOption = WORKERS,
     scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Say which of two trees is better, by runs in pairs, or that no difference is proved."""
+    """Compare two trees by pairs of runs: which one is better, if the runs prove it."""
     from cell.fleet import compare as comparing
     from cell.fleet.compare_text import as_json as answer
     from cell.fleet.compare_text import lines, page
@@ -136,7 +140,7 @@ def run_all(tasks: Iterable[Task], total: int, out: Path, workers: int, schedule
                     yield task
 
         for row in results(client, missing()):
-            if row["end"] != "lost":  # what no worker could run is tried again next time
+            if row["end"] != "lost":  # runs that no worker finished are tried again next time
                 store.add(row)
                 progress.advance(shown)
     done = [key for key in wanted if key in store]

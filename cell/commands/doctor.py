@@ -56,7 +56,7 @@ def doctor(
     config: ConfigOption = CONFIGURATION,
     as_json: JsonOption = False,
 ) -> int:
-    """Say what is missing on this machine, and how to get it; status 1 if a run is not possible."""
+    """Say what is missing on this machine and how to get it; status 1 if the cell cannot run."""
     findings = examine(config)
     healthy = all(finding.ok for finding in findings if finding.needed)
     if as_json:
@@ -90,7 +90,7 @@ def _bench(configuration: Configuration, product: Product, path: Path) -> Findin
 
     found = overlapping(product, configuration.bench)
     wrong = [str(Problem(place_of(path, where), what)) for where, what in found]
-    return Finding("bins, tray and bracket beside each other", not wrong, "; ".join(wrong), False)
+    return Finding("bins, tray and bracket do not overlap", not wrong, "; ".join(wrong), False)
 
 
 def _python() -> Finding:
@@ -133,14 +133,14 @@ def _there(folder: Path) -> Path:
 
 
 def _drivers(configuration: Configuration, path: Path) -> Finding:
-    """Whether the drivers are there and take their settings; only a run opens them."""
+    """Whether the drivers are there and take their settings (opened only by a run)."""
     try:
         with located(path, configuration):
             drivers = find_drivers(configuration)
     except CellError as error:
         return Finding("drivers of the devices", False, str(error))
     own = [f"{role} {driver.make.__name__}" for role, driver in drivers.items()]
-    return Finding(f"drivers: {', '.join(own) or 'the simulator alone'}; only a run opens them", True)
+    return Finding(f"drivers: {', '.join(own) or 'the simulator alone'} (opened only by a run)", True)
 
 
 def _devices(configuration: Configuration, product: Product) -> Iterator[Finding]:
@@ -231,4 +231,4 @@ def _writable(folder: Path) -> Finding:
         with tempfile.TemporaryFile(dir=_there(folder)):
             return Finding(f"logs can be written to {folder}", True)
     except OSError as error:
-        return Finding(f"logs can be written to {folder}", False, f"{error.strerror}; choose a file by --log")
+        return Finding(f"logs can be written to {folder}", False, f"{error.strerror}; choose a file with --log")

@@ -17,7 +17,7 @@ from cell.errors import InputError
 from cell.log.training.demonstrations import finished_bracket
 from learned.semantic.goals import FinishedGoal, OpenGoals
 
-goals_app = typer.Typer(help="Show, learn and edit goals: the product's, and those of finished brackets.")
+goals_app = typer.Typer(help="Show, learn and edit goals: those of the product file and those of finished brackets.")
 
 FileOption = Annotated[
     Path | None, typer.Option("--file", help="File of goals; planners.semantic.goals of the configuration by default.")

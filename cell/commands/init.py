@@ -21,9 +21,9 @@ OWN = ("README.md", "tests/test_assemble.py")
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(help="Folder to make; no file that exists is replaced.")],
+    folder: Annotated[Path, typer.Argument(help="Folder to make; existing files are kept.")],
     schemas: Annotated[
-        bool, typer.Option("--schemas", help="Only write config/schema again, for editors, after an update.")
+        bool, typer.Option("--schemas", help="Only renew config/schema, which editors read; use it after an update.")
     ] = False,
 ) -> None:
     """Make a folder for a cell of your own: configuration, product, tree and test."""

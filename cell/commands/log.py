@@ -48,7 +48,7 @@ class ExportFormat(StrEnum):
     training = "training"
 
 
-log_app = typer.Typer(no_args_is_help=True, help="Question, compare and export logs.")
+log_app = typer.Typer(no_args_is_help=True, help="Search, compare and export logs.")
 
 
 def report(
@@ -57,7 +57,7 @@ def report(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one HTML page about a run; it needs no network. Of a run of hours it shows the shift alone."""
+    """Write one HTML page about a run; it needs no network. For a run of hours it shows only the shift."""
     from cell.log.report.overview import is_long, write_overview
     from cell.log.report.report import write_report
 
@@ -111,7 +111,7 @@ def query(
     node: Annotated[str | None, typer.Option(help="Part of a node's path.")] = None,
     status: Annotated[str | None, typer.Option(help="RUNNING, SUCCESS, FAILURE, SKIPPED or INVALID.")] = None,
     key: Annotated[str | None, typer.Option(help="Key that the entry has at any depth.")] = None,
-    topic: Annotated[str | None, typer.Option(help="Part of the topic, as belief or command.")] = None,
+    topic: Annotated[str | None, typer.Option(help="Part of the topic, like belief or command.")] = None,
     from_s: FromOption = 0.0,
     until_s: UntilOption = float("inf"),
     as_json: JsonOption = False,
@@ -121,12 +121,12 @@ def query(
 
     legal = ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED", "INVALID")
     if status is not None and status not in legal:
-        raise InputError(f"--status {status} is no status; legal: {', '.join(legal)}")
+        raise InputError(f"--status {status} is not a status; legal: {', '.join(legal)}")
     asked = question.Query(node, status, key, topic, from_s, until_s)
-    from cell.log.report.text import short
+    from cell.log.report.text import entry_text
 
     stream = streamed(log, from_s, until_s)
-    tell_entries(question.query(stream, asked), as_json, lambda entry: short(entry, LONGEST_VALUE))
+    tell_entries(question.query(stream, asked), as_json, lambda entry: entry_text(entry, LONGEST_VALUE))
     tell_lack(log, stream)
 
 
@@ -156,7 +156,8 @@ def diff(
     one: Annotated[Path, typer.Argument(metavar="A", help="Log.")],
     other: Annotated[Path, typer.Argument(metavar="B", help="Log to compare with.")],
     html: Annotated[
-        Path | None, typer.Option("--html", help="Also write a page: why first, both side by side.")
+        Path | None,
+        typer.Option("--html", help="Also write a page that shows the first difference and both runs side by side."),
     ] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
@@ -274,11 +275,11 @@ def _tell_export(target: Path, what: str, count: int, as_json: bool) -> None:
 @log_app.command("list")
 def list_runs(
     folder: Annotated[Path, typer.Argument(help="Folder with logs.")] = Path("runs"),
-    where: Annotated[str | None, typer.Option(help='SQL condition, as "correct = false and seed < 10".')] = None,
+    where: Annotated[str | None, typer.Option(help='SQL condition, like "correct = false and seed < 10".')] = None,
     sql: Annotated[str | None, typer.Option(help="A whole SQL query of the table `runs`.")] = None,
     failures: Annotated[bool, typer.Option("--failures", help="Why trees failed: by leaf, with an example.")] = False,
     statistics: Annotated[
-        str | None, typer.Option(help="Shares and means with their 95 % intervals, by a column, as tree or goal.")
+        str | None, typer.Option(help="Shares and means with their 95 % intervals, by a column, like tree or goal.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -289,7 +290,7 @@ def list_runs(
     from cell.fleet.index import summaries, summary_lines
 
     if not folder.is_dir():
-        raise InputError(f"{folder}: is no folder")
+        raise InputError(f"{folder}: is not a folder")
     if sum((sql is not None, failures, statistics is not None)) > 1:
         raise InputError("--sql, --failures and --statistics are different questions; ask one of them")
     if where is not None and (sql is not None or failures):
@@ -336,7 +337,7 @@ def to_test(
     until_s: UntilOption = float("inf"),
     as_json: JsonOption = False,
 ) -> int:
-    """Turn a log into a regression case under 1 MB, which the tests replay. Status 1 if it differs now."""
+    """Turn a log into a regression case under 1 MB that the tests replay; status 1 if it differs already."""
     from cell.log.replay.case import check_case, write_case
     from cell.log.report.text import difference_lines
 

@@ -22,14 +22,15 @@ OWN_PAGE = b'<meta name="generator" content="cell">'
 SHOWN_NODES = 15
 
 LogArgument = Annotated[
-    list[Path], typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; the first one brings all.")
+    list[Path],
+    typer.Argument(metavar="LOG...", help="Log of a run (MCAP), or parts of it; the first part stands for all."),
 ]
 
 
 def a_time(value: float) -> float:
     """A time in a log: any number but nan."""
     if math.isnan(value):
-        raise typer.BadParameter("nan is no time")
+        raise typer.BadParameter("nan is not a time")
     return value
 
 
@@ -82,7 +83,7 @@ def spared(target: Path, sources: Iterable[Path], overwrite: bool) -> Path:
         InputError: that is one of the files that it is made of, or somebody else's file and may not be replaced.
     """
     if target.exists() and any(source.exists() and target.samefile(source) for source in sources):
-        raise InputError(f"{target}: is what is read; choose another file to write")
+        raise InputError(f"{target}: is also the input; choose another output file")
     if target.is_file() and not overwrite and not _own_page(target):
         raise InputError(f"{target}: exists already; choose another file, or add --overwrite")
     return target

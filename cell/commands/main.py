@@ -25,19 +25,23 @@ LAB = "lab"
 COMMANDS: Table = {
     "init": Command("cell.commands.init:init", "Make a folder for a cell of your own.", START),
     "doctor": Command("cell.commands.doctor:doctor", "Say what is missing on this machine.", START),
-    "run": Command("cell.commands.run:run", "Assemble one product, or a shift of them.", START),
-    "calibrate": Command("cell.commands.calibrate:calibrate", "Find out where the cameras hang.", START),
-    "new": Command("cell.commands.new:new_app", "Begin a tree file or a node of your own.", PROGRAM),
-    "check": Command("cell.commands.check:check", "Say everything that is wrong with tree files.", PROGRAM),
+    "run": Command("cell.commands.run:run", "Run the cell: assemble one bracket, or a shift of them.", START),
+    "calibrate": Command(
+        "cell.commands.calibrate:calibrate", "Calibrate the cameras: find out where they hang.", START
+    ),
+    "new": Command("cell.commands.new:new_app", "Start a tree file or a node of your own.", PROGRAM),
+    "check": Command("cell.commands.check:check", "Check tree files and list all mistakes.", PROGRAM),
     "nodes": Command("cell.commands.nodes:nodes", "List the nodes that tree files may name.", PROGRAM),
     "show": Command("cell.commands.show:show", "Print or draw the tree of a file, a log or a run.", PROGRAM),
-    "monitor": Command("cell.commands.show:monitor", "Watch the tree of a run.", PROGRAM),
-    "replay": Command("cell.commands.replay:replay", "Tick a log again and compare every decision.", TEST),
+    "monitor": Command("cell.commands.show:monitor", "Watch the tree of a run in the terminal.", PROGRAM),
+    "replay": Command(
+        "cell.commands.replay:replay", "Run the tree again on a log's inputs and compare every decision.", TEST
+    ),
     "report": Command("cell.commands.log:report", "Write one HTML page about a run.", TEST),
-    "log": Command("cell.commands.log:log_app", "Question, compare and export logs.", TEST),
-    "train": Command("cell.commands.train:train", "Train what a product needs.", TRAIN),
+    "log": Command("cell.commands.log:log_app", "Search, compare and export logs.", TEST),
+    "train": Command("cell.commands.train:train", "Train planners and detectors for a product.", TRAIN),
     "goals": Command("cell.commands.goals:goals_app", "Show, learn and edit goals.", TRAIN),
-    "compare": Command("cell.commands.compare:compare", "Say which of two trees is better.", TRAIN),
+    "compare": Command("cell.commands.compare:compare", "Compare two trees by pairs of runs.", TRAIN),
     LAB: Command("cell.commands.lab:COMMANDS", "Research: evaluations, data, networks.", group=True),
     "_data": Command("cell.commands.training.worlds:app", "What trainings call to make their data."),
     "_train": Command("cell.commands.training.tasks:app", "What `cell train` calls for each network."),

@@ -12,7 +12,7 @@ from cell.commands.terminal import console
 from cell.errors import InputError
 from cell.files.files import write_new
 
-new_app = typer.Typer(no_args_is_help=True, help="Begin a tree file or a node of your own, with its test.")
+new_app = typer.Typer(no_args_is_help=True, help="Start a tree file or a node of your own, with its test.")
 
 NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
 
@@ -81,7 +81,9 @@ def leaf(name: NameArgument) -> None:
 
 def _write(name: str, path: str, text: str, test: str, then: str) -> None:
     if not re.fullmatch(r"[A-Z][A-Za-z0-9]{0,60}", name):
-        raise InputError(f"'{name}' is no name of a node or tree; like CountParts: letters and digits, a capital first")
+        raise InputError(
+            f"'{name}' cannot name a node or tree; use letters and digits with a capital first, like CountParts"
+        )
     file = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
     files = {path.format(file=file): text, f"tests/test_{file}.py": test}
     write_new(Path(), {place: content.format(name=name, file=file).encode() for place, content in files.items()})

@@ -20,15 +20,15 @@ MONITOR_PORT, LIVE_PORT, PAGE_PORT = 1667, 8765, 8780
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
 PORTS = {"--monitor": MONITOR_PORT, "--live": LIVE_PORT, "--page": PAGE_PORT}
 
-ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration of the cell.")]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Same seed, same run.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Write the answer as one line of JSON to standard output.")]
+ConfigOption = Annotated[Path, typer.Option("--config", help="Configuration file of the cell.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed: the same seed gives the same run.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as one line of JSON.")]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 WorkersOption = Annotated[
     int, typer.Option("--workers", min=1, help=r"Processes on this machine; more than 1 needs cell\[fleet].")
 ]
 SchedulerOption = Annotated[
-    str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, as tcp://host:8786.")
+    str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, like tcp://host:8786.")
 ]
 LookOption = Annotated[
     str, typer.Option("--look", help="Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file.")
@@ -55,7 +55,11 @@ WithOption = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="An entry of the main tree, or a YAML file with several."),
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Set an entry of the main tree's blackboard, or name a YAML file with several.",
+    ),
 ]
 PortOption = Annotated[
     int, typer.Option("--port", min=1, max=65534, help="Port of the monitor, which also uses the next one.")
@@ -159,7 +163,7 @@ def _value(text: str) -> Any:
 
 def _checked(name: str, given: str) -> str:
     if not _NAME.match(name):
-        raise InputError(f"--set {given}: {name!r} is no name of an entry; like part=o2")
+        raise InputError(f"--set {given}: {name!r} is not the name of an entry; like part=o2")
     return name
 
 

@@ -36,7 +36,7 @@ def replay(
     own: WithOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Tick a log again and compare every decision; status 1 if one differs."""
+    """Run the tree again on a log's inputs and compare every decision; status 1 if one differs."""
     recorded = read(log)
     again = Replay(recorded, Changes(tree, config, _weights(weights or []), *own_files(own)))
     comparison = again.run(from_s, until_s, _shower(recorded, frames) if step else lambda _: None)

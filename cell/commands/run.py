@@ -36,7 +36,9 @@ TreeArgument = Annotated[
     Path | None,
     typer.Argument(metavar="TREE", help="Tree file; trees/ahead.xml by default, trees/shift.xml for a shift."),
 ]
-RealTimeOption = Annotated[bool, typer.Option("--real-time", help="As fast as the wall clock, not faster.")]
+RealTimeOption = Annotated[
+    bool, typer.Option("--real-time", help="Keep pace with the wall clock; without it, as fast as possible.")
+]
 
 
 @takes(RunOptions, *OPTIONS, configuration=CONFIGURATION)
@@ -48,7 +50,7 @@ def run(
     own: WithOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Assemble one product, or a shift of them."""
+    """Run the cell: assemble one bracket, or a shift of them."""
     return assemble(chosen(options, tree, real_time, entries, own), as_json)
 
 

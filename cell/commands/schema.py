@@ -29,7 +29,9 @@ def write_schemas(folder: Path) -> list[Path]:
     """
     files = {folder / name: text for name, text in schemas().items()}
     if foreign := [path for path in files if path.exists() and not _ours(path)]:
-        raise InputError(*(Problem(Place(path), "is no schema of this program", "name a folder") for path in foreign))
+        raise InputError(
+            *(Problem(Place(path), "was not written by this program", "name a folder") for path in foreign)
+        )
     for path, text in files.items():
         try:
             folder.mkdir(parents=True, exist_ok=True)

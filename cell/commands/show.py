@@ -23,15 +23,16 @@ LOGS = (".mcap",)
 
 def show(
     source: Annotated[
-        Path | None, typer.Argument(metavar="FILE", help="Tree file, or log of a run (MCAP); none with --running.")
+        Path | None,
+        typer.Argument(metavar="FILE", help="Tree file, or log of a run (MCAP); leave it out with --running."),
     ] = None,
     at_s: Annotated[
         float,
         typer.Option("--at", help="Time in a log, in seconds; by default the last tick of the tree.", callback=a_time),
     ] = math.inf,
-    running: Annotated[bool, typer.Option("--running", help="The tree of a `cell run --monitor` on this machine.")] = (
-        False
-    ),
+    running: Annotated[
+        bool, typer.Option("--running", help="Show the tree of a running `cell run --monitor` on this machine.")
+    ] = (False),
     port: PortOption = MONITOR_PORT,
     svg: Annotated[Path | None, typer.Option(help="Draw the trees into this SVG file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the trees into this PNG file.")] = None,
@@ -62,7 +63,7 @@ def show(
 def monitor(
     port: PortOption = MONITOR_PORT,
 ) -> None:
-    """Watch the tree of a run: of a `cell run --monitor` on this machine."""
+    """Watch the tree of a run in the terminal; `cell run --monitor` lets it be watched."""
     from cell.viewing.live_view import live_view
 
     live_view(port, console())

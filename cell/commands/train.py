@@ -35,7 +35,7 @@ class Wanted:
     only: Annotated[list[str] | None, Option(help=f"Train only {', '.join(TASKS)}; may be repeated.")] = None
     plan: Annotated[bool, Option("--plan", help="Say what would be done, and do nothing.")] = False
     budget: Annotated[
-        str | None, Option(help="Processor time for all detectors together, as 2h; as on the model cards by default.")
+        str | None, Option(help="Processor time for all detectors together, like 2h; by default as on the model cards.")
     ] = None
     jobs: Annotated[int, Option("--jobs", "-j", min=1, help="Trainings at the same time, one core each.")] = 1
     out: Annotated[Path, Option("--out", "-o", help="With --all or --only: folder for weights and training data.")] = (
@@ -48,7 +48,7 @@ class Wanted:
 
 @takes(Wanted, "every", "only", "plan", "budget", "recorded", "jobs", "out", "overwrite", "config", "seed")
 def train(wanted: Wanted) -> None:
-    """Train what a product needs.
+    """Train planners and detectors for a product.
 
     Without options, the planners that the product of the configuration needs, next to the configuration. With --all or
     --only, networks for the product, their data included, into a folder; interrupted, the same command goes on there.
@@ -74,7 +74,7 @@ def _steps(wanted: Wanted) -> list[Step]:
     if segments is not None and (not wanted.only or "noise" in wanted.only):
         steps.append(Step(("noise", "--data", str(segments)), ("confusions.json",), 1.0))
     elif "noise" in (wanted.only or ()):
-        raise InputError("--only noise: is learned from recorded runs; name their folder by --recorded DIR")
+        raise InputError("--only noise: is learned from recorded runs; name their folder with --recorded DIR")
     return scaled(steps, wanted.budget)
 
 
@@ -147,7 +147,7 @@ def _demonstrations(recorded: Path | None, product: Product) -> int:
     if recorded is None:
         return 0
     if not any((recorded / name).is_file() for name in ("manifest.json", "demonstrations.jsonl", "segments.jsonl")):
-        raise InputError(f"--recorded {recorded}: nothing of `cell log export --to training` is there")
+        raise InputError(f"--recorded {recorded}: holds no data of `cell log export --to training`")
     path = recorded / "demonstrations.jsonl"
     if not path.exists():  # no run's goal is known
         return 0

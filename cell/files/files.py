@@ -85,7 +85,7 @@ def read_text(path: Path, how_to_make: str = "") -> str:
 
 @contextmanager
 def whole_or_none(path: Path) -> Iterator[Path]:
-    """Where to write a file, or a new folder, so that it is there whole or not at all: it takes its place at the end.
+    """Where to write a file or a new folder atomically: it is moved to its place at the end.
 
     What stood there stays until then. A device such as /dev/stdout is written to as it is.
     """

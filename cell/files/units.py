@@ -28,7 +28,7 @@ Rgb = tuple[Channel, Channel, Channel]
 def _is_unit(quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     norm = math.sqrt(sum(value * value for value in quaternion))
     if not 0.999 < norm < 1.001:
-        raise ValueError(f"a unit quaternion is wanted; the norm of this one is {norm:.4g}")
+        raise ValueError(f"must be a unit quaternion; its norm is {norm:.4g}")
     return quaternion
 
 

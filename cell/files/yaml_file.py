@@ -136,7 +136,7 @@ class _Constructor:
         for key, value in node.value:
             name = key.value if isinstance(key, ScalarNode) else "?"
             if name in made:
-                what = f"key {name!r} stands twice"
+                what = f"key {name!r} appears twice"
                 self.problems.append(Problem(_at(self._path, key), what, f"first in line {lines[name]}"))
             lines.setdefault(name, key.start_mark.line + 1)
             made[name] = self.data(value)

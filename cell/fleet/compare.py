@@ -128,7 +128,7 @@ class Limit:
         found = _LIMIT.fullmatch(text)
         if found is None or found[1] not in BY_NAME:
             legal = ", ".join(BY_NAME)
-            raise InputError(f"--fail-if {text!r} is no bound like 'right < -2%' or 'time_s > 3'; legal: {legal}")
+            raise InputError(f"--fail-if {text!r} is not a bound like 'right < -2%' or 'time_s > 3'; legal: {legal}")
         measure = BY_NAME[found[1]]
         bound = float(found[3]) / (100 if found[4] else 1)
         share = measure.name in ("right", "wrong")  # points of a share, not a share of it

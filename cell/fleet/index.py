@@ -64,7 +64,7 @@ Answer = tuple[list[str], list[tuple[Any, ...]]]
 
 
 def add_run(log: Path) -> Path:
-    """Write the row of one log; the file is there whole or not at all.
+    """Write the row of one log; the file is written atomically.
 
     Raises:
         InputError, LogError: it cannot be read or written.
@@ -106,14 +106,14 @@ def ask(folder: Path, sql: str) -> Answer:
             database.execute("set enable_external_access = false; set lock_configuration = true")
             kinds = {statement.type.name for statement in database.extract_statements(sql)} - ASKING
             if kinds:
-                what = f"it must only ask, as SELECT, FROM, DESCRIBE or PIVOT do, not {', '.join(sorted(kinds))}"
-                raise InputError(f"the question cannot be answered: {what}")
+                what = f"only queries are allowed (SELECT, FROM, DESCRIBE or PIVOT), not {', '.join(sorted(kinds))}"
+                raise InputError(f"the query cannot be answered: {what}")
             found = database.execute(sql)
             if found.description is None:
                 return [], []
             return [column[0] for column in found.description], found.fetchall()
     except duckdb.Error as error:
-        raise InputError(f"the question cannot be answered: {str(error).strip()}") from None
+        raise InputError(f"the query cannot be answered: {str(error).strip()}") from None
 
 
 def listing(where: str | None, columns: str = LISTED) -> str:

@@ -33,7 +33,7 @@ BATCH = 5000  # rows in memory
 
 
 def write_table(rows: Iterable[Row], path: Path) -> None:
-    """Write rows; what is no number, text or yes and no becomes JSON text. The file is there whole or not at all.
+    """Write rows; what is no number, text or yes and no becomes JSON text. The file is written atomically.
 
     Args:
         rows: gone through twice; a few thousand are in memory at a time.
@@ -68,7 +68,7 @@ def read_column(path: Path, name: str) -> list[Any]:
     try:
         table = parquet.read_table(path, columns=[name])
     except OSError as error:
-        raise InputError(f"{path}: is no table of runs: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path}: is not a table of runs: {str(error).splitlines()[0]}") from None
     return list(table[name].to_pylist()) if name in table.column_names else []
 
 
@@ -82,7 +82,7 @@ def read_table(path: Path) -> list[dict[str, Any]]:
     try:
         rows: list[dict[str, Any]] = parquet.read_table(path).to_pylist()
     except (OSError, arrow.ArrowException) as error:
-        raise InputError(f"{path}: is no table of runs: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path}: is not a table of runs: {str(error).splitlines()[0]}") from None
     return rows
 
 

@@ -101,7 +101,7 @@ class Gripper(Protocol):
         ...
 
     def activate(self) -> None:
-        """Begin activation (a full open and close); `state().activated` tells when it is done."""
+        """Begin activation (a full open and close); `state().activated` says when it is done."""
         ...
 
     def command(self, command: GripperCommand) -> GripperCommand:
@@ -160,11 +160,11 @@ class Devices:
         host: where detectors run in lock-step beside a simulation; None: in the controller's process.
         lost_s: how far a simulation that goes with the wall's time fell behind it for good.
         free_running: told whether time is the wall's: then a simulation leaves out what is not done in time.
-        report: how the finished assembly is judged, by keys of `cell run --json`; empty where nobody can judge.
+        report: how the finished assembly is judged, by keys of `cell run --json`; empty if it cannot be judged.
         close: lets go of the simulator; drivers are closed by who opened them.
         pressed: what was said or pressed at the bench itself since the last call.
         finished: how brackets that were taken away were judged, in order, by the keys of `report`.
-        truth: what really happened since the last call, for the log alone; empty where nobody knows.
+        truth: what really happened since the last call, for the log alone; empty if unknown.
     """
 
     clock: Clock

@@ -72,7 +72,7 @@ SIGNALS: dict[Signal, str] = {
 assert set(SIGNALS) == set(get_args(Signal))
 HAND_TOO_NEAR: Signal = "hand_too_near"
 OFF_PATH: Signal = "arm_off_path"
-USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, nobody is told
+USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, no message is shown
 ACKNOWLEDGE = "acknowledge it when it may go on"  # how words end that wait for a person
 
 
@@ -133,7 +133,7 @@ class FaultTable(Model):
         wrong: list[tuple[tuple[str | int, ...], str]] = []
         for row, fault in enumerate(self.faults):
             if fault.signal in found:
-                wrong.append((("faults", row), f"signal {fault.signal} stands in the table twice"))
+                wrong.append((("faults", row), f"signal {fault.signal} is in the table twice"))
             found.add(fault.signal)
         wrong += [
             (("faults",), f"no row for signal {name}: {what}") for name, what in SIGNALS.items() if name not in found

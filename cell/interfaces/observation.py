@@ -128,7 +128,7 @@ class Observation:
         troubles: what devices raised since the tick before.
         late_s: how much later than its deadline the tick began.
         acknowledged: somebody acknowledged what holds the cell since the tick before.
-        signals: digital inputs and outputs by name; what nobody knows now is absent.
+        signals: digital inputs and outputs by name; what is unknown now is absent.
         operator: what somebody at panel, page or terminal wants.
         share: of the speed that the supervisor allows in this tick; 0 while it holds.
         held_by: signals for which it holds the arm, if it does.

@@ -28,7 +28,7 @@ class Frame:
         image: (height, width, 3) uint8, RGB.
         world_from_camera: where the camera was when the frame was taken.
         robot_m: (links, n, 3) points around the robot's links and what it holds when the frame was taken: each link is
-            in the hull of its points. In the world frame; None where nobody knows.
+            in the hull of its points. In the world frame; None if unknown.
     """
 
     camera: str
@@ -43,7 +43,7 @@ class Frame:
         return replace(self, robot_m=robot_m)
 
     def seen_from(self, world_from_camera: Pose) -> Frame:
-        """The same frame, of a camera that is elsewhere than its driver tells: waits for the image."""
+        """The same frame, of a camera that is elsewhere than its driver reports: waits for the image."""
         return Frame(self.camera, self.sequence, self.time_s, self.image, world_from_camera, self.robot_m)
 
 
@@ -246,7 +246,7 @@ class PartsView:
 
     Attributes:
         detections: parts that stand.
-        others: parts that lie and things of no type ("unknown"), as far as the detector tells them, each as an upright
+        others: lying parts and things of no type ("unknown"), as far as the detector reports them, each as an upright
             box on the floor that holds what is seen of it.
         calibration: what is wrong with the camera's calibration, in words; empty where nothing is known to be.
     """

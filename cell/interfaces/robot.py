@@ -76,7 +76,7 @@ def load_robot(name: str, folder: Path = Path()) -> RobotModel:
     """
     path = FOLDER / f"{name}.yaml" if name in shipped_robots() else folder / name
     if not path.is_file():
-        raise ValueError(f"no such robot; legal: {', '.join(shipped_robots())}, or a robot file")
+        raise ValueError(f"unknown robot; legal: {', '.join(shipped_robots())}, or a robot file")
     robot = load_yaml(path, RobotModel)
     if not robot.urdf.startswith(PACKAGE):
         robot = robot.model_copy(update={"urdf": str(path.parent / robot.urdf)})

@@ -145,7 +145,7 @@ def share(right: int, count: int) -> dict[str, float | int]:
 
 
 def at_pace(configuration: Configuration, pace: float | None) -> Configuration:
-    """The same cell with a person who moves so many times as fast; None leaves the person's own pace."""
+    """The same cell with a person who moves this many times as fast; None leaves the person's own pace."""
     if pace is None:
         return configuration
     devices = configuration.devices

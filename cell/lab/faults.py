@@ -150,7 +150,7 @@ class Fork(Injection):
 def fast_rows(path: Path, pairs: Pairs, seed: int, tell: Callable[[Row], None]) -> None:
     """Tell how each fault ended in each state, from one run that splits; at last, how that one ended without a fault.
 
-    A state that never came is told, too, as a row that is not as promised.
+    A state that never came is reported, too, as a row that is not as promised.
     """
     cv2.setNumThreads(0)  # a pool of threads does not live on in a forked child, which would wait for it
     fork = Fork(pairs, seed, tell)

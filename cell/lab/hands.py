@@ -76,7 +76,7 @@ def evaluate_hands(
 
     Args:
         trackers: makes a new tracker for each recording and its bench, by name; between stretches it sees nothing.
-        stretches: only so many of STRETCH_FRAMES frames, in each recording; None: all its frames.
+        stretches: number of stretches of STRETCH_FRAMES frames in each recording; None: all its frames.
         only: which persons: a key of ONLY.
         cameras: where the overhead camera is believed to hang: where a calibration in each look finds it, where the
             bench file says, or where it does.
@@ -184,7 +184,7 @@ def _figure(values: Array, percent: int | None) -> float:
 
 
 def _stretches(source: Source, count: int | None, seed: int) -> list[range]:
-    """All frames of a recording, or so many stretches of them, spread over it."""
+    """All frames of a recording, or this many stretches of them, spread over it."""
     moments = len(source.assembly.moments)
     if count is None:
         return every_frame(moments)

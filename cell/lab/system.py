@@ -64,7 +64,7 @@ def with_goals(product: Product, count: int) -> Product:
     """The product with its first goals alone.
 
     Raises:
-        InputError: it has not so many.
+        InputError: it has fewer.
     """
     if not 1 <= count <= len(product.goals):
         raise InputError(f"{count} goals: {product.name!r} has {len(product.goals)}")

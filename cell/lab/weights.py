@@ -52,7 +52,7 @@ FIGURES: Mapping[str, Mapping[str, str]] = {  # names, and that of how many they
 NEAR_POINTS = 0.5  # per cent, up to which a share counts as the same
 SAME, CHANCE, APART = "the same within .5 points", "apart by no more than chance", "apart"
 
-Figure = dict[str, float]  # "value", and "n" where it is a share of so many
+Figure = dict[str, float]  # "value", and "n" where it is a share of n
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from cell.interfaces.perception import Frame
 class Video:
     """An MP4 file that is written frame by frame; all frames have the size of the first one.
 
-    The encoder says nothing of a frame of another size, nor of a disk that is full: here both are told.
+    The encoder says nothing of a frame of another size, nor of a full disk: here both are reported.
 
     Args:
         path: the file; its folder is made.
@@ -75,7 +75,7 @@ class Video:
         there.release()
         if held < self._frames:
             self.discard()
-            raise InputError(f"{self._name}: the video cannot be written whole; is the disk full?")
+            raise InputError(f"{self._name}: the video cannot be written completely; is the disk full?")
         return self._frames
 
     def discard(self) -> None:

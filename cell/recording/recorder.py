@@ -313,7 +313,7 @@ def _open(path: Path, settings: LogSettings, context: foxglove.Context, heading:
         return LogFiles(path, settings, context, heading)
     except OSError as error:
         problem = Problem(
-            Place(path), f"the log cannot be written: {error.strerror or error}", "choose a path by --log"
+            Place(path), f"the log cannot be written: {error.strerror or error}", "choose a path with --log"
         )
         raise InputError(problem) from None
 

@@ -18,7 +18,7 @@ PATIENCE_S = 0.005  # how long the loop waits for the disk between two ticks
 
 
 class LogFiles:
-    """Opens one part after the other, and takes old ones away where only so many are to be kept.
+    """Opens one part after the other, and takes old ones away where only some are to be kept.
 
     Attributes:
         rotates: whether there are parts at all.

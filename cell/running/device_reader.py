@@ -89,8 +89,8 @@ class DeviceReader:
     """What the loop sees of the cell.
 
     Args:
-        framed: told of every new camera frame.
-        say: told of frames that a detector had no time for.
+        framed: called with every new camera frame.
+        say: called for frames that a detector had no time for.
         own_body: tells the detector of overhead frames where the robot is.
     """
 
@@ -135,7 +135,7 @@ class DeviceReader:
         signals = self._read("signals", self._signals.read) if self._signals is not None else None
         troubles, self._troubles = tuple(self._troubles), []
         if self._arm is None or self._fingers is None:
-            raise DeviceFault("cell", "; ".join(trouble.reason for trouble in troubles) or "a device told nothing")
+            raise DeviceFault("cell", "; ".join(trouble.reason for trouble in troubles) or "a device reported nothing")
         return Observation(
             tick=tick,
             time_s=self._devices.clock.now_s(),

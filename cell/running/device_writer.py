@@ -22,7 +22,7 @@ class DeviceActor:
     """Commands the devices of a cell.
 
     Args:
-        refused: told of a device's name and what it raised.
+        refused: called with a device's name and what it raised.
     """
 
     def __init__(

@@ -116,13 +116,13 @@ def robot_checks(robot: RobotModel) -> dict[str, Check]:
         arm = seen.arm
         counts = len(arm.positions_rad), len(arm.velocities_rad_s)
         if counts != (6, 6):
-            return Detection(f"the arm told {counts[0]} positions and {counts[1]} speeds, not 6")
+            return Detection(f"the arm reported {counts[0]} positions and {counts[1]} speeds, not 6")
         if not all(map(math.isfinite, (*arm.positions_rad, *arm.velocities_rad_s))):
-            return Detection("the arm told a value that is not finite")
+            return Detection("the arm reported a value that is not finite")
         if (np.abs(arm.positions_rad) > range_rad).any():
-            return Detection("the arm told a joint beyond its range")
+            return Detection("the arm reported a joint beyond its range")
         if (np.abs(arm.velocities_rad_s) > speed_rad_s).any():
-            return Detection("the arm told a joint faster than it can be")
+            return Detection("the arm reported a joint faster than it can be")
         return None
 
     return {"arm_not_plausible": not_plausible}

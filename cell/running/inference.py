@@ -1,4 +1,4 @@
-"""Slow inference beside the tick: jobs go in, answers come out later, nobody waits."""
+"""Slow inference beside the tick: jobs go in, answers come out later, without waiting."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class WorkerProcess(Generic[Job, Answer]):
         self._process.start()
 
     def await_ready(self) -> None:
-        """Wait until the detector is there; one that fails is told of by `poll`."""
+        """Wait until the detector is there; `poll` reports one that fails."""
         while self._process.is_alive() and not self._ready.wait(PARENT_CHECK_S):
             pass
 

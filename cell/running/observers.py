@@ -1,4 +1,4 @@
-"""Tells observers what happens; one that raises is told of and left out of nothing but its own work."""
+"""Notifies observers; one that raises is reported, and only its own work is lost."""
 
 from __future__ import annotations
 
@@ -98,5 +98,5 @@ class Observers:
                 continue
             try:
                 observer.message(self._clock.now_s(), "warning", f"an observer failed: {problem}; the run goes on")
-            except Exception:  # it will be noted when it is told something else
+            except Exception:  # it will be noted at the next notification
                 continue

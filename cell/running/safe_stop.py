@@ -127,9 +127,9 @@ def condition(seen: Observation | None, part: str | None) -> str:
         part: what the tree believes to be between the fingers.
     """
     if seen is None:
-        return "nothing is known of arm and gripper"
-    arm = "the arm stands" if at_rest(seen) else "the arm is not known to stand"
+        return "the state of arm and gripper is unknown"
+    arm = "the arm stands" if at_rest(seen) else "it is unknown whether the arm stands"
     if any(trouble.device == "gripper" for trouble in seen.troubles):
-        return f"{arm}, nothing is known of the gripper"
+        return f"{arm}, the state of the gripper is unknown"
     holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"
     return f"{arm}, the gripper {holds}"

@@ -40,9 +40,9 @@ class RunOptions:
     """
 
     tree: Path = DEFAULT_TREE
-    configuration: Annotated[Path, Option("--config", help="Configuration of the cell.")] = DEFAULT_CONFIGURATION
-    goal: Annotated[str, Option(help="What the simulated person assembles: a goal's name or random.")] = "random"
-    seed: Annotated[int, Option(min=0, help="Same seed, same run.")] = 0
+    configuration: Annotated[Path, Option("--config", help="Configuration file of the cell.")] = DEFAULT_CONFIGURATION
+    goal: Annotated[str, Option(help="Goal of the simulated person: a goal's name, or random.")] = "random"
+    seed: Annotated[int, Option(min=0, help="Random seed: the same seed gives the same run.")] = 0
     pace: Pace = "fast"
     log: Annotated[Path | None, Option(help="Log file (MCAP); by default a new one in the configured folder.")] = None
     monitor_port: Annotated[
@@ -56,7 +56,7 @@ class RunOptions:
         ),
     ] = None
     monitor_hooks: Annotated[bool, Option("--breakpoints", help="Let monitors set breakpoints and overrides.")] = False
-    watch: Annotated[bool, Option("--watch", help="Take over edits of the tree file during the run.")] = False
+    watch: Annotated[bool, Option("--watch", help="Apply edits of the tree file during the run.")] = False
     live_port: Annotated[
         int | None,
         Option(
@@ -64,7 +64,7 @@ class RunOptions:
             metavar="[PORT]",
             min=0,
             max=65535,
-            help="Serve the log's channels to Foxglove; port 8765.",
+            help="Serve a live view for Foxglove; port 8765.",
         ),
     ] = None
     overwrite: Annotated[bool, Option("--overwrite", help="Replace the file of --log if it exists.")] = False
@@ -85,11 +85,12 @@ class RunOptions:
     ] = None
     orders: Iterable[str] | None = None
     brackets: Annotated[
-        int | None, Option("--shift", metavar="N", min=0, help="A shift of N brackets; 0: until it is stopped.")
+        int | None,
+        Option("--shift", metavar="N", min=0, help="Assemble N brackets one after the other; 0: until you stop it."),
     ] = None
     world: Annotated[Path | None, Option(help="Use the simulated cell of a `cell lab world` at this address.")] = None
     resume: Annotated[
-        Path | None, Option(metavar="LOG", help="Continue the work of this log, whose run was broken off.")
+        Path | None, Option(metavar="LOG", help="Log of a run that was broken off: continue its work.")
     ] = None
     max_duration_s: float | None = None
     images: bool = True

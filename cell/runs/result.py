@@ -17,7 +17,7 @@ from cell.watching.statistics import RunStatistics
 
 @dataclass(frozen=True)
 class Counts:
-    """Observers that count what a summary tells.
+    """Observers that count what a summary shows.
 
     Attributes:
         tally: knows the brackets of a run that this one goes on with, too.
@@ -52,7 +52,7 @@ def summary_of(
     recorder: McapRecorder,
     sheet: str,
 ) -> dict[str, object]:
-    """Everything that is told of a run."""
+    """Everything that is reported about a run."""
     speed = outcome.sim_time_s / outcome.wall_time_s if outcome.wall_time_s > 0 else 0.0
     return {
         "finished": outcome.end == "finished",

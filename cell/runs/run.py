@@ -225,7 +225,7 @@ def _tool_on_bench_m(motion: MotionPlanner, seen: Observation) -> tuple[float, f
 def _sheet(
     options: RunOptions, log: Path, recorder: McapRecorder, moments: Moments, outcome: Outcome
 ) -> tuple[str, Outcome]:
-    """The contact sheet beside the log, empty where there is none; what went wrong is told beside the outcome."""
+    """The contact sheet beside the log, empty where there is none; what went wrong is reported with the outcome."""
     from cell.log.report.contact_sheet import write_sheet  # only now: a run begins without it
 
     sheet = log.with_suffix(".png")

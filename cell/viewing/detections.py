@@ -149,9 +149,9 @@ class PictureWriter:
         self.written: list[Path] = []
         self._video = Video(self._partial(), rate_hz, name=path)
         if path.is_dir() and any(path.iterdir()) and not overwrite:
-            raise InputError(f"{path}: is not an empty folder; choose another by --out, or say --overwrite")
+            raise InputError(f"{path}: is not an empty folder; choose another with --out, or add --overwrite")
         if path.is_file() and not overwrite:
-            raise InputError(f"{path}: is there already; choose another by --out, or say --overwrite")
+            raise InputError(f"{path}: exists already; choose another with --out, or add --overwrite")
         if path.suffix and path.suffix.lower() not in (VIDEO_SUFFIX, *PICTURE_SUFFIXES):
             raise InputError(f"{path}: must end in {VIDEO_SUFFIX}, {', '.join(PICTURE_SUFFIXES)}, or be a folder")
 

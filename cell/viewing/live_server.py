@@ -50,7 +50,7 @@ class LiveServer(Observer):
                 message_backlog_size=BACKLOG,
             )
         except (OSError, RuntimeError) as error:
-            raise InputError(f"port {port} cannot be used: {error}; choose another by --live PORT") from None
+            raise InputError(f"port {port} cannot be used: {error}; choose another with --live PORT") from None
         self.port = self._server.port
 
     def tick(self, record: TickRecord) -> None:

@@ -123,14 +123,14 @@ class MonitorClient:
         """The body of an answer.
 
         Raises:
-            InputError: nobody answers, or refuses to.
+            InputError: there is no answer, or a refusal.
         """
         head = HEADER.pack(PROTOCOL, ord(kind), self._session)
         self._socket.send_multipart([head, body] if body else [head])
         try:
             head, *bodies = self._socket.recv_multipart()
         except zmq.Again:
-            raise InputError(f"nobody answers on port {self._port}; start `cell run --monitor` first") from None
+            raise InputError(f"nothing answers on port {self._port}; start `cell run --monitor` first") from None
         if head == b"error":
             raise InputError(f"the monitor refuses: {b''.join(bodies).decode(errors='replace')}")
         self.identity = head[HEADER.size :]
@@ -141,7 +141,7 @@ def live_view(port: int, console: Console) -> None:
     """Show a running tree until it ends or the person leaves; keys pause it and let it go on step by step.
 
     Raises:
-        InputError: nobody answers at first.
+        InputError: there is no first answer.
     """
     client = MonitorClient(port)
     stepper: Stepper | None = None

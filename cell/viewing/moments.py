@@ -33,7 +33,7 @@ class Moment:
 class Moments(Observer):
     """An observer that notes when something worth a picture happened; the pictures are taken from the log at the end.
 
-    It keeps no image, and of a long run only so many moments, evenly spread.
+    It keeps no image, and of a long run only a limited number of moments, evenly spread.
     """
 
     def __init__(self) -> None:
@@ -79,7 +79,7 @@ class Moments(Observer):
 
 
 def spread(things: list[Thing], most: int) -> list[Thing]:
-    """At most so many of them, evenly; the first and the last always."""
+    """At most this many of them, evenly spread; always the first and the last."""
     if len(things) <= most:
         return things
     return [things[round(place * (len(things) - 1) / (most - 1))] for place in range(most)]

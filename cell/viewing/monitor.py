@@ -76,7 +76,7 @@ FEEDBACK = "F"  # a request of our own beside Groot2's
 LOOPBACK = "tcp://127.0.0.1"
 REQUESTS_A_TICK = 16  # so that a flood of requests does not hold up the loop
 REQUEST_BYTES = 64 * 1024
-HOOKS_REST_AFTER_S = 5.0  # of wall time without a request: nobody is there to unlock a breakpoint
+HOOKS_REST_AFTER_S = 5.0  # of wall time without a request: no client is there to unlock a breakpoint
 HEADER = struct.Struct("<BBI")
 
 
@@ -247,7 +247,7 @@ class Monitor(Observer):
         except zmq.ZMQError as error:
             self._context.destroy(linger=0)
             raise InputError(
-                f"port {port} cannot be used: {error.strerror}; choose another by --monitor PORT"
+                f"port {port} cannot be used: {error.strerror}; choose another with --monitor PORT"
             ) from None
         return socket
 

@@ -81,7 +81,7 @@ def _take(
 
 
 def fitted(lines: Sequence[Line], rows: int) -> list[Text]:
-    """At most so many rows: what does not run is folded, then the rows around the last node that runs are shown."""
+    """At most this many rows: what does not run is folded, then the rows around the last node that runs are shown."""
     if len(lines) <= rows:
         return [line.text() for line in lines]
     shown: list[tuple[Line, int]] = []

@@ -11,7 +11,7 @@ from cell.watching.observer import Level, Observer, TickRecord
 BIN_S = 1e-4
 BINS = 10_000  # up to a second; what is later counts as that late
 COUNTED_S = 0.005  # a tick that began so late has a cause
-LOST_S = 0.5  # a world that is so far behind the wall is told of
+LOST_S = 0.5  # a world that is this far behind the wall clock is reported
 
 Delays = Callable[[], Mapping[str, float]]
 

@@ -1,4 +1,4 @@
-"""What the controller tells of a run, and to whom: recorder, progress display and contact sheet are observers."""
+"""What the controller reports of a run, and to whom: recorder, progress display and contact sheet are observers."""
 
 from __future__ import annotations
 

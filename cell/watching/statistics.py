@@ -1,4 +1,4 @@
-"""Counts what a run's summary tells."""
+"""Counts what a run's summary shows."""
 
 from __future__ import annotations
 

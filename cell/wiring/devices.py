@@ -123,7 +123,7 @@ def _own_driver(role: str, device: OwnDevice) -> Driver:
 
 
 def _class_of(role: str, device: OwnDevice) -> type:
-    """The class of a driver of one's own.
+    """The class of your own driver.
 
     Raises:
         SettingError: there is none.
@@ -172,7 +172,7 @@ def _settings_of(role: str, make: type, device: OwnDevice) -> BaseModel:
     """
     model = getattr(make, "Settings", NoSettings)
     if not (isinstance(model, type) and issubclass(model, BaseModel)):
-        raise SettingError((_kind(role), f"{device.kind}.Settings is no model of pydantic"))
+        raise SettingError((_kind(role), f"{device.kind}.Settings is not a pydantic model"))
     given, legal = device.settings, ("kind", *model.model_fields)
     problems: list[tuple[tuple[str, ...], str]] = [
         (("devices", role, name), f"unknown key {name!r}; {suggestion(name, legal)}")
@@ -184,7 +184,9 @@ def _settings_of(role: str, make: type, device: OwnDevice) -> BaseModel:
     except ValidationError as error:
         for details in error.errors():
             places = tuple(map(str, details["loc"]))
-            problems.append((("devices", role, *places), f"{'.'.join((role, *places))}: {details['msg']}"))
+            missing = details["type"] == "missing"
+            said = f"key {places[-1]!r} is missing" if missing else f"{'.'.join((role, *places))}: {details['msg']}"
+            problems.append((("devices", role, *places), said))
     if problems:
         raise SettingError(*problems)
     paths = {name: device.folder / value for name, value in read if isinstance(value, Path)}

@@ -35,7 +35,7 @@ class WatchedTree:
     Args:
         load: loads the tree anew; raises InputError where the edit is broken.
         path: the file that was given on the command line.
-        observers: are told of refused edits and of swaps.
+        observers: are notified of refused edits and of swaps.
         swapped: called with every new tree, and the time, before its first tick.
     """
 

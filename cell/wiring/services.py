@@ -64,7 +64,7 @@ def load_planners(configuration: Configuration, product: Product) -> Planners:
     """The planners that the configuration names.
 
     Raises:
-        SettingError: weights are missing or do not fit the product, or there is no such kind; all are told at once.
+        SettingError: weights are missing or do not fit the product, or there is no such kind; all are reported at once.
     """
     semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
     assert semantic.weights is not None

@@ -40,7 +40,7 @@ class Segments:
 
     Attributes:
         tracks_m: (n, 1 + SEGMENT_FRAMES, 6), see `points`: the hand as it was last seen before the segment, and in each
-            frame; NaN where no hand was seen, or where nobody knows.
+            frame; NaN if no hand was seen or the truth is unknown.
         before_s: (n,) for how long it had not been seen when the segment began.
         windows: (windows, KEPT_PX, KEPT_PX, 3) uint8; the first one is black.
         crops: (n, 2) which window is the hand's, and that of the last moment at a hole; 0 for none.
@@ -84,7 +84,7 @@ class Segments:
         )
 
     def without(self, fold: int, folds: int) -> tuple[Segments, Segments]:
-        """The segments of all recordings but every so many, to learn from, and those of the others."""
+        """The segments to learn from, and those of every Nth recording, which are kept for scores."""
         logs = sorted(set(self.logs))
         apart = set(logs[fold::folds])
         inside = np.array([log in apart for log in self.logs])
@@ -217,7 +217,7 @@ def _rows(folder: Path, classes: Classes) -> Iterator[_Row]:
 
 
 def _label(row: dict[str, Any]) -> dict[str, Any] | None:
-    """The truth, or what was detected as the hole told it later, or a person; None where nobody knows.
+    """The truth, or what was detected as the hole told it later, or a person; None if unknown.
 
     Whether a label agrees with what was detected does not count: a person who corrects it may leave that as it was.
     """

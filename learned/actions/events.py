@@ -35,10 +35,10 @@ class EventSettings(Model):
         begins: probability of an assembly at a hole from which on evidence for its part is collected; where it is
             less, the hand has left.
         sure: share of that evidence that one part must have; else the hand alone tells nothing.
-        again_s: evidence counts until there was no assembly at the hole for so long, and nothing is told there again.
-        report_s: how long a finished assembly is told.
+        again_s: evidence counts until there was no assembly at the hole for so long, and nothing is reported again.
+        report_s: how long a finished assembly is reported.
         keep: probability below which a screw action that goes on is given up.
-        shown_reads: so many looks in a row show a part in a hole that was empty, before it counts as newly filled.
+        shown_reads: this many looks in a row show a part in a hole that was empty, before it counts as newly filled.
         shown_confidence: how sure of the part hole and hand must be together, as if they erred independently.
         shown_evidence: sum over the frames of the probability of an assembly at a hole from which on a newly filled
             hole shows that the assembly is finished.

@@ -37,7 +37,7 @@ class FilledHoles:
     """Watches what the holes show, frame after frame.
 
     Args:
-        reads: a part counts when so many new looks in a row show it.
+        reads: a part counts when this many new looks in a row show it.
         confidence: from which on a look settles it.
     """
 

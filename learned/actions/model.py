@@ -27,7 +27,7 @@ class TrainedActionDetector:
     Attributes:
         last_posterior: (classes,) of the last segment alone; an action is made of several.
         last_released: probability that the fingers have opened, of the same.
-        settings: when a placement is told.
+        settings: when a placement is reported.
     """
 
     def __init__(self, bench: Bench, product: Product, network: OnnxModel) -> None:

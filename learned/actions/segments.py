@@ -22,8 +22,8 @@ from cell.interfaces.perception import SEGMENT_FRAMES, Frame, HandSample, Segmen
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 
-SCALE_M = 0.2  # track coordinates are told in this length
-HEIGHTS_M, LEAST_M = 0.1, 0.02  # heights over the table, too, so much more of them: zero says that nobody knows
+SCALE_M = 0.2  # track coordinates are in this length
+HEIGHTS_M, LEAST_M = 0.1, 0.02  # heights over the table, too, so much more of them: zero means unknown
 CROP_PX = 64  # side of what networks see: the middle two thirds of a window
 WINDOW_CROP = 2 / 3
 TRACK_FEATURES = 9

@@ -168,7 +168,7 @@ def _lag(high: Array, low: Array, a_metre_px: float) -> float | None:
 
 
 def _overlapping(high: Array, low: Array, lag: int) -> tuple[Array, Array]:
-    """What two lines have in common where the first lies so many steps farther out."""
+    """What two lines have in common where the first lies a number of steps farther out."""
     if lag < 0:
         low, high = _overlapping(low, high, -lag)
         return high, low

@@ -113,7 +113,9 @@ def load_crops(path: Path) -> OnnxModel:
     try:
         answer = model.run({"crops": np.zeros((1, CHANNELS, CROP_PX, CROP_PX), np.uint8)})
     except ModelError as error:
-        raise ModelError(f"{path}: reads other crops than those of today; `cell train --only grasp`") from error
+        raise ModelError(
+            f"{path}: was trained on crops of another version; train it again: `cell train --only grasp`"
+        ) from error
     if answer["embedding"].shape != (1, EMBEDDING):
         raise ModelError(f"{path}: {answer['embedding'].shape[1]} features of a crop, not {EMBEDDING}")
     return model

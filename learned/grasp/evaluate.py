@@ -90,7 +90,7 @@ def evaluate_scenes(planner: GraspPlanner, scenes: Sequence[Scene], seed: int) -
 
 
 def _questions(scene: Scene, seed: int, index: int) -> list[list[int]]:
-    """One required object; one of each of two types; one of each of three: as far as there are so many types."""
+    """One required object; one of each of two types; one of each of three: if the product has that many types."""
     required = _required_objects(scene, np.random.default_rng([seed, index]))
     return [required[:count] for count in REQUIRED_TYPES if len(required) >= count]
 

@@ -80,7 +80,7 @@ class SceneSettings(Model):
         parts: fewest and most parts in a scene.
         neighbour_share: probability that a part is put right beside another one.
         nearest_gap_m, farthest_gap_m: gap between the bodies of such neighbours.
-        crowding: of so many free places found, the one nearest to the middle of all parts is taken.
+        crowding: of this many free places found, the one nearest to the middle of all parts is taken.
         tray_m: inner (x, y) extent of the tray; bodies lie inside.
         by_quantity: of every type at most as many as the product has.
         outline: of the gripper that the labels are about.

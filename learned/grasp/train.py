@@ -195,7 +195,7 @@ def _task(
         maps = None
         if network.crops is not None:
             if camera is None:
-                raise InputError("the paper's planner learns from images of the scenes: a camera is wanted")
+                raise InputError("the paper's planner learns from images of the scenes: a camera is needed")
             crops = camera([(scene.boxes, scene.parts) for scene in scenes])
             seen = footprints(crops, scenes, list(product.parts), seed, settings.footprint_passes)
             network.crops.footprints = seen

@@ -28,7 +28,7 @@ MIXED = 0.3  # of the colours: beyond it nobody could tell a part by its paint
 
 
 def finder_targets(data: HandData, rows: NDArray[np.int64], turns: Array) -> tuple[NDArray[np.float32], ...]:
-    """By frame and cell: score (n, 1, r, c), offset (n, 2, r, c), and weight (n, 1, r, c), 0 where nobody knows.
+    """By frame and cell: score (n, 1, r, c), offset (n, 2, r, c), and weight (n, 1, r, c), 0 if unknown.
 
     Args:
         rows: (n,) frames, in order.

@@ -21,7 +21,7 @@ LAPLACE = math.sqrt(2)  # standard deviation of a Laplace distribution, over its
 TRUE_ANGLE_ERROR = 0.0143
 # What is around a hand draws it to the height that is usual, in all frames alike: such errors count for larger ones.
 AROUND_TIMES = 1.7
-ALIKE_FRAMES = 10  # so many frames in a row err alike, and count as one
+ALIKE_FRAMES = 10  # this many frames in a row err alike, and count as one
 FORGETS = 2e-7  # variance of the logarithm that is added with each frame: another person may come
 HIGH_M = 0.3  # any two heights tell how distance goes with height
 BEND_M = 0.006  # standard deviation of how much higher the palm is than the fingertips

@@ -37,7 +37,7 @@ class RobotMask:
         self._reader, self._near_px = reader, near_px
 
     def under(self, reading: Reading) -> bool:
-        """Whether palm and fingertips lie on the robot; False where nobody knows where the robot is."""
+        """Whether palm and fingertips lie on the robot; False if the robot's place is unknown."""
         if self._robot_m is None:
             return False
         height, width = self._mask.shape

@@ -31,7 +31,7 @@ HELD_FRAMES = 7  # among which most say what is held
 SMOOTH_S, HALVED_AT_M_S = 0.01, 0.1  # time constant of a hand at rest (see `_Smooth`), and speed that halves it
 
 OF_PALM = ("palm", "wrist", "radial", "ulnar")  # points that are as high as it
-VELOCITY_FRAMES = 4  # over which the velocity of a palm is told
+VELOCITY_FRAMES = 4  # over which the velocity of a palm is estimated
 
 Point = tuple[float, float]
 

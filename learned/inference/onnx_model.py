@@ -142,7 +142,7 @@ class OnnxModel:
         opened = _opened(path)
         card = opened.card(path)
         if card.kind != kind:
-            raise ModelError(f"{path}: holds a {card.kind!r} model, but a {kind!r} model is wanted")
+            raise ModelError(f"{path}: holds a {card.kind!r} model, but a {kind!r} model is needed")
         return OnnxModel(path, card, opened.session, opened.sha256)
 
     @staticmethod

@@ -129,7 +129,7 @@ class Constant:
 
 
 SEEDS = (1, 2, 3)
-USUAL_SCENES = 427  # the paper's; epochs below are for so many
+USUAL_SCENES = 427  # the paper's; epochs below are for this number
 CONSTANT = {"always": GraspPlan(1.0, (), False, "grasp"), "help": GraspPlan(0.0, (), True, "help")}
 _PAPER = PaperSettings(scenes=USUAL_SCENES, epochs=300, loose_share=0.0)
 
@@ -169,7 +169,7 @@ def contender(
     noise: DetectionNoise,
     data: SceneSettings,
 ) -> Contender:
-    """A planner, trained on so many scenes where it learns.
+    """A planner, trained on a number of scenes if it learns.
 
     Args:
         noise: of the detections, if the planner asks for it.

@@ -1,4 +1,4 @@
-"""Cells of the experiments: one planner, trained with one seed on so many scenes, scored under one condition."""
+"""Cells of the experiments: one planner, trained with one seed on a number of scenes, scored under one condition."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def load_truth(path: Path, folder: Path) -> Truth:
         InputError: with every problem of the file.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: is no folder of photographs")
+        raise InputError(f"{folder}: is not a folder of photographs")
     try:
         read = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_Pairs, parse_int=_whole)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Guaranteed thresholds: at most so many wrong acts, with so much confidence, from so many recorded runs.
+"""Guaranteed thresholds: at most a given share of wrong acts, with a given confidence, from recorded runs.
 
 Learn then test (Angelopoulos and others, 2021) with thresholds tested in a fixed order, strictest first: each is
 certified while the binomial tail of its wrong acts rejects "more acts than the limit are wrong". One state of each run
@@ -74,7 +74,7 @@ def least_limit(cases: Sequence[Case], threshold: float) -> float:
 
 
 def binomial_tail(wrong: int, count: int, limit: float) -> float:
-    """Probability of at most so many wrong acts of `count` where each is wrong with probability `limit`."""
+    """Probability of at most that many wrong acts of `count` where each is wrong with probability `limit`."""
     return sum(comb(count, k) * limit**k * (1.0 - limit) ** (count - k) for k in range(wrong + 1))
 
 

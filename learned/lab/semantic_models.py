@@ -74,7 +74,7 @@ def generated_product(product: Product, positions: int, types: int, goals: int, 
     return random_goals(Product.model_validate(one), goals, rng)
 
 
-WRONG_LIMIT = 0.003  # the bar: at most so many wrong placements ...
+WRONG_LIMIT = 0.003  # the bar: the largest share of wrong placements ...
 ACT = 0.9  # ... at this threshold of the posterior
 
 

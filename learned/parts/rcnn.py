@@ -51,7 +51,7 @@ class RcnnTraining:
 
 
 def rcnn(backbone: str, types: int) -> nn.Module:
-    """An untrained network for so many types and unknown things; batches are normalised, as nothing is frozen."""
+    """An untrained network for a number of types and unknown things; batches are normalised, as nothing is frozen."""
     classes = types + 2  # the background is the first
     width, height = INPUT_PX
     if backbone == "mobilenet":

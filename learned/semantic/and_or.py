@@ -108,7 +108,7 @@ class AndOrGraph:
         except (ValueError, ValidationError) as error:
             raise ModelError(f"{path}: no AND/OR graph, or damaged: {str(error).splitlines()[0]}") from error
         if read.card.kind != KIND:
-            raise ModelError(f"{path}: holds a {read.card.kind!r} model, but a {KIND!r} model is wanted")
+            raise ModelError(f"{path}: holds a {read.card.kind!r} model, but a {KIND!r} model is needed")
         read.card.require_vocabulary(path, layout.vocabulary)
         wide = {(len(node.goals), len(node.arcs), len(node.state)) for node in read.nodes}
         m = len(layout.positions)

@@ -11,8 +11,8 @@ Demonstration: the goal, and the placements in the order in which they were made
 
 Of a placement, `time_s` (since the demonstration began) and `by` ("person", the default, or "robot") may be left out;
 so may, of a demonstration, `unordered_n` (0) and `source` (for example the log that it was taken from).
-`unordered_n` says that the first so many placements are known as a state only, in no order: a log that begins with
-parts in their holes, or one of the paper's scenarios (a partial state and what was placed next).
+`unordered_n` says that this many placements at the beginning are known as a state only, in no order: a log that begins
+with parts in their holes, or one of the paper's scenarios (a partial state and what was placed next).
 
 The header's goals are the product's, and may be more: those that were learned from finished brackets.
 
@@ -40,7 +40,7 @@ from learned.semantic.scenarios import Scenarios
 
 FORMAT: Final = "cell.demonstrations"
 VERSION: Final = 1
-MOST_PROBLEMS = 20  # of a file are told at once
+MOST_PROBLEMS = 20  # of a file that are reported at once
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 

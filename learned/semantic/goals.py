@@ -23,7 +23,7 @@ from cell.interfaces.product import Product
 from learned.semantic.graph import Floats
 from learned.semantic.settings import NewGoals
 
-SHOWN_BRACKETS = 3  # a goal that somebody showed counts as much as so many finished brackets
+SHOWN_BRACKETS = 3  # a goal that somebody showed counts as much as this many finished brackets
 _HEAD = """# Goals as they were finished: the part type at every position, and how many brackets ended so.
 # Goals that the product file does not list were learned; rename, correct or remove them as you like.
 """
@@ -173,7 +173,7 @@ class OpenGoals:
         return {**self.product.goals, **{name: goal.parts for name, goal in self.finished.items()}}
 
     def _after(self, name: str, parts: tuple[str, ...], brackets: int, what: str) -> OpenGoals:
-        """With so many more brackets of an arrangement; one that is not known takes the name."""
+        """With a number of further brackets of an arrangement; one that is not known takes the name."""
         name = next((known for known, goal in self._known.items() if goal == parts), name)
         before = self.finished[name].finished if name in self.finished else 0
         finished = self.finished | {name: FinishedGoal(parts=parts, finished=before + brackets)}

@@ -59,7 +59,7 @@ class Counts:
     Attributes:
         named: (z, n, m) plans that name a slot, by goal.
         filled: (z, m) states in which a slot is filled.
-        sizes: (z, m + 1) states with so many filled slots.
+        sizes: (z, m + 1) states by their number of filled slots.
         rows: (B',) goal, (B', m) filled slots and (B',) next slot of the states whose next slot is known.
     """
 

@@ -8,7 +8,7 @@ from cell.files.model import Model
 
 
 class NewGoals(Model):
-    """What is expected of goals that nobody listed.
+    """Expectation of goals that the product file does not list.
 
     Attributes:
         none_probability: that a bracket is none of the product's goals, before any was finished.

@@ -78,7 +78,7 @@ def split(stills: Sequence[OneStill], share: float, seed: int) -> tuple[list[One
 
 
 def pose_of(entry: dict[str, Any]) -> Pose:
-    """The pose that a row tells."""
+    """The pose of a row."""
     x, y, z = entry["position_m"]
     w, a, b, c = entry["quaternion_wxyz"]
     return Pose((x, y, z), (w, a, b, c))
@@ -110,7 +110,7 @@ def _labelled_still(
 def _still(folder: Path, row: dict[str, Any]) -> Still:
     read = cv2.imread(str(folder / row["file"]), cv2.IMREAD_COLOR)
     if read is None:
-        raise ValueError(f"{folder / row['file']} is no image")
+        raise ValueError(f"{folder / row['file']} is not an image")
     image = np.ascontiguousarray(read[..., ::-1], np.uint8)
     true = row["true_camera"]
     lens = true["focal_px"], true["distortion_k1"], true["distortion_k2"]

@@ -37,7 +37,7 @@ def write_segments(
     Args:
         thin: only some of the segments that are no assembly, drawn by chance, so that classes are less unequal.
         frames: every third whole frame of each segment, too, made small.
-        gaps: the hand as a tracker tells it, which loses it now and then.
+        gaps: the hand as a tracker reports it, which loses it now and then.
     """
     assembly = source.assembly
     visible = visible_shares(source, range(len(assembly.moments)))

@@ -38,7 +38,7 @@ SPLITS = {"train": range(800_000), "validation": range(800_000, 900_000), "test"
 
 
 def seeds(first_seed: int, recordings: int) -> tuple[str, range]:
-    """The split of so many seeds in a row, and the seeds.
+    """The split of a number of seeds in a row, and the seeds.
 
     Raises:
         InputError: they are not all of one split.

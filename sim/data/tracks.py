@@ -32,7 +32,7 @@ Hand = dict[str, Any]
 def as_tracked(
     source: Source, hands: Sequence[Hand | None], visible: Sequence[float], rng: np.random.Generator
 ) -> list[Hand | None]:
-    """The hands of a recording as a tracker tells them: lost for a while, or taken for something that lies elsewhere.
+    """The hands of a recording as a tracker reports them: lost for a while, or taken for something that lies elsewhere.
 
     One that is covered, by a head that leans over it or by the arm, is mostly lost for as long as that lasts.
 

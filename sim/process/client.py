@@ -41,7 +41,7 @@ class RemoteCell:
         alive: whether it is worth waiting.
 
     Raises:
-        InputError: nobody is there, or the world takes no such controller.
+        InputError: no world is there, or it does not accept such a controller.
     """
 
     def __init__(
@@ -354,7 +354,7 @@ def connected(address: Path, patience_s: float = 0.0, alive: Callable[[], bool] 
     """A connection to the world at an address.
 
     Raises:
-        InputError: nobody is there.
+        InputError: no world is there.
     """
     until_s = time.monotonic() + patience_s
     while True:

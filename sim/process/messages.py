@@ -23,7 +23,7 @@ class Hello:
     """A controller wants to work here.
 
     Attributes:
-        pace: "fast": the world advances only when it is told to; "real": it goes with the wall's time.
+        pace: "fast": the world advances only when it is told to; "real": it keeps pace with the wall clock.
         cell: what the controller takes the cell for, by name; the world refuses another one.
     """
 
@@ -117,7 +117,7 @@ class Welcome:
 
     Attributes:
         epoch_s: what the machine's monotonic clock showed when the wall's time of this world was 0; None for a world
-            that stands: it goes with the wall's time once it is told to begin.
+            that stands: it keeps pace with the wall clock once it is told to begin.
         hosts: detectors may run beside the frames.
     """
 

@@ -94,7 +94,7 @@ def drawn_from(address: Path) -> Drawn:
     """What the world at an address was drawn from.
 
     Raises:
-        InputError: nobody is there, or nobody who tells.
+        InputError: no world is there, or it does not say.
     """
     connection = connected(address)
     try:
@@ -113,7 +113,7 @@ def connect(configuration: Configuration, product: Product, address: Path, pace:
     """A world that somebody opened at an address.
 
     Raises:
-        InputError: nobody is there, or the world takes no such controller.
+        InputError: no world is there, or it does not accept such a controller.
     """
     return _remote(configuration, product, address, pace)
 

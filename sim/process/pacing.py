@@ -17,7 +17,7 @@ KEPT = 256  # times lost that stamps may still lie before
 class Pacer:
     """Steps a world at absolute deadlines, one control period at a time.
 
-    Its stamps are told in the wall's time. A world that cannot keep pace loses time: it is slower than the wall, and
+    Its stamps are in wall-clock time. A world that cannot keep pace loses time: it is slower than the wall, and
     what it has not done is not made up for in a burst.
 
     Args:

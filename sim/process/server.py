@@ -123,7 +123,7 @@ class WorldServer:
 
     def _refusal(self, hello: object) -> str:
         if not isinstance(hello, Hello):
-            return "that is no controller of this version"
+            return "the controller has another version"
         if self._connection is not None:
             return "another controller is connected"
         differs = [name for name, value in self._cell.items() if hello.cell.get(name) != value]

@@ -38,7 +38,7 @@ class SimCamera:
     triggered one an exposure after the next control period.
 
     Attributes:
-        watch: told of each exposure that is not lost; nobody by default.
+        watch: called with each exposure that is not lost; nothing by default.
     """
 
     def __init__(

@@ -242,7 +242,7 @@ def _serve(
     make: Callable[..., Work],
     shared: Sequence[object],
 ) -> None:
-    """The process: works off jobs in their order; one that fails ends it, and the controller is told why."""
+    """The process: works off jobs in their order; one that fails ends it, and the controller learns why."""
     for other in theirs:  # else the controller's death would not end the pipes
         other.close()
     # Signals often go to all processes of a group: this one lives until the controller has stopped the arm.

@@ -99,7 +99,7 @@ def sample_clutter(
         rng: the same generator state gives the same scene.
 
     Raises:
-        InputError: the tray is too small for so many parts.
+        InputError: the tray is too small for that many parts.
     """
     settings = settings or ClutterSettings()
     items = [_posed(product, types[i], rng, settings.lying_share) for i in rng.permutation(len(types))]

@@ -1,4 +1,4 @@
-"""What lies about on the table: tools, boxes, and things that nobody knows. They are seen and never touched."""
+"""What lies about on the table: tools, boxes and unknown things. They are seen and never touched."""
 
 from __future__ import annotations
 

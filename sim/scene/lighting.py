@@ -14,7 +14,7 @@ LAMP_SPECULAR = 0.1
 SHADOW_MAP_PX = 1024  # 2.3 mm each, less than a pixel of the overhead camera; twice as many double an image's cost
 SHADOWED_M = 1.2  # half the width of what a lamp's shadow map covers
 GRAIN_PX = 256
-GRAIN_STRETCH = 12  # the pattern is so many times longer than wide, as in wood
+GRAIN_STRETCH = 12  # the pattern is this many times longer than wide, as in wood
 
 
 def add_lights(spec: mujoco.MjSpec, light: Light) -> None:

@@ -138,7 +138,7 @@ class SimSettings(Model):
         hardware: how well robot and cameras measure and obey: ideal, ur10_usb, or the values themselves.
         clutter: how parts stand in the tray.
         person: who stands at the bench.
-        people: who take turns there in a shift, a bracket each; the first one is `person`. None: nobody takes turns.
+        people: they take turns in a shift, a bracket each; the first one is `person`. None: always the same person.
         shift: the person goes on with the next bracket when one is finished.
         signals: an I/O module on the virtual bus; none by default.
     """

@@ -27,7 +27,7 @@ METALS = ("brass", "zinc")
 
 @dataclass(frozen=True)
 class UnknownObject:
-    """Something that nobody knows, to be touched and gripped like a part.
+    """An unknown object, to be touched and gripped like a part.
 
     Attributes:
         solids: what it is made of; its frame is that of a part, its origin in the middle of the bottom.

@@ -25,7 +25,7 @@ class CheckedArm:
         self._arm, self._robot = arm, robot
 
     def state(self) -> ArmState:
-        """As the driver tells it."""
+        """As the driver reports it."""
         return self._arm.state()
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
@@ -46,7 +46,7 @@ class CheckedArm:
         self._arm.acknowledge()
 
     def samples(self) -> JointSamples | None:
-        """As the driver tells them."""
+        """As the driver reports them."""
         return self._arm.samples()
 
 

@@ -34,14 +34,15 @@ def load_gripper_database(path: Path = SHIPPED) -> Database:
     """Read the frames.
 
     Raises:
-        SettingError: the file cannot be read, is no DBC, or does not say what a 2F-85 needs; every problem is told.
+        SettingError: the file cannot be read, is not a DBC file, or does not say what a 2F-85 needs;
+            every problem is reported.
     """
     text = read_frames(path)
     try:
         database = cantools.database.load_string(text, database_format="dbc")
     except (cantools.Error, UnicodeDecodeError, ValueError, KeyError) as error:
         raise _problem(
-            path, f"is no DBC: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+            path, f"is not a DBC file: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
         ) from None
     assert isinstance(database, Database)
     if problems := [problem for name in SIGNALS for problem in _problems(database, name)]:
@@ -60,7 +61,7 @@ def read_frames(path: Path = SHIPPED) -> str:
     except OSError as error:
         raise _problem(path, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
-        raise _problem(path, f"is no DBC: byte {error.start} is no text") from None
+        raise _problem(path, f"is not a DBC file: byte {error.start} is not text") from None
 
 
 def _problem(path: Path, what: str) -> SettingError:

@@ -16,9 +16,9 @@ class SignalSettings(Model):
     Attributes:
         kind: this driver.
         interface, channel, bitrate: the bus, as for the gripper.
-        node_id: of the module: it tells inputs in 0x180 + node id, and takes outputs in 0x200 + node id.
+        node_id: of the module: it sends inputs as 0x180 + node id, and takes outputs as 0x200 + node id.
         inputs, outputs: bit of each signal, by the names that tree files use.
-        timeout_s: silence for so long is a fault; the module must tell its inputs more often than that.
+        timeout_s: silence for this long is a fault; the module must send its inputs more often than that.
     """
 
     kind: Literal["can"] = "can"

@@ -60,7 +60,7 @@ class PersonSpace:
         return HAND_LENGTH_M if at_edge else 0.0
 
     def _at_height(self, points_m: Array, height_m: float) -> Array:
-        """Points (n, 2) as a tracker tells them, where they are if they are so high: on the same ray of the camera."""
+        """Points (n, 2) as a tracker reports them, where they are at that height: on the same ray of the camera."""
         scale = (self._eye[2] - height_m) / (self._eye[2] - self._settings.assumed_height_m)
         moved: Array = self._eye[:2] + (points_m - self._eye[:2]) * scale
         return moved

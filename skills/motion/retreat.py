@@ -15,7 +15,7 @@ from skills.motion.arm_outline import ArmOutline
 from skills.motion.settings import SeparationSettings
 
 STEP_S = 0.02  # between places of the path that are looked at
-SOON = 6  # so many steps count for the speed: a tick, and the reaction
+SOON = 6  # steps that count for the speed: a tick, and the reaction
 SWAY_M = 0.002  # that much nearer than before is none: joints are measured, and trail
 
 

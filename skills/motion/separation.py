@@ -27,7 +27,7 @@ from skills.motion.retreat import Leaving
 from skills.motion.settings import SeparationSettings, SixFloats
 
 MARK_S = 0.04  # between places of the path that are looked at
-MARKS = 18  # so many: the arm is slow before it is past the last
+MARKS = 18  # enough of them: the arm is slow before it is past the last
 NUMBERS: Array = np.arange(-1, MARKS + 1, dtype=np.float64)
 PLAY_S = 0.01  # a step of the braking that is played through
 SHARES = 24  # that are tried, from the slow one to all

@@ -157,7 +157,7 @@ def test_the_simulator_is_not_loaded_for_real_devices(home: Path) -> None:
 @pytest.mark.parametrize(
     ("device", "words"),
     [
-        ({"kind": "lab:Device"}, "arm.host: Field required"),
+        ({"kind": "lab:Device"}, "key 'host' is missing"),
         ({"kind": "lab:Device", "host": "a", "gain": -1}, "arm.gain: Input should be greater than 0"),
         ({"kind": "lab:Device", "hots": "a"}, "unknown key 'hots'; did you mean 'host'? legal here: kind, host, gain"),
         ({"kind": "lab:Nobody"}, "lab has no class 'Nobody'"),
@@ -165,7 +165,7 @@ def test_the_simulator_is_not_loaded_for_real_devices(home: Path) -> None:
         ({"kind": "lap:Device"}, "no module 'lap'; looked for in"),
         ({"kind": "lab:Half", "host": "a"}, "lab:Half lacks follow, stop, pace, acknowledge, samples, close"),
         ({"kind": "lab:Greedy", "host": "a"}, "the driver asks for port; there is: settings, clock, bench"),
-        ({"kind": "lab:Odd"}, "lab:Odd.Settings is no model of pydantic"),
+        ({"kind": "lab:Odd"}, "lab:Odd.Settings is not a pydantic model"),
         ({"kind": "can"}, "no kind 'can' of arm; legal: simulated, or MODULE:CLASS"),
         ({"kind": "recorded"}, "no kind 'recorded' of arm"),
     ],

@@ -100,7 +100,7 @@ class WhileDoElse(_Conditional):
 
 
 class TryCatch(Control):
-    """All children but the last in order; where one fails, the last cleans up, and this node fails."""
+    """All children but the last in order; if one fails, the last cleans up, and this node fails."""
 
     traits = Traits(comes_back=False, results=lambda below, _: _FAILS_OR_SKIPS.union(*below[:-1]))
     children_min = 2
@@ -145,7 +145,7 @@ class TryCatch(Control):
 
 
 class _Switch(Control):
-    """Ticks the child whose case equals the variable, else the last one; another that runs is halted."""
+    """Ticks the child whose case equals the variable, otherwise the last one; any other that runs is halted."""
 
     traits = Traits(results=lambda below, _: _FAILS_OR_SKIPS.union(*below))
     cases: ClassVar[int]

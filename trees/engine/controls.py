@@ -109,7 +109,7 @@ class Sequence(_Ordered, composites.Sequence):
 
 
 class AsyncSequence(Sequence):
-    """A Sequence that can be interrupted after every child, also where each finishes at once."""
+    """A Sequence that can be interrupted after every child, even if each finishes at once."""
 
     traits = replace(Sequence.traits, instant=False)
     asynchronous = True
@@ -132,7 +132,7 @@ class Fallback(_Ordered, composites.Selector):
 
 
 class AsyncFallback(Fallback):
-    """A Fallback that can be interrupted after every child, also where each finishes at once."""
+    """A Fallback that can be interrupted after every child, even if each finishes at once."""
 
     traits = replace(Fallback.traits, instant=False)
     asynchronous = True

@@ -156,11 +156,11 @@ class RunOnce(Decorator):
 
 
 class Precondition(Decorator):
-    """Ticks the child only where a script is true; not asked again while the child runs."""
+    """Ticks the child only if a script is true; the script is not checked again while the child runs."""
 
     traits = _passing(ANY)
     if_ = InputPort(Code, "script that must be true", name="if")
-    else_ = InputPort(Status, "answer where it is not", default=FAILURE, name="else")
+    else_ = InputPort(Status, "result if it is not", default=FAILURE, name="else")
 
     def __init__(self, name: str, children: Children[TreeNode]) -> None:
         super().__init__(name, children)
@@ -200,7 +200,7 @@ class _Updated(Decorator):
 
 
 class SkipUnlessUpdated(_Updated):
-    """Skips the child until the entry is written, and again until it is written anew."""
+    """Skips the child until the entry is written, and then until it is written again."""
 
     traits = _passing(ANY)
     otherwise = SKIPPED

@@ -63,7 +63,7 @@ class Script(_Instant):
 
 
 class ScriptCondition(_Instant):
-    """Succeeds where a script's value is true."""
+    """Succeeds if a script's value is true."""
 
     node_type = "Condition"
 
@@ -96,7 +96,7 @@ class UnsetBlackboard(_Instant):
 
 
 class WasEntryUpdated(_Instant):
-    """Succeeds where an entry was written since this node's last tick."""
+    """Succeeds if an entry was written since this node's last tick."""
 
     node_type = "Condition"
 

@@ -153,7 +153,7 @@ def _own(text: str, kind: Any) -> Any:
     try:
         return kind.from_text(text)
     except Exception as error:  # a class of the user's own may raise anything; to the file it is a bad text
-        what = f"'{text}' is no {type_name(kind)}: {error}"
+        what = f"'{text}' is not a valid {type_name(kind)}: {error}"
         raise LiteralError(what, getattr(kind, "like", "see the class's documentation")) from None
 
 
@@ -182,4 +182,4 @@ def _member(text: str, kind: type[Enum]) -> Enum:
         member: Enum = members[text]
         return member
     names = STATUS_WORDS if kind is Status else kind.__members__
-    raise LiteralError(f"'{text}' is no {kind.__name__}", "one of " + ", ".join(names))
+    raise LiteralError(f"'{text}' is not a valid {kind.__name__}", "one of " + ", ".join(names))

@@ -63,7 +63,7 @@ class _Rounds(Decorator):
 
 
 class Repeat(_Rounds):
-    """Ticks the child to its end so many times, one round a tick at most; fails as soon as it fails."""
+    """Ticks the child to its end N times, one round a tick at most; fails as soon as it fails."""
 
     traits = _rounds("num_cycles", SUCCESS)
     num_cycles = InputPort(int, "rounds, -1 for no limit")
@@ -88,7 +88,7 @@ class _Loop(Decorator):
     """Ticks the child once for every item of a queue, written to an entry before each round."""
 
     traits = Traits(results=lambda *_: ANY)
-    if_empty = InputPort(Status, "answer where the queue is empty", default=SUCCESS)
+    if_empty = InputPort(Status, "result if the queue is empty", default=SUCCESS)
     queue: Any
     value: Any
 

@@ -193,7 +193,7 @@ class TreeNode(behaviour.Behaviour):
         return status
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """What halts a node, or follows its halt, may fail; its error is told as feedback."""
+        """What halts a node, or follows its halt, may fail; its error becomes feedback."""
         try:
             work()
         except NodeError as error:

@@ -89,7 +89,7 @@ def number_of(text: str, enums: Mapping[str, Any]) -> int | float:
     member = enums.get(text)
     number = member if isinstance(member, int | float) else number_in(text)
     if number is None:
-        raise NodeError(f"{shown(text)} is no number")
+        raise NodeError(f"{shown(text)} is not a number")
     return number
 
 

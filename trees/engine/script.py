@@ -22,7 +22,7 @@ from trees.engine.operators import COMPARISONS, OPERATORS, Operator, alike, numb
 from trees.engine.status import NodeError
 
 DEPTH_LIMIT = 30
-# Nobody reads more, and a hostile file could hold a million.
+# More than anybody reads; a hostile file could hold a million.
 LENGTH_LIMIT, TOKEN_LIMIT = 10_000, 400
 
 Evaluate = Callable[[], Any]

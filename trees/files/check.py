@@ -36,7 +36,7 @@ class Circumstances:
     Attributes:
         beside: further files, and folders with them, whose trees may be named.
         provided: entries of the main tree that are set before the first tick.
-        stubs: nodes that nobody knows are taken as they are.
+        stubs: unknown nodes are taken as they are.
     """
 
     beside: tuple[Path, ...] = ()

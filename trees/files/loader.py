@@ -49,7 +49,9 @@ def load_tree(
     if library.main not in library.trees:
         place = Place(path, 1, 1)
         what = (
-            f"there is no BehaviorTree '{library.main}'" if library.main else "it is not said which BehaviorTree to run"
+            f"there is no BehaviorTree '{library.main}'"
+            if library.main
+            else "the file does not say which BehaviorTree to run"
         )
         if not problems and not library.incomplete:
             problems.append(Problem(place, what, f"set main_tree_to_execute; {hint(library.main, library.trees)}"))

@@ -90,7 +90,7 @@ class ChooseSparePart(CellNode):
 
 
 class HoldsNeededPart(CellNode):
-    """A part hangs in the gripper that the bracket still needs."""
+    """The gripper holds a part that the bracket still needs."""
 
     node_type = "Condition"
 
@@ -114,7 +114,7 @@ class HoldsNeededPart(CellNode):
 
 
 class AwaitPosition(CellNode):
-    """Wait until the guard lets the part in the gripper into some position; fails once none is left for it.
+    """Wait until the guard allows some position for the part in the gripper; fails once none is left for it.
 
     While the hand is near the way there it waits, too, but not for ever: a hand may rest there.
     """
@@ -160,7 +160,7 @@ class AwaitPosition(CellNode):
 
 
 class RecallTray(CellNode):
-    """Take the parts that stand in the tray as last seen, without what was taken since; fails where that is not known.
+    """Take the parts that stand in the tray as last seen, without what was taken since; fails if that is not known.
 
     It is known after a look until a part is moved aside or put back, or a grasp fails.
     """

@@ -31,7 +31,7 @@ FEELING_M_S = 0.05  # faster, and what is met is pushed before the arm knows
 
 
 class MoveToPose(SkillNode):
-    """Move the tool to a pose by a free way; not turned, the fingers point down."""
+    """Move the tool to a pose on a collision-free path; without a rotation the fingers point down."""
 
     traits = Traits(claims=("arm",))
 
@@ -46,7 +46,7 @@ class MoveToPose(SkillNode):
 
 
 class MoveToJoints(SkillNode):
-    """Move the arm to joint angles by a free way."""
+    """Move the arm to joint angles on a collision-free path."""
 
     traits = Traits(claims=("arm",))
 
@@ -99,7 +99,7 @@ class MoveBy(SkillNode):
 
 
 class MoveUntilContact(SkillNode):
-    """Move the tool on a straight line until it meets something; fails where it meets nothing."""
+    """Move the tool on a straight line until it meets something; fails if it meets nothing."""
 
     traits = Traits(claims=("arm",))
 
@@ -121,7 +121,7 @@ class MoveUntilContact(SkillNode):
 
 
 class GetToolPose(CellNode):
-    """Tell where the tool is, to come back there later."""
+    """Output where the tool is, to come back there later."""
 
     traits = Traits(instant=True)
 
@@ -174,7 +174,7 @@ OPENING_M, SPEED_M_S, FORCE_N = (0.0, 0.085), (0.02, 0.15), (20.0, 235.0)  # of 
 
 
 class OpenGripper(SkillNode):
-    """Open the fingers; a part that is held is let go, though never over the bracket, where PlacePart does that."""
+    """Open the fingers and let go of a held part, but never over the bracket: PlacePart does that."""
 
     traits = Traits(claims=("gripper",))
 
@@ -194,13 +194,13 @@ class OpenGripper(SkillNode):
 
 
 class CloseGripper(SkillNode):
-    """Close the fingers; fails where they close on nothing, unless nothing is expected."""
+    """Close the fingers; fails if they close on nothing, unless that is expected."""
 
     traits = Traits(claims=("gripper",))
 
     force_n = InputPort(float, "force of the fingers in [N]", default=60.0)
     speed_m_s = InputPort(float, "speed of the fingers in [m/s]", default=0.1)
-    on_something = InputPort(bool, "fail where nothing is between the fingers", default=True)
+    on_something = InputPort(bool, "fail if nothing is between the fingers", default=True)
 
     def make_skill(self) -> Skill:
         from skills.grasping.phases import MoveFingers
@@ -212,7 +212,7 @@ class CloseGripper(SkillNode):
 
 
 class SetGripForce(SkillNode):
-    """Hold what is held with another force; fails where nothing is held."""
+    """Change the grip force on a held part; fails if nothing is held."""
 
     traits = Traits(claims=("gripper",))
 

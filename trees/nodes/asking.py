@@ -115,7 +115,7 @@ class AskForHelp(Asks):
 
 
 class AskOperator(Asks):
-    """Ask somebody a question of the tree's own, and wait for one of its answers, or for any text; fails without one.
+    """Ask the person a question, and wait for one of its answers, or for any text; fails without one.
 
     A text may have up to 200 characters.
     """
@@ -143,16 +143,16 @@ class AskOperator(Asks):
 
 
 class AskWhichGoal(Asks):
-    """Ask which product is built where none that is known fits, or where the first act would be a guess.
+    """Ask which product is built, if no known one fits or the first act would be a guess.
 
     Succeeds when it is told and the plan follows it, or when the doubt has gone by itself; fails at once where there is
     nothing to ask or nobody to answer, and when no answer comes in time. Two such nodes ask one question.
     """
 
     plan = InputPort(AssemblyPlan, "belief over goals")
-    state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
+    state = InOutPort(AssemblyState, "what is placed so far, and which goal was named")
     wait_s = InputPort(float, "longest wait for an answer", default=60.0)
-    unattended = InputPort(bool, "ask also where nobody is known to be there", default=False)
+    unattended = InputPort(bool, "ask even if no person is known to be there", default=False)
 
     _asks = False  # this node, or another one the same
 
@@ -204,7 +204,7 @@ class AskWhichGoal(Asks):
 class HearOperator(CellNode):
     """Take over which goal the operator says is being built; each statement counts once."""
 
-    state = InOutPort(AssemblyState, "what is placed so far, and which goal was told")
+    state = InOutPort(AssemblyState, "what is placed so far, and which goal was named")
     persistent = ("_heard_s",)
     traits = Traits(instant=True)
 

@@ -15,7 +15,7 @@ from trees.nodes.asking import Asks
 
 
 class AskPosition(Asks):
-    """Ask where a part goes, where the person builds what nobody knows and goes on with nothing by themselves.
+    """Ask where a part goes, if the person builds an unknown product and places nothing for a while.
 
     Asked is for one type of part after the other, as long as the person wants to place it by hand: first for the one in
     the gripper, then for the rarest.

@@ -84,7 +84,7 @@ class CheckGraspability(CellNode):
 
 
 class DecodeSolution(CellNode):
-    """Decode which part to move away first; fails where only help would do (Alg. 2 lines 6-8, Eq. 7)."""
+    """Decode which part to move away first; fails if only help would do (Alg. 2 lines 6-8, Eq. 7)."""
 
     parts = InputPort(PartsView, "parts seen in the tray")
     index = InputPort(int, "number of the part that cannot be grasped")

@@ -16,9 +16,9 @@ from trees.nodes.services import CellNode
 
 
 class AwaitMistake(CellNode):
-    """Wait until something in the bracket has looked wrong for a while, and tell which holes.
+    """Wait until something in the bracket has looked wrong for a while, and output which holes.
 
-    A person who notices it mends it by themselves meanwhile. Mistakes of one kind are told together.
+    A person who notices it mends it by themselves meanwhile. Mistakes of one kind are reported together.
     """
 
     state = InputPort(AssemblyState, "what is placed so far")
@@ -74,9 +74,9 @@ class AwaitMistake(CellNode):
 
 
 class AwaitMisfit(CellNode):
-    """Wait until what is placed has fitted no known product for a while: a new one, or is something in it wrong?"""
+    """Wait until the placed parts have fitted no known product for a while: it is new, or something is wrong."""
 
-    state = InputPort(AssemblyState, "what is placed so far, and which goal was told")
+    state = InputPort(AssemblyState, "what is placed so far, and which goal was named")
     settle_s = InputPort(float, "how long it must fit none", default=6.0)
 
     _since_s: float | None = None
@@ -186,7 +186,7 @@ class AskToMend(Asks):
 
 
 class LeaveMistake(CellNode):
-    """Nobody mends it: note that the bracket is known to be wrong there, and do not ask again."""
+    """Accept a mistake that was not corrected: note that the bracket is wrong there, and do not ask again."""
 
     mistakes = InputPort(tuple[Mistake, ...], "what was to be mended")
     state = InOutPort(AssemblyState, "what is placed so far, and what stays as it is")
@@ -197,7 +197,7 @@ class LeaveMistake(CellNode):
 
 
 class BracketIsRight(CellNode):
-    """Nothing in the bracket looks wrong, but for what a person wants as it is.
+    """Nothing in the bracket looks wrong, except what a person has accepted.
 
     Where somebody is there to answer, a full bracket that is like no known product is not right before they say so.
     """

@@ -24,7 +24,7 @@ class ForEach(Decorator):
 
     abstract = True
 
-    if_empty = InputPort(Status, "answer where there is no item", default=SUCCESS)
+    if_empty = InputPort(Status, "result if there is no item", default=SUCCESS)
     number = OutputPort(int, "number of this round, from 0")
     services: Services
 
@@ -64,10 +64,10 @@ class ForEach(Decorator):
 
 
 class ForEachPart(ForEach):
-    """Ticks its child once for each part of a view; each round sees the parts that are left."""
+    """Ticks its child once for each part of a view; each round sees the remaining parts."""
 
     seen = InputPort(PartsView, "parts seen in the tray")
-    wanted = InputPort(Part, "only this type; any type where nothing is given", optional=True, name="type")
+    wanted = InputPort(Part, "only this type; any type if left out", optional=True, name="type")
     parts = OutputPort(PartsView, "the view without the parts of the rounds before")
     index = OutputPort(int, "number of this round's part in that view")
     part = OutputPort(Part, "its type")
@@ -100,7 +100,7 @@ class ForEachType(ForEach):
 class ForEachHole(ForEach):
     """Ticks its child once for each hole of the bracket, or for each that is named."""
 
-    positions = InputPort(list[Hole], "these holes, in this order: p1;p3; all where nothing is given", optional=True)
+    positions = InputPort(list[Hole], "these holes, in this order: p1;p3; all if left out", optional=True)
     position = OutputPort(Hole, "the hole of this round")
 
     def items(self) -> list[Any]:
@@ -146,7 +146,7 @@ def rows_of(text: str, path: str, columns: tuple[str, ...]) -> list[dict[str, st
     try:
         lines = [[cell.strip() for cell in line] for line in csv.reader(io.StringIO(text.removeprefix("\ufeff")))]
     except csv.Error as error:
-        raise NodeError(f"{path} is no CSV table: {error}") from None
+        raise NodeError(f"{path} is not a CSV table: {error}") from None
     head = lines[0] if lines else []
     if missing := [column for column in columns if column not in head]:
         raise NodeError(f"{path} has no column '{missing[0]}'; it has: {', '.join(head) or 'none'}")

@@ -22,7 +22,7 @@ class Files(Protocol):
         ...
 
     def write(self, path: str, text: str, journal: Journal) -> None:
-        """Replace a file, whole or not at all."""
+        """Replace a file atomically."""
         ...
 
 
@@ -47,7 +47,7 @@ class WorkingFolder:
         return text
 
     def write(self, path: str, text: str, journal: Journal) -> None:
-        """Replace a file, whole or not at all.
+        """Replace a file atomically.
 
         Raises:
             NodeError: it lies elsewhere, would be too large, or cannot be written.
@@ -111,7 +111,7 @@ def _ordinary(file: Path, path: str) -> None:
         NodeError: it is one, or a folder.
     """
     if file.exists() and not file.is_file():
-        raise NodeError(f"{path} is no ordinary file")
+        raise NodeError(f"{path} is not a regular file")
 
 
 def _inside(path: str) -> Path:
@@ -120,7 +120,7 @@ def _inside(path: str) -> Path:
     try:
         file = (folder / path).resolve()
     except (OSError, ValueError, RuntimeError) as error:
-        raise NodeError(f"'{path}' is no path: {error}") from None
+        raise NodeError(f"'{path}' is not a path: {error}") from None
     if not path or Path(path).is_absolute() or not file.is_relative_to(folder.resolve()) or file == folder.resolve():
         raise NodeError(f"'{path}' leads out of the working folder; name a file below it")
     return file

@@ -21,7 +21,7 @@ STALE_S = 0.5  # an older view of the bench tells nothing of the hand
 
 
 class GiveWay(SkillNode):
-    """Where a near hand has held the arm, or has rested beside it, for long: go out of its way to the parking place.
+    """If a near hand has held the arm, or has rested beside it, for long: move out of its way to the parking place.
 
     Put it before a motion in a ReactiveSequence. It succeeds at once where nobody is in the way, and where no path
     leads away from the hand; while it is at work, the motion is halted, and begins anew when the hand has left.

@@ -21,13 +21,13 @@ from trees.nodes.skill_node import SkillNode
 
 
 class FindLying(CellNode):
-    """Choose a part that lies in the tray and of which it is seen how: of a type, near another part, or any.
+    """Choose a part that lies in the tray and whose posture is known: of a type, near another part, or any.
 
     One that could not be taken, or not be set upright, comes after the others, and after `tries` times not at all. Nor
     does a type of which none is seen to stand, however often one was turned: how these lie is seen wrongly.
     """
 
-    part = InputPort(Part, "only this type; any type where nothing is given", optional=True)
+    part = InputPort(Part, "only this type; any type if left out", optional=True)
     parts = InputPort(PartsView, "parts seen in the tray")
     near = InputPort(int, "number of a seen part; only what lies near it", optional=True)
     within_m = InputPort(float, "how near to it, middle to middle", default=0.15)
@@ -94,7 +94,7 @@ class TakesLying(SkillNode):
 
 
 class SetUpright(TakesLying):
-    """Take a part that lies and stand it on its peg where the tray is free.
+    """Take a lying part and stand it on its peg where the tray is free.
 
     One that lies on its head is laid on another side first: look again, and set it upright from there.
     """
@@ -115,7 +115,7 @@ class SetUpright(TakesLying):
 
 
 class PickLying(TakesLying):
-    """Take a part as it lies and lift it, to put it down elsewhere with `PutDown`; no hole takes it so."""
+    """Take a part as it lies and lift it, to put it down elsewhere with `PutDown`; it fits into no hole."""
 
     def skill(self) -> Skill:
         from skills import lying

@@ -77,7 +77,7 @@ class ReadTimer(CellNode):
 
 
 class TimerIsOver(CellNode):
-    """A timer was started at least so long ago."""
+    """A timer was started at least this long ago."""
 
     node_type = "Condition"
     traits = Traits(instant=True)
@@ -95,7 +95,7 @@ class KeepResult(Decorator):
     """Passes its child's result on and keeps it, with the reason of the child, for later."""
 
     result = OutputPort(str, "SUCCESS, FAILURE or SKIPPED")
-    reason = OutputPort(str, "what the child said at its end")
+    reason = OutputPort(str, "what the child said when it ended")
     traits = Traits(comes_back=False)
 
     def run(self) -> Status:
@@ -110,7 +110,7 @@ class KeepResult(Decorator):
 class SaveBlackboard(CellNode):
     """Save values in a JSON file; further ports name them: count="{count}"."""
 
-    file = InputPort(str, "file below the working folder; one that was saved so before is replaced")
+    file = InputPort(str, "file below the working folder; a file that SaveBlackboard wrote is replaced")
 
     @classmethod
     def further_port(cls, name: str) -> Port | None:
@@ -155,7 +155,7 @@ class LoadBlackboard(CellNode):
 class AppendRow(CellNode):
     """Append a row to a CSV file; further ports name the columns: hole="{hole}"."""
 
-    file = InputPort(str, "file below the working folder; begun with the names of the columns where there is none")
+    file = InputPort(str, "file below the working folder; a new file begins with the names of the columns")
 
     @classmethod
     def further_port(cls, name: str) -> Port | None:

@@ -13,7 +13,7 @@ from cell.interfaces.product import Product
 from trees.nodes.services import Services
 
 MistakeKind = Literal["wrong", "surplus", "crooked", "hidden"]
-KINDS: tuple[MistakeKind, ...] = ("wrong", "surplus", "crooked", "hidden")  # in the order in which they are told
+KINDS: tuple[MistakeKind, ...] = ("wrong", "surplus", "crooked", "hidden")  # in the order in which they are reported
 TODO: dict[MistakeKind, tuple[str, str]] = {
     "wrong": ("take it out", "take them out"),
     "surplus": ("take it out", "take out what does not belong there, or say which one does not"),

@@ -30,7 +30,7 @@ class NamedPose(Enum):
 
 
 class ActivateGripper(CellNode):
-    """Activate the gripper, once, and wait until it is ready."""
+    """Activate the gripper once, and wait until it is ready."""
 
     traits = Traits(claims=("gripper",))
 
@@ -56,7 +56,7 @@ class ActivateGripper(CellNode):
 
 
 class GripperIsEmpty(CellNode):
-    """Nothing is between the fingers, so that no part can be put into a wrong hole any more."""
+    """Nothing is between the fingers, so no part can be put into a wrong hole."""
 
     node_type = "Condition"
     traits = Traits(guards=True, instant=True)
@@ -66,7 +66,7 @@ class GripperIsEmpty(CellNode):
 
 
 class IdentifyHeldPart(CellNode):
-    """Tell by the distance of the fingers which part is between them, unless this controller took it."""
+    """Tell by the distance of the fingers which part is between them, unless this run picked it."""
 
     traits = Traits(instant=True)
 
@@ -83,7 +83,7 @@ class IdentifyHeldPart(CellNode):
             opening_m = services.now.observation.gripper.opening_m
             memory.held_part = held_type(services.tools.product, opening_m, motion.settings) or ""
         if not memory.held_part:
-            self.feedback_message = "something is in the gripper, and its width says not what"
+            self.feedback_message = "something is in the gripper, and its width does not say what"
             memory.failed("I do not know what I hold")
             return Status.FAILURE
         self.feedback_message = f"holds {memory.held_part}"
@@ -141,7 +141,7 @@ class MoveAside(SkillNode):
 
 
 class ReturnToTray(SkillNode):
-    """Put the part in the gripper back into the tray; one that was taken as it lay is set upright, if it can be."""
+    """Put the part in the gripper back into the tray; a part that was lying is set upright if possible."""
 
     def make_skill(self) -> Skill:
         from skills.put_down import PutBack

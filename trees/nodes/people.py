@@ -74,7 +74,7 @@ class HandWatch(CellNode):
 
     distance_m = InputPort(float, "how near is too near", default=0.20)
     lookahead_s = InputPort(float, "the hand counts as where it will be after this time", default=0.0)
-    way_m = InputPort(float, "how much of the way counts, from the tool on; all of it by default", default=10.0)
+    way_m = InputPort(float, "how much of the way counts, from the tool onwards; all of it by default", default=10.0)
     stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5)
 
     def target(self) -> tuple[str, Array]:
@@ -100,7 +100,7 @@ class HandWatch(CellNode):
 
 
 class WaitForHandClear(HandWatch):
-    """Wait while the hand is near the way to a position, or while nothing is known of the hand."""
+    """Wait while the hand is near the way to a position, or while its place is unknown."""
 
     position = InputPort(Hole, "position that the arm goes to")
 
@@ -110,7 +110,7 @@ class WaitForHandClear(HandWatch):
 
 
 class WaitForHandClearOfPart(HandWatch):
-    """Wait while the hand is near the way to a part in the tray, or while nothing is known of the hand."""
+    """Wait while the hand is near the way to a part in the tray, or while its place is unknown."""
 
     parts = InputPort(PartsView, "parts seen in the tray")
     index = InputPort(int, "number of the part among the seen ones")
@@ -121,7 +121,7 @@ class WaitForHandClearOfPart(HandWatch):
 
 
 class WaitForHandClearOfSpot(HandWatch):
-    """Wait while the hand is near the way to a spot, or while nothing is known of the hand."""
+    """Wait while the hand is near the way to a spot, or while its place is unknown."""
 
     spot = InputPort(FramedPose, "where the arm goes")
 
@@ -163,7 +163,7 @@ TELLS_S = 3.0  # the last part is in for so long before it is told why the brack
 
 
 class AssemblyFinished(CellNode):
-    """Every position is filled, is seen to be, and the hand has left (condition of Alg. 1's while).
+    """Every position is filled and seen to be filled, and the hand has left (condition of Alg. 1's while).
 
     A hand that is said to be at work has left, too, once it was away from every hole for a while: an action detector
     may err as long as the hand rests. A hole that nobody could make visible counts as the graph has it. Where only

@@ -45,7 +45,7 @@ class PlacePart(SkillNode):
 
 
 class PlacedInVain(CellNode):
-    """The part did not go into its hole several times in a row; then it counts from the beginning again.
+    """The part did not go into its hole several times in a row; then the count starts again.
 
     So it is where the hole is seen to be empty, and is not.
     """
@@ -68,7 +68,7 @@ class PlacedInVain(CellNode):
 
 
 class VerifyPlacement(CellNode):
-    """Look whether the hole now holds the part, upright."""
+    """Check that the hole now holds the part, upright."""
 
     part = InputPort(Part, "type of the placed part")
     position = InputPort(Hole, "hole it was put into")

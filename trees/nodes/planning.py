@@ -84,7 +84,7 @@ class DecodePlan(CellNode):
 
 
 class ChoosePosition(CellNode):
-    """Take the first position of the plan that the guard lets pass (Alg. 1 line 11)."""
+    """Take the first position of the plan that the guard allows (Alg. 1 line 11)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")
@@ -133,7 +133,7 @@ class CheckPlacement(CellNode):
 
 
 class WithoutGuard(CellNode):
-    """Says in the file, and in the log, why what follows runs without the guard; succeeds."""
+    """States in the file and in the log why what follows runs without a guard; succeeds."""
 
     node_type = "Condition"
     traits = Traits(guards=True, instant=True)

@@ -64,7 +64,7 @@ class WaitForEmptyBracket(CellNode):
 
 
 class BeginBracket(CellNode):
-    """Count the brackets, and begin with an assembly graph without edges, or where a run was broken off."""
+    """Count the brackets, and begin with an empty assembly graph, or where an interrupted run stopped."""
 
     number = InOutPort(int, "which bracket of the shift this is, from 1")
     state = OutputPort(AssemblyState, "what is placed so far")
@@ -114,7 +114,7 @@ class BracketTaken(CellNode):
 
 
 class EndBracket(CellNode):
-    """Note how a bracket ended, and learn its goal where every hole was seen filled."""
+    """Note how a bracket ended, and learn its goal if every hole was seen filled."""
 
     number = InputPort(int, "which bracket of the shift this is")
     state = InputPort(AssemblyState, "what is placed so far")
@@ -165,9 +165,9 @@ def filled_holes(node: CellNode) -> list[str] | None:
 
 
 class TeachGoal(CellNode):
-    """Note what is assembled as a goal; fails while the cameras see anything else in a hole than is believed."""
+    """Note what is assembled as a goal; fails while the cameras see something else in a hole than expected."""
 
-    name_given = InputPort(str, "how the goal is to be called", name="goal")
+    name_given = InputPort(str, "name for the goal", name="goal")
     state = InputPort(AssemblyState, "what is placed so far")
 
     def update(self) -> Status:

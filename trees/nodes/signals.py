@@ -30,7 +30,7 @@ class SignalNode(CellNode):
         """
         known, name = self.now.observation.signals, self.signal.get()
         if name not in known:
-            raise NodeError(f"nothing is known of signal {name!r}; known: {', '.join(known) or 'none'}")
+            raise NodeError(f"the state of this signal is unknown: {name!r}; known: {', '.join(known) or 'none'}")
         self.feedback_message = f"{name} is {'on' if known[name] else 'off'}"
         return known[name] == self.value.get()
 
@@ -78,7 +78,7 @@ class SetSignal(CellNode):
     def initialise(self) -> None:
         name, known = self.signal.get(), self.now.observation.signals
         if name not in known:
-            raise NodeError(f"nothing is known of signal {name!r}; known: {', '.join(known) or 'none'}")
+            raise NodeError(f"the state of this signal is unknown: {name!r}; known: {', '.join(known) or 'none'}")
         self._begun_s = self.now.observation.worked_s
 
     def update(self) -> Status:

@@ -1,4 +1,4 @@
-"""What the people at the bench and the log are told."""
+"""Messages to the people at the bench and to the log."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class LogMessage(CellNode):
 
 
 class TakeSnapshot(CellNode):
-    """Wait for the next picture of a camera and mark it in the log, from which `cell lab snapshots` takes it."""
+    """Wait for the next picture of a camera and mark it in the log; `cell lab snapshots` writes it as a file."""
 
     camera = InputPort(CameraName, "overhead or wrist", default=CameraName.overhead)
     label = InputPort(str, "what it is a picture of", default="")

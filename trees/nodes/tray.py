@@ -20,10 +20,10 @@ from trees.nodes.skill_node import SkillNode
 
 
 class ChoosePart(CellNode):
-    """Choose a seen part by its type, by where it is, or any: the nearest to a place, else the easiest to get at."""
+    """Choose a seen part by type, by place, or any: the nearest to a place, or the easiest to get at."""
 
     parts = InputPort(PartsView, "parts seen in the tray")
-    wanted = InputPort(Part, "only this type; any type where nothing is given", optional=True, name="type")
+    wanted = InputPort(Part, "only this type; any type if left out", optional=True, name="type")
     near = InputPort(FramedPose, "the nearest to this place", optional=True)
     within_m = InputPort(float, "only as near as this to it in [m]", default=1.0)
     index = OutputPort(int, "number of the chosen part among the seen ones")
@@ -80,7 +80,7 @@ class PutDown(SkillNode):
 
 
 class GridSpot(CellNode):
-    """Tell one spot of a grid, row by row; fails where the grid has no such spot."""
+    """Output one spot of a grid, row by row; fails if the grid has no such spot."""
 
     traits = Traits(instant=True)
 

@@ -98,7 +98,7 @@ class UpdateGraph(CellNode):
 
 
 class ReconcileGraph(CellNode):
-    """Let the graph follow the holes where they have looked otherwise for a while: parts may be taken out again.
+    """Correct the graph where holes have looked different for a while, for example after a part was taken out.
 
     Where a hole shows something else than the action that filled it said, it is looked at again for as long; then the
     graph follows it if it is read surely enough, and otherwise the person is asked. The log has both opinions.
@@ -233,7 +233,7 @@ class ReadHole(CellNode):
 
 
 class GoalPart(CellNode):
-    """Tell which part a goal has at a position."""
+    """Output which part a goal has at a position."""
 
     traits = Traits(instant=True)
 

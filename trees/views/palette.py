@@ -32,7 +32,8 @@ def named(registry: Registry, text: str) -> tuple[str, ...]:
     found = tuple(tag for tag, node in registry.classes.items() if word in f"{tag} {meaning_of(node)}".lower())
     if not found:
         near = get_close_matches(text, registry.classes, 5, 0.5)
-        raise InputError(f"there is no node {text!r}" + (f"; near to it: {', '.join(near)}" if near else ""))
+        legal = f"near to it: {', '.join(near)}" if near else ""
+        raise InputError("; ".join(filter(None, (f"there is no node {text!r}", legal, registry.remark))))
     return found
 
 

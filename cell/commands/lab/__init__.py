@@ -28,14 +28,18 @@ EVALUATIONS = {
     )
 }
 COMMANDS = {
-    "run": Command("cell.commands.lab.run:run", "Run as `cell run` does, with the options of experiments too."),
+    "run": Command("cell.commands.lab.run:run", "Like `cell run`, with options for experiments."),
     "eval": Command("cell.commands.lab:EVALUATIONS", "Score planners, detectors and whole assemblies.", group=True),
-    "data": Command("cell.commands.lab.data:data_app", "Make training data, from logs or drawn."),
+    "data": Command("cell.commands.lab.data:data_app", "Make training data, from logs or simulation."),
     "train": Command("cell.commands.training.tasks:app", "Train one network, with all its options."),
-    "sweep": Command("cell.commands.lab.sweep:sweep", "Run every combination of a file once."),
+    "sweep": Command(
+        "cell.commands.lab.sweep:sweep", "Run the cell once for every combination that a YAML file lists."
+    ),
     "looks": Command("cell.commands.lab.looks:looks", "List or draw what the simulation may look like."),
     "see": Command("cell.commands.lab.see:see", "Draw what detectors find in pictures, a video, a log or a camera."),
-    "world": Command("cell.commands.lab.world:world", "Simulate a cell for controllers that come and go."),
+    "world": Command(
+        "cell.commands.lab.world:world", "Run the simulated cell by itself, for controllers that connect to it."
+    ),
     "schema": Command("cell.commands.lab.schema:schema", "Write JSON schemas of all YAML files, for editors."),
     "hands": Command("cell.commands.lab.hands:fetch", "Fetch MediaPipe's hand networks."),
     "files": Command("cell.commands.lab.logs:files", "Write the files that a run was made with."),

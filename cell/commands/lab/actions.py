@@ -33,10 +33,11 @@ def evaluate(
     ] = None,
     true_track: Annotated[bool, Option("--true-track", help="Use a tracker without error.")] = False,
     quick: Annotated[
-        bool, Option("--quick", help="Only the last frames of segments; the true track with a tracker's noise.")
+        bool,
+        Option("--quick", help="Score only the last frames of segments, on the true track with a tracker's noise."),
     ] = False,
     confusions: Annotated[
-        Path | None, Option(help="Write what the first kind takes for what, for planners.semantic.confusions.")
+        Path | None, Option(help="Write the confusion matrix of the first kind, for planners.semantic.confusions.")
     ] = None,
 ) -> int:
     """Score action detectors on whole assemblies, tracker in the loop. Kinds: slim, paper, classical.
@@ -87,7 +88,7 @@ def _require_possible(kinds: Sequence[str], weights: Path | None, confusions: Pa
     if weights is not None and kinds[0] == "classical":
         raise InputError(f"--weights {weights}: nothing reads them: they go with --kind {', '.join(TRAINABLE)}")
     if confusions is not None and writable(confusions, ".json", option="--confusions").exists():
-        raise InputError(f"--confusions {confusions}: is there already; name another file, or remove it")
+        raise InputError(f"--confusions {confusions}: exists already; name another file, or remove it")
     if quick and (len(kinds) != 1 or kinds[0] == "classical"):
         raise InputError("--quick asks one trained --kind about single segments; classical ones need every frame")
 

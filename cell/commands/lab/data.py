@@ -25,15 +25,15 @@ def from_logs(
     logs: Annotated[
         list[Path] | None, typer.Option("--from", metavar="LOG", help="Log of a run; may be repeated.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="New folder for what the logs give.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="New folder for the data.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make training data, from logs or drawn: from logs of runs by --from LOG --out DIR, else by the commands below."""
+    """Make training data: from logs with --from LOG --out DIR, or from simulation with the commands below."""
     if context.invoked_subcommand is not None:
         if logs or out:
             raise InputError(f"--from and --out before `{context.invoked_subcommand}` have no meaning; see its --help")
         return
     if not logs or out is None:
         sets = ", ".join(getattr(context.command, "commands", {}))
-        raise InputError(f"name logs by --from LOG and a new folder by --out DIR, or a data set: {sets}")
+        raise InputError(f"name logs with --from LOG and a new folder with --out DIR, or a data set: {sets}")
     write_training(logs, out, as_json)

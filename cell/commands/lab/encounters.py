@@ -32,10 +32,16 @@ def encounters(
     encounters: Annotated[int, Option(min=1, help="How many times a hand gets into the arm's way.")] = 20,
     provoked: Annotated[
         bool,
-        Option("--provoked/--by-habit", help="A hand in the arm's way in every phase, or by the person's habit."),
+        Option(
+            "--provoked/--by-habit",
+            help="Put a hand in the arm's way in every phase, or let the person's habits do it.",
+        ),
     ] = True,
     throughput_seeds: Annotated[
-        int, Option(min=0, help="Brackets with a careful person, with and without separation, for both trees.")
+        int,
+        Option(
+            min=0, help="Also assemble brackets with a careful person, with and without separation, for both trees."
+        ),
     ] = 3,
     tree: Annotated[Path, Option(help="Tree file to run.")] = DEFAULT_TREE,
 ) -> int:
@@ -85,7 +91,7 @@ def _meet(
 
 
 def _enough(rows: Sequence[Row], encounters: int, first_seed: int) -> bool:
-    """Whether so many were met; a person who never gets in the way is given up after a few seeds."""
+    """Whether this many were met; a person who never gets in the way is given up after a few seeds."""
     met, last = _met(rows), max((int(str(row["seed"])) for row in rows if row["kind"] == "assembly"), default=-1)
     return met >= encounters or (not met and last >= first_seed + GIVEN_UP - 1)
 

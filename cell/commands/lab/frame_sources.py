@@ -82,7 +82,7 @@ def open_source(
         frames = _pictures(files, camera, world_from_camera)
         return Source(name, False, False, 2.0, frames, tuple(file.name for file in files))
     if not path.is_file():
-        raise InputError(f"{text}: there is no such source; legal: {LEGAL}")
+        raise InputError(f"{text}: unknown source; legal: {LEGAL}")
     suffix = path.suffix.lower()
     if suffix in PICTURES:
         return Source(path.stem, True, False, 2.0, _pictures([path], camera, world_from_camera))

@@ -122,7 +122,7 @@ def _photographs(photos: Path | None, truth: Path | None, size: str, as_json: bo
 
 
 def fetch(
-    wheel: Annotated[Path | None, Option(help="A wheel of mediapipe that is here already.")] = None,
+    wheel: Annotated[Path | None, Option(help="A wheel of mediapipe that you have already.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fetch MediaPipe's hand networks with pip, and keep them as ONNX in the user's cache, with their licence."""

@@ -27,16 +27,18 @@ def knobs(
     detector: Annotated[str, Argument(help="actions, hands, holes or parts.")],
     knob: Annotated[
         list[str] | None,
-        Option(help="PLACE=VALUE,VALUE: of the look, or the person's pace; may be repeated. Some by default."),
+        Option(
+            help="PLACE=VALUE,VALUE: values of the look, or of the person's pace; may be repeated; some by default."
+        ),
     ] = None,
     plot: Annotated[Path | None, Option(help="Draw it into this PNG file.")] = None,
 ) -> int:
-    """Score a detector for several values of the look, each changed alone, with every seed.
+    """Score a detector for several values of the look, changing one at a time, with every seed.
 
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
     """
     if detector not in SCORED:
-        raise InputError(f"{detector!r} is no detector; legal: {', '.join(SCORED)}")
+        raise InputError(f"{detector!r} is not a detector; legal: {', '.join(SCORED)}")
     if plot is not None and not plot.parent.is_dir():
         raise InputError(f"{plot}: cannot be written: there is no folder {plot.parent}")
     scored = SCORED[detector]

@@ -27,7 +27,9 @@ from cell.viewing.moments import Moments
 
 def files(
     log: LogArgument,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder without any of them.")] = Path("files"),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder to write them to; it must hold none of them.")
+    ] = Path("files"),
     as_json: JsonOption = False,
 ) -> None:
     """Write the files that a run was made with: configuration, product, tree, and how the simulation looked."""

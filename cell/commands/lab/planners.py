@@ -128,7 +128,7 @@ def draw_semantic(
 
 def _require_new(out: Path) -> None:
     if out.exists():
-        raise InputError(f"--out {out}: is there already; name a new file")
+        raise InputError(f"--out {out}: exists already; name a new file")
 
 
 @takes(Shared, "kind", "weights", "seed", "config", "as_json")
@@ -234,7 +234,7 @@ def _certify(limit: float, logs: list[Path], product: Product, shared: Shared) -
         if final is not None and states:
             cases.append(case_of(planner, product, AssemblyState(states[rng.integers(len(states))]), final))
     if not cases:
-        raise InputError("--certify needs logs of finished brackets; name them by --from LOG")
+        raise InputError("--certify needs logs of finished brackets; name them with --from LOG")
     found = certificate(cases, limit)
     act = configuration.guard.act_probability
     say = console().print

@@ -24,6 +24,6 @@ def run(
     orders: Annotated[bool, typer.Option("--orders", help="Take an operator's orders, typed line by line.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Run as `cell run` does, with the options of experiments too."""
+    """Like `cell run`, with options for experiments."""
     asked = chosen(options, tree, real_time, entries, own)
     return assemble(replace(asked, orders=typed_lines(sys.stdin.fileno()) if orders else None), as_json)

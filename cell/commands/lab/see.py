@@ -80,7 +80,7 @@ def see(
     if target.suffix.lower() in PICTURE_SUFFIXES and not opened.single and frames != 1:
         raise InputError(f"--out {target}: one picture holds one frame; name a folder or .mp4, or add --frames 1")
     if target.exists() and Path(source).exists() and target.samefile(source):
-        raise InputError(f"{target}: is what is looked at; choose another by --out")
+        raise InputError(f"{target}: is also the input; choose another with --out")
     most = frames or (MOST_FROM_CAMERA if source.startswith("camera:") else None)
     with PictureWriter(target, opened.rate_hz / every, overwrite=overwrite) as writer:
         look_at = partial(_look, configuration, product, camera, opened.follows)

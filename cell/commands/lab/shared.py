@@ -52,10 +52,14 @@ class Shared:
     seeds: SeedsOption = "900000:900010"
     cameras: Annotated[
         Cameras,
-        Option(help="Mounts that are believed: calibrated for each look, those of the bench file, or true."),
+        Option(help="Camera poses to use: calibrated for each look, those of the configuration, or the true ones."),
     ] = Cameras.calibrated
     physics: Annotated[
-        bool, Option("--physics/--no-physics", help="Move hand and parts by physics, or by rule, eight times as fast.")
+        bool,
+        Option(
+            "--physics/--no-physics",
+            help="Simulate contact, or only move hand and parts along their ways: eight times as fast.",
+        ),
     ] = False
     steel: Annotated[bool, Option("--steel", help="All parts are of bare steel.")] = False
     pixels: Annotated[bool, Option("--pixels", help="Render every image: slower.")] = False

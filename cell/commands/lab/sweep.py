@@ -23,7 +23,10 @@ def sweep(
     logs: Annotated[bool, typer.Option("--logs", help="Keep the log of every run, with images, in OUT/logs.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Run every combination of a file once; the results are OUT/runs.parquet. Status 1 if a run was lost."""
+    """Run the cell once for every combination that a YAML file lists; status 1 if a run was lost.
+
+    The results are OUT/runs.parquet.
+    """
     asked = load_sweep(spec)
     total = count(asked)
     done = run_all(tasks(asked, out / "logs" if logs else None), total, out, workers, scheduler)

@@ -79,7 +79,7 @@ def latency(
         bool, Option("--note", help="Write the 95th percentiles onto the cards of the trained detectors.")
     ] = False,
     untrained: Annotated[
-        str | None, Option(help="Time actions by an untrained network of this kind, as paper.")
+        str | None, Option(help="Time actions with an untrained network of this kind, such as paper.")
     ] = None,
 ) -> None:
     """Measure the detectors' processor time for a frame, on one thread.

@@ -34,7 +34,7 @@ def evaluate_holes(shared: Shared, stills: Annotated[int, Option(min=1, help="Im
 @takes(Shared, *_OPTIONS, seeds="900000:900050")
 def evaluate_parts(
     shared: Shared,
-    mixed: Annotated[bool, Option(help="Some parts lie or are stacked, some objects are unknown.")] = True,
+    mixed: Annotated[bool, Option(help="Some parts lie or are stacked, and some objects are unknown.")] = True,
 ) -> None:
     """Score a part detector on images of trays. Kinds: centre, classical, rcnn (boxes alone; needs --weights)."""
     kind = _kind(shared, ("centre", "classical", "rcnn"))

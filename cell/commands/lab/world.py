@@ -19,7 +19,7 @@ ADDRESS = Path("runs/world.sock")
 def world(
     at: Annotated[Path, typer.Option(help="Address: a socket file that is made there.")] = ADDRESS,
     config: ConfigOption = CONFIGURATION,
-    goal: Annotated[str, typer.Option(help="What the simulated person assembles: a goal's name or random.")] = "random",
+    goal: Annotated[str, typer.Option(help="Goal of the simulated person: a goal's name, or random.")] = "random",
     seed: SeedOption = 0,
     person: Annotated[
         str | None, typer.Option(help="The simulated person, as in `cell lab run`; as configured by default.")
@@ -27,7 +27,7 @@ def world(
     look: Annotated[str | None, typer.Option(help="Look of the simulation; as configured by default.")] = None,
     shift: Annotated[bool, typer.Option("--shift", help="The person continues with the next bracket.")] = False,
 ) -> None:
-    """Simulate a cell for controllers that come and go: `cell lab run --world ADDRESS`; Ctrl-C ends it."""
+    """Run the simulated cell by itself, for controllers that connect by `cell lab run --world`; Ctrl-C ends it."""
     configuration = simulated(load_configuration(config), look, person)
     if shift:
         configuration = for_shift(configuration, 0)

@@ -31,16 +31,16 @@ class Training:
         list[Path] | None,
         Option(help="Data to learn from, a folder or a file; may be repeated. Made anew by default."),
     ] = None
-    validation: Annotated[Path | None, Option(help="Another such folder, for the scores.")] = None
+    validation: Annotated[Path | None, Option(help="Another such folder to score on.")] = None
     look: Annotated[str | None, Option(help="Look of all recordings that are made; several looks by default.")] = None
-    budget: Annotated[str, Option(help="Processor time for data and training, as in 90s, 30m or 2h.")] = ""
-    epochs: Annotated[int | None, Option(min=1, help="Passes through the data; by default what suits the network.")] = (
+    budget: Annotated[str, Option(help="Processor time for data and training, like 90s, 30m or 2h.")] = ""
+    epochs: Annotated[int | None, Option(min=1, help="Passes through the data; by default chosen for the network.")] = (
         None
     )
     share: Annotated[float, Option(min=0.05, max=1, help="Share of VGG16's channels, if it is used.")] = 1.0
     backbone: Annotated[str, Option(help=f"Backbone of rcnn: {', '.join(BACKBONES)}.")] = BACKBONES[0]
     steps: Annotated[int, Option(min=1, help="Steps of rcnn, each of 4 images.")] = 2000
-    ratio: Annotated[float, Option(min=0.01, max=0.99, help="Share of the data that is trained on.")] = TRAIN_RATIO
+    ratio: Annotated[float, Option(min=0.01, max=0.99, help="Share of the data to train on.")] = TRAIN_RATIO
     augment: Annotated[bool, Option("--augment", help="Learn from sub-demonstrations too.")] = False
     out: Annotated[Path | None, Option("--out", "-o", help="File to write; next to --config by default.")] = None
     overwrite: OverwriteOption = False

@@ -23,7 +23,7 @@ RECIPE = "recipe.json"  # in the folder: what it was made by, and for
 
 
 def make_data(what: str, folder: Path, options: Mapping[str, object], *flags: str) -> None:
-    """Make a data set in a process of its own, unless it is there already; what was interrupted is made anew.
+    """Make a data set in a process of its own, unless it exists already; what was interrupted is made anew.
 
     Args:
         options: by name, as in {"--look": "varied"}.
@@ -93,6 +93,6 @@ def _require(folder: Path, recipe: dict[str, object]) -> None:
         other = sorted(name for name in {*found, *recipe} if found.get(name) != recipe.get(name))
         words = {"made_for": "product or bench"}
         raise InputError(
-            f"{folder}: training data that were made otherwise ({', '.join(words.get(name, name) for name in other)}); "
+            f"{folder}: training data made with other settings ({', '.join(words.get(name, name) for name in other)}); "
             "remove the folder, or name another --out"
         )

@@ -63,7 +63,7 @@ def hands(asked: Training, weights: Path) -> Scores:
     epochs = asked.epochs or 9
     count = max(4, int(seconds(asked.budget) / (HAND_DATA_S + HAND_EPOCH_S * epochs)))
     for folder in asked.data or ():
-        rows_of(folder)  # a wrong one is told before minutes go into frames for the scores
+        rows_of(folder)  # a wrong one is reported before minutes go into frames for the scores
     validation = max(2, int(HAND_VALIDATION * count))
     folders, apart = made(asked, weights, "hands", HANDS, count, validation=validation)
     configuration, product = asked.cell()
@@ -81,7 +81,7 @@ def hands(asked: Training, weights: Path) -> Scores:
 
 
 def holes(asked: Training, weights: Path) -> Scores:
-    """Train the reader of holes, and calibrate what it says."""
+    """Train the hole reader, and calibrate its probabilities."""
     from learned.holes.data import load_plates
     from learned.holes.settings import HoleTraining
     from learned.holes.train import train_holes
@@ -123,7 +123,7 @@ def parts(asked: Training, weights: Path) -> Scores:
 
 
 def actions(asked: Training, weights: Path) -> Scores:
-    """Train a detector of actions, and write what it takes for what."""
+    """Train a detector of actions, and write its confusion matrix."""
     from learned.actions.data import load_segments
     from learned.actions.train import Task, train_actions
 
@@ -224,10 +224,10 @@ def require_apart(data: Sequence[Path], validation: Path | None) -> None:
         InputError: they are of the same folder, or of the same log.
     """
     if bool(data) != bool(validation):
-        raise InputError("--data and --validation go together: scores on what was learned from say nothing")
+        raise InputError("--data and --validation go together: scores on the training data say nothing")
     if validation is None:
         return
-    kept, why = logs_by_hash(validation), "scores on what was learned from say nothing"
+    kept, why = logs_by_hash(validation), "scores on the training data say nothing"
     for folder in data:
         if folder.resolve() == validation.resolve():
             raise InputError(f"--validation {validation}: is --data, too; {why}")

@@ -45,9 +45,9 @@ def semantic(asked: Training, weights: Path) -> Scores:
 
 
 def noise(asked: Training, path: Path) -> Scores:
-    """Learn what the action detector takes for what, from actions that the holes confirmed."""
+    """Learn the action detector's confusion matrix, from actions that the holes confirmed."""
     if not asked.data:
-        raise InputError("noise is learned from recorded runs: name their segments.jsonl by --data FILE")
+        raise InputError("noise is learned from recorded runs: name their segments.jsonl with --data FILE")
     _, product = asked.cell()
     layout = Layout.of(product)
     reports = [report for file in asked.data for report in confirmed_reports(file)]

@@ -156,7 +156,7 @@ def _kept(out: Path, config: Path) -> RowStore | None:
 
     Raises:
         InputError: it holds the shipped weights, or others that this command did not make for this product; or it
-            is no folder, nor can be one.
+            is not a folder, nor can be one.
     """
     if file := next((path for path in (out, *out.parents) if path.is_file()), None):
         raise InputError(f"--out {out}: {file} is a file; name a folder")

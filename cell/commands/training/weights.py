@@ -25,7 +25,7 @@ def seconds(text: str) -> float:
     """
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", text.strip())
     if found is None or float(found[1]) == 0:
-        raise InputError(f"--budget {text}: must be a number with its unit, and more than nothing, as 90s, 30m or 2h")
+        raise InputError(f"--budget {text}: must be a number with its unit, more than 0, like 90s, 30m or 2h")
     return float(found[1]) * UNITS_S[found[2]]
 
 

@@ -64,7 +64,9 @@ class Data:
         float, Option(min=0, max=1, help="Share of the parts that lie, lean or stand next to their hole.")
     ] = 0.15
     views: Annotated[int, Option(min=1, max=50, help="Images of each tray.")] = 1
-    mixed: Annotated[bool, Option("--mixed", help="Some parts lie or are stacked, some objects are unknown.")] = False
+    mixed: Annotated[bool, Option("--mixed", help="Some parts lie or are stacked, and some objects are unknown.")] = (
+        False
+    )
     lying_share: Annotated[
         float | None, Option(min=0, max=1, help=f"With --mixed: share of the parts that lie; {LYING_SHARE} by default.")
     ] = None

@@ -33,7 +33,7 @@ def decoded(path: Path, message: Message, kind: Any) -> Any:
     try:
         return _message_class(kind).FromString(message.data)
     except DecodeError:
-        what = f"message of {message.topic} at {message.time_ns / 1e9:.3f} s is no {kind.__name__}"
+        what = f"message of {message.topic} at {message.time_ns / 1e9:.3f} s is not a valid {kind.__name__}"
         raise LogError(path, what) from None
 
 

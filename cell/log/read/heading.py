@@ -18,7 +18,7 @@ Row = dict[str, Any]
 
 
 def run_row(path: Path) -> Row:
-    """One row that tells of the run: who, when, with what, and what came of it.
+    """One row about the run: who, when, with what, and the result.
 
     A log without an index, as of a killed process, is read whole.
 
@@ -26,7 +26,7 @@ def run_row(path: Path) -> Row:
         path: the log, or its first part.
 
     Raises:
-        LogError: it is no log of this program, or cannot be read.
+        LogError: it is not a log of this program, or cannot be read.
     """
     files = files_of(path)
     try:
@@ -49,7 +49,7 @@ def _metadata(path: Path) -> dict[str, dict[str, str]]:
         if reader.get_summary() is None:
             raise _NoIndexError
         if reader.get_header().profile != PROFILE:
-            raise LogError(path, f"is no log of this program: its profile is {reader.get_header().profile!r}")
+            raise LogError(path, f"is not a log of this program: its profile is {reader.get_header().profile!r}")
         return {record.name: record.metadata for record in reader.iter_metadata()}
 
 

@@ -58,7 +58,7 @@ class IndexedLog:
             yield from self._of_file(path, span, topics, reverse)
 
     def newest(self, topic: str, time_s: float, back_s: float = 5.0) -> Message | None:
-        """The last message of a topic up to a time; None where there is none in so many seconds before it."""
+        """The last message of a topic up to a time; None if there is none within that many seconds before it."""
         return next(self.messages(max(0.0, time_s - back_s), time_s, (topic,), reverse=True), None)
 
     def _of_file(

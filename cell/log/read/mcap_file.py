@@ -100,7 +100,7 @@ def read_mcap(path: Path) -> McapContent:
     except OSError as error:
         raise LogError(path, f"cannot be read: {error.strerror or error}") from None
     if data[: len(MAGIC)] != MAGIC:
-        raise LogError(path, "is no MCAP file: it does not begin as one")
+        raise LogError(path, "is not an MCAP file: it does not begin like one")
     return _Reader(path, data).content()
 
 

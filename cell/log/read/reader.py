@@ -1,4 +1,4 @@
-"""A log as the run that it tells of: ticks with what each one saw and decided, attachments and metadata."""
+"""A log as the run that it records: ticks with what each one saw and decided, attachments and metadata."""
 
 from __future__ import annotations
 
@@ -198,11 +198,11 @@ def _parts(paths: Sequence[Path]) -> Iterator[_Part]:
     for path in paths:
         content = read_mcap(path)
         if content.profile not in (PROFILE, None) and "run" not in content.metadata:
-            raise LogError(path, f"is no log of this program: an MCAP file with profile {content.profile!r}")
+            raise LogError(path, f"is not a log of this program: an MCAP file with profile {content.profile!r}")
         number = _number(path, content)
         if before is not None:
             if not (number and before.number):
-                raise LogError(path, "is no part of a rotated log: it cannot be read together with others")
+                raise LogError(path, "is not part of a rotated log: it cannot be read together with others")
             if number <= before.number:
                 raise LogError(path, f"is part {number} and stands after part {before.number}")
             if content.metadata.get("run") != before.content.metadata.get("run"):

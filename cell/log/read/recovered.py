@@ -87,7 +87,7 @@ def foreign(found: Salvage) -> str:
     topics = {channel.topic for channel in found.channels.values()}
     if found.profile == PROFILE or "/tick" in topics or any(one.name == "run" for one in found.metadata):
         return ""
-    return f"an MCAP file with profile {found.profile!r}, and no log of this program"
+    return f"an MCAP file with profile {found.profile!r}, but not a log of this program"
 
 
 def missing_ticks(found: Salvage) -> Iterator[int]:

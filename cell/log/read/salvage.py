@@ -232,7 +232,7 @@ def recover(path: Path, out: Path) -> Loss:
         with out.open("xb") as stream:
             _write(found, stream)
     except FileExistsError:
-        raise LogError(out, "exists already; choose another file by --out") from None
+        raise LogError(out, "exists already; choose another file with --out") from None
     except OSError as error:
         raise LogError(out, f"cannot be written: {error.strerror or error}") from None
     return found.loss

@@ -133,7 +133,7 @@ def decided(
 
 
 def remembers(log: Log) -> bool:
-    """Whether a log tells what nodes remember; older ones do not."""
+    """Whether a log has what nodes remember; older ones do not."""
     return any(topic == MEMORY for tick in log.ticks for topic, _ in tick.notes)
 
 

@@ -98,7 +98,7 @@ def _shot(path: Path, message: Message, caption: str, boxes: Boxes) -> Shot:
 
 
 def compose(shots: list[Shot]) -> Image:
-    """The sheet; of too many shots every so manieth is shown, first and last always."""
+    """The sheet; if there are too many shots, only every Nth is shown, and always the first and the last."""
     shots = spread(shots, MOST_FRAMES)
     width_px, height_px = THUMBNAIL_PX
     columns = min(COLUMNS, len(shots))

@@ -112,7 +112,7 @@ class _Marker:
         try:
             product, bench = logged_product(log), logged_bench(log)
         except (LogError, InputError):
-            return  # a log of another version is told without holes and colours
+            return  # a log of another version is shown without holes and colours
         self._colours = {name: _hex(part.colour_rgb) for name, part in product.parts.items()}
         self._holes = HoleMarks(product, bench).boxes_px
 

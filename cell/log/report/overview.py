@@ -20,7 +20,7 @@ WIDTH, LABELS, NARROWEST_PX = 1120, 270, 720  # as the charts of the other page,
 
 
 def is_long(parts: Sequence[Path]) -> bool:
-    """Whether a log in parts tells of more than a page can show."""
+    """Whether a log in parts holds more than a page can show."""
     spans = [(begin_s, end_s) for begin_s, end_s, _ in _spans(parts)]
     return len(spans) > 1 and max(end for _, end in spans) - min(begin for begin, _ in spans) > LONG_S
 

@@ -1,4 +1,4 @@
-"""A shift as its log tells it: brackets, who placed what, waits by their reason, and how well the time was used.
+"""A shift as its log records it: brackets, who placed what, waits by their reason, and how well the time was used.
 
 OEE (overall equipment effectiveness) is availability x performance x quality, here:
 availability: share of the shift in which no question stood and nothing held the cell;
@@ -40,7 +40,7 @@ class Stretch:
     """Several brackets in a row; means for each bracket.
 
     Attributes:
-        right: share of those that are known to be right or wrong; None where nobody knows.
+        right: share of those that are known to be right or wrong; None if unknown.
     """
 
     first: int
@@ -62,7 +62,7 @@ class Trend:
 
     @property
     def label_each(self) -> int:
-        """Every so many bars there is room for a number below."""
+        """How many bars apart the numbers below may stand."""
         return next(each for each in (1, 2, 5, 10, 20, 50, 100, 1000) if len(self.bars) <= 30 * each)
 
 
@@ -109,7 +109,7 @@ class BracketRow:
     Attributes:
         finished: every hole was seen filled when it ended; None where the log ends before.
         goal: that it was learned to be, or as it was judged.
-        correct: None where nobody knows.
+        correct: None if unknown.
         placed: who did it, by position; a hole that is seen filled with what the robot fetched for it is the robot's.
         fetched: type of the part that the robot fetched last for a position.
         questions: what was asked, in words.
@@ -174,7 +174,7 @@ class Shift:
 
 
 def shift_of(log: Log) -> Shift | None:
-    """The shift that a log tells of; None where its tree named no brackets."""
+    """The shift that a log records; None where its tree named no brackets."""
     return shift_from(log.ticks, lambda: log.result)
 
 

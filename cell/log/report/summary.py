@@ -1,4 +1,4 @@
-"""What a log tells a person: node runs, beliefs, placements with their guidance, verdicts, waits and calls for help."""
+"""What a log shows a person: node runs, beliefs, placements with their guidance, verdicts, waits and calls for help."""
 
 from __future__ import annotations
 

@@ -25,6 +25,15 @@ def short(value: object, longest: int = LONGEST_TEXT) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
+def entry_text(entry: Mapping[str, Any], longest: int = LONGEST_TEXT) -> str:
+    """An answer of `cell log query` in a line: a change of a node's status, or a message."""
+    head = f"{entry['time_s']:8.2f} s  "
+    if "topic" in entry:
+        fields = {key: value for key, value in entry.items() if key not in ("topic", "time_s")}
+        return head + short(f"{entry['topic']}  {short(fields, longest)}", longest)
+    return f"{head}{entry['path']}: {entry['old']} > {entry['new']}  {entry['feedback']}".rstrip()
+
+
 def note_text(topic: str, fields: Mapping[str, Any]) -> str:
     """A note of a node."""
     for (of, needed), (head, told) in NOTE_TEXTS.items():

@@ -40,7 +40,7 @@ class Taken:
 def demonstration_of(log: Log, product: Product) -> Taken:
     """What a run shows of how its goal is assembled."""
     if not log.ticks or log.ticks[0].number or log.gaps:
-        return Taken(None, why_not="ticks are missing, so nobody knows what was placed before")
+        return Taken(None, why_not="ticks are missing, so what was placed before is unknown")
     lasting = _lasting(placements(log))
     if not lasting:
         return Taken(None, why_not="nothing was placed")

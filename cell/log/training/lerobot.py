@@ -60,7 +60,7 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
         LogError: a log has fewer than two overhead images or no tick.
     """
     if folder.exists():
-        raise InputError(f"{folder}: is there already; name a new folder")
+        raise InputError(f"{folder}: exists already; name a new folder")
     _arrow()  # before anything is written
     rates = {round(_rate_hz(log)) for log in logs}
     if len(rates) > 1:

@@ -87,7 +87,7 @@ def write_training_data(logs: Iterable[Log], folder: Path, command: str) -> dict
                 collected.goals = _learned(log, collected.goals or OpenGoals.of(product))
                 _collect(log, product, partial, collected)
             if product is None:
-                raise InputError("no log was named; name one by --from LOG")
+                raise InputError("no log was named; name one with --from LOG")
             return _write(collected, product, partial, command)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
@@ -106,7 +106,7 @@ def logs_by_hash(folder: Path) -> dict[str, str]:
         logs = json.loads(read_text(path)).get("logs", ())
         return {sha256: file for log in logs for file, sha256 in log["files"].items()}
     except (ValueError, AttributeError, KeyError, TypeError) as error:
-        raise InputError(Problem(Place(path), f"is no manifest of training data: {error}")) from error
+        raise InputError(Problem(Place(path), f"is not a manifest of training data: {error}")) from error
 
 
 def _same_product(log: Log, product: Product | None) -> Product:

@@ -24,7 +24,7 @@ class OperatorPage(Observer):
     """An observer that serves a page (`cell run --page`).
 
     Args:
-        heading: what is told of the run, by name.
+        heading: what is shown of the run, by name.
         obey: takes an operator's order.
         port: 0 for any that is free.
 

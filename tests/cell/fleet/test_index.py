@@ -49,7 +49,7 @@ def test_runs_are_found_by_any_question(commission_log: Log, tmp_path: Path) -> 
     failed(tmp_path / "c.mcap", 3, "FindPart: no o9 in the tray (16 times)")
     (tmp_path / "d.mcap").write_text("no log")
     assert [problem.partition(": ")[2] for problem in refresh(tmp_path)] == [
-        "is no MCAP file: it does not begin as one"
+        "is not an MCAP file: it does not begin like one"
     ]
     assert ask(tmp_path, "select seed from runs where \"end\" = 'failed' order by seed") == (["seed"], [(2,), (3,)])
     [(leaf, cause, count, example)] = ask(tmp_path, FAILURES)[1]

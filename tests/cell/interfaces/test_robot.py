@@ -74,7 +74,7 @@ def test_a_robot_file_is_relative_to_the_configuration(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("robot", "file", "words"),
     [
-        ("ur11", "", r"cell.yaml:3:8: robot: no such robot; legal: ur10, ur10e, or a robot file, not 'ur11'"),
+        ("ur11", "", r"cell.yaml:3:8: robot: unknown robot; legal: ur10, ur10e, or a robot file, not 'ur11'"),
         ("own.yaml", "name: own\n", "own.yaml:1:1: key 'urdf' is missing"),
         ("own.yaml", "origins_m: {knee: [0, 0, 0]}\n", "robot: the URDF has no joint 'knee'"),
     ],

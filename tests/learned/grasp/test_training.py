@@ -266,7 +266,7 @@ def test_words_of_the_data_are_the_solutions(scenes: list[Scene]) -> None:
 def test_the_papers_planner_wants_a_camera(tmp_path: Path) -> None:
     from learned.grasp.train import train_grasp
 
-    with pytest.raises(InputError, match="a camera is wanted"):
+    with pytest.raises(InputError, match="a camera is needed"):
         train_grasp(PRODUCT, tmp_path / "paper.onnx", 0, "paper", settings=SHORT_PAPER, quiet=True)
 
 

@@ -98,9 +98,9 @@ BAD_NODES = [
     ),
     ('<LoopInt queue="^1;x" value="{v}"><AlwaysSuccess/></LoopInt>', "'x' is not an int"),
     ('<Go ^place="home"/>', "port 'place' takes a Place, which cannot be written here; connect it"),
-    ('<See ^count="5"/>', "port 'count' is an output and '5' is no entry"),
-    ('<See count="^{}"/>', "'' is no name of an entry"),
-    ('<See count="^{a b}"/>', "'a b' is no name of an entry"),
+    ('<See ^count="5"/>', "port 'count' is an output and '5' is not an entry"),
+    ('<See count="^{}"/>', "'' is not the name of an entry"),
+    ('<See count="^{a b}"/>', "'a b' is not the name of an entry"),
     ('<Sequence><See place="{p}"/><Go place="{p}" speed="^fast"/></Sequence>', "'fast' is not a float; like 0.5"),
     ('<Go ^place="{nowhere}"/>', "port 'place' of Go reads {nowhere}, which nothing writes"),
     ('<Sequence><See count="{p}"/><Go ^place="{p}"/></Sequence>', "takes {p} as Place; port 'count' of See at"),
@@ -122,7 +122,7 @@ BAD_NODES = [
     ("^<SubTree/>", "this SubTree has no ID; legal: Main, Other"),
     ('<SubTree ID="Other">^<AlwaysSuccess/></SubTree>', "a SubTree has no children here"),
     ('<SubTree ID="Other" _autoremap="^yes"/>', "'yes' is not a bool"),
-    ('<SubTree ID="Other" x="^{a b}"/>', "'a b' is no name of an entry"),
+    ('<SubTree ID="Other" x="^{a b}"/>', "'a b' is not the name of an entry"),
     ('^<SubTree ID="Main"/>', "this SubTree contains itself: Main > Main"),
     ("<Sequence>\n  <AlwaysSuccess/>\n\t^<Oops/>\n</Sequence>", "there is no node 'Oops'"),
     ('<!-- äöü --><Sequence name="äöü">^<Oops/><AlwaysSuccess/></Sequence>', "there is no node 'Oops'"),
@@ -212,7 +212,7 @@ BAD_FILES = [
     ),
     ('<root BTCPP_format="4"><BehaviorTree ^id="A"><AlwaysSuccess/></BehaviorTree></root>', "did you mean 'ID'?"),
     ('<root BTCPP_format="4">^<BehaviorTree ID="Main"/></root>', "has 0 nodes directly below it"),
-    (f'<root BTCPP_format="4">{GOOD}{GOOD.replace("ID", "^ID")}</root>', "a BehaviorTree 'Main' stands already at"),
+    (f'<root BTCPP_format="4">{GOOD}{GOOD.replace("ID", "^ID")}</root>', "a BehaviorTree 'Main' is already defined at"),
     (
         f'<root BTCPP_format="4">{GOOD.replace("<Be", "^<Be").replace("<Al", "<AlwaysFailure/><Al")}</root>',
         "has 2 nodes",
@@ -243,7 +243,7 @@ BAD_FILES = [
     (
         f'<root BTCPP_format="4"><TreeNodesModel><SubTree ID="Main">^<port name="a"/></SubTree></TreeNodesModel>'
         f"{GOOD}</root>",
-        "<port> is no port",
+        "<port> is not a port",
     ),
 ]
 
@@ -458,7 +458,7 @@ def test_what_groot2_adds_when_it_saves_is_no_mistake(write: Write) -> None:
 def test_a_file_for_inclusion_needs_no_main_tree(write: Write) -> None:
     path = write(MAIN.format("<AlwaysSuccess/>"))
     assert check([path], REGISTRY) == []
-    with pytest.raises(InputError, match="it is not said which BehaviorTree to run"):
+    with pytest.raises(InputError, match="the file does not say which BehaviorTree to run"):
         load_tree(path, REGISTRY)
 
 

@@ -85,7 +85,7 @@ class _Finder:
         """Whether this node succeeds only after a guard has agreed; what is below it was asked before."""
         children = called(self._library, element)
         if element.broken:
-            return True  # only what is certain is told
+            return True  # only what is certain is reported
         if any(name in element.attributes for name in _BYPASSES):
             return False
         traits = self._class(element).traits

@@ -144,7 +144,7 @@ class _Checker:
         elif port.takes_texts:
             return
         elif port.direction != "input":
-            what = f"port '{port.name}' is an {port.direction} and '{attribute.value}' is no entry"
+            what = f"port '{port.name}' is an {port.direction} and '{attribute.value}' is not an entry"
             self._report(attribute.place, what, f'like {port.name}="{{entry}}"')
         elif not has_literals(port.kind):
             what = f"port '{port.name}' takes a {type_name(port.kind)}, which cannot be written here"
@@ -176,7 +176,7 @@ class _Checker:
 
     def _key(self, attribute: Attribute, key: str) -> None:
         if not KEY.match(key):
-            self._report(attribute.value_place, f"'{key}' is no name of an entry", "like {part}, {@part} or {=}")
+            self._report(attribute.value_place, f"'{key}' is not the name of an entry", "like {part}, {@part} or {=}")
 
     def _underscore(self, name: str, attribute: Attribute) -> None:
         if name in CONDITIONS or name in SCRIPTS_AFTER:

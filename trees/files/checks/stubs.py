@@ -1,4 +1,4 @@
-"""Stand-ins for nodes that nobody knows here, to read the tree files of other programs."""
+"""Stand-ins for nodes that are unknown here, to read the tree files of other programs."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ def _check_root(library: Library, root: Element) -> None:
     found, place = root.get("BTCPP_format"), root.place_of("BTCPP_format")
     if found is None:
         what = f'BTCPP_format is missing; the file is read as BTCPP_format="{FORMAT}"'
-        library.notes.append(Problem(place, what, "say it in the file"))
+        library.notes.append(Problem(place, what, "add it to the file"))
     elif found != FORMAT:
         library.problems.append(Problem(place, f"BTCPP_format is '{found}'", f'must be BTCPP_format="{FORMAT}"'))
     _check_attributes(library, root, ("BTCPP_format", "main_tree_to_execute", "project_name"))
@@ -198,7 +198,7 @@ def _replaced(library: Library, element: Element, identifier: str) -> bool:
     """Whether a tree can have its name; where it replaces another one, that is kept beside it, whichever came first."""
     other, replaces = library.trees.get(identifier), element.get(REPLACES) in TRUE_WORDS
     if other is not None and replaces == (identifier in library.replacing):
-        what = f"a BehaviorTree '{identifier}' stands already at {other.place}"
+        what = f"a BehaviorTree '{identifier}' is already defined at {other.place}"
         legal = f'rename one of them, or let this one take its place: {REPLACES}="true"'
         library.problems.append(Problem(element.place_of("ID"), what, legal))
         return False
@@ -226,7 +226,7 @@ def _take_models(library: Library, element: Element) -> None:
                 continue
             if port.tag not in ("input_port", "output_port", "inout_port") or not name:
                 library.problems.append(
-                    Problem(port.place, f"<{port.tag}> is no port", 'like <input_port name="part"/>')
+                    Problem(port.place, f"<{port.tag}> is not a port", 'like <input_port name="part"/>')
                 )
                 continue
             ports[name] = ModelPort(port.tag.removesuffix("_port"), port.get("default"))

@@ -140,7 +140,7 @@ class _Reader:
         return self._root
 
     def _malformed(self, error: expat.ExpatError) -> Problem:
-        """What expat refuses; a tag that closes nothing is told with the one that is open."""
+        """What expat refuses; a tag that closes nothing is reported with the one that is open."""
         place = Place(self._path, error.lineno, error.offset + 1)
         open_one = self._open[-1] if self._open else None
         if open_one is not None and error.code == errors.codes[errors.XML_ERROR_TAG_MISMATCH]:

@@ -169,7 +169,7 @@ def test_a_file_that_the_specification_allows_is_whole(style: Style, content: Co
     assert [(one.time_ns, one.data) for one in found.messages] == messages
     assert (found.profile, found.unfinished, found.cropped) == (style.profile, "", {})
     assert found.attachments == ({"note.txt": b"one"} if content.attachments else {})
-    with pytest.raises(LogError, match="is no log of this program"):
+    with pytest.raises(LogError, match="is not a log of this program"):
         read_log(path)
     if not (messages or attachments):
         return
@@ -185,7 +185,7 @@ def test_commands_say_that_it_is_no_log(command: list[str], tmp_path: Path, caps
     path.write_bytes(write(STYLES[0]))
     assert main([*command, str(path)]) == 2
     said = capsys.readouterr().err
-    assert "is no log of this program" in said
+    assert "is not a log of this program" in said
     assert "damaged" not in said
 
 
@@ -208,7 +208,7 @@ def test_recovery_says_that_a_file_is_foreign(tmp_path: Path, capsys: pytest.Cap
         (tmp_path / "foreign.recovered.mcap").unlink(missing_ok=True)
         assert main(["log", "recover", str(path)]) == status
         first = capsys.readouterr().out.splitlines()[0]
-        assert first.endswith(f"; this is an MCAP file with profile {profile!r}, and no log of this program")
+        assert first.endswith(f"; this is an MCAP file with profile {profile!r}, but not a log of this program")
 
 
 def test_a_foreign_file_that_was_cut_is_said_to_be_unfinished(tmp_path: Path) -> None:

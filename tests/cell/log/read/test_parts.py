@@ -201,7 +201,7 @@ def test_parts_of_two_runs_or_in_another_order_are_refused(path: Path) -> None:
     other = path.with_name("other.mcap")
     recorder = McapRecorder(other, LogSettings(), Heading({"seed": "6"}))
     recorder.close(OUTCOME)
-    with pytest.raises(LogError, match="is no part of a rotated log"):
+    with pytest.raises(LogError, match="is not part of a rotated log"):
         read_log([first, other])
 
 

@@ -11,7 +11,7 @@ from py_trees.common import Status
 from cell.commands.main import main
 from cell.log.read.reader import Log
 from cell.log.replay.compare import Difference
-from cell.log.report.text import change_lines, difference_lines, note_text, short
+from cell.log.report.text import change_lines, difference_lines, entry_text, note_text, short
 from trees.engine.node import StatusChange
 
 
@@ -71,6 +71,14 @@ def test_what_a_node_went_through_in_a_tick_is_one_line() -> None:
     ]
 
 
+def test_an_answer_of_a_query_is_a_line_that_people_read() -> None:
+    change = {"tick": 82, "time_s": 3.28, "path": "A::1/Timeout::7", "uid": 7, "old": "RUNNING", "new": "FAILURE"}
+    assert entry_text({**change, "feedback": "late"}) == "    3.28 s  A::1/Timeout::7: RUNNING > FAILURE  late"
+    assert entry_text({**change, "feedback": ""}).endswith("FAILURE")
+    assert entry_text({"topic": "/bench", "time_s": 1.736, "sequence": 26}) == '    1.74 s  /bench  {"sequence": 26}'
+    assert len(entry_text({"topic": "/bench", "time_s": 1.0, "hand": "x" * 500}, 100)) == 112
+
+
 def test_long_lists_and_numbers_are_shortened() -> None:
     assert short([0.123456789, *range(50)]) == '[0.1235, "… 49 more …", 49]'
     assert len(short("x" * 1000)) == 160
@@ -98,7 +106,7 @@ def test_a_span_that_is_none_is_bad_input(
     assert main([*command, str(assembly_log.path), *span]) == 2
     told = capsys.readouterr()
     assert told.out == ""
-    assert ("nan is no time" if "nan" in span else "--from is later than --until") in told.err
+    assert ("nan is not a time" if "nan" in span else "--from is later than --until") in told.err
 
 
 @pytest.mark.parametrize(

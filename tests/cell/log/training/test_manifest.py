@@ -261,7 +261,7 @@ def test_the_logs_of_a_folder_are_known_by_their_content(tray_log: Log, folder: 
     assert list(logs_by_hash(folder).values()) == [str(tray_log.path)]
     assert logs_by_hash(tmp_path) == {}
     (tmp_path / "manifest.json").write_text("{")
-    with pytest.raises(InputError, match=r"manifest\.json: is no manifest of training data"):
+    with pytest.raises(InputError, match=r"manifest\.json: is not a manifest of training data"):
         logs_by_hash(tmp_path)
 
 

@@ -31,8 +31,8 @@ from sim.scene.storage import lay_out
 from sim.scene.world import World, build_world
 from sim.truth.contacts import ContactMonitor
 from sim.truth.ground_truth_perception import ground_truth_perception
+from sim.truth.labels import resting_event, resting_parts
 from sim.truth.score import Score
-from sim.truth.tray_truth import resting_event, resting_parts
 from sim.worker.stock import Stock
 from sim.worker.worker import Around, Worker
 

@@ -12,7 +12,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
 from cell.interfaces.resting_pose import SIDES, UPRIGHT, side_up
-from skills.grasping.contact import Descend, SetDown
+from skills.grasping.contact import RESTS_M, Descend, SetDown
 from skills.grasping.handling import (
     bracket_boxes,
     carry_over_bracket_m,
@@ -23,7 +23,6 @@ from skills.grasping.handling import (
     tray_boxes,
     why_not_empty,
 )
-from skills.grasping.insertion import RESTS_M
 from skills.grasping.phases import Activate, FingersRest, Move, Phase, PhasedSkill, SetGripper
 from skills.motion.grip import STROKE_M
 from skills.motion.lying_grasp import MOST_LEAN_RAD, LyingHold, held_box, laid_out, lying_holds, solid_boxes, turns_left

@@ -58,8 +58,7 @@ def report(
     as_json: JsonOption = False,
 ) -> None:
     """Write one HTML page about a run; it needs no network. For a run of hours it shows only the shift."""
-    from cell.log.report.overview import is_long, write_overview
-    from cell.log.report.report import write_report
+    from cell.log.report.report import is_long, write_overview, write_report
 
     page, stream = spared(out or beside(log, ".html"), log, overwrite), streamed(log)
     if is_long(stream.parts):

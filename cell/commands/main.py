@@ -11,17 +11,47 @@ from typing import Annotated
 
 import typer
 
-from cell.commands.old_names import refuse_old
 from cell.commands.options import with_ports
-from cell.commands.table import Command, Table
-from cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP
+from cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP, Command, Table
 from cell.errors import CellError, DeviceFault, InputError, LogError, ModelError
 
+_TASKS = ("actions", "hands", "holes", "parts", "grasp", "semantic", "noise")
+OLD_COMMANDS = {
+    "eval": "lab eval",
+    "data": "lab data",
+    "see": "lab see",
+    "looks": "lab looks",
+    "sweep": "lab sweep",
+    "world": "lab world",
+    "schema": "lab schema",
+    "hands": "lab hands",
+    "hands fetch": "lab hands",
+    "train all": "train --all",
+    **{f"train {name}": f"lab train {name}` with its own options, or `cell train --only {name}" for name in _TASKS},
+    **{f"log {name}": f"lab {name}" for name in ("files", "sheet", "snapshots")},
+}
+_OWN = {"--nodes": "--with", "--also": "--with", "--beside": "--with"}
+_LAB_RUN = "`cell lab run {}`"
+OLD_OPTIONS: dict[str, dict[str, str]] = {
+    "run": {
+        **_OWN,
+        "--tree": "the file alone, as in `cell run trees/mine.xml`",
+        "--brackets": "--shift",
+        "--pace": "--real-time",
+        "--monitor-hooks": "--breakpoints",
+        "--monitor-port": "--monitor PORT",
+        "--live-port": "--live PORT",
+        "--page-port": "--page PORT",
+        **{name: _LAB_RUN.format(name) for name in ("--person", "--orders", "--inject", "--world", "--overwrite")},
+    },
+    **dict.fromkeys(("check", "show", "nodes", "replay"), _OWN),
+    "lab eval": dict.fromkeys(("--first-seed", "--recordings", "--runs"), "--seeds FIRST:END"),
+    "lab data": dict.fromkeys(("--first-seed", "--recordings"), "--seeds FIRST:END"),
+}
+OLD_OPTIONS["lab run"] = {name: now for name, now in OLD_OPTIONS["run"].items() if "`cell lab run" not in now}
 INTERRUPTED = 130  # what typer makes of Ctrl-C
 START, PROGRAM, TEST, TRAIN = "Start", "Program", "Test", "Train"
 LAB = "lab"
-
-
 COMMANDS: Table = {
     "init": Command("cell.commands.init:init", "Make a folder for a cell of your own.", START),
     "doctor": Command("cell.commands.doctor:doctor", "Say what is missing on this machine.", START),
@@ -30,8 +60,8 @@ COMMANDS: Table = {
         "cell.commands.calibrate:calibrate", "Calibrate the cameras: find out where they hang.", START
     ),
     "new": Command("cell.commands.new:new_app", "Start a tree file or a node of your own.", PROGRAM),
-    "check": Command("cell.commands.check:check", "Check tree files and list all mistakes.", PROGRAM),
-    "nodes": Command("cell.commands.nodes:nodes", "List the nodes that tree files may name.", PROGRAM),
+    "check": Command("cell.commands.tree_files:check", "Check tree files and list all mistakes.", PROGRAM),
+    "nodes": Command("cell.commands.tree_files:nodes", "List the nodes that tree files may name.", PROGRAM),
     "show": Command("cell.commands.show:show", "Print or draw the tree of a file, a log or a run.", PROGRAM),
     "monitor": Command("cell.commands.show:monitor", "Watch the tree of a run in the terminal.", PROGRAM),
     "replay": Command(
@@ -46,6 +76,25 @@ COMMANDS: Table = {
     "_data": Command("cell.commands.training.worlds:app", "What trainings call to make their data."),
     "_train": Command("cell.commands.training.tasks:app", "What `cell train` calls for each network."),
 }
+
+
+def refuse_old(words: Sequence[str]) -> None:
+    """Check that a command line has no name of before.
+
+    Raises:
+        InputError: it has one; the message says the name of today.
+    """
+    for length in (2, 1):
+        typed = " ".join(words[:length])
+        if typed in OLD_COMMANDS:
+            raise InputError(f"`cell {typed}` is now `cell {OLD_COMMANDS[typed]}`")
+    for path, names in OLD_OPTIONS.items():
+        if list(words[: len(path.split())]) != path.split():
+            continue
+        for word in words:
+            name = word.partition("=")[0]
+            if name in names:
+                raise InputError(f"{name} of `cell {path}` is now {names[name]}")
 
 
 def _say_version(asked: bool) -> None:

@@ -1,10 +1,12 @@
-"""What all commands share: the console, tables and JSON on the terminal, exit statuses."""
+"""What all commands share: lines of their table, the console, tables and JSON on the terminal, exit statuses."""
 
 from __future__ import annotations
 
 import json
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from cell.interfaces.product import Product
+
 
 BAD_INPUT, SAFE_STOP = 2, 3  # exit statuses
 BESIDE = "CELL_BESIDE"  # set in the environment of a command that another one runs and waits for
@@ -62,3 +65,27 @@ def product_of(config: Path) -> Product:
     from cell.configuration import load_configuration, load_product
 
     return load_product(load_configuration(config), config)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command, or a group of commands.
+
+    Attributes:
+        target: "module:name" of a function or a typer application; of a group, that of its table.
+        help: in one line, for the list of commands.
+        panel: where it stands in the list; None for not there.
+    """
+
+    target: str
+    help: str
+    panel: str | None = None
+    group: bool = False
+
+    def load(self) -> Any:
+        """What the target names."""
+        module, _, name = self.target.partition(":")
+        return getattr(import_module(module), name)
+
+
+Table = Mapping[str, Command]

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+import struct
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import orjson
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
+
 from cell.errors import InputError, LogError
 from cell.fleet.intervals import mean, wilson
 from cell.fleet.table import needed, write_table
-from cell.log.read.heading import run_row
+from cell.log.read.mcap_file import PROFILE
+from cell.log.read.reader import files_of, read_log
 from cell.recording.parts import part_number, whole_path
 
 Row = Mapping[str, Any]
 MEANS = ("sim_time_s", "robot_placements", "help_requests", "contacts", "interventions", "human_idle", "robot_idle")
+FOLDER = "rows"  # beside the logs
+LISTED = 'started_utc, log, product, goal, seed, "end", correct, sim_time_s, robot_placements, help_requests'
+ASKING = frozenset({"SELECT", "MULTI"})  # statements, in DuckDB's words; those that pivot are several
+Answer = tuple[list[str], list[tuple[Any, ...]]]
+FAILURES = (
+    "select failed_leaf, last_failure, count(*) as runs, min(log) as for_example from runs "
+    "where \"end\" = 'failed' group by all order by runs desc"
+)
 
 
 def summaries(rows: Iterable[Row], by: str) -> list[dict[str, Any]]:
@@ -53,14 +67,6 @@ def summary_lines(told: Mapping[str, Any], by: str) -> list[str]:
         low, high = told.get(f"{name}_low"), told.get(f"{name}_high")
         lines.append(f"  {name} {told[name]:.2f}" + ("" if low is None else f" (95 %: {low:.2f} - {high:.2f})"))
     return lines
-
-
-FOLDER = "rows"  # beside the logs
-LISTED = 'started_utc, log, product, goal, seed, "end", correct, sim_time_s, robot_placements, help_requests'
-
-ASKING = frozenset({"SELECT", "MULTI"})  # statements, in DuckDB's words; those that pivot are several
-
-Answer = tuple[list[str], list[tuple[Any, ...]]]
 
 
 def add_run(log: Path) -> Path:
@@ -121,12 +127,6 @@ def listing(where: str | None, columns: str = LISTED) -> str:
     return f"select {columns} from runs {f'where {where}' if where else ''} order by started_utc desc"
 
 
-FAILURES = (
-    "select failed_leaf, last_failure, count(*) as runs, min(log) as for_example from runs "
-    "where \"end\" = 'failed' group by all order by runs desc"
-)
-
-
 def _logs(folder: Path) -> Iterator[Path]:
     """Whole logs, and the first part that is there of each rotated one."""
     seen = set()
@@ -141,3 +141,71 @@ def _logs(folder: Path) -> Iterator[Path]:
 
 def _quoted(path: Path) -> str:
     return str(path).replace("'", "''")
+
+
+def run_row(path: Path) -> Row:
+    """One row about the run: who, when, with what, and the result.
+
+    A log without an index, as of a killed process, is read whole.
+
+    Args:
+        path: the log, or its first part.
+
+    Raises:
+        LogError: it is not a log of this program, or cannot be read.
+    """
+    files = files_of(path)
+    try:
+        said = [_metadata(file) for file in dict.fromkeys((files[0], files[-1]))]
+    except (McapError, struct.error, ValueError, OSError, _NoIndexError):
+        log = read_log(path)
+        return _row(files, dict(log.metadata), dict(log.outcome), dict(log.result), log.unfinished)
+    first, last = said[0], said[-1]
+    missing = "" if "outcome" in last else "the run's end is not in it"
+    return _row(files, first.get("run", {}), last.get("outcome", {}), last.get("result", {}), missing)
+
+
+class _NoIndexError(Exception):
+    """The file ends before its index."""
+
+
+def _metadata(path: Path) -> dict[str, dict[str, str]]:
+    with path.open("rb") as stream:
+        reader = SeekingReader(stream)
+        if reader.get_summary() is None:
+            raise _NoIndexError
+        if reader.get_header().profile != PROFILE:
+            raise LogError(path, f"is not a log of this program: its profile is {reader.get_header().profile!r}")
+        return {record.name: record.metadata for record in reader.iter_metadata()}
+
+
+def _row(
+    files: list[Path], run: dict[str, str], outcome: dict[str, str], result: dict[str, str], unfinished: str
+) -> Row:
+    told = {name: orjson.loads(value) for name, value in result.items()}
+    failure = str(told.get("last_failure") or "")
+    ended = {name: _number(value) for name, value in outcome.items()}
+    row: Row = {
+        "run_id": run.get("run_id", ""),
+        "log": str(files[0]),
+        "bytes": sum(file.stat().st_size for file in files),
+        "parts": len(files),
+        "unfinished": unfinished,
+        **{name.replace(".", "_"): value for name, value in run.items() if name != "run_id"},
+        "goal_asked": run.get("goal", ""),
+        **ended,
+        **told,
+        "seed": _number(run.get("seed", "")),
+        "failed_leaf": failure.partition(":")[0] if outcome.get("end") == "failed" else "",
+    }
+    return row
+
+
+def _number(text: str) -> int | float | str:
+    """A number where the text is one."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

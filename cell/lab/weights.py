@@ -18,7 +18,7 @@ from cell.lab.hands import evaluate_hands
 from cell.lab.holes_and_parts import Cameras, Task, score_holes, score_parts
 from cell.settings import LEARNED_KINDS
 from cell.wiring.detectors import Detectors
-from cell.wiring.tray_camera import tray_camera
+from cell.wiring.drawn_frames import tray_camera
 from learned.grasp.crops import load_crops
 from learned.grasp.evaluate import embedded, evaluate_scenes
 from learned.grasp.model import load_grasp_planner
@@ -26,7 +26,7 @@ from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import SceneSettings
 from learned.semantic.evaluate import evaluate_scenarios
 from learned.semantic.model import load_semantic_planner
-from sim.data.splits import seeds as seeds_of
+from sim.data.objects import seeds as seeds_of
 
 NETWORKS = (
     *LEARNED_KINDS.items(),

@@ -17,14 +17,13 @@ from cell.interfaces.observation import NOBODY, Observation
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.recording import identity as digest
 from cell.recording import joint_samples
-from cell.recording.file import Heading as Heading  # who opens a recorder needs it
 from cell.recording.images import ImageEncoder
 from cell.recording.json_schema import without_nulls
-from cell.recording.rotation import LogFiles
+from cell.recording.rotation import Heading as Heading  # who opens a recorder needs it
+from cell.recording.rotation import LogFiles, Snapshot
 from cell.recording.scene import CAMERAS, CellModel, SceneLog
 from cell.recording.scene_frames import timestamp
 from cell.recording.schemas import TOPICS, asked_of_devices, json_bytes, judged, plain, schema, tick_json
-from cell.recording.snapshot import Snapshot
 from cell.settings import LogSettings
 from cell.watching.observer import Level, Observer, Outcome, TickRecord
 from skills.drivers.can_gripper import CanFrame

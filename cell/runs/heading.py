@@ -1,10 +1,12 @@
-"""What a log says of its run before the first tick, and where it goes."""
+"""What is told of a run: in its log before the first tick, and at its end by the keys of `cell run --json`."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import resource
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -12,12 +14,17 @@ import yaml
 
 from cell.errors import InputError, Place, Problem
 from cell.files.files import INSTALLED
+from cell.interfaces.devices import Devices
 from cell.interfaces.robot import PACKAGE, RobotModel
 from cell.recording.identity import identity
 from cell.recording.parts import parts_of
-from cell.recording.recorder import Heading
+from cell.recording.recorder import Heading, McapRecorder
 from cell.runs.options import Files, RunOptions
 from cell.settings import LEARNED_KINDS, LogSettings
+from cell.watching.brackets import BracketTally
+from cell.watching.lateness import Lateness
+from cell.watching.observer import Observer, Outcome
+from cell.watching.statistics import Fluency, RunStatistics
 from skills.drivers.gripper_database import SHIPPED, read_frames
 from skills.drivers.settings import CanSettings
 from trees.engine.tree import Tree
@@ -129,3 +136,67 @@ def _new_log(folder: Path, seed: int) -> Path:
     stem = f"{datetime.now():%Y%m%d-%H%M%S}-seed{seed}"
     names = (f"{stem}{suffix}.mcap" for suffix in ("", *(f"-{count}" for count in range(2, 1000))))
     return next(folder / name for name in names if not (folder / name).exists())
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Observers that count what a summary shows.
+
+    Attributes:
+        tally: knows the brackets of a run that this one goes on with, too.
+        judged_before: brackets that were judged at this bench before the first one of the tally.
+    """
+
+    statistics: RunStatistics
+    lateness: Lateness
+    fluency: Fluency
+    tally: BracketTally
+    judged_before: int = 0
+
+    @property
+    def observers(self) -> tuple[Observer, ...]:
+        return (self.statistics, self.tally, self.fluency, self.lateness)
+
+    def job(self, devices: Devices) -> dict[str, object]:
+        """How the job was done; of a shift bracket by bracket."""
+        done = devices.report()
+        judged = [*devices.finished(), done]
+        unknown: list[dict[str, object]] = [{}] * -self.judged_before
+        shift = self.tally.report([*unknown, *judged[max(0, self.judged_before) :]])
+        return {**done, **self.statistics.report(), **self.fluency.report(), **shift}
+
+
+def summary_of(
+    options: RunOptions,
+    files: Files,
+    outcome: Outcome,
+    counts: Counts,
+    devices: Devices,
+    recorder: McapRecorder,
+    sheet: str,
+) -> dict[str, object]:
+    """Everything that is reported about a run."""
+    speed = outcome.sim_time_s / outcome.wall_time_s if outcome.wall_time_s > 0 else 0.0
+    return {
+        "finished": outcome.end == "finished",
+        "end": outcome.end,
+        "reason": outcome.reason,
+        "cause": str(counts.statistics.cause) if outcome.end == "failed" else "",
+        "condition": outcome.condition,
+        "observer_problems": list(outcome.observer_problems),
+        **counts.job(devices),
+        **counts.lateness.report(),
+        "ticks": outcome.ticks,
+        "overruns": outcome.overruns,
+        "sim_time_s": round(outcome.sim_time_s, 3),
+        "wall_time_s": round(outcome.wall_time_s, 3),
+        "real_time_factor": round(speed, 2),
+        "perception": files.configuration.perception.words,
+        "seed": options.seed,
+        "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+        "log": str(recorder.path),
+        "log_parts": recorder.parts,
+        "log_complete": recorder.complete,
+        "log_shortfall": recorder.shortfall,
+        "contact_sheet": sheet,
+    }

@@ -33,19 +33,17 @@ from cell.running.controller import Controller
 from cell.running.device_reader import RobotPoseHistory
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import make_supervisor
-from cell.runs.heading import heading, log_path
+from cell.runs.heading import Counts, heading, log_path, summary_of
 from cell.runs.options import Files, Pace, RunOptions
-from cell.runs.result import Counts, summary_of
 from cell.runs.viewers import open_viewers
 from cell.viewing.moments import Moments
 from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
 from cell.viewing.typed_orders import TypedOrders
 from cell.watching.brackets import BracketTally, FinishedBrackets
-from cell.watching.fluency import Fluency
 from cell.watching.lateness import Lateness
 from cell.watching.observer import End, Level, Observer, Outcome
-from cell.watching.statistics import RunStatistics
+from cell.watching.statistics import Fluency, RunStatistics
 from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
 from cell.wiring.devices import Drivers, attached, find_drivers
 from cell.wiring.no_render_host import without_pixels

@@ -1,10 +1,14 @@
-"""Frames of the simulated cell without a run: an assembly from above, and trays."""
+"""Images of the simulated cell without a run: an assembly from above, trays, and crops of drawn trays."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cell.configuration import Configuration
 from cell.interfaces.perception import Frame
@@ -12,9 +16,14 @@ from cell.interfaces.product import Product
 from learned.parts.data import Scene, load_scenes
 from sim.data.folder import DataFolder
 from sim.data.hands import hand_frames
-from sim.data.objects import write_objects
+from sim.data.objects import mixed_clutter, sometimes_steel, write_objects
 from sim.data.recording import Source, record
-from sim.data.splits import mixed_clutter, sometimes_steel
+
+if TYPE_CHECKING:
+    from cell.interfaces.bench import Bench
+    from cell.interfaces.product import Product
+    from learned.grasp.crops import Crops, TrayCamera, View
+    from sim.data.trays import TrayCamera as Camera
 
 
 def overhead_frames(configuration: Configuration, product: Product, seed: int) -> Iterator[Frame]:
@@ -41,3 +50,28 @@ def tray_scenes(
             simulation = settings.model_copy(update={"clutter": clutter})
             write_objects(sometimes_steel(product, steel_share, seed), configuration.bench, simulation, seed, folder)
         return load_scenes([Path(name) / "objects"], product)
+
+
+@contextmanager
+def tray_camera(product: Product, bench: Bench) -> Iterator[TrayCamera]:
+    """A camera that cuts the images of drawn scenes to crops; it runs in a process of its own."""
+    from sim.data.trays import camera_process
+
+    with camera_process(product, bench, partial(crops_of_view, bench)) as take:
+        yield take
+
+
+def crops_of_view(bench: Bench, camera: Camera, view: View) -> Crops:
+    """The crops of one view; scenes are drawn about the tray's middle, on a floor at height 0."""
+    from cell.interfaces.pose import Pose
+    from learned.grasp.crops import crops_of
+
+    boxes, parts = view
+    world = Pose(bench.tray.centre_m)
+    standing = [
+        (name, world @ Pose.from_yaw((float(x), float(y), float(bottom)), float(yaw)))
+        for name, (x, y), bottom, yaw in zip(boxes.types, boxes.centre_m, boxes.bottom_m, boxes.yaw_rad, strict=True)
+    ]
+    image, world_from_camera = camera.take(standing)
+    seen = [replace(part, world_from_part=world @ part.world_from_part) for part in parts]
+    return crops_of(image, bench.wrist.model, world_from_camera, seen)

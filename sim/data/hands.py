@@ -19,10 +19,9 @@ from cell.interfaces.pose import Array
 from sim.data.folder import DataFolder
 from sim.data.recording import CAMERA, Moment, Source
 from sim.data.sight import CAMERA_POSITIONS, GEOM_POSITIONS, GEOM_TURNS, Box, Projection, fingertip
-from sim.data.turned_hand import TurnedHand
-from sim.data.working_arm import WorkingArm
+from sim.data.working_arm import TurnedHand, WorkingArm
 from sim.rendering.studio import ScenePoses, show_poses
-from sim.scene.lighting import AIM_M
+from sim.scene.furniture import AIM_M
 from sim.scene.look import Light
 from sim.scene.world import World
 

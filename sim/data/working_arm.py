@@ -28,6 +28,8 @@ HOLDS_SHARE = 0.6  # of these poses, in which the gripper holds a part
 OPENINGS_M = (0.0, 0.0425)  # of one finger that holds nothing
 FINGERS = ("finger_left", "finger_right")
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+TURNED_SHARE = 0.25  # of frames
+LARGEST_TURN_RAD = 2.0  # from where people's hands point by themselves
 
 
 @dataclass(frozen=True)
@@ -147,3 +149,35 @@ class WorkingArm:
         joints[JOINTS.index("wrist_1")] -= lift + elbow
         joints[JOINTS.index("wrist_3")] += 4 * turn
         return joints
+
+
+class TurnedHand:
+    """Turns of hand, sleeve and what is held, written over the poses of a moment."""
+
+    def __init__(self, world: World, rng: np.random.Generator) -> None:
+        model = world.model
+        self._rng = rng
+        self._geoms = np.flatnonzero(model.body_rootid[model.geom_bodyid] == model.body("hand").id)
+
+    def draw(self) -> float:
+        """An angle [rad] from x to y; mostly 0."""
+        turn_rad = self._rng.uniform(-LARGEST_TURN_RAD, LARGEST_TURN_RAD)
+        return float(turn_rad) if self._rng.random() < TURNED_SHARE else 0.0
+
+    def put(self, poses: ScenePoses, fingertips_m: Array, held: NDArray[np.int64], turn_rad: float) -> ScenePoses:
+        """The poses with the hand turned about the vertical through its fingertips, which stay where they are.
+
+        Args:
+            held: (n,) shapes of what is in the hand.
+        """
+        if turn_rad == 0.0:
+            return poses
+        geoms = np.concatenate([self._geoms, held])
+        cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        changed = list(poses)
+        for field in (GEOM_POSITIONS, GEOM_TURNS):
+            changed[field] = poses[field].copy()
+        changed[GEOM_POSITIONS][geoms] = fingertips_m + (poses[GEOM_POSITIONS][geoms] - fingertips_m) @ turn.T
+        changed[GEOM_TURNS][geoms] = (turn @ poses[GEOM_TURNS][geoms].reshape(-1, 3, 3)).reshape(-1, 9)
+        return tuple(changed)

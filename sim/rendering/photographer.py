@@ -2,18 +2,85 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import cv2
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.interfaces.bench import CameraSetup
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
-from sim.rendering.sensor import Image, Sensor
 from sim.rendering.studio import ScenePoses, Stage, Studio, show_poses
+from sim.scene.lens import Lens
 from sim.scene.look import Camera
+
+WHITE = 255
+BANK_FRAMES = 2  # length of the noise bank, in images
+
+Image = NDArray[np.uint8]
+
+
+class Sensor:
+    """Spoils clean images; the same images in the same order come out the same.
+
+    Args:
+        rng: this sensor's alone.
+    """
+
+    def __init__(self, setup: CameraSetup, look: Camera, rng: np.random.Generator) -> None:
+        self.width_px, self.height_px = setup.width_px, setup.height_px
+        self._look, self._rng = look, rng
+        self._lens = Lens(setup, look)
+        # Drawing a normal number for each pixel costs as much as rendering, so frames cut theirs from a longer bank.
+        size = self.width_px * self.height_px * 3
+        bank = np.rint(rng.standard_normal(BANK_FRAMES * size, dtype=np.float32) * look.noise_levels)
+        # Apart by sign, as bytes: what saturates is added four times as fast as wider numbers are.
+        self._brighter, self._darker = (np.clip(one, 0, WHITE).astype(np.uint8) for one in (bank, -bank))
+
+    def spoil(self, moments: Sequence[Image]) -> Image:
+        """The frame of an exposure.
+
+        Args:
+            moments: clean images (height, width, 3) RGB from the shutter's opening to its closing.
+        """
+        look = self._look
+        seen = moments[0] if len(moments) == 1 else np.rint(np.mean(moments, axis=0)).astype(np.uint8)
+        seen = self._lens.bend(seen)
+        if look.blur_px > 0:
+            seen = cv2.GaussianBlur(seen, (0, 0), look.blur_px).astype(np.uint8, copy=False)
+        exposed, (brighter, darker) = self._exposed(seen), self._grain(seen)
+        spoiled: Image = exposed  # its memory is used again: nobody else has it
+        cv2.subtract(cv2.add(exposed, brighter, dst=spoiled), darker, dst=spoiled)
+        if look.jpeg:
+            spoiled = _compressed(spoiled, look.jpeg_quality)
+        spoiled.setflags(write=False)
+        return spoiled
+
+    def _exposed(self, image: Image) -> Image:
+        look = self._look
+        gain = max(0.0, 1.0 + look.brightness_jitter * self._rng.standard_normal()) * 2.0**look.brightness_ev
+        bright = cv2.convertScaleAbs(image, alpha=gain).astype(np.uint8, copy=False)
+        for channel, balance in ((0, look.red_gain), (2, look.blue_gain)):
+            if balance != 1:
+                bright[..., channel] = cv2.convertScaleAbs(image[..., channel], alpha=gain * balance)
+        return bright
+
+    def _grain(self, image: Image) -> tuple[Image, Image]:
+        """How much brighter and how much darker each pixel is than it should be; one of them is 0."""
+        start = int(self._rng.integers(self._brighter.size - image.size + 1))
+        end = start + image.size
+        return self._brighter[start:end].reshape(image.shape), self._darker[start:end].reshape(image.shape)
+
+
+def _compressed(image: Image, quality: int) -> Image:
+    """What JPEG leaves of an image."""
+    _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What stands still: table, bracket plate with its holes, tray, and the person's bins."""
+"""What stands still: lamps, table and its pattern, bracket plate with its holes, tray, and the person's bins."""
 
 from __future__ import annotations
 
@@ -6,17 +6,25 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
+import cv2
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from cell.errors import SettingError
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
 from sim.scene import palette
-from sim.scene.lighting import add_table_material
-from sim.scene.look import Surfaces
+from sim.scene.look import Light, Surfaces
 from sim.scene.palette import add_box
 from sim.scene.storage import Bin
 
+AIM_M = (0.65, 0.05, 0.0)  # where all lamps shine: the middle of the bench
+LAMP_SPECULAR = 0.1
+SHADOW_MAP_PX = 1024  # 2.3 mm each, less than a pixel of the overhead camera; twice as many double an image's cost
+SHADOWED_M = 1.2  # half the width of what a lamp's shadow map covers
+GRAIN_PX = 256
+GRAIN_STRETCH = 12  # the pattern is this many times longer than wide, as in wood
 TABLE_SIZE_M = (1.90, 2.10, 0.04)
 TABLE_CENTRE_M = (0.50, 0.05)
 TABLE = "table"  # name of its geom
@@ -26,6 +34,62 @@ BIN_RIM_M = 0.006
 PLATE_SHININESS = 0.5
 PLATE_TOUCH = (0.004, 1.0)  # solref: softer, and parts that fall 11 cm sink so deep that they are pushed out below
 RELIEF_M = 0.0004  # plate pieces beside a hole lie this much lower, so that bodies rest on the two long ones alone
+
+
+def add_lights(spec: mujoco.MjSpec, light: Light) -> None:
+    """Soft lamps, whose shadow maps cost more than all the rest of an image; a sky for portraits."""
+    headlight = spec.visual.headlight
+    headlight.ambient, headlight.diffuse = [light.ambient] * 3, [light.headlight] * 3
+    headlight.specular = [0.0] * 3
+    spec.visual.quality.shadowsize = SHADOW_MAP_PX
+    for number, lamp in enumerate(light.lamps[: light.lamps_n]):
+        direction = np.array(AIM_M) - lamp.position_m
+        spec.worldbody.add_light(
+            pos=list(lamp.position_m),
+            dir=list(direction / np.linalg.norm(direction)),
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            diffuse=list(lamp.rgb),
+            specular=[LAMP_SPECULAR] * 3,
+            ambient=[0.0] * 3,
+            castshadow=light.shadows and number == 0,
+        )
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.80, 0.84, 0.88],
+        rgb2=[0.45, 0.48, 0.52],
+        width=64,
+        height=64,
+    )
+
+
+def fit_shadows(model: mujoco.MjModel) -> None:
+    """Spend the whole shadow map on the bench."""
+    model.vis.map.shadowclip = SHADOWED_M / model.stat.extent
+
+
+def add_table_material(spec: mujoco.MjSpec, surfaces: Surfaces) -> str:
+    """A material with the table's pattern; returns its name, or "" for a plain table."""
+    if surfaces.table_grain == 0:
+        return ""
+    texture = spec.add_texture(
+        name="grain", type=mujoco.mjtTexture.mjTEXTURE_2D, width=GRAIN_PX, height=GRAIN_PX, nchannel=3
+    )
+    texture.data = grain(surfaces).tobytes()
+    material = spec.add_material(name="table", rgba=[1.0] * 4, specular=0.2, shininess=0.3, texrepeat=[1, 1])
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grain"
+    return "table"
+
+
+def grain(surfaces: Surfaces) -> NDArray[np.uint8]:
+    """The table's pattern (GRAIN_PX, GRAIN_PX, 3) RGB: streaks around the table's colour."""
+    rng = np.random.default_rng(surfaces.grain_number)
+    noise = rng.standard_normal((GRAIN_PX, GRAIN_PX)).astype(np.float32)
+    streaks = cv2.GaussianBlur(noise, (0, 0), sigmaX=GRAIN_STRETCH, sigmaY=1.0, borderType=cv2.BORDER_REFLECT)
+    shade = 1.0 + surfaces.table_grain * streaks[..., np.newaxis] / np.abs(streaks).max()
+    pattern: NDArray[np.uint8] = np.rint(np.clip(np.array(surfaces.table_rgb) * shade, 0, 1) * 255).astype(np.uint8)
+    return pattern
 
 
 def add_furniture(spec: mujoco.MjSpec, product: Product, bench: Bench, bins: Sequence[Bin], surfaces: Surfaces) -> None:

@@ -13,13 +13,11 @@ from cell.interfaces.bench import JOINTS, Bench, CameraSetup
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from cell.interfaces.robot import RobotModel, default_robot
-from sim.scene.bystander import add_onlooker
+from sim.scene.body import add_onlooker, fit_hand
 from sim.scene.clutter import Owner, ScenePart
 from sim.scene.clutter_objects import add_things
-from sim.scene.furniture import add_furniture
-from sim.scene.hand_fit import fit_hand
+from sim.scene.furniture import add_furniture, add_lights, fit_shadows
 from sim.scene.lens import Lens
-from sim.scene.lighting import add_lights, fit_shadows
 from sim.scene.look import NOMINAL, Camera, Look, MountError
 from sim.scene.parts import add_part, add_unknown_object, simplify_cylinders
 from sim.scene.robot import STROKE_M, add_gripper, arm_spec

@@ -19,7 +19,7 @@ from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import visible_poses
 from sim.scene.hand import PALM_M, WRIST
 from sim.scene.world import World
-from sim.truth.tray_truth import resting_parts
+from sim.truth.labels import resting_parts
 
 SKIN_M = np.array(  # points of the hand's skin, in its frame, from the fingertips to the wrist
     [(-0.0135, 0.0, 0.0), (0.03, 0.0, 0.02), (0.066, 0.07, 0.042), (0.09, 0.066, 0.05), PALM_M, WRIST[0], WRIST[1]]

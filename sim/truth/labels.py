@@ -1,4 +1,4 @@
-"""What the hand did in a moment, as action detectors learn it.
+"""What the hand did in a moment, as action detectors learn it; how the parts in the tray really lie, for judges.
 
 The class of a segment is that of its last frame. An assembly of part o at position p lasts from 0.5 s before the
 fingers open over the hole to 0.4 s after; carrying before that, putting back and hesitating are transit, and so is a
@@ -11,17 +11,85 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.devices import TruthEvent
 from cell.interfaces.perception import ActionKind
-from cell.interfaces.pose import Array
+from cell.interfaces.pose import Array, Pose
+from sim.scene.world import World, WorldPart
 from sim.worker.event_log import ActionEvent
 
+UPRIGHT_RAD = math.radians(5.0)
+STEEP = math.cos(math.radians(60))  # vertical share of a contact's normal from which on one body carries another
+
+Posture = Literal["upright", "lying"]
 BEFORE_RELEASE_S, AFTER_RELEASE_S = 0.5, 0.4
 GUARD_S = 0.2
+
+
+@dataclass(frozen=True)
+class Resting:
+    """One part or thing of the robot's, as it rests.
+
+    Attributes:
+        name: of its body.
+        part: its type, or "unknown".
+        posture: upright, or on any other side.
+        on: names of the bodies that carry it, beside the tray or alone.
+        world_from_part: its frame.
+    """
+
+    name: str
+    part: str
+    posture: Posture
+    on: tuple[str, ...]
+    world_from_part: Pose
+
+    @property
+    def on_top(self) -> bool:
+        """Whether it lies on other parts."""
+        return bool(self.on)
+
+
+def resting_parts(world: World) -> tuple[Resting, ...]:
+    """What is in the tray, in the order of the scene."""
+    carriers = _carriers(world)
+    return tuple(_resting(world, part, carriers[part.body]) for part in world.bodies if part.owner == "robot")
+
+
+def resting_event(one: Resting) -> TruthEvent:
+    """What the log keeps of it, at the beginning of the run."""
+    fields = {
+        "name": one.name,
+        "part": one.part,
+        "posture": one.posture,
+        "on": list(one.on),
+        "position_m": list(one.world_from_part.position_m),
+        "quaternion_wxyz": list(one.world_from_part.quaternion_wxyz),
+    }
+    return TruthEvent(0.0, "resting", fields)
+
+
+def _resting(world: World, part: WorldPart, carriers: set[str]) -> Resting:
+    pose = world.part_pose(part)
+    upright = math.acos(min(1.0, max(-1.0, float(pose.rotation[2, 2])))) < UPRIGHT_RAD
+    return Resting(part.name, part.part, "upright" if upright else "lying", tuple(sorted(carriers)), pose)
+
+
+def _carriers(world: World) -> dict[int, set[str]]:
+    """Names of the parts that each part lies on, by number of its body: its contacts with them point upwards."""
+    names = {part.body: part.name for part in world.bodies}
+    carriers: dict[int, set[str]] = {body: set() for body in names}
+    bodies = world.model.geom_bodyid[world.data.contact.geom].reshape(-1, 2)
+    normals = world.data.contact.frame[:, 2]  # z of the normal, which points from the first geom to the second
+    for (first, second), up in zip(bodies.tolist(), normals.tolist(), strict=True):
+        if first in names and second in names and abs(up) > STEEP:
+            above, below = (second, first) if up > 0 else (first, second)
+            carriers[above].add(names[below])
+    return carriers
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import PartType
-from skills.grasping.contact import Descend, SetDown
-from skills.grasping.insertion import RESTS_M, Insert
+from skills.grasping.contact import RESTS_M, Descend, Insert, SetDown
 from skills.grasping.phases import Activate, FingersRest, Move, Phase, SetGripper
 from skills.motion.collision import Box, body_box, part_box
 from skills.motion.grasp_pose import (

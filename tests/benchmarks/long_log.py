@@ -26,8 +26,8 @@ from rich.console import Console
 import cell.runs.run
 from cell.configuration import SHIFT_PART_S, load_configuration, load_product
 from cell.interfaces.perception import Frame
-from cell.recording.file import Heading
 from cell.recording.recorder import McapRecorder
+from cell.recording.rotation import Heading
 from cell.recording.scene import CellModel
 from cell.runs.options import RunOptions
 from cell.runs.run import run

@@ -18,7 +18,7 @@ from sim.scene.posture import TURNS, stance, whole
 from sim.scene.settings import ClutterSettings
 from sim.scene.unknown_objects import UNKNOWN
 from sim.scene.world import World, build_world
-from sim.truth.tray_truth import resting_parts
+from sim.truth.labels import resting_parts
 from tests import ROOT
 from tests.docs.portrait import View, picture
 

@@ -15,7 +15,7 @@ from skills.grasping.phases import MoveFingers
 from skills.grasping.straight import MoveUntilContact, StraightMove
 from skills.motion.grasp_pose import tool_down
 from skills.move_to import MoveTo, MoveToJoints, MoveToPose
-from skills.pick import Pick
+from skills.pick_and_place import Pick
 from skills.put_down import PutDown
 from tests.integration.robot_alone import RobotAlone
 

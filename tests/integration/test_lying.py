@@ -18,7 +18,7 @@ from sim.scene.world import WorldPart
 from skills.lying import PickLying, SetUpright
 from skills.motion.lying_grasp import laid_out
 from skills.move_to import MoveTo
-from skills.place import Place
+from skills.pick_and_place import Place
 from skills.put_down import PutBack, PutDown
 from tests import ROOT
 from tests.integration.cell_rig import BENCH, PRODUCT, robot_alone, run_tree

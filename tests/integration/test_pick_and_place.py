@@ -19,8 +19,7 @@ from skills.motion.grasp_pose import hole_pose
 from skills.motion.grip import Grip, Hold
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
-from skills.pick import Pick
-from skills.place import Place
+from skills.pick_and_place import Pick, Place
 from tests.integration.robot_alone import RobotAlone, tray_poses
 
 SIGMA_M, SIGMA_RAD = 0.002, math.radians(2.0)

@@ -17,7 +17,7 @@ from sim.scene.posture import stance, whole
 from sim.scene.settings import ClutterSettings
 from sim.scene.unknown_objects import UNKNOWN, draw_unknown_object
 from sim.scene.world import World, build_world
-from sim.truth.tray_truth import resting_parts
+from sim.truth.labels import resting_parts
 
 
 def footprints(product: Product, scene: tuple[ScenePart, ...]) -> list[Array]:

@@ -11,7 +11,7 @@ import pytest
 from cell.interfaces.bench import Bench
 from cell.interfaces.product import Product
 from sim.cell import SimCell
-from sim.rendering.sensor import Image, Sensor
+from sim.rendering.photographer import Image, Sensor
 from sim.rendering.studio import Studio
 from sim.scene.hand import add_hand
 from sim.scene.look import Look

@@ -12,8 +12,7 @@ from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from sim.rendering.camera import Delivery, SimCamera
-from sim.rendering.photographer import Exposure, Photographer, SensorSetup
-from sim.rendering.sensor import Image, Sensor
+from sim.rendering.photographer import Exposure, Image, Photographer, Sensor, SensorSetup
 from sim.rendering.studio import Studio
 from sim.scene.lens import Lens
 from sim.scene.look import NOMINAL, Camera, Look, MountError, Mounts

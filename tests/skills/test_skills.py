@@ -25,8 +25,7 @@ from skills.motion.lying_grasp import lying_holds
 from skills.motion.planner import MotionPlanner
 from skills.move_aside import MoveAside
 from skills.move_to import MoveTo
-from skills.pick import Pick
-from skills.place import Place
+from skills.pick_and_place import Pick, Place
 from skills.put_down import PutBack
 from tests.skills.ideal_robot import IdealRobot
 

@@ -13,8 +13,7 @@ from trees.engine.node import Runtime
 from trees.engine.tree import Tree
 from trees.files.build.builder import Builder
 from trees.files.build.registry import Registry
-from trees.files.checks.dataflow import check_dataflow
-from trees.files.checks.order import check_order
+from trees.files.checks.dataflow import check_dataflow, check_order
 from trees.files.checks.reach import check_claims, check_reach
 from trees.files.checks.structure import check_structure, count_levels
 from trees.files.parse.library import PROBLEM_LIMIT, Library, hint, read_library

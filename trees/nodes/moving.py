@@ -71,7 +71,7 @@ class IdentifyHeldPart(CellNode):
     traits = Traits(instant=True)
 
     def update(self) -> Status:
-        from skills.pick import held_type
+        from skills.pick_and_place import held_type
 
         services, memory, motion = self.services, self.memory, self.tools.motion
         taken_here = memory.held_part and (motion.hold is not None or motion.lying is not None)
@@ -109,7 +109,7 @@ class PickPart(SkillNode):
     index = InputPort(int, "number of the part among the seen ones")
 
     def make_skill(self) -> Skill:
-        from skills.pick import Pick
+        from skills.pick_and_place import Pick
 
         services, parts = self.services, self.parts.get()
         part, others = part_and_others(parts, self.index.get())

@@ -28,7 +28,7 @@ class PlacePart(SkillNode):
     _begun_s = 0.0
 
     def make_skill(self) -> Skill:
-        from skills.place import Place
+        from skills.pick_and_place import Place
 
         services = self.services
         self._begun_s = services.now.observation.time_s

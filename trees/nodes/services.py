@@ -201,7 +201,7 @@ class Services:
 
     def reachable(self, part: str, position: str) -> bool:
         """Whether the arm can put a part into a position of the empty bracket; worked out once for each."""
-        from skills.place import can_place
+        from skills.pick_and_place import can_place
 
         if (part, position) not in self._reachable:
             self._reachable[part, position] = can_place(self.tools.motion, part, position)

@@ -1,4 +1,4 @@
-"""Messages to the people at the bench and to the log."""
+"""Messages and beeps to people, digital signals to and from other machines, notes for the log."""
 
 from __future__ import annotations
 
@@ -8,8 +8,90 @@ from py_trees.common import Status
 
 from trees.engine.node import FAILURE, RUNNING, SUCCESS
 from trees.engine.ports import InputPort, OutputPort
+from trees.engine.status import NodeError
 from trees.engine.traits import Traits
+from trees.engine.vocabulary import OutputSignal, Signal
 from trees.nodes.services import CellNode
+
+KNOWN_WITHIN_S = 1.0  # a module that was just started has not told its inputs yet
+
+
+class SignalNode(CellNode):
+    """Base of the nodes that read a signal."""
+
+    abstract = True
+
+    signal = InputPort(Signal, "its name in the configuration")
+    value = InputPort(bool, "on (true) or off", default=True)
+
+    def is_so(self) -> bool:
+        """Whether the signal has the value.
+
+        Raises:
+            NodeError: nothing is known of it.
+        """
+        known, name = self.now.observation.signals, self.signal.get()
+        if name not in known:
+            raise NodeError(f"the state of this signal is unknown: {name!r}; known: {', '.join(known) or 'none'}")
+        self.feedback_message = f"{name} is {'on' if known[name] else 'off'}"
+        return known[name] == self.value.get()
+
+
+class SignalIs(SignalNode):
+    """A signal is on, or off."""
+
+    node_type = "Condition"
+    traits = Traits(instant=True)
+
+    def update(self) -> Status:
+        return SUCCESS if self.is_so() else FAILURE
+
+
+class WaitForSignal(SignalNode):
+    """Wait until a signal is on, or off."""
+
+    timeout_s = InputPort(float, "longest wait in [s]; 0 waits for ever", default=0.0)
+
+    _begun_s = 0.0
+
+    def initialise(self) -> None:
+        self._begun_s = self.now.observation.time_s
+
+    def update(self) -> Status:
+        seen, timeout_s = self.now.observation, self.timeout_s.get()
+        waited_s = seen.time_s - self._begun_s
+        if self.signal.get() not in seen.signals and waited_s <= KNOWN_WITHIN_S:
+            self.feedback_message = "waits for the module"
+            return RUNNING
+        if self.is_so():
+            return SUCCESS
+        return FAILURE if timeout_s > 0 and waited_s > timeout_s else RUNNING
+
+
+class SetSignal(CellNode):
+    """Set an output; it keeps its value until it is set again, also after the run."""
+
+    signal = InputPort(OutputSignal, "its name in the configuration")
+    value = InputPort(bool, "on (true) or off", default=True)
+    timeout_s = InputPort(float, "longest wait until it is set in [s]", default=1.0)
+
+    _begun_s = 0.0
+
+    def initialise(self) -> None:
+        name, known = self.signal.get(), self.now.observation.signals
+        if name not in known:
+            raise NodeError(f"the state of this signal is unknown: {name!r}; known: {', '.join(known) or 'none'}")
+        self._begun_s = self.now.observation.worked_s
+
+    def update(self) -> Status:
+        services, name, value = self.services, self.signal.get(), self.value.get()
+        if services.now.observation.signals.get(name) == value:
+            self.feedback_message = f"{name} is {'on' if value else 'off'}"
+            return SUCCESS
+        self.feedback_message = f"sets {name}"
+        services.now.command.signals = {**services.now.command.signals, name: value}
+        late = services.now.observation.worked_s - self._begun_s > self.timeout_s.get()
+        return FAILURE if late else RUNNING
 
 
 class Weight(Enum):

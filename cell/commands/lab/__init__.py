@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cell.commands.table import Command
+from cell.commands.terminal import Command
 
 EVALUATIONS = {
     name: Command(f"cell.commands.lab.{module}", text)

@@ -29,8 +29,8 @@ from cell.interfaces.planning import AssemblyState, crops_file
 from cell.interfaces.product import Product
 from cell.log.report.summary import beliefs
 from cell.log.training.demonstrations import finished_bracket
+from cell.wiring.drawn_frames import tray_camera
 from cell.wiring.services import load_planners
-from cell.wiring.tray_camera import tray_camera
 from learned.grasp.crops import TrayCamera, load_crops
 from learned.grasp.data import write_scenes
 from learned.grasp.evaluate import embedded, evaluate_grasp

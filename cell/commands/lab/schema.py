@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cell.commands.schema import modeline, write_schemas
+from cell.commands.init import modeline, write_schemas
 from cell.commands.terminal import console
 
 

@@ -21,9 +21,7 @@ from cell.interfaces.observation import Image
 from cell.interfaces.perception import BenchView, Frame, HandSample, HoleReader, HoleView
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.recording.schemas import plain
-from cell.settings import Perception
-from cell.viewing.detections import (
+from cell.lab.detections import (
     PICTURE_SUFFIXES,
     VIDEO_SUFFIX,
     PictureWriter,
@@ -31,6 +29,8 @@ from cell.viewing.detections import (
     drawn_hands,
     drawn_parts,
 )
+from cell.recording.schemas import plain
+from cell.settings import Perception
 from cell.wiring.detectors import Detectors, bench_watcher, fitted, part_finder
 from learned.bench_watcher import DetectorChain
 from learned.holes.model import VOTES

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cell.commands.terminal import console
-from cell.commands.training.children import Children
-from cell.commands.training.made_data import fingerprint
+from cell.commands.training.made_data import Children, fingerprint
 from cell.commands.training.weights import need_torch, seconds, told_in
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.errors import InputError

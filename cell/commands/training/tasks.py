@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,18 +13,80 @@ import typer
 
 from cell.commands.options import takes
 from cell.commands.terminal import console, print_json, report_scores
-from cell.commands.training import networks, planners
+from cell.commands.training import networks
+from cell.commands.training import tasks as planners
 from cell.commands.training.asked import Training
 from cell.commands.training.weights import folder_for, need_torch, new_weights, seconds, told_in, writable, writing
 from cell.errors import InputError
 from cell.interfaces.planning import crops_file
+from cell.wiring.drawn_frames import tray_camera
 from learned.actions.settings import TRAINABLE
 from learned.hands.model import finder_file, refiner_file
 from learned.parts.model import pose_file
 from learned.parts.settings import BACKBONES
+from learned.semantic.confusions import Confusions, confirmed_reports
+from learned.semantic.graph import Layout
 
+Scores = Mapping[str, float]
 Paths = tuple[Path, ...]
 FitFunction = Callable[[Training, Path], Mapping[str, float]]
+_BUDGET = {"budget": "30m"}
+_PLANNER = "planners: {name}: {{kind: {kind}, weights: {file}}}"
+
+
+def grasp(asked: Training, weights: Path) -> Scores:
+    """Train the planner that judges graspability in clutter; goes on where an interrupted training stopped."""
+    from learned.grasp.data import read_scenes
+    from learned.grasp.train import train_grasp
+
+    configuration, product = asked.cell()
+    data = _only(asked)
+    images = asked.kind == "paper"
+    with tray_camera(product, configuration.bench) if images else nullcontext() as camera:
+        return train_grasp(
+            product,
+            weights,
+            asked.seed,
+            asked.kind,
+            scenes=None if data is None else read_scenes(data, product),
+            camera=camera,
+            command=asked.command("grasp"),
+        )
+
+
+def semantic(asked: Training, weights: Path) -> Scores:
+    """Train the planner that infers the goal and what remains to be done; goes on where a training stopped."""
+    from learned.semantic.train import train_semantic
+
+    _, product = asked.cell()
+    data, how = _only(asked), {"ratio": asked.ratio, "augment": asked.augment}
+    return train_semantic(product, weights, asked.seed, asked.kind, data=data, **how)  # type: ignore[arg-type]
+
+
+def noise(asked: Training, path: Path) -> Scores:
+    """Learn the action detector's confusion matrix, from actions that the holes confirmed."""
+    if not asked.data:
+        raise InputError("noise is learned from recorded runs: name their segments.jsonl with --data FILE")
+    _, product = asked.cell()
+    layout = Layout.of(product)
+    reports = [report for file in asked.data for report in confirmed_reports(file)]
+    try:
+        learned = Confusions.learned(layout, reports)
+    except ValueError as error:
+        raise InputError(f"{asked.data[0]}: segments of another product: {error}") from error
+    learned.save(path, layout, len(reports), asked.command("noise"))
+    return {"confirmed actions": len(reports), "wrongly detected": sum(true != said for true, said in reports)}
+
+
+def _only(asked: Training) -> Path | None:
+    """The one file of data.
+
+    Raises:
+        InputError: several are named.
+    """
+    if asked.data and len(asked.data) > 1:
+        raise InputError(f"--data {asked.data[1]}: planners learn from one file")
+    return asked.data[0] if asked.data else None
 
 
 @dataclass(frozen=True)
@@ -97,8 +160,6 @@ class LearnedTask:
         return scores
 
 
-_BUDGET = {"budget": "30m"}
-_PLANNER = "planners: {name}: {{kind: {kind}, weights: {file}}}"
 TASKS = {
     one.name: one
     for one in (

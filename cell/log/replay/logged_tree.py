@@ -5,24 +5,71 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
+
+import yaml
 
 from cell.configuration import Configuration
 from cell.errors import LogError
 from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Bench
+from cell.interfaces.devices import ROLES
 from cell.interfaces.product import Product
+from cell.interfaces.robot import DEFAULT
+from cell.interfaces.robot import FOLDER as ROBOTS
 from cell.log.read.reader import Log, LogStream
-from cell.log.replay.recorded_configuration import CONFIGURATION, upgrade
+from skills.motion.settings import MotionSettings, SeparationSettings
 from trees.engine.tree import Tree
 from trees.files.loader import load_tree
 from trees.node_library import node_registry
 
+CONFIGURATION, ROBOT = "configuration.yaml", "robot.yaml"
+OF_ROBOT = {"speed_limits_rad_s": "speed_rad_s", "acceleration_limits_rad_s2": "acceleration_rad_s2"}
+OF_TOOL = {"tcp_from_tool0_m": "tcp_from_flange_m", "fingertip_beyond_tcp_m": "fingertip_beyond_tcp_m"}
 FOLDER = "tree/"
 PRODUCT = "product.yaml"
-
 AnyModel = TypeVar("AnyModel", bound=Model)
+
+
+def upgrade(folder: Path) -> None:
+    """Rewrite the configuration of a log that was unpacked into a folder.
+
+    Simulator and factory are left out, as a replay opens no devices; the robot is the one that was recorded.
+    """
+    path = folder / CONFIGURATION
+    try:
+        data = yaml.safe_load(path.read_text("utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError):
+        return  # who loads it says what is wrong
+    if not isinstance(data, dict):
+        return
+    devices = {role: device for role, device in (data.pop("devices", None) or {}).items() if role in ROLES}
+    for key, role in (("gripper_can", "gripper"), ("signals", "signals")):
+        if (settings := data.pop(key, None)) is not None:
+            devices[role] = {"kind": "can", **settings}
+    robot = _of_motion(data.get("motion") or {})
+    if robot is not None:
+        (folder / ROBOT).write_text(yaml.safe_dump(robot), "utf-8")
+    if (folder / ROBOT).exists():
+        data["robot"] = ROBOT
+    path.write_text(yaml.safe_dump({**data, "devices": devices}), "utf-8")
+
+
+def _of_motion(motion: dict[str, Any]) -> Mapping[str, Any] | None:
+    """The robot that an older log describes among its motions; None where it does not.
+
+    Its keys are taken away, and those that nobody may set any more.
+    """
+    limits = {OF_ROBOT[key]: motion.pop(key) for key in OF_ROBOT if key in motion}
+    tool = {OF_TOOL[key]: motion.pop(key) for key in OF_TOOL if key in motion}
+    for section, model in ((motion, MotionSettings), (motion.get("separation") or {}, SeparationSettings)):
+        for key in set(section) - set(model.model_fields):
+            del section[key]
+    if not limits and not tool:
+        return None
+    usual = yaml.safe_load((ROBOTS / f"{DEFAULT}.yaml").read_text("utf-8"))
+    return {**usual, **limits, "tool": {**usual["tool"], **tool}}
 
 
 def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:

@@ -10,7 +10,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.commands.training import shipped as training
-from cell.commands.training.children import Children
+from cell.commands.training.made_data import Children
 from cell.commands.training.shipped import ROWS, steps_of_shipped
 from cell.configuration import load_configuration
 from cell.files.files import shipped

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from cell.commands.terminal import BESIDE
-from cell.commands.training import children
-from cell.commands.training.children import Children
+from cell.commands.training import made_data as children
+from cell.commands.training.made_data import Children
 
 LIMIT_S = 120.0  # against waiting for ever
 

@@ -11,8 +11,7 @@ from subprocess import PIPE, Popen
 import pytest
 
 from cell.commands.main import main
-from cell.commands.training.children import Children
-from cell.commands.training.made_data import make_data
+from cell.commands.training.made_data import Children, make_data
 from cell.errors import InputError
 from cell.files.files import UNFINISHED, shipped
 from cell.interfaces.bench import Bench
@@ -50,7 +49,7 @@ def test_data_are_not_made_on_by_a_process_that_its_training_left_behind(tmp_pat
     makes = f"""
 import signal, sys
 from pathlib import Path
-from cell.commands.training.children import Children
+from cell.commands.training.made_data import Children
 from cell.commands.training.made_data import make_data
 signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests may run where a shell has it ignored
 sys.executable = {str(maker)!r}

@@ -9,8 +9,8 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
+from cell.commands.init import schema_texts
 from cell.commands.main import main
-from cell.commands.schema import schemas
 from sim.scene.look_range import LookFile
 from sim.scene.settings import SimSettings
 from tests import ROOT
@@ -27,7 +27,7 @@ FILES = [
 
 
 def errors(kind: str, data: object) -> list[str]:
-    validator = Draft202012Validator(json.loads(schemas()[f"{kind}.json"]))
+    validator = Draft202012Validator(json.loads(schema_texts()[f"{kind}.json"]))
     return [error.message for error in validator.iter_errors(data)]
 
 
@@ -79,7 +79,7 @@ def test_models_of_a_look_have_names_of_their_own() -> None:
 
 
 def test_keys_are_explained() -> None:
-    properties = json.loads(schemas()["cell.json"])["$defs"]["ControllerSettings"]["properties"]
+    properties = json.loads(schema_texts()["cell.json"])["$defs"]["ControllerSettings"]["properties"]
     assert properties["tick_hz"]["description"]
 
 
@@ -87,7 +87,7 @@ def test_schemas_are_renewed_and_nothing_else_is_replaced(tmp_path: Path, capsys
     folder = tmp_path / "schema"
     assert main(["lab", "schema", str(folder)]) == 0
     assert f"# yaml-language-server: $schema={folder / 'cell.json'}" in capsys.readouterr().err
-    assert {path.name for path in folder.iterdir()} == set(schemas())
+    assert {path.name for path in folder.iterdir()} == set(schema_texts())
     assert main(["lab", "schema", str(folder)]) == 0
     (folder / "look.json").write_text("mine")
     (folder / "cell.json").unlink()

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
-from cell.commands import lab, old_names
+from cell.commands import lab
 from cell.commands import main as commands
 from cell.commands.main import COMMANDS, application, main
 from cell.commands.options import PORTS, own_files, seeds_of, with_ports
@@ -75,17 +75,19 @@ def test_evaluations_share_their_options() -> None:
     assert len(names) <= 50
 
 
-@pytest.mark.parametrize("name", old_names.COMMANDS)
+@pytest.mark.parametrize("name", commands.OLD_COMMANDS)
 def test_a_command_of_before_says_its_name_of_today(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(name.split()) == 2
     told = capsys.readouterr().err
-    assert told == f"cell: `cell {name}` is now `cell {old_names.COMMANDS[name]}`\n"
-    command(*[word for word in old_names.COMMANDS[name].partition("`")[0].split() if not word.startswith("--")])
+    assert told == f"cell: `cell {name}` is now `cell {commands.OLD_COMMANDS[name]}`\n"
+    command(*[word for word in commands.OLD_COMMANDS[name].partition("`")[0].split() if not word.startswith("--")])
 
 
-@pytest.mark.parametrize(("path", "name"), [(path, name) for path, some in old_names.OPTIONS.items() for name in some])
+@pytest.mark.parametrize(
+    ("path", "name"), [(path, name) for path, some in commands.OLD_OPTIONS.items() for name in some]
+)
 def test_an_option_of_before_says_its_name_of_today(path: str, name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    now = old_names.OPTIONS[path][name]
+    now = commands.OLD_OPTIONS[path][name]
     for words in ([name, "1"], [f"{name}=1"]):
         assert main([*path.split(), *words]) == 2
         assert capsys.readouterr().err == f"cell: {name} of `cell {path}` is now {now}\n"

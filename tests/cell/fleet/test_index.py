@@ -11,8 +11,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.errors import InputError
-from cell.fleet.index import FAILURES, add_run, ask, refresh
-from cell.log.read.heading import run_row
+from cell.fleet.index import FAILURES, add_run, ask, refresh, run_row
 from cell.log.read.reader import Log
 from cell.recording.recorder import Heading, McapRecorder
 from cell.settings import LogSettings

@@ -11,8 +11,8 @@ from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.faults import Action as Judged
 from cell.interfaces.faults import Judgement
 from cell.interfaces.perception import Action, HandSample
-from cell.watching.fluency import Fluency
 from cell.watching.observer import SentCommand, TickRecord
+from cell.watching.statistics import Fluency
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
 

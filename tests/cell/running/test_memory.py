@@ -12,10 +12,9 @@ from cell.interfaces.command import Command, Display
 from cell.interfaces.devices import TruthEvent
 from cell.interfaces.observation import Observation
 from cell.viewing.moments import Moments
-from cell.watching.fluency import Fluency
 from cell.watching.lateness import Lateness
 from cell.watching.observer import Observer, SentCommand, TickRecord
-from cell.watching.statistics import RunStatistics
+from cell.watching.statistics import Fluency, RunStatistics
 from sim.worker.event_log import EventLog
 from tests.cell.running.test_brackets import Note
 from tests.cell.running.test_finished import ARM, GRIPPER

@@ -18,7 +18,7 @@ from learned.classical.lying_parts import LyingParts, covers
 from sim.data.trays import TrayCamera
 from sim.scene.clutter import sample_clutter
 from sim.scene.settings import ClutterSettings
-from sim.truth.tray_truth import resting_parts
+from sim.truth.labels import resting_parts
 from tests.benchmarks.perception_accuracy import look, open_sim
 from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT
 

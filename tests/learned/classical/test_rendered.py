@@ -8,7 +8,7 @@ from learned.classical.part_detector import ClassicalPartDetector
 from sim.scene.clutter import full_set, sample_clutter
 from sim.scene.settings import ClutterSettings
 from sim.scene.unknown_objects import UNKNOWN
-from sim.truth.tray_truth import resting_parts
+from sim.truth.labels import resting_parts
 from tests.benchmarks.perception_accuracy import PartErrors, RunErrors, compare, look, open_sim, worker_run
 from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT
 

@@ -10,7 +10,7 @@ import numpy as np
 from cell.configuration import load_configuration
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
-from cell.wiring.tray_camera import crops_of_view
+from cell.wiring.drawn_frames import crops_of_view
 from learned.grasp.boxes import boxes_of
 from learned.grasp.crops import Crops, View, load_crops, with_embeddings
 from learned.grasp.evaluate import embedded

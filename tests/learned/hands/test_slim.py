@@ -18,7 +18,7 @@ from learned.hands.model import SlimReader, finder_file, refiner_file, slim_trac
 from learned.inference.onnx_model import OnnxModel
 from sim.data.hands import hand_frames
 from sim.data.recording import Source, record
-from sim.data.turned_hand import TurnedHand
+from sim.data.working_arm import TurnedHand
 
 FILE = WEIGHTS / weights_file("hands", "slim")
 MOST_BYTES = 7_500_000

@@ -46,7 +46,7 @@ def in_vain(to: Services, position: str = "p2") -> bool:
 
 def test_a_part_that_meets_something_in_its_hole_three_times_is_placed_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
     end = [SkillStatus.FAILURE]
-    monkeypatch.setattr("skills.place.Place", lambda *_: Lowering(end[0]))
+    monkeypatch.setattr("skills.pick_and_place.Place", lambda *_: Lowering(end[0]))
     to = services()
     answers = []
     for took_s in (2.5, 2.5, 0.0, 2.5):  # where there is no way at the moment, nothing was tried

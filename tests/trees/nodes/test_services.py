@@ -18,8 +18,8 @@ from cell.interfaces.notes import ListJournal
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.resume import ResumeState
 from cell.recording.json_schema import with_nulls, without_nulls
+from cell.recording.rotation import Snapshot
 from cell.recording.schemas import json_bytes, plain
-from cell.recording.snapshot import Snapshot
 from cell.wiring.reload import take_over
 from tests.trees.nodes.rig import PRODUCT, seen_parts, services
 from trees.engine.node import Node

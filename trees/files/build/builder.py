@@ -17,9 +17,8 @@ from trees.engine.ports import Port
 from trees.engine.script import Script, parse_script
 from trees.engine.tree import Origin
 from trees.files.build.registry import Registry
-from trees.files.parse.attributes import CONDITIONS, SCRIPTS_AFTER, autoremaps, entry_name
 from trees.files.parse.library import Library
-from trees.files.parse.xml_file import Attribute, Element, node_tag
+from trees.files.parse.xml_file import CONDITIONS, SCRIPTS_AFTER, Attribute, Element, autoremaps, entry_name, node_tag
 
 _WORD = re.compile(r"@?[^\W\d][\w./-]*")
 

@@ -14,10 +14,20 @@ from trees.engine.script import Script, ScriptError, parse_script
 from trees.engine.vocabulary import misnomer
 from trees.files.build.registry import Registry
 from trees.files.checks.guarding import check_guards
-from trees.files.parse.attributes import CONDITIONS, KEY, NOTES, SCRIPTS_AFTER, autoremaps, entry_name
 from trees.files.parse.library import PROBLEM_LIMIT, Library, hint, is_near
 from trees.files.parse.replacing import REPLACES
-from trees.files.parse.xml_file import EXPLICIT, Attribute, Element, node_tag
+from trees.files.parse.xml_file import (
+    CONDITIONS,
+    EXPLICIT,
+    KEY,
+    NOTES,
+    SCRIPTS_AFTER,
+    Attribute,
+    Element,
+    autoremaps,
+    entry_name,
+    node_tag,
+)
 
 NODE_LIMIT = 5_000
 LEVEL_LIMIT = 1_000

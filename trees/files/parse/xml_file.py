@@ -11,6 +11,7 @@ from xml.parsers import expat
 from xml.parsers.expat import errors
 
 from cell.errors import InputError, Place, Problem
+from trees.engine.literals import TRUE_WORDS
 
 SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 1_000
@@ -23,6 +24,12 @@ _NAME = re.compile(rb"(?<=</)[^\s>]*")
 _TAG = re.compile(rb"<[^\s/>]+")
 _ATTRIBUTE = re.compile(rb"\s+([^\s=]+)\s*=\s*([\"'])")
 _CHARACTER = re.compile(r"&[^;]*;|\r\n|.", re.DOTALL)
+CONDITIONS = ("_failureIf", "_successIf", "_skipIf", "_while")
+SCRIPTS_AFTER = ("_onSuccess", "_onFailure", "_onHalted", "_post")
+# Attributes that Groot2 writes for itself.
+NOTES = ("_uid", "_description", "_fullpath")
+_POINTER = re.compile(r"\s*\{([^{}]*)\}\s*\Z")
+KEY = re.compile(r"@?[^\W\d][\w./-]*\Z")
 
 
 @dataclass(frozen=True)
@@ -218,3 +225,20 @@ def _after(place: Place, text: str) -> Place:
     if not lines:
         return Place(place.file, place.line, place.column + len(text))
     return Place(place.file, place.line + lines, len(text) - text.rindex("\n"))
+
+
+def entry_name(value: object, port: str, bare: bool = False) -> str | None:
+    """The entry that `{key}` means for a port, `{=}` being the port's own name; None for a literal.
+
+    Args:
+        bare: a name without braces means the entry, too.
+    """
+    found = _POINTER.match(value) if isinstance(value, str) else None
+    if found is None:
+        return str(value) if bare else None
+    return port if found[1] == "=" else found[1]
+
+
+def autoremaps(element: Element) -> bool:
+    """Whether all names of a SubTree mean those of the tree around it; a word that is no bool means no."""
+    return element.get("_autoremap") in TRUE_WORDS

@@ -22,8 +22,8 @@ from cell.log.read.reader import Log, LogStream, read_log
 from cell.log.replay.replay import Replay
 from cell.log.report.node_statistics import node_statistics
 from cell.log.report.query import Query, info, query
-from cell.recording import file as log_file
 from cell.recording import joint_samples
+from cell.recording import rotation as log_file
 from cell.recording.packing import pack
 from cell.recording.parts import part_path, parts_of
 from cell.recording.recorder import Heading, McapRecorder

@@ -10,7 +10,7 @@ import yaml
 from cell.configuration import DEFAULT_CONFIGURATION, Configuration, load_configuration
 from cell.device_settings import OwnDevice
 from cell.interfaces.robot import default_robot
-from cell.log.replay.recorded_configuration import upgrade
+from cell.log.replay.logged_tree import upgrade
 from skills.drivers.settings import CanSettings, SignalSettings
 
 

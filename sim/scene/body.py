@@ -1,4 +1,4 @@
-"""The rest of the person at the bench: the hand that does not work, head and shoulders. They are only seen."""
+"""The person's body as a look has it: the size and side of the working hand, the other hand, head and shoulders."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from cell.interfaces.bench import Bench
+from cell.interfaces.pose import Array
 from sim.scene.look import Appearance
 from sim.scene.palette import NO_TOUCH, Rgb
 
@@ -23,6 +24,9 @@ HEAD_HEIGHT_M = 0.42
 HEAD_M = (0.095, 0.075, 0.11)  # half axes; the face looks along -x
 SHOULDERS_M = (0.09, 0.20, 0.06)
 HAIRS: tuple[Rgb, ...] = ((0.06, 0.05, 0.04), (0.20, 0.13, 0.08), (0.42, 0.32, 0.18), (0.45, 0.44, 0.42))
+HAND = "hand"  # all bodies of the hand begin so
+ACROSS = 1  # the axis that a left hand mirrors: y
+SLEEVE_M = 0.3  # what reaches further back than this is the sleeve; its end stays out of sight
 
 
 def add_onlooker(spec: mujoco.MjSpec, bench: Bench, person: Appearance) -> None:
@@ -91,3 +95,37 @@ def _ellipsoid(body: mujoco.MjsBody, centre_m: tuple[float, float, float], half_
 
 def _add(body: mujoco.MjsBody, rgb: Rgb, **shape: object) -> None:
     body.add_geom(rgba=(*rgb, 1.0), contype=NO_TOUCH[0], conaffinity=NO_TOUCH[1], mass=0.0, **shape)
+
+
+def fit_hand(spec: mujoco.MjSpec, person: Appearance) -> None:
+    """Scale all shapes of the hand about the point between its fingertips, and mirror those of a left hand."""
+    if person.hand_size == 1 and not person.left_hand:
+        return
+    scale = np.full(3, person.hand_size)
+    if person.left_hand:
+        scale[ACROSS] *= -1
+    for body in spec.bodies:
+        if body.name.split("_")[0] == HAND:
+            for geom in body.geoms:
+                _fit(geom, scale)
+            if person.left_hand:
+                _mirror_slides(body)
+
+
+def _fit(geom: mujoco.MjsGeom, scale: Array) -> None:
+    geom.pos = geom.pos * scale
+    geom.size = geom.size * abs(scale[0])
+    if not math.isnan(geom.fromto[0]):
+        ends = geom.fromto * np.tile(scale, 2)
+        if geom.fromto[3] > SLEEVE_M:
+            ends[3:] = geom.fromto[3:] * np.sign(scale) * max(1.0, scale[0])
+        geom.fromto = ends
+
+
+def _mirror_slides(body: mujoco.MjsBody) -> None:
+    """Thumb and finger of a left hand open the other way; the wrist and the arm move as before."""
+    for joint in body.joints:
+        if body.name != HAND and joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
+            axis = np.array(joint.axis)
+            axis[ACROSS] *= -1
+            joint.axis = axis

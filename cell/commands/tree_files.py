@@ -1,20 +1,24 @@
-"""`cell check`: everything that is wrong with tree files."""
+"""`cell check`: everything that is wrong with tree files; `cell nodes`: the nodes that they may name."""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterable
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cell.commands.options import SetOption, WithOption, entries_of, own_files
+from cell.commands.show import write
 from cell.commands.terminal import BAD_INPUT, print_json
 from cell.errors import InputError, Problem
 from trees.files.build.registry import Registry
 from trees.files.check import Circumstances, findings
 from trees.node_library import node_registry
+from trees.views.palette import groot_model, named, palette_list, palette_text
 
 
 def check(
@@ -63,3 +67,34 @@ def _problem_data(problem: Problem) -> dict[str, object]:
     place = problem.place
     where = {"file": str(place.file), "line": place.line, "column": place.column}
     return {**where, "what": problem.what, "legal": problem.legal}
+
+
+class NodeFormat(StrEnum):
+    """How the nodes are listed."""
+
+    text = "text"
+    json = "json"
+    groot = "groot"
+
+
+def nodes(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="A node's name, or a text in its name or meaning.")
+    ] = None,
+    style: Annotated[
+        NodeFormat, typer.Option("--format", help="text; json for programs; groot: palette for Groot2.")
+    ] = NodeFormat.text,
+    groot: Annotated[Path | None, typer.Option(help="Write the palette for Groot2 into this file.")] = None,
+    own: WithOption = None,
+) -> None:
+    """List the nodes that tree files may name, with their ports; or one of them."""
+    registry = node_registry(more=own_files(own)[0])
+    chosen = tuple(registry.classes) if name is None else named(registry, name)
+    if groot is not None:
+        write(groot, groot_model(registry).encode())
+    elif style is NodeFormat.text:
+        sys.stdout.write(palette_text(registry, chosen))
+    elif style is NodeFormat.json:
+        sys.stdout.write(json.dumps(palette_list(registry, chosen)) + "\n")
+    else:
+        sys.stdout.write(groot_model(registry))

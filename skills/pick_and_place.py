@@ -1,4 +1,4 @@
-"""Place: put the held part into a hole of the bracket (Alg. 1 "place")."""
+"""Pick a part out of the tray and hold it high, place it into a hole of the bracket (Alg. 1 "pick", "place")."""
 
 from __future__ import annotations
 
@@ -8,19 +8,72 @@ import numpy as np
 
 from cell.interfaces.observation import Observation
 from cell.interfaces.perception import PartDetection
+from cell.interfaces.product import PartType, Product
 from skills.grasping.handling import (
     bracket_boxes,
     carry_over_bracket_m,
+    choose_grasp,
     joints_of,
     present_hold,
     put_phases,
     seen_in_holes,
+    take_phases,
     tray_boxes,
+    why_not_empty,
 )
 from skills.grasping.phases import Phase, PhasedSkill
-from skills.motion.grasp_pose import hole_pose, place_poses
+from skills.motion.grasp_pose import fingertips_m, hole_pose, place_poses
 from skills.motion.grip import Grip, Hold
 from skills.motion.planner import Load, MotionPlanner
+from skills.motion.settings import MotionSettings
+
+GIVES_WAY_M = 0.001  # fingers that hold stand so much closer than the part is wide (measured: 0.3 to 1.7 mm)
+TOLERANCE_M = 0.0025
+APART_M = 0.001  # two types that fit nearly as well cannot be told apart
+
+
+def held_type(product: Product, opening_m: float, settings: MotionSettings) -> str | None:
+    """The only type that leaves the fingers so far apart; None where there is none, or more than one."""
+    misfits = sorted(
+        (min(abs(_held_m(kind, grip, settings) - opening_m) for grip in Grip), name)
+        for name, kind in product.parts.items()
+    )
+    (best_m, name), rest = misfits[0], misfits[1:]
+    if best_m > TOLERANCE_M or (rest and rest[0][0] - best_m < APART_M):
+        return None
+    return name
+
+
+def _held_m(kind: PartType, grip: Grip, settings: MotionSettings) -> float:
+    return grip.held_m(kind, fingertips_m(kind, grip, settings)) - GIVES_WAY_M
+
+
+class Pick(PhasedSkill):
+    """Grasp a part from straight above and lift it; done when it is held high."""
+
+    def __init__(self, planner: MotionPlanner, part: PartDetection, others: Sequence[PartDetection] = ()) -> None:
+        """Args:
+        part: the part to take, as last seen.
+        others: all other parts seen in the tray; the arm keeps clear of them.
+        """
+        super().__init__()
+        self._planner, self._part, self._others = planner, part, tuple(others)
+
+    def prepare(self, observation: Observation) -> Sequence[Phase] | str:
+        """Choose a grasp."""
+        if (full := why_not_empty(observation)) is not None:
+            return f"cannot take {self._part.part}: {full}"
+        planner = self._planner
+        chosen = choose_grasp(planner, self._part, self._others, joints_of(observation))
+        if isinstance(chosen, str):
+            return chosen
+        carry_m = carry_over_bracket_m(planner, planner.product.parts[self._part.part])
+        return take_phases(planner, self._part, self._others, chosen, carry_m)
+
+    @property
+    def done(self) -> str:
+        """What the skill has achieved, in words."""
+        return f"holding {self._part.part}"
 
 
 class Place(PhasedSkill):

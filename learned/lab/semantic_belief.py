@@ -12,7 +12,8 @@ from learned.lab.semantic_models import KINDS, exact_scores, optimal_scores, pla
 from learned.lab.semantic_optimum import exact_joint, run_states, uniform_states
 from learned.semantic.evaluate import Answers, under_noise
 from learned.semantic.graph import Layout
-from learned.semantic.scenarios import DETECTION_ERROR, TRAIN_RATIO, scenarios, split
+from learned.semantic.scenarios import TRAIN_RATIO, scenarios, split
+from learned.semantic.settings import DETECTION_ERROR
 
 SEEDS = (1, 2, 3, 4, 5)
 ERRORS = (0.0, DETECTION_ERROR, 0.1)

@@ -15,7 +15,7 @@ from learned.semantic.data import states_of
 from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
 from learned.semantic.evaluate import Answers
 from learned.semantic.graph import Layout
-from learned.semantic.scenarios import DETECTION_ERROR
+from learned.semantic.settings import DETECTION_ERROR
 
 SEEDS = tuple(range(1, 11))
 STRENGTHS = (0.0, 0.5, 1.0, 2.0)

@@ -13,7 +13,7 @@ from learned.lab.semantic_settings import settings_cells
 from learned.lab.semantic_sizes import size_cells
 from learned.lab.semantic_streams import BRACKETS, DOUBT, ERROR, IN_USE, NEVER, SEEDS, SINGLE, stream_cells
 from learned.semantic.confusions import PATTERNS
-from learned.semantic.scenarios import DETECTION_ERROR
+from learned.semantic.settings import DETECTION_ERROR
 
 ACTIONS = range(1, 6)
 ALL = (OPTIMUM, *KINDS)

@@ -10,8 +10,8 @@ from learned.lab.experiments import Cell, Values
 from learned.lab.semantic_models import AS_PRINTED, KINDS, first_goals, planner_of
 from learned.semantic.evaluate import Answers, success
 from learned.semantic.graph import Layout
-from learned.semantic.paper import PaperSettings
 from learned.semantic.scenarios import TRAIN_RATIO, from_the_right, scenarios, split, sub_demonstrations
+from learned.semantic.settings import PaperSettings
 
 RATIOS = (0.2, 0.3, 0.4, 0.6, TRAIN_RATIO, 0.9)
 FEW_RATIOS = (0.2, 0.4, TRAIN_RATIO)  # with sub-demonstrations

@@ -13,10 +13,9 @@ from learned.lab.semantic_optimum import exact_joint, run_states
 from learned.semantic.data import states_of
 from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
 from learned.semantic.evaluate import Answers, success
-from learned.semantic.factored import FactoredSettings
 from learned.semantic.graph import Layout
-from learned.semantic.paper import PaperSettings
-from learned.semantic.scenarios import DETECTION_ERROR, scenarios, split
+from learned.semantic.scenarios import scenarios, split
+from learned.semantic.settings import DETECTION_ERROR, FactoredSettings, PaperSettings
 from learned.semantic.train import Settings
 
 VALIDATION_SEEDS = (1000, 1001, 1002)  # of products, splits and demonstrators; reported seeds are small numbers

@@ -20,7 +20,8 @@ from cell.errors import InputError, Place, Problem
 from cell.files.files import read_text, whole_or_none
 from cell.files.model import Model
 from learned.semantic.graph import Bools, Floats, Ints, Layout
-from learned.semantic.scenarios import DETECTION_ERROR, action_pairs
+from learned.semantic.scenarios import action_pairs
+from learned.semantic.settings import DETECTION_ERROR
 
 Pattern = Literal["uniform", "neighbouring holes", "alike types"]
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)

@@ -13,10 +13,10 @@ from itertools import product as combinations
 import numpy as np
 
 from learned.semantic.graph import EMPTY, Bools, Floats, Ints, Layout
+from learned.semantic.settings import DETECTION_ERROR
 
 SCENARIO_LIMIT = 20_000  # products with more partial states are sampled
 TRAIN_RATIO = 0.77  # 143 of 186 scenarios with the default product, as in the paper
-DETECTION_ERROR = 0.045  # the paper's action detector with three goals
 
 
 @dataclass(frozen=True)

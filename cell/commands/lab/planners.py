@@ -206,7 +206,7 @@ def evaluate_semantic_planner(
 ) -> None:
     """Score the semantic planner, certify its thresholds, or run an experiment with all kinds.
 
-    Kinds: factored, paper, and_or, bayes.
+    Kinds: factored, paper, bayes.
     """
     product = product_of(shared.config)
     if certify is not None:
@@ -217,7 +217,7 @@ def evaluate_semantic_planner(
         return
     if page is not None:
         raise InputError(PAGE_ALONE)
-    kind = shared.one_kind(("factored", "paper", "and_or", "bayes", "auto"))
+    kind = shared.one_kind(("factored", "paper", "bayes", "auto"))
     planner = load_semantic_planner(kind, shared.weights or shipped_weights("semantic", kind), product)
     report_scores("semantic", evaluate_semantic(planner, product, shared.seed), shared.as_json)
 

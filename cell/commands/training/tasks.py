@@ -142,7 +142,7 @@ TASKS = {
         LearnedTask(
             "semantic",
             "semantic planner",
-            ("factored", "paper", "and_or"),
+            ("factored", "paper"),
             ("kind", "data", "ratio", "augment"),
             planners.semantic,
             use=_PLANNER,

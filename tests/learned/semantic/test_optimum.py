@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from learned.lab.semantic_optimum import best_coverage, exact_joint, run_states, trade_off, uniform_states
-from learned.semantic.bayes import BayesPosterior
 from learned.semantic.demonstrators import Demonstrators, HabitSettings, generated_demonstrations, runs
 from learned.semantic.graph import EMPTY, Layout, one_hot
+from learned.semantic.posterior import BayesPosterior
 from learned.semantic.scenarios import misdetect
 from tests.learned.products import DEFAULT
 

@@ -189,19 +189,6 @@ def read_scenes(path: Path, product: Product, outline: GripperOutline | None = N
     return scenes
 
 
-def read_records(path: Path, product: Product) -> list[SceneRecord]:
-    """All scenes of a file as they are written, with or without truth.
-
-    Raises:
-        InputError: the file cannot be read, or scenes are damaged; all with their lines.
-    """
-    problems: list[Problem] = []
-    records = [record for _, record in _numbered(path, product, problems)]
-    if problems:
-        raise InputError(*problems)
-    return records
-
-
 def _numbered(path: Path, product: Product, problems: list[Problem]) -> Iterator[tuple[int, SceneRecord]]:
     """(Line, scene) of all that are well-formed; what is wrong with the others is added to `problems`."""
     lines = read_text(path).splitlines()

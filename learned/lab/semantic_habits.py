@@ -9,10 +9,10 @@ import numpy as np
 from cell.interfaces.product import Product
 from learned.lab.experiments import Cell, Values
 from learned.lab.semantic_belief import OPTIMUM
+from learned.lab.semantic_demonstrators import HabitSettings, drawn_demonstrators, whole_demonstrations
 from learned.lab.semantic_models import exact_scores, optimal_scores, planner_of
 from learned.lab.semantic_optimum import exact_joint, run_states
 from learned.semantic.data import states_of
-from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
 from learned.semantic.evaluate import Answers
 from learned.semantic.graph import Layout
 from learned.semantic.settings import DETECTION_ERROR
@@ -36,7 +36,7 @@ def habit_cells(product: Product) -> list[Cell]:
 def _measure(product: Product, kind: str, strength: float, seed: int) -> Values:
     layout = Layout.of(product)
     rng = np.random.default_rng(seed)
-    demonstrators = Demonstrators.drawn(layout, HabitSettings(strength=strength), rng)
+    demonstrators = drawn_demonstrators(layout, HabitSettings(strength=strength), rng)
     joint = exact_joint(layout, run_states(layout, len(layout.positions) - 1, demonstrators), DETECTION_ERROR)
     if kind == OPTIMUM:
         return optimal_scores(joint)

@@ -8,10 +8,10 @@ import numpy as np
 
 from cell.interfaces.product import Product
 from learned.lab.experiments import Cell, Values
+from learned.lab.semantic_demonstrators import HabitSettings, drawn_demonstrators, whole_demonstrations
 from learned.lab.semantic_models import exact_scores, planner_of, random_goals
 from learned.lab.semantic_optimum import exact_joint, run_states
 from learned.semantic.data import states_of
-from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
 from learned.semantic.evaluate import Answers, success
 from learned.semantic.graph import Layout
 from learned.semantic.scenarios import scenarios, split
@@ -67,7 +67,7 @@ def _held_out(product: Product, ratio: float, seed: int, settings: Settings) -> 
 def _with_habits(product: Product, strength: float, seed: int, settings: Settings) -> Values:
     layout = Layout.of(product)
     rng = np.random.default_rng(seed)
-    demonstrators = Demonstrators.drawn(layout, HabitSettings(strength=strength), rng)
+    demonstrators = drawn_demonstrators(layout, HabitSettings(strength=strength), rng)
     train = states_of(layout, whole_demonstrations(demonstrators, DEMONSTRATIONS, rng))
     joint = exact_joint(layout, run_states(layout, len(layout.positions) - 1, demonstrators), DETECTION_ERROR)
     return exact_scores(Answers(planner_of("factored", product, train, seed, settings), layout), joint)

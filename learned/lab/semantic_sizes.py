@@ -9,9 +9,9 @@ import numpy as np
 
 from cell.interfaces.product import Product
 from learned.lab.experiments import Cell, Values
+from learned.lab.semantic_demonstrators import HabitSettings, drawn_demonstrators, whole_demonstrations
 from learned.lab.semantic_models import generated_product, planner_of
 from learned.semantic.data import states_of
-from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
 from learned.semantic.evaluate import Answers, success
 from learned.semantic.graph import Layout
 from learned.semantic.scenarios import sampled
@@ -40,7 +40,7 @@ def _measure(product: Product, kind: str, size: tuple[int, int, int], seed: int)
     rng = np.random.default_rng(seed)
     large = generated_product(product, *size, rng)
     layout = Layout.of(large)
-    demonstrators = Demonstrators.drawn(layout, HabitSettings(strength=0.0), rng)
+    demonstrators = drawn_demonstrators(layout, HabitSettings(strength=0.0), rng)
     train = states_of(layout, whole_demonstrations(demonstrators, DEMONSTRATIONS, rng))
     begin_s = time.process_time()
     planner = planner_of(kind, large, train, seed)

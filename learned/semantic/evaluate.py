@@ -8,16 +8,17 @@ import numpy as np
 
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
 from cell.interfaces.product import Product
-from learned.semantic.demonstrators import Demonstrators, runs
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
 from learned.semantic.model import FactoredPlanner, PaperPlanner
 from learned.semantic.scenarios import (
     TRAIN_RATIO,
+    Demonstrators,
     Scenarios,
     bound,
     consistent,
     from_the_right,
     misdetect,
+    runs,
     scenarios,
     split,
     unknown_goals,

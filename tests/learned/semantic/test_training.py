@@ -187,14 +187,14 @@ def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
 
 
 def test_habits_that_are_shown_are_learned() -> None:
+    from learned.lab.semantic_demonstrators import HabitSettings, drawn_demonstrators, whole_demonstrations
     from learned.lab.semantic_models import exact_scores, optimal_scores, planner_of
     from learned.lab.semantic_optimum import exact_joint, run_states
     from learned.semantic.data import states_of
-    from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
     from learned.semantic.evaluate import Answers
 
     rng = np.random.default_rng(2)
-    demonstrators = Demonstrators.drawn(LAYOUT, HabitSettings(strength=2.0), rng)
+    demonstrators = drawn_demonstrators(LAYOUT, HabitSettings(strength=2.0), rng)
     train = states_of(LAYOUT, whole_demonstrations(demonstrators, 200, rng))
     joint = exact_joint(LAYOUT, run_states(LAYOUT, 5, demonstrators), 0.045)
     learned, fixed = (
@@ -207,8 +207,8 @@ def test_habits_that_are_shown_are_learned() -> None:
 
 
 def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
+    from learned.lab.semantic_demonstrators import generated_demonstrations
     from learned.semantic.data import save_demonstrations
-    from learned.semantic.demonstrators import generated_demonstrations
     from learned.semantic.train import train_semantic
 
     data, out = tmp_path / "some.jsonl", tmp_path / "planner"

@@ -103,9 +103,9 @@ def habit_section(cells: Cells) -> str:
     return (
         "## Demonstrators with habits of order\n"
         "Four demonstrators prefer positions, types, and for each goal certain slots first; strength is the standard "
-        f"deviation of their log-preferences. {HABIT_DEMONSTRATIONS} demonstrations, then their own assemblies with 4.5 "
-        "% misdetections, expected values by enumeration. `optimum` knows the habits exactly. Intervals are wide because "
-        f"demonstrators differ between seeds ({HABIT_SEEDS[0]} to {HABIT_SEEDS[-1]}); planners share "
+        f"deviation of their log-preferences. {HABIT_DEMONSTRATIONS} demonstrations, then their own assemblies with "
+        "4.5 % misdetections, expected values by enumeration. `optimum` knows the habits exactly. Intervals are wide "
+        f"because demonstrators differ between seeds ({HABIT_SEEDS[0]} to {HABIT_SEEDS[-1]}); planners share "
         "them.\n\n" + markdown([*head, "wrong at .9", "best coverage at .3 %"], rows) + "\n\n" + _gain(cells)
     )
 

@@ -34,8 +34,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes
-from learned.grasp.candidates import CANDIDATES, Candidate
-from learned.grasp.physics import touching
+from learned.grasp.candidates import CANDIDATES, Candidate, touching
 from learned.grasp.scenes import Scene
 from learned.grasp.settings import DetectionNoise, GripperOutline
 

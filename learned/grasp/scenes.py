@@ -14,8 +14,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, bodies_overlap, sliding_distance_m
-from learned.grasp.candidates import graspable
-from learned.grasp.physics import touching
+from learned.grasp.candidates import graspable, touching
 from learned.grasp.settings import DetectionNoise, SceneSettings
 from learned.grasp.solution import Solution, nearest_first, solve
 

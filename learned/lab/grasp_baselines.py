@@ -16,14 +16,13 @@ from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of, rectangles_overlap
-from learned.grasp.candidates import graspable
+from learned.grasp.candidates import graspable, touching
 from learned.grasp.crops import CROPS_KIND, TrayCamera
 from learned.grasp.evaluate import Look, embedded
 from learned.grasp.footprints import FootprintNet, fit_footprints
 from learned.grasp.model import PairwisePlanner, PaperPlanner, RulePlanner
 from learned.grasp.pairs import as_in_catalogue
 from learned.grasp.paper import PaperNet
-from learned.grasp.physics import touching
 from learned.grasp.settings import (
     WITH_MARGINS,
     DetectionNoise,

@@ -20,8 +20,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE
-from learned.grasp.physics import clearance_m
+from learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE, clearance_m
 from learned.grasp.scenes import Scene, draw_scenes
 from learned.grasp.settings import GripperOutline
 from learned.inference.scores import wilson

@@ -10,8 +10,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Boxes
-from learned.grasp.candidates import CANDIDATES
-from learned.grasp.physics import touching
+from learned.grasp.candidates import CANDIDATES, touching
 from learned.grasp.settings import GripperOutline
 
 ROOT = Path(__file__).parents[3]

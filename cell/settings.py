@@ -141,7 +141,7 @@ class SemanticPlannerSettings(PlannerSettings):
     """The planner that infers the goal.
 
     Attributes:
-        kind: factored, paper, bayes or and_or; auto is factored where its weights are of this product, else bayes.
+        kind: factored, paper or bayes; auto is factored where its weights are of this product, else bayes.
         weights: file of weights, relative to this file; the shipped one of this kind by default.
         goals: file of finished goals, relative to this file; goals that the product does not list are learned
             from it, and every finished bracket is noted in it. Without, only the product's goals are known.
@@ -160,7 +160,7 @@ class Planners(Model):
     """The planners of section 3.1 (semantic) and 3.2 (grasp) of the paper.
 
     Attributes:
-        semantic: which product is being built, and what remains to be done: factored, paper, bayes or and_or.
+        semantic: which product is being built, and what remains to be done: factored, paper or bayes.
         grasp: which part to take out of the tray and how: pairwise, paper or rule.
     """
 

@@ -116,11 +116,3 @@ class ClassicalDetectors:
     def parts(self) -> ClassicalPartDetector:
         """Finds parts by their colours and outlines."""
         return ClassicalPartDetector(self._bench, self._product, self._settings)
-
-
-def classical_bench_watcher(
-    bench: Bench, product: Product, settings: PerceptionSettings | None = None
-) -> DetectorChain:
-    """The three detectors of overhead frames, one after the other."""
-    detectors = ClassicalDetectors(bench, product, settings or PerceptionSettings())
-    return DetectorChain(bench, product, detectors.hands(), detectors.holes(), detectors.actions())

@@ -15,9 +15,8 @@ UNKNOWN_GOAL = "none of these"
 
 
 def weights_file(planner: str, kind: str) -> str:
-    """Name of the shipped file of weights of a kind of planner or detector: a graph is JSON, networks are ONNX."""
-    kind = "factored" if kind == "auto" else kind
-    return f"{planner}_{kind}.{'json' if kind == 'and_or' else 'onnx'}"
+    """Name of the shipped file of weights of a kind of planner or detector."""
+    return f"{planner}_{'factored' if kind == 'auto' else kind}.onnx"
 
 
 def crops_file(weights: Path) -> Path:

@@ -34,8 +34,7 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes
-from learned.grasp.candidates import CANDIDATES, Candidate
-from learned.grasp.physics import touching
+from learned.grasp.candidates import CANDIDATES, Candidate, touching
 from learned.grasp.scenes import Scene
 from learned.grasp.settings import DetectionNoise, GripperOutline
 
@@ -187,19 +186,6 @@ def read_scenes(path: Path, product: Product, outline: GripperOutline | None = N
     if problems:
         raise InputError(*problems)
     return scenes
-
-
-def read_records(path: Path, product: Product) -> list[SceneRecord]:
-    """All scenes of a file as they are written, with or without truth.
-
-    Raises:
-        InputError: the file cannot be read, or scenes are damaged; all with their lines.
-    """
-    problems: list[Problem] = []
-    records = [record for _, record in _numbered(path, product, problems)]
-    if problems:
-        raise InputError(*problems)
-    return records
 
 
 def _numbered(path: Path, product: Product, problems: list[Problem]) -> Iterator[tuple[int, SceneRecord]]:

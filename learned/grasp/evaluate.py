@@ -13,9 +13,8 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes
-from learned.grasp.candidates import graspable
+from learned.grasp.candidates import graspable, touching
 from learned.grasp.crops import TrayCamera, with_embeddings
-from learned.grasp.physics import touching
 from learned.grasp.scenes import Scene, Split, draw_scenes, observe
 from learned.grasp.settings import SceneSettings
 from learned.grasp.solution import solve, solves

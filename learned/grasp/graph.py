@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +14,11 @@ from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Boxes, boxes_of
 from learned.grasp.crops import EMBEDDING
+from learned.grasp.settings import EdgeKind
 from learned.grasp.solution import nearest_first
 
 MAX_PARTS = 8  # what does not fit is farthest from the required part
 UNIT_M = 0.05  # lengths in the graph are multiples of this, so that features are near 1
-EdgeKind = Literal["printed", "normalised", "none", "gcn"]
-Attention = Literal["printed", "additive", "none"]
 POSE = 4  # x and y in the scene, cosine and sine of twice the heading
 
 

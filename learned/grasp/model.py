@@ -17,13 +17,12 @@ from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of
-from learned.grasp.candidates import available, fixed, graspable, middle_alone
+from learned.grasp.candidates import available, fixed, graspable, middle_alone, touching
 from learned.grasp.crops import EMBEDDING
-from learned.grasp.graph import EdgeKind, SceneGraph, scene_graph
+from learned.grasp.graph import SceneGraph, scene_graph
 from learned.grasp.language import decode, words_of
 from learned.grasp.pairs import near_pairs, pair_features
-from learned.grasp.physics import touching
-from learned.grasp.settings import WITH_MARGINS, DetectionNoise, GripperOutline
+from learned.grasp.settings import WITH_MARGINS, DetectionNoise, EdgeKind, GripperOutline
 from learned.grasp.solution import Solution, nearest_first, solve
 from learned.inference.onnx_model import Network, OnnxModel
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from cell.interfaces.product import PartType, Product
 from learned.grasp.scenes import Scene, draw_scenes, observe
-from learned.grasp.settings import DetectionNoise
-from learned.grasp.training_settings import TrainingSettings
+from learned.grasp.settings import DetectionNoise, TrainingSettings
 
 _NOISE_STREAM = 7  # apart from the streams that scenes are drawn from
 _LEAST = 0.05  # of the most noise, where the detector itself has none

@@ -14,9 +14,10 @@ from torch import Tensor, nn
 from cell.interfaces.product import Product
 from learned.grasp.crops import EMBEDDING
 from learned.grasp.footprints import MAP_PX, FootprintNet, Maps
-from learned.grasp.graph import MAX_PARTS, Attention, EdgeKind, feature_count, scene_graph
+from learned.grasp.graph import MAX_PARTS, feature_count, scene_graph
 from learned.grasp.language import END, FIRST_TYPE, MAX_WORDS, encode, grammar
 from learned.grasp.scenes import Scene
+from learned.grasp.settings import Attention, EdgeKind
 
 _IMPOSSIBLE = -1e9
 

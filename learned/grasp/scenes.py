@@ -14,9 +14,8 @@ from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, bodies_overlap, sliding_distance_m
-from learned.grasp.candidates import CANDIDATES, graspable
-from learned.grasp.physics import touching
-from learned.grasp.settings import DetectionNoise, GripperOutline, SceneSettings
+from learned.grasp.candidates import graspable, touching
+from learned.grasp.settings import DetectionNoise, SceneSettings
 from learned.grasp.solution import Solution, nearest_first, solve
 
 Split = Literal["train", "validation", "test"]
@@ -76,11 +75,6 @@ def draw_scenes(
             observe(boxes, rng, settings.noise),
             settings.noise,
         )
-
-
-def can_grasp(boxes: Boxes, required: int, candidate: str, outline: GripperOutline | None = None) -> bool:
-    """The label: whether the gripper can take a part by a candidate ("width" or "length") without touching another."""
-    return not touching(boxes, outline or GripperOutline())[required, CANDIDATES.index(candidate)].any()
 
 
 def standing_boxes(product: Product, parts: Sequence[tuple[str, Pose]]) -> Boxes:

@@ -24,14 +24,12 @@ from learned.grasp.footprints import FootprintNet, fit_footprints
 from learned.grasp.graph import MAX_PARTS, feature_count
 from learned.grasp.language import words_of
 from learned.grasp.model import load_grasp_planner
+from learned.grasp.network import PairNet, pair_data
 from learned.grasp.noise_augmentation import SCENES_EACH, observed_again, random_scenes, with_random_parts
 from learned.grasp.pairs import PAIR_FEATURES
-from learned.grasp.pairwise import PairNet, pair_data
 from learned.grasp.paper import PaperNet, graph_data
-from learned.grasp.relations import RelationNet, relation_data, relation_features
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
-from learned.grasp.settings import TRAY_SCENES
-from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
+from learned.grasp.settings import TRAY_SCENES, PairwiseSettings, PaperSettings, TrainingSettings
 from learned.inference.onnx_model import ModelCard, Network
 from learned.training.torch_model import TorchModel, write_weights
 from learned.training.training_loop import Checkpoint, fit
@@ -134,6 +132,7 @@ def train_network(
     *,
     camera: TrayCamera | None = None,
     footprints: FootprintNet | None = None,
+    untrained: Untrained | None = None,
     checkpoint: Path | None = None,
     quiet: bool = True,
 ) -> nn.Module:
@@ -142,13 +141,15 @@ def train_network(
     Args:
         camera: takes the images of the scenes, where a network learns from them.
         footprints: trained on such scenes before; trained on these where None.
+        untrained: a network of another kind, and its samples.
         checkpoint: file that keeps the fit; where it is of the same scenes, settings and seed, the fit goes on from it.
     """
     torch.manual_seed(seed)
     begun = None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}.footprints")
     seen = list(observed_again(scenes, seed, settings))
     told = partial(fit_footprints, checkpoint=begun, quiet=quiet) if footprints is None else lambda *_: footprints
-    network, data = _task(seen, product, seed, settings, camera, told)
+    task = partial(_task, seed=seed, camera=camera, footprints=told) if untrained is None else untrained
+    network, data = task(seen, product, settings)
     optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
 
     def losses(epoch: int) -> Iterator[Tensor]:
@@ -177,33 +178,34 @@ class TrainingData(Protocol):
         ...
 
 
+Untrained = Callable[[list[Scene], Product, Any], tuple[nn.Module, TrainingData]]  # by scenes and settings
+
+
 def _task(
     scenes: list[Scene],
     product: Product,
-    seed: int,
     settings: TrainingSettings,
+    *,
+    seed: int,
     camera: TrayCamera | None,
     footprints: Callable[..., FootprintNet],
 ) -> tuple[nn.Module, TrainingData]:
     """An untrained network, but for what tells it footprints, and what it is to learn."""
     if isinstance(settings, PairwiseSettings):
         return PairNet(settings.hidden, settings.members), pair_data(scenes, product)
-    if isinstance(settings, PaperSettings):
-        features, own = feature_count(product, settings.crops), settings.edges != "gcn"
-        types, sizes = len(product.parts), (settings.hidden, settings.layers)
-        network = PaperNet(types, *sizes, own, settings.attention, features, settings.crops)
-        maps = None
-        if network.crops is not None:
-            if camera is None:
-                raise InputError("the paper's planner learns from images of the scenes: a camera is needed")
-            crops = camera([(scene.boxes, scene.parts) for scene in scenes])
-            seen = footprints(crops, scenes, list(product.parts), seed, settings.footprint_passes)
-            network.crops.footprints = seen
-            maps = [seen.maps(some) for some in crops]
-        return network, graph_data(scenes, product, settings.edges, settings.filter_m, maps)
-    assert isinstance(settings, RelationSettings)
-    relations = relation_data(scenes, product, settings.filter)
-    return RelationNet(relation_features(product), settings.hidden), relations
+    assert isinstance(settings, PaperSettings)
+    features, own = feature_count(product, settings.crops), settings.edges != "gcn"
+    types, sizes = len(product.parts), (settings.hidden, settings.layers)
+    network = PaperNet(types, *sizes, own, settings.attention, features, settings.crops)
+    maps = None
+    if network.crops is not None:
+        if camera is None:
+            raise InputError("the paper's planner learns from images of the scenes: a camera is needed")
+        crops = camera([(scene.boxes, scene.parts) for scene in scenes])
+        seen = footprints(crops, scenes, list(product.parts), seed, settings.footprint_passes)
+        network.crops.footprints = seen
+        maps = [seen.maps(some) for some in crops]
+    return network, graph_data(scenes, product, settings.edges, settings.filter_m, maps)
 
 
 def model_card(kind: str, product: Product, settings: TrainingSettings, seed: int, **more: Any) -> ModelCard:

@@ -16,19 +16,25 @@ from cell.interfaces.planning import GraspPlan, GraspPlanner
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of, rectangles_overlap
-from learned.grasp.candidates import graspable
+from learned.grasp.candidates import graspable, touching
 from learned.grasp.crops import CROPS_KIND, TrayCamera
 from learned.grasp.evaluate import Look, embedded
 from learned.grasp.footprints import FootprintNet, fit_footprints
 from learned.grasp.model import PairwisePlanner, PaperPlanner, RulePlanner
 from learned.grasp.pairs import as_in_catalogue
 from learned.grasp.paper import PaperNet
-from learned.grasp.physics import touching
-from learned.grasp.relations import RelationNet, RelationPlanner
-from learned.grasp.settings import WITH_MARGINS, DetectionNoise, GripperOutline, SceneSettings
+from learned.grasp.settings import (
+    WITH_MARGINS,
+    DetectionNoise,
+    GripperOutline,
+    PairwiseSettings,
+    PaperSettings,
+    SceneSettings,
+    TrainingSettings,
+)
 from learned.grasp.solution import Solution, nearest_first, solve, solves
 from learned.grasp.train import OUTPUTS, model_card, train_network, training_scenes
-from learned.grasp.training_settings import PairwiseSettings, PaperSettings, RelationSettings, TrainingSettings
+from learned.lab.grasp_relations import RelationNet, RelationPlanner, RelationSettings, untrained_relations
 from learned.training.torch_model import TorchModel
 
 _TRIES_FOR_EACH = 8  # draws for each scene that is kept, the most possible ones
@@ -110,7 +116,7 @@ class Baseline:
 
 
 @dataclass(frozen=True)
-class Contender:
+class TrainedBaseline:
     """A planner, and what the detector must add to the scenes that it is asked about."""
 
     planner: GraspPlanner
@@ -160,7 +166,7 @@ BASELINES = {
 }
 
 
-def contender(
+def trained_baseline(
     name: str,
     product: Product,
     camera: TrayCamera,
@@ -168,7 +174,7 @@ def contender(
     seed: int,
     noise: DetectionNoise,
     data: SceneSettings,
-) -> Contender:
+) -> TrainedBaseline:
     """A planner, trained on a number of scenes if it learns.
 
     Args:
@@ -176,14 +182,14 @@ def contender(
         data: how the scenes are drawn that it learns from, and what can be grasped in them.
     """
     if name in CONSTANT:
-        return Contender(Constant(CONSTANT[name]))
+        return TrainedBaseline(Constant(CONSTANT[name]))
     one_way = {"one_way": data.outline.one_way}
     if name == "rule":
-        return Contender(RulePlanner(product, WITH_MARGINS.model_copy(update=one_way)))
+        return TrainedBaseline(RulePlanner(product, WITH_MARGINS.model_copy(update=one_way)))
     if name == "rule0":
-        return Contender(RulePlanner(product, data.outline.model_copy(update={"fitting_m": 0.0})))
+        return TrainedBaseline(RulePlanner(product, data.outline.model_copy(update={"fitting_m": 0.0})))
     if name == "average":
-        return Contender(AveragingPlanner(product, noise))
+        return TrainedBaseline(AveragingPlanner(product, noise))
     settings = BASELINES[name].settings
     assert settings is not None
     learned = _for(settings, scenes).model_copy(update={"data": data, "parts": data.parts})
@@ -199,20 +205,20 @@ def _asked(
     noise: DetectionNoise,
     outline: GripperOutline,
     camera: TrayCamera,
-) -> Contender:
+) -> TrainedBaseline:
     """A trained network as a planner."""
     if isinstance(settings, RelationSettings):
         assert isinstance(network, RelationNet)
-        return Contender(RelationPlanner(network, product, settings.filter, outline))
+        return TrainedBaseline(RelationPlanner(network, product, settings.filter, outline))
     kind = "pairwise" if isinstance(settings, PairwiseSettings) else "paper"
     card = model_card(kind, product, settings, seed, data_sha256="", command="")
     model = TorchModel(network, OUTPUTS[kind], card)
     if not isinstance(network, PaperNet):
-        return Contender(PairwisePlanner(model, product, noise, outline))
+        return TrainedBaseline(PairwisePlanner(model, product, noise, outline))
     if network.crops is None:
-        return Contender(PaperPlanner(model, product))
+        return TrainedBaseline(PaperPlanner(model, product))
     crops = TorchModel(network.crops, ("embedding",), card.model_copy(update={"kind": CROPS_KIND}))
-    return Contender(PaperPlanner(model, product), partial(embedded, camera=camera, network=crops))
+    return TrainedBaseline(PaperPlanner(model, product), partial(embedded, camera=camera, network=crops))
 
 
 def _for(settings: TrainingSettings, scenes: int) -> TrainingSettings:
@@ -229,7 +235,8 @@ def _trained(settings: TrainingSettings, product: str, seed: int, camera: TrayCa
     if isinstance(settings, PaperSettings) and settings.crops:
         alike = settings.model_dump(include={"scenes", "data", "parts", "loose_share", "footprint_passes"})
         footprints = _footprints(PaperSettings.model_validate(alike), product, seed, camera)
-    return train_network(scenes, catalogue, seed, settings, camera=camera, footprints=footprints)
+    untrained = untrained_relations if isinstance(settings, RelationSettings) else None
+    return train_network(scenes, catalogue, seed, settings, camera=camera, footprints=footprints, untrained=untrained)
 
 
 @lru_cache(maxsize=4)

@@ -13,7 +13,7 @@ from learned.grasp.evaluate import REQUIRED_TYPES, SCENE_SIZES, evaluate_scenes,
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import PAPER_SCENES, TRAY_SCENES, DetectionNoise, SceneSettings
 from learned.lab.experiments import Cell, Cells, Values, markdown, number, shown_share
-from learned.lab.grasp_baselines import BASELINES, SEEDS, USUAL_SCENES, Contender, contender
+from learned.lab.grasp_baselines import BASELINES, SEEDS, USUAL_SCENES, TrainedBaseline, trained_baseline
 
 HEAD = (
     "planner",
@@ -140,7 +140,7 @@ def _measure(product: Product, camera: TrayCamera, key: dict[str, Any]) -> Value
     noise, data = NOISES[key["noise"]], CLUTTERS[key["clutter"]]
     known = noise if key["told"] else DetectionNoise()
     learned_from = CLUTTERS["dense" if key["clutter"] == "loose" else key["clutter"]]
-    asked = contender(key["planner"], product, camera, key["scenes"], key["seed"], known, learned_from)
+    asked = trained_baseline(key["planner"], product, camera, key["scenes"], key["seed"], known, learned_from)
     settings = data.model_copy(update={"noise": noise})
     if key["what"].startswith("iterative"):
         return _iterative(asked, product, int(key["what"].split()[1]), settings, key["test_seed"])
@@ -152,7 +152,7 @@ def _measure(product: Product, camera: TrayCamera, key: dict[str, Any]) -> Value
     return dict(evaluate_scenes(asked.planner, asked.look(list(drawn)), key["test_seed"]))
 
 
-def _iterative(asked: Contender, product: Product, size: int, settings: SceneSettings, seed: int) -> Values:
+def _iterative(asked: TrainedBaseline, product: Product, size: int, settings: SceneSettings, seed: int) -> Values:
     drawn = draw_scenes(product, seed, ITERATIVE_SCENES, "test", settings, (size, size))
     scores = iterative_scores(asked.planner, drawn, seed, size, settings, asked.look)
     return {name.replace(f"_{size}", ""): value for name, value in scores.items()}

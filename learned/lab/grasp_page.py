@@ -79,7 +79,7 @@ HEAD = (
     "Which planner to take, and how to train one, is in [planners.md](../planners.md).\n\n"
     "An answer is right if the whole of it is: the part can be grasped; or a sequence of moves that works, none "
     "shorter; or help where no sequence works. What is right is decided by the gripper's true outline touching a "
-    "neighbour or not (`learned/grasp/physics.py`), compared with simulated grasps by "
+    "neighbour or not (`learned/grasp/candidates.py`), compared with simulated grasps by "
     "`python -m tests.benchmarks.grasp_labels`. One set of test scenes, of one seed; nothing was chosen by it. "
     "In brackets is the 95 % interval (Wilson); where several seeds were trained, from 1 on, the mean stands before "
     "the ends of all their intervals."

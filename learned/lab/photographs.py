@@ -13,8 +13,7 @@ import numpy as np
 from cell.errors import InputError
 from cell.interfaces.pose import Array
 from learned.hands.data import read_image
-from learned.hands.mediapipe.hands import MediaPipeHands
-from learned.hands.mediapipe.landmarks import MIDDLE_BASE, WRIST
+from learned.hands.mediapipe.hands import MIDDLE_BASE, WRIST, MediaPipeHands
 
 Truth = dict[str, list[Array]]
 

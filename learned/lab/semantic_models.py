@@ -8,14 +8,13 @@ from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.inference.onnx_model import ModelCard
 from learned.lab.experiments import Values
+from learned.lab.semantic_and_or import AndOrGraph, AndOrPlanner
 from learned.lab.semantic_optimum import Joint, best_coverage, trade_off
-from learned.semantic.and_or import AndOrGraph
 from learned.semantic.evaluate import CALIBRATION_BINS, LEAST_PROBABILITY, Answers
-from learned.semantic.factored import FactoredSettings
 from learned.semantic.graph import Bools, Floats, Layout
-from learned.semantic.model import AndOrPlanner, BayesPlanner, FactoredPlanner, PaperPlanner
-from learned.semantic.paper import PaperSettings
+from learned.semantic.model import BayesPlanner, FactoredPlanner, PaperPlanner
 from learned.semantic.scenarios import Scenarios
+from learned.semantic.settings import FactoredSettings, PaperSettings
 from learned.semantic.train import OUTPUTS, Settings, train_network
 from learned.training.torch_model import TorchModel
 
@@ -30,6 +29,8 @@ def planner_of(
     if kind == "bayes":
         return BayesPlanner(product)
     layout = Layout.of(product)
+    if kind == "and_or":
+        return AndOrPlanner(product, AndOrGraph.of(layout, train))
     chosen = settings or (PaperSettings() if kind == "paper" else FactoredSettings())
     card = ModelCard(
         kind=f"semantic.{kind}",
@@ -39,8 +40,6 @@ def planner_of(
         command="",
         seed=seed,
     )
-    if kind == "and_or":
-        return AndOrPlanner(product, AndOrGraph.of(layout, train, card))
     model = TorchModel(train_network(layout, train, chosen, seed), OUTPUTS[kind], card)
     return PaperPlanner(product, model) if kind == "paper" else FactoredPlanner(product, model)
 

@@ -8,9 +8,9 @@ from math import comb
 
 import numpy as np
 
-from learned.semantic.demonstrators import Demonstrators
+from learned.lab.semantic_demonstrators import set_probabilities
 from learned.semantic.graph import EMPTY, Bools, Floats, Ints, Layout
-from learned.semantic.scenarios import action_pairs
+from learned.semantic.scenarios import Demonstrators, action_pairs
 
 LEAST = 1e-12  # less probable reports are left out
 
@@ -87,7 +87,7 @@ def uniform_states(layout: Layout) -> dict[tuple[int, ...], Floats]:
 def run_states(layout: Layout, depth: int, demonstrators: Demonstrators | None = None) -> dict[tuple[int, ...], Floats]:
     """After 1 .. `depth` placements, each number alike; in random order, or as people do it."""
     goals, m = layout.types.shape
-    habits = None if demonstrators is None else demonstrators.set_probabilities()
+    habits = None if demonstrators is None else set_probabilities(demonstrators)
     states = {}
     for mask in _masks(m):
         k = sum(mask)

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from learned.lab import semantic_ratio_page
 from learned.lab.experiments import Cells, Experiment, markdown, score_of, shown, shown_share, values_of
-from learned.lab.semantic_belief import ERRORS, OPTIMUM, belief_cells
-from learned.lab.semantic_habits import DEMONSTRATIONS, STRENGTHS, habit_cells
-from learned.lab.semantic_habits import SEEDS as DEMONSTRATOR_SEEDS
+from learned.lab.semantic_cells import (
+    ERRORS,
+    HABIT_DEMONSTRATIONS,
+    HABIT_SEEDS,
+    HABIT_STRENGTHS,
+    OPTIMUM,
+    belief_cells,
+    habit_cells,
+    ratio_cells,
+    settings_cells,
+    size_cells,
+)
 from learned.lab.semantic_models import KINDS
-from learned.lab.semantic_ratios import ratio_cells
-from learned.lab.semantic_settings import settings_cells
-from learned.lab.semantic_sizes import size_cells
 from learned.lab.semantic_streams import BRACKETS, DOUBT, ERROR, IN_USE, NEVER, SEEDS, SINGLE, stream_cells
 from learned.semantic.confusions import PATTERNS
-from learned.semantic.scenarios import DETECTION_ERROR
+from learned.semantic.settings import DETECTION_ERROR
 
 ACTIONS = range(1, 6)
 ALL = (OPTIMUM, *KINDS)
@@ -87,7 +93,7 @@ def habit_section(cells: Cells) -> str:
     rows = []
     columns = [("goal_accuracy_1", 3), ("goal_accuracy", 3), ("goal_nll", 3), ("wrong_always", 4)]
     columns += [("coverage_at_act", 3), ("wrong_at_act", 4), ("best_coverage", 3)]
-    for strength in STRENGTHS:
+    for strength in HABIT_STRENGTHS:
         for kind in ALL:
             wanted = {"kind": kind, "strength": strength}
             if values_of(cells, lambda _: 0.0, **wanted):
@@ -97,9 +103,9 @@ def habit_section(cells: Cells) -> str:
     return (
         "## Demonstrators with habits of order\n"
         "Four demonstrators prefer positions, types, and for each goal certain slots first; strength is the standard "
-        f"deviation of their log-preferences. {DEMONSTRATIONS} demonstrations, then their own assemblies with 4.5 % "
-        "misdetections, expected values by enumeration. `optimum` knows the habits exactly. Intervals are wide because "
-        f"demonstrators differ between seeds ({DEMONSTRATOR_SEEDS[0]} to {DEMONSTRATOR_SEEDS[-1]}); planners share "
+        f"deviation of their log-preferences. {HABIT_DEMONSTRATIONS} demonstrations, then their own assemblies with "
+        "4.5 % misdetections, expected values by enumeration. `optimum` knows the habits exactly. Intervals are wide "
+        f"because demonstrators differ between seeds ({HABIT_SEEDS[0]} to {HABIT_SEEDS[-1]}); planners share "
         "them.\n\n" + markdown([*head, "wrong at .9", "best coverage at .3 %"], rows) + "\n\n" + _gain(cells)
     )
 
@@ -107,7 +113,7 @@ def habit_section(cells: Cells) -> str:
 def _gain(cells: Cells) -> str:
     """Paired differences to `bayes` on the same demonstrators."""
     rows = []
-    for strength in STRENGTHS:
+    for strength in HABIT_STRENGTHS:
         row = [f"{strength:g}"]
         for name in ("goal_accuracy_1", "goal_accuracy", "wrong_always", "best_coverage"):
             ours = values_of(cells, score_of(name), kind="factored", strength=strength)
@@ -196,7 +202,8 @@ HEAD = (
     "# Experiments on semantic planners\n"
     "Which planner to take, how to teach goals and how to certify a threshold is in [planners.md](../planners.md).\n\n"
     "The goal and what remains to be done, inferred from the parts that are seen in place. All data are generated "
-    "(`learned/semantic/scenarios.py`, `demonstrators.py`). `factored` is the default: learned slots and habits with "
+    "(`learned/semantic/scenarios.py`, "
+    "`learned/lab/semantic_demonstrators.py`). `factored` is the default: learned slots and habits with "
     "exact inference under noise; `paper` the graph network and LSTM; `and_or` an AND/OR graph of the states that "
     "were demonstrated; `bayes` exact inference for demonstrators without habits, which learns nothing. Numbers are "
     "means over seeds; `+-` is the half width of the 95 % confidence interval over seeds (Student's t), and is left "

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from learned.lab.experiments import Cells, markdown, score_of, shown, values_of
+from learned.lab.semantic_cells import (
+    FACTORED_CANDIDATES,
+    FEW_RATIOS,
+    PAPER_CANDIDATES,
+    RATIOS,
+    RIGHTMOST,
+    SIZE_DEMONSTRATIONS,
+    SIZE_SEEDS,
+    SIZES,
+    TEST_STATES,
+    VALIDATION_RATIOS,
+    VALIDATION_SEEDS,
+    VALIDATION_STRENGTHS,
+)
 from learned.lab.semantic_models import KINDS
-from learned.lab.semantic_ratios import FEW_RATIOS, RATIOS, RIGHTMOST
-from learned.lab.semantic_settings import FACTORED_CANDIDATES, PAPER_CANDIDATES, STRENGTHS, VALIDATION_SEEDS
-from learned.lab.semantic_settings import RATIOS as VALIDATION_RATIOS
-from learned.lab.semantic_sizes import DEMONSTRATIONS, SEEDS, SIZES, TEST_STATES
 
 PAPER_FIGURE = ".963 at 143 of 186 scenarios (ratio .77), 3 goals, on its own recordings"
 
@@ -25,7 +35,13 @@ def settings_section(cells: Cells) -> str:
         for name in PAPER_CANDIDATES
     ]
     factored = [
-        [name, *(shown(values_of(cells, score_of("goal_nll"), candidate=name, strength=s), 4) for s in STRENGTHS)]
+        [
+            name,
+            *(
+                shown(values_of(cells, score_of("goal_nll"), candidate=name, strength=s), 4)
+                for s in VALIDATION_STRENGTHS
+            ),
+        ]
         for name in FACTORED_CANDIDATES
     ]
     seeds = ", ".join(map(str, VALIDATION_SEEDS))
@@ -39,7 +55,7 @@ def settings_section(cells: Cells) -> str:
         + "\n\n`factored`: negative log-likelihood of the true goal after 1 to 5 actions [nat], 4.5 % misdetections, "
         "for habits of strength 0, 1, 2; prior standard deviation of goals' own habits and of those that goals share. "
         "`own 0.3, shared 0.5` is used.\n\n"
-        + markdown(["factored", *(f"strength {strength}" for strength in STRENGTHS)], factored)
+        + markdown(["factored", *(f"strength {strength}" for strength in VALIDATION_STRENGTHS)], factored)
     )
 
 
@@ -107,9 +123,9 @@ def size_section(cells: Cells) -> str:
             rows.append([f"{positions} / {types} / {goals}", kind, *scores, train, plan])
     return (
         "## Size of the product\n"
-        f"Random goals, {DEMONSTRATIONS} whole demonstrations in random order, tested on {TEST_STATES} new states. Of "
-        "100 goals drawn 500 times, one in 150 is never demonstrated and cannot be learned. "
-        f"Seeds {SEEDS[0]} to {SEEDS[-1]}, the largest product only once. "
+        f"Random goals, {SIZE_DEMONSTRATIONS} whole demonstrations in random order, tested on {TEST_STATES} new "
+        "states. Of 100 goals drawn 500 times, one in 150 is never demonstrated and cannot be learned. "
+        f"Seeds {SIZE_SEEDS[0]} to {SIZE_SEEDS[-1]}, the largest product only once. "
         "Times are seconds and milliseconds of one CPU core; planning is in torch here, for all types at once "
         "(`python -m tests.benchmarks.planning` times the shipped files).\n\n"
         + markdown(

@@ -17,10 +17,11 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.errors import InputError, Place, Problem
-from cell.files.files import read_text, whole_or_none
+from cell.files.files import read_text, write_whole
 from cell.files.model import Model
 from learned.semantic.graph import Bools, Floats, Ints, Layout
-from learned.semantic.scenarios import DETECTION_ERROR, action_pairs
+from learned.semantic.scenarios import action_pairs
+from learned.semantic.settings import DETECTION_ERROR
 
 Pattern = Literal["uniform", "neighbouring holes", "alike types"]
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
@@ -123,12 +124,7 @@ class Confusions:
         content = ConfusionFile(
             parts=layout.parts, positions=layout.positions, reports_n=reports_n, source=source, wrong=wrong
         )
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with whole_or_none(path) as partial:
-                partial.write_text(content.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{path}: cannot write the confusions: {error.strerror}") from error
+        write_whole(path, content.model_dump_json(indent=1).encode() + b"\n")
 
     @staticmethod
     def load(path: Path, layout: Layout) -> Confusions:

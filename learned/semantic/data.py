@@ -32,7 +32,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.errors import InputError, Place, Problem
-from cell.files.files import read_text, whole_or_none
+from cell.files.files import read_text, write_whole
 from cell.files.model import Model
 from cell.interfaces.product import Product
 from learned.semantic.graph import EMPTY, Layout
@@ -126,12 +126,7 @@ def save_demonstrations(path: Path, product: Product, demonstrations: Sequence[D
         source=source,
     )
     lines = [header.model_dump_json(), *(some.model_dump_json(exclude_defaults=True) for some in demonstrations)]
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_or_none(path) as partial:
-            partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot write the demonstrations: {error.strerror}") from error
+    write_whole(path, "".join(f"{line}\n" for line in lines).encode())
 
 
 def load_demonstrations(path: Path, product: Product) -> list[Demonstration]:

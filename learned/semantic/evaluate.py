@@ -8,16 +8,17 @@ import numpy as np
 
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
 from cell.interfaces.product import Product
-from learned.semantic.demonstrators import Demonstrators, runs
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
-from learned.semantic.model import AndOrPlanner, FactoredPlanner, PaperPlanner
+from learned.semantic.model import FactoredPlanner, PaperPlanner
 from learned.semantic.scenarios import (
     TRAIN_RATIO,
+    Demonstrators,
     Scenarios,
     bound,
     consistent,
     from_the_right,
     misdetect,
+    runs,
     scenarios,
     split,
     unknown_goals,
@@ -178,7 +179,7 @@ def area_under_roc(positive: Floats, negative: Floats) -> float:
 
 def _split_of(planner: SemanticPlanner, seed: int) -> tuple[float, int, str]:
     """Ratio and seed of the split, and the file that was learned from, empty for generated scenarios."""
-    if not isinstance(planner, PaperPlanner | FactoredPlanner | AndOrPlanner):
+    if not isinstance(planner, PaperPlanner | FactoredPlanner):
         return TRAIN_RATIO, seed, ""
     ratio = planner.card.config["ratio"]
     assert isinstance(ratio, float), f"model card with ratio {ratio!r}"

@@ -16,7 +16,7 @@ import yaml
 from pydantic import Field, ValidationError
 
 from cell.errors import InputError
-from cell.files.files import whole_or_none
+from cell.files.files import write_whole
 from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.product import Product
@@ -108,12 +108,7 @@ class OpenGoals:
         """
         content = GoalFile(product=self.listed.name, positions=self.listed.positions, goals=self.finished)
         text = _HEAD + yaml.safe_dump(content.model_dump(mode="json"), sort_keys=False, default_flow_style=None)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with whole_or_none(path) as partial:
-                partial.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{path}: cannot write the goals: {error.strerror}") from error
+        write_whole(path, text.encode())
 
     @property
     def learned(self) -> dict[str, FinishedGoal]:

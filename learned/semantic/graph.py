@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from cell.errors import ModelError
 from cell.interfaces.planning import AssemblyState
 from cell.interfaces.product import Product
 
-Direction = Literal["position_to_object", "object_to_position", "both"]
 Ints = NDArray[np.int64]
 Floats = NDArray[np.floating[Any]]
 Bools = NDArray[np.bool_]

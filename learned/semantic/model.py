@@ -13,16 +13,21 @@ from cell.errors import InputError, ModelError
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.inference.onnx_model import ModelCard, Network, OnnxModel
-from learned.semantic.and_or import AndOrGraph
-from learned.semantic.bayes import BayesPosterior, UniformLikelihood
 from learned.semantic.confusions import MOST_POSITIONS, ConfusionLikelihood, Confusions
 from learned.semantic.goals import OpenGoals
-from learned.semantic.graph import EMPTY, Floats, Ints, Layout
-from learned.semantic.noise import Noise
-from learned.semantic.posterior import Likelihood, Posterior, UnknownGoal, posterior
-from learned.semantic.scenarios import DETECTION_ERROR
+from learned.semantic.graph import Floats, Ints, Layout
+from learned.semantic.posterior import (
+    BayesPosterior,
+    Likelihood,
+    Noise,
+    Posterior,
+    UniformLikelihood,
+    UnknownGoal,
+    posterior,
+)
+from learned.semantic.settings import DETECTION_ERROR
 
-SemanticKind = Literal["auto", "paper", "factored", "and_or", "bayes"]
+SemanticKind = Literal["auto", "paper", "factored", "bayes"]
 FACTORED_OUTPUTS = ("goals", "still_open", "wanted", "prior", "usual", "following")
 LEAST_BELIEF = 1e-9  # placements believed less are left out of the answer
 SURE = 0.9  # placements of a goal that nobody knows are planned from this probability on
@@ -55,10 +60,10 @@ def load_semantic_planner(
     """The planner that the configuration names.
 
     Args:
-        kind: "paper", "factored", "and_or", or "bayes", which has no weights and ignores `path`; "auto" is "factored"
+        kind: "paper", "factored", or "bayes", which has no weights and ignores `path`; "auto" is "factored"
             where its weights are of this product, else "bayes", which is as good where nobody's habits were recorded.
         path: weights from `cell train --only semantic`.
-        goals: learned beside the product's own; `paper` and `and_or` know those that they were trained on alone.
+        goals: learned beside the product's own; `paper` knows only those that it was trained on.
         confusions: what the action detector takes for what; read by `factored` and `bayes`.
 
     Raises:
@@ -75,8 +80,6 @@ def load_semantic_planner(
         raise InputError(f"no semantic planner {kind!r}; there are {', '.join(get_args(SemanticKind))}")
     if path is None:
         raise InputError(f"the semantic planner {kind!r} needs a weights file: `cell train --only semantic`")
-    if kind == "and_or":
-        return AndOrPlanner(product, AndOrGraph.load(path, Layout.of(product)))
     model = OnnxModel.load(path, f"semantic.{kind}")
     for use, words in Layout.of(product).vocabulary.items():
         model.require_vocabulary(use, words)
@@ -105,32 +108,7 @@ class BayesPlanner:
     def plan(self, state: AssemblyState) -> AssemblyPlan:
         layout, edges = self.layout, self.layout.encode(state)
         found = as_told(self._posterior(edges, layout.doubted(state)), layout, edges, state.told_goal)
-        return _assemble(layout, edges, _answer(layout, edges, found, layout.wanted, _by_quantity(layout, edges)))
-
-
-class AndOrPlanner:
-    """Looks the state up in an AND/OR graph; outside the graph it names no goal and proposes nothing."""
-
-    def __init__(self, product: Product, graph: AndOrGraph) -> None:
-        self._layout = Layout.of(product)
-        self._graph = graph
-
-    @property
-    def card(self) -> ModelCard:
-        """Where the graph comes from."""
-        return self._graph.card
-
-    def plan(self, state: AssemblyState) -> AssemblyPlan:
-        layout, edges = self._layout, self._layout.encode(state)
-        node = self._graph.node(np.where(edges.any(axis=0), edges.argmax(axis=0), EMPTY))
-        if node is None:
-            belief = dict.fromkeys(layout.goals, 0.0) | {UNKNOWN_GOAL: 1.0}
-            return AssemblyPlan(belief, {}, None, dict.fromkeys(layout.parts, ()))
-        goals = self._graph.belief(node)
-        placements = np.tensordot(goals, layout.wanted, 1) * (1.0 - edges.any(axis=0))
-        guidance = _templated(layout, edges, layout.wanted[int(np.argmax(goals))])
-        belief_and_none = np.append(goals, 0.0)
-        return _assemble(layout, edges, Answer(belief_and_none, placements, self._graph.following(node), guidance))
+        return assembly_plan(layout, edges, _answer(layout, edges, found, layout.wanted, _by_quantity(layout, edges)))
 
 
 class LearnedPlanner:
@@ -183,7 +161,7 @@ class FactoredPlanner(LearnedPlanner):
         following = _by_quantity(layout, edges)
         following[: len(found["goals"])] = found["following"]
         believed = as_told(believed, layout, edges, state.told_goal)
-        return _assemble(layout, edges, _answer(layout, edges, believed, alike.wanted, following))
+        return assembly_plan(layout, edges, _answer(layout, edges, believed, alike.wanted, following))
 
     def with_goals(self, goals: OpenGoals, confusions: Confusions | None = None) -> FactoredPlanner:
         """The same network with other goals learned beside its own."""
@@ -218,7 +196,7 @@ class PaperPlanner(LearnedPlanner):
         belief, words = found["belief"], found["words"]
         placements = np.tensordot(belief, wanted_by_words(self.layout, words), 1) * (1.0 - edges.any(axis=0))
         guidance = _read(self.layout, words[int(np.argmax(belief))])
-        return _assemble(self.layout, edges, Answer(belief, placements, belief @ found["following"], guidance))
+        return assembly_plan(self.layout, edges, Answer(belief, placements, belief @ found["following"], guidance))
 
 
 def wanted_by_words(layout: Layout, words: Ints) -> Floats:
@@ -244,7 +222,7 @@ def _answer(layout: Layout, edges: Floats, found: Posterior, wanted: Floats, fol
     goals = found.belief[: len(layout.goals)]
     unknown = int(np.argmax(found.belief)) == len(layout.goals)
     plans = np.where(found.placements > SURE, found.placements, 0.0) if unknown else wanted[int(np.argmax(goals))]
-    return Answer(found.belief, found.placements, goals @ following, _templated(layout, edges, plans))
+    return Answer(found.belief, found.placements, goals @ following, templated_guidance(layout, edges, plans))
 
 
 def as_told(found: Posterior, layout: Layout, edges: Floats, goal: str | None) -> Posterior:
@@ -269,7 +247,7 @@ def _by_quantity(layout: Layout, edges: Floats) -> Floats:
     return shares
 
 
-def _templated(layout: Layout, edges: Floats, wanted: Floats) -> dict[str, tuple[str, ...]]:
+def templated_guidance(layout: Layout, edges: Floats, wanted: Floats) -> dict[str, tuple[str, ...]]:
     """Guidance of one goal that wants (n, m): by type, the open positions that want it most, in order."""
     types = wanted.argmax(axis=0)
     still = np.flatnonzero((edges.sum(axis=0) == 0) & wanted.any(axis=0)).tolist()
@@ -288,7 +266,12 @@ def _read(layout: Layout, words: Ints) -> dict[str, tuple[str, ...]]:
     return plans
 
 
-def _assemble(layout: Layout, edges: Floats, answer: Answer) -> AssemblyPlan:
+def assembly_plan(layout: Layout, edges: Floats, answer: Answer) -> AssemblyPlan:
+    """An answer by names.
+
+    Raises:
+        ModelError: the belief is no distribution.
+    """
     belief = answer.belief / answer.belief.sum()
     if not np.isfinite(belief).all():
         raise ModelError(f"belief over goals is {answer.belief.tolist()}, not a distribution")

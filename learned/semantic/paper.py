@@ -3,36 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
+import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 
-from cell.files.model import Model
-from learned.semantic.graph import Direction, Layout
+from learned.semantic.graph import EMPTY, Ints, Layout, one_hot
+from learned.semantic.scenarios import Scenarios
+from learned.semantic.settings import PaperSettings
 
-
-class PaperSettings(Model):
-    """Settings of network and training, as found on validation scenarios.
-
-    Attributes:
-        direction: the way that messages take along an edge; the paper prints object_to_position.
-        aggregation: how a node sums up its neighbours' messages; the paper prints the mean.
-        start: what the decoder starts from beside the goal: the graph's embedding, or the object node's as printed.
-        noise: share of the placements that are misdetected while training; more than the detector's makes plans
-            generalise better from few scenarios.
-    """
-
-    hidden: int = Field(default=64, gt=0)
-    layers: int = Field(default=2, ge=1)
-    direction: Direction = "position_to_object"
-    aggregation: str = Field(default="sum", pattern="^(mean|sum)$")
-    start: Literal["graph", "object"] = "graph"
-    steps: int = Field(default=600, gt=0)
-    learning_rate: float = Field(default=5e-3, gt=0)
-    weight_decay: float = Field(default=0.0, ge=0)
-    noise: float = Field(default=0.1, ge=0, lt=1)
+IGNORED = -100  # label of what no loss looks at, as cross_entropy has it
 
 
 class PaperAnswer(NamedTuple):
@@ -143,3 +124,39 @@ class PaperNetwork(nn.Module):
     def _start(self, begin: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:
         hidden, memory = self.start(torch.cat([begin, goal], dim=1)).chunk(2, dim=1)
         return torch.tanh(hidden), memory
+
+
+def paper_loss(network: PaperNetwork, layout: Layout, batch: Scenarios) -> Tensor:
+    """Cross-entropies of goal, next object (Eq. 3) and plan words; the heads are given the true goal."""
+    parts = len(layout.parts)
+    goals = torch.tensor(batch.goals)
+    graph, begin = network.embed(torch.tensor(one_hot(batch.seen, parts)))
+    hard = nn.functional.one_hot(goals, len(layout.goals)).float()
+    following = torch.tensor(next_type(layout, batch))
+    words = torch.tensor(plan_words(layout, batch)).reshape(len(batch) * parts, -1)
+    logits = network.teach(begin.flatten(0, 1), hard.repeat_interleave(parts, dim=0), words[:, :-1].clamp(min=0))
+    entropy = nn.functional.cross_entropy
+    known = max(int((following != IGNORED).sum()), 1)
+    return (
+        entropy(network.goal_head(graph), goals)
+        + entropy(network.following(graph, hard), following, ignore_index=IGNORED, reduction="sum") / known
+        + entropy(logits.flatten(0, 1), words[:, 1:].flatten(), ignore_index=IGNORED)
+    )
+
+
+def next_type(layout: Layout, batch: Scenarios) -> Ints:
+    """(B,) part type that the demonstrator placed next, IGNORED where it is not known."""
+    types: Ints = np.where(batch.following == EMPTY, IGNORED, layout.types[batch.goals, batch.following])
+    return types
+
+
+def plan_words(layout: Layout, batch: Scenarios) -> Ints:
+    """(B, n, 2 + most of a type) words of every object's plan: its name, its open positions in order, the end."""
+    rows, parts, end = len(batch), len(layout.parts), len(layout.words) - 1
+    words = np.full((rows, parts, int(layout.quantities.max()) + 2), IGNORED)
+    words[:, :, 0] = np.arange(parts)
+    still = layout.wanted[batch.goals].astype(bool) & (batch.seen == EMPTY)[:, None, :]
+    row, part, position = np.nonzero(still)
+    words[row, part, still.cumsum(axis=2)[row, part, position]] = parts + position
+    np.put_along_axis(words, 1 + still.sum(axis=2, keepdims=True), end, axis=2)
+    return words

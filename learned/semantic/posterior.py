@@ -9,8 +9,53 @@ from math import comb, factorial, perm, prod
 import numpy as np
 
 from cell.errors import ModelError
+from learned.semantic.confusions import MOST_POSITIONS, ConfusionLikelihood, Confusions
 from learned.semantic.graph import Floats, Layout
-from learned.semantic.noise import Noise
+from learned.semantic.scenarios import action_pairs
+from learned.semantic.settings import DETECTION_ERROR
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Rates of reports by the number k of reports, k = 0..m.
+
+    With probability `error` an action is taken for another of the actions that the detector knows, all alike, at a
+    position that is seen as open: of the (type, position) pairs of m positions, those of m - k + 1 are left.
+
+    Attributes:
+        wrong: (m + 1,) probability q that a placement is reported as one given other.
+        excess: (m + 1,) by how much the probability that it is reported right exceeds q.
+    """
+
+    wrong: Floats
+    excess: Floats
+
+    @staticmethod
+    def of(layout: Layout, error: float = DETECTION_ERROR) -> Noise:
+        """Noise of a detector that knows the actions of the demonstrated goals."""
+        m = len(layout.positions)
+        others = len(action_pairs(layout)) * (m - np.arange(m + 1) + 1) / m - 1.0
+        wrong = error / np.maximum(others, 1.0)
+        return Noise(wrong, np.maximum(1.0 - error - wrong, 0.0))
+
+    def terms(self, *, one_open: bool = False) -> Floats:
+        """(k, i) probability of k reports of which i certain ones are right, the others stemming from any slots.
+
+        Any k of m slots are done, all choices alike; summed over the C(m - i, k - i) (k - i)! ways in which the
+        other reports may stem from the slots left.
+
+        Args:
+            one_open: only those ways that leave one certain slot open.
+        """
+        m = len(self.wrong) - 1
+        slots = m - 1 if one_open else m
+        table = np.zeros((m + 1, m + 1))
+        for k in range(m + 1):
+            for i in range(min(k, slots) + 1):
+                ways = comb(slots - i, k - i) * factorial(k - i) / comb(m, k)
+                table[k, i] = self.excess[k] ** i * self.wrong[k] ** (k - i) * ways
+        return table
+
 
 UNKNOWN_PRIOR = 0.02  # how often somebody builds what was never demonstrated
 CACHED = 4096  # combinations of reported quantities that are kept
@@ -127,3 +172,74 @@ def posterior(
     if not (np.isfinite(total) and total > 0.0):
         raise ModelError(f"likelihoods of the goals are {likelihood.goals.tolist()}, no posterior follows from them")
     return Posterior(joint / total, placements / np.maximum(placements.sum(axis=0), 1e-300) * still)
+
+
+class UniformLikelihood:
+    """P(reports | goal) where any action is taken for any other alike, for people without habits of order.
+
+    Any k of the goal's m slots are done, all choices alike. Summed over which slot each of the k reports stems from,
+    a goal that agrees with c of them has the likelihood
+
+        L(c, k) = sum_i C(c, i) (a - q)^i q^(k - i) (k - i)! C(m - i, k - i) / C(m, k),
+
+    a the probability that a placement is reported right and q that it is reported as one given other: i reports are
+    fixed to their own slots, the others are free.
+    """
+
+    def __init__(self, layout: Layout, noise: Noise) -> None:
+        self._wanted = layout.wanted
+        subsets = np.array([[comb(c, i) for i in range(noise.wrong.size)] for c in range(noise.wrong.size)])
+        self._likelihood = subsets @ noise.terms().T
+        self._open_likelihood = subsets @ noise.terms(one_open=True).T
+
+    def __call__(self, edges: Floats) -> tuple[Floats, Floats]:
+        """Likelihood (z,) of the edges (n, m), and (z, m) that together with each slot being open."""
+        filled = int(edges.sum())
+        agreeing = np.tensordot(self._wanted, edges, 2).astype(int)
+        still_open = np.repeat(self._open_likelihood[agreeing, filled][:, None], edges.shape[1], axis=1)
+        return self._likelihood[agreeing, filled], still_open
+
+
+class BayesPosterior:
+    """The posterior of z goals and of none of them."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        error: float = DETECTION_ERROR,
+        unknown: float = UNKNOWN_PRIOR,
+        *,
+        prior: Floats | None = None,
+        confusions: Confusions | None = None,
+    ) -> None:
+        """Args:
+        error: share of wrong reports, where no confusions are known.
+        unknown: prior of none of the goals.
+        prior: (z,) of the goals, given that it is one of them; all alike by default.
+        confusions: what is taken for what.
+        """
+        noise = Noise.of(layout, error if confusions is None else max(confusions.error, 1e-6))
+        self._wanted = layout.wanted
+        self._none = unknown
+        self._unknown = UnknownGoal(layout, noise)
+        self._prior = np.full(len(layout.goals), 1.0 / len(layout.goals)) if prior is None else prior
+        self._uniform = UniformLikelihood(layout, noise)
+        counted = confusions is not None and len(layout.positions) <= MOST_POSITIONS
+        self._counted = ConfusionLikelihood(layout, confusions) if counted and confusions else None
+
+    def __call__(self, edges: Floats, seen: Floats | None = None) -> Posterior:
+        """Posterior for the edges (n, m).
+
+        Args:
+            seen: (n, m) the edges with the detector's doubts; counts where confusions are known.
+        """
+        usual = Likelihood(*self._uniform(edges), self._wanted, self._prior)
+        if self._counted is None:
+            return posterior(edges, usual, self._unknown, self._none)
+        return posterior(
+            edges,
+            Likelihood(*self._counted(edges if seen is None else seen), self._wanted, self._prior),
+            self._unknown,
+            self._none,
+            usual,
+        )

@@ -13,10 +13,10 @@ from itertools import product as combinations
 import numpy as np
 
 from learned.semantic.graph import EMPTY, Bools, Floats, Ints, Layout
+from learned.semantic.settings import DETECTION_ERROR
 
 SCENARIO_LIMIT = 20_000  # products with more partial states are sampled
 TRAIN_RATIO = 0.77  # 143 of 186 scenarios with the default product, as in the paper
-DETECTION_ERROR = 0.045  # the paper's action detector with three goals
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,37 @@ class Scenarios:
         for array in (self.goals, self.seen, self.following):
             digest.update(np.ascontiguousarray(array, "<i8").tobytes())
         return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Demonstrators:
+    """People who fill slots one after the other, each open one with odds exp(preference) (Plackett and Luce).
+
+    Attributes:
+        preferences: (demonstrators, z, m).
+    """
+
+    layout: Layout
+    preferences: Floats
+
+    def orders(self, goals: Ints, rng: np.random.Generator) -> Ints:
+        """(B, m) positions in the order in which a random one of them fills them, for goals (B,)."""
+        person = rng.integers(len(self.preferences), size=len(goals))
+        preferred = self.preferences[person, goals]
+        order: Ints = np.argsort(-(preferred + rng.gumbel(size=preferred.shape)), axis=1)
+        return order
+
+
+def runs(demonstrators: Demonstrators, count: int, depth: int, rng: np.random.Generator) -> tuple[Scenarios, Ints]:
+    """States after 1 .. `depth` placements of `count` assemblies, and the number of placements of each."""
+    layout = demonstrators.layout
+    goals = rng.integers(len(layout.goals), size=count)
+    ranks = np.argsort(demonstrators.orders(goals, rng), axis=1)
+    steps = np.repeat(np.arange(1, depth + 1), count)
+    rows = np.tile(np.arange(count), depth)
+    seen = np.where(ranks[rows] < steps[:, None], layout.types[goals[rows]], EMPTY)
+    following = np.argmax(ranks[rows] == steps[:, None], axis=1)
+    return Scenarios(goals[rows], seen, following), steps
 
 
 def scenarios(layout: Layout, seed: int) -> Scenarios:

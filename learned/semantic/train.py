@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,21 +15,19 @@ from torch import Tensor, nn
 from cell.errors import InputError
 from cell.interfaces.product import Product
 from learned.inference.onnx_model import ModelCard
-from learned.semantic.and_or import AndOrGraph
 from learned.semantic.data import load_demonstrations, states_of
 from learned.semantic.evaluate import evaluate_semantic
-from learned.semantic.factored import FactoredAnswer, FactoredNetwork, FactoredSettings
 from learned.semantic.graph import EMPTY, Layout, one_hot
-from learned.semantic.losses import Counts, factored_loss, goal_prior, paper_loss
 from learned.semantic.model import load_semantic_planner
-from learned.semantic.paper import PaperAnswer, PaperNetwork, PaperSettings
+from learned.semantic.network import Counts, FactoredAnswer, FactoredNetwork, factored_loss, goal_prior
+from learned.semantic.paper import PaperAnswer, PaperNetwork, paper_loss
 from learned.semantic.scenarios import TRAIN_RATIO, Scenarios, misdetect, scenarios, split, sub_demonstrations
+from learned.semantic.settings import FactoredSettings, PaperSettings
 from learned.training.torch_model import TorchModel, write_weights
 from learned.training.training_loop import Checkpoint, fit
 
 Settings = PaperSettings | FactoredSettings
 OUTPUTS = {"paper": PaperAnswer._fields, "factored": FactoredAnswer._fields}
-KINDS = ("paper", "factored", "and_or")
 CHECKED_STATES = 200  # of the training states, when the export is compared with torch
 
 
@@ -86,7 +84,7 @@ def train_semantic(
     """Train a planner, write it to `out` with its model card, and score it on what was held out.
 
     Args:
-        kind: "paper", "factored" or "and_or".
+        kind: "paper" or "factored".
         ratio: share of the scenarios, or of the demonstrations, that is trained on.
         augment: train on sub-demonstrations too.
         data: file of demonstrations; generated scenarios without.
@@ -100,16 +98,16 @@ def train_semantic(
         InputError: no such kind, or mistakes in the file of demonstrations.
         ModelError: the exported network does not answer as the trained one does.
     """
-    if kind not in KINDS:
-        raise InputError(f"cannot train a semantic planner {kind!r}; there are {', '.join(KINDS)}")
+    if kind not in OUTPUTS:
+        raise InputError(f"cannot train a semantic planner {kind!r}; there are {', '.join(OUTPUTS)}")
     layout = Layout.of(product)
     some = generated_data(layout, ratio, seed) if data is None else recorded_data(data, product, ratio, seed)
     train = sub_demonstrations(layout, some.train) if augment else some.train
-    chosen = settings or _default_settings(kind)
+    chosen = settings or (PaperSettings() if kind == "paper" else FactoredSettings())
     config: dict[str, JsonValue] = {"ratio": ratio, "augment": augment, "states": len(train), "data": some.source}
     card = ModelCard(
         kind=f"semantic.{kind}",
-        config={**config, **(chosen.model_dump() if chosen else {})},
+        config={**config, **chosen.model_dump()},
         vocabulary=layout.vocabulary,
         data_sha256=some.sha256,
         command=_command(kind, seed, ratio, augment, data),
@@ -120,12 +118,6 @@ def train_semantic(
         held_out = some.held_out if some.source else None
         return evaluate_semantic(load_semantic_planner(kind, out, product), product, seed, held_out)
 
-    if chosen is None:
-        graph = AndOrGraph.of(layout, train, card)
-        graph.save(out)
-        scores = score()
-        replace(graph, card=card.model_copy(update={"scores": scores})).save(out)
-        return scores
     checkpoint = out.with_name(out.name + ".checkpoint")
     network = train_network(layout, train, chosen, seed, checkpoint=checkpoint, quiet=quiet)
     samples = [{"edges": edges} for edges in one_hot(train.seen[:CHECKED_STATES], len(layout.parts))]
@@ -168,12 +160,6 @@ def _task(
     factored.get_buffer("prior").copy_(goal_prior(layout, train, settings))
     counts = Counts.of(layout, train)
     return factored, lambda: factored_loss(factored, counts, settings)
-
-
-def _default_settings(kind: str) -> Settings | None:
-    if kind == "and_or":
-        return None
-    return PaperSettings() if kind == "paper" else FactoredSettings()
 
 
 def _command(kind: str, seed: int, ratio: float, augment: bool, data: Path | None) -> str:

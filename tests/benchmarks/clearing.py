@@ -12,7 +12,7 @@ from rich.table import Table
 
 from cell.configuration import Configuration
 from learned.grasp.boxes import Boxes
-from learned.grasp.physics import touching
+from learned.grasp.candidates import touching
 from learned.grasp.scenes import draw_scenes, standing_boxes
 from learned.grasp.settings import PAPER_SCENES, GripperOutline
 from learned.grasp.solution import nearest_first, solve

@@ -20,14 +20,14 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE
-from learned.grasp.physics import clearance_m
-from learned.grasp.scenes import Scene, can_grasp, draw_scenes
+from learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE, clearance_m
+from learned.grasp.scenes import Scene, draw_scenes
 from learned.grasp.settings import GripperOutline
 from learned.inference.scores import wilson
 from skills.motion.grip import Grip, Hold, possible_grips
 from tests.integration.cell_rig import BENCH, PRODUCT
 from tests.integration.grasp_trial import Descent, Standing, Verdict, try_grasp
+from tests.learned.grasp.layouts import can_grasp
 
 OUTLINE = GripperOutline()
 OPTIONS = {name: Hold(tuple(Grip)[side], place) for name, side, place in zip(CANDIDATES, SIDE, PLACE_M, strict=True)}

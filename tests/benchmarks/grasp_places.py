@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from learned.grasp.physics import touching
+from learned.grasp.candidates import touching
 from learned.grasp.scenes import Scene, draw_scenes
 from learned.grasp.settings import TRAY_SCENES, GripperOutline, SceneSettings
 from learned.grasp.solution import nearest_first, solve

@@ -19,7 +19,7 @@ from cell.configuration import Configuration, load_configuration, load_product, 
 from cell.interfaces.perception import BenchView, Frame, PartDetection
 from cell.interfaces.pose import Array, Pose
 from cell.interfaces.product import Product
-from learned.bench_watcher import DetectorChain, classical_bench_watcher
+from learned.bench_watcher import DetectorChain
 from learned.classical.part_detector import ClassicalPartDetector
 from sim.cell import SimCell
 from sim.rendering.camera import SimCamera
@@ -28,6 +28,7 @@ from sim.scene.world import WorldPart
 from sim.worker.event_log import ActionEvent
 from skills.motion.grasp_pose import tool_down
 from skills.motion.kinematics import Kinematics
+from tests.learned.classical.scenes import classical_bench_watcher
 
 LONGEST_RUN_S = 200.0
 FOUND_M = 0.005

@@ -52,7 +52,7 @@ def semantic_times(product: Product) -> dict[str, float]:
     layout = Layout.of(product)
     states = [layout.state(row) for row in scenarios(layout, 0).seen]
     found = {}
-    for kind in ("factored", "paper", "and_or", "bayes"):
+    for kind in ("factored", "paper", "bayes"):
         path = ROOT / "learned" / "weights" / weights_file("semantic", kind)
         planner = load_semantic_planner(kind, path, product)
         found[f"semantic {kind}"] = median_ms([partial(planner.plan, state) for state in states])

@@ -29,7 +29,7 @@ def config(tmp_path: Path) -> Path:
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Training of a second instead of a minute."""
     from learned.grasp import train
-    from learned.grasp.training_settings import PairwiseSettings
+    from learned.grasp.settings import PairwiseSettings
 
     settings = PairwiseSettings(scenes=10, test_scenes=8, epochs=2, hidden=8, members=1)
     whole = train.train_grasp

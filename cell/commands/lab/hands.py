@@ -18,9 +18,9 @@ from cell.interfaces.perception import HandTracker
 from cell.interfaces.product import Product
 from cell.lab.hands import ONLY, evaluate_hands
 from cell.wiring.detectors import Detectors
-from learned.hands.mediapipe.fetch import fetch as fetch_networks
 from learned.hands.mediapipe.hands import FETCH, SIZES, MediaPipeHands, model_folder
 from learned.inference.onnx_model import OnnxModel
+from learned.lab.mediapipe_fetch import fetch as fetch_networks
 from learned.lab.photographs import compare_photographs, load_truth
 
 _OPTIONS = ("kind", "weights", "look", "person", "seeds", "physics", "only", "cameras", "config", "as_json")

@@ -38,8 +38,8 @@ from learned.grasp.model import load_grasp_planner
 from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import TRAY_SCENES, SceneSettings
 from learned.lab.semantic_certify import case_of, certificate, least_limit
+from learned.lab.semantic_demonstrators import generated_demonstrations, scenario_demonstrations
 from learned.semantic.data import save_demonstrations
-from learned.semantic.demonstrators import generated_demonstrations, scenario_demonstrations
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.graph import Layout
 from learned.semantic.model import load_semantic_planner
@@ -206,7 +206,7 @@ def evaluate_semantic_planner(
 ) -> None:
     """Score the semantic planner, certify its thresholds, or run an experiment with all kinds.
 
-    Kinds: factored, paper, and_or, bayes.
+    Kinds: factored, paper, bayes.
     """
     product = product_of(shared.config)
     if certify is not None:
@@ -217,7 +217,7 @@ def evaluate_semantic_planner(
         return
     if page is not None:
         raise InputError(PAGE_ALONE)
-    kind = shared.one_kind(("factored", "paper", "and_or", "bayes", "auto"))
+    kind = shared.one_kind(("factored", "paper", "bayes", "auto"))
     planner = load_semantic_planner(kind, shared.weights or shipped_weights("semantic", kind), product)
     report_scores("semantic", evaluate_semantic(planner, product, shared.seed), shared.as_json)
 

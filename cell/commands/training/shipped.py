@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import signal
 import sys
@@ -96,8 +95,8 @@ def steps_of_shipped() -> Iterator[Step]:
     """The commands on the cards of all shipped weights, each once, the longest first."""
     files: dict[str, list[str]] = {}
     for path in sorted(WEIGHTS.iterdir(), key=lambda path: (len(path.stem), path.name)):
-        if path.suffix in (".onnx", ".json"):
-            files.setdefault(_command_of(path), []).append(path.name)
+        if path.suffix == ".onnx":
+            files.setdefault(OnnxModel.card_of(path).command, []).append(path.name)
     steps = []
     for command, names in files.items():
         words = shlex.split(command.removeprefix("cell ").removeprefix("lab ").removeprefix("train "))
@@ -105,13 +104,6 @@ def steps_of_shipped() -> Iterator[Step]:
         fixed_s = PAPER_GRASP_S if {"grasp", "paper"} <= set(words) else PLANNER_S
         steps.append(Step(tuple(words), tuple(names), seconds(budget) if budget else fixed_s))
     yield from sorted(steps, key=lambda step: -step.seconds)
-
-
-def _command_of(path: Path) -> str:
-    if path.suffix == ".onnx":
-        return OnnxModel.card_of(path).command
-    read = json.loads(path.read_text("utf-8"))
-    return str(read["card"]["command"] if "card" in read else read["source"])
 
 
 def scaled(steps: Sequence[Step], budget: str | None) -> list[Step]:

@@ -203,7 +203,7 @@ TASKS = {
         LearnedTask(
             "semantic",
             "semantic planner",
-            ("factored", "paper", "and_or"),
+            ("factored", "paper"),
             ("kind", "data", "ratio", "augment"),
             planners.semantic,
             use=_PLANNER,

@@ -11,17 +11,20 @@ from cell.errors import ModelError
 from cell.interfaces.bench import Bench, CameraSetup
 from cell.interfaces.pose import Array
 from cell.interfaces.product import Product
-from learned.hands.mediapipe.hands import FETCH, ON_THE_BENCH, MediaPipeHands, folder_in_use
-from learned.hands.mediapipe.landmarks import (
+from learned.hands.mediapipe.hands import (
+    FETCH,
     INDEX_BASE,
     INDEX_TIP,
     LITTLE_BASE,
     MIDDLE_BASE,
+    ON_THE_BENCH,
     RING_BASE,
     THUMB_TIP,
     WRIST,
+    MediaPipeHands,
+    folder_in_use,
 )
-from learned.hands.mediapipe.landmarks import Landmarks as Hand
+from learned.hands.mediapipe.hands import Landmarks as Hand
 from learned.hands.reading import Reading
 from learned.hands.regions import Image
 from learned.hands.tracking import HandTracks

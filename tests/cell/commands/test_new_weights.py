@@ -18,7 +18,6 @@ TRAININGS = {
     "parts --kind rcnn": "parts.pt",
     "grasp": "grasp.onnx",
     "semantic": "semantic.onnx",
-    "semantic --kind and_or": "semantic.json",
 }
 
 

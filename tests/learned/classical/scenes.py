@@ -7,8 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.configuration import load_configuration, load_product
+from cell.interfaces.bench import Bench
 from cell.interfaces.pose import Array, Pose
+from cell.interfaces.product import Product
+from learned.bench_watcher import ClassicalDetectors, DetectorChain
 from learned.classical.box_model import View, outline
+from learned.classical.settings import PerceptionSettings
 
 CONFIGURATION = load_configuration()
 PRODUCT = load_product(CONFIGURATION)
@@ -103,3 +107,11 @@ def draw_hand(canvas: Canvas, tips_m: tuple[float, float], height_m: float = 0.1
         corners = [[x, middle_y + dy, height_m] for x, dy in ((0, -7e-3), (0, 7e-3), (0.08, 7e-3), (0.08, -7e-3))]
         canvas.polygon(np.array(corners) + np.array([x_m, 0.0, 0.0]), SKIN)
     canvas.disc(np.array([x_m + 0.11, y_m, height_m]), 0.042, SKIN)
+
+
+def classical_bench_watcher(
+    bench: Bench, product: Product, settings: PerceptionSettings | None = None
+) -> DetectorChain:
+    """The three detectors of overhead frames, one after the other."""
+    detectors = ClassicalDetectors(bench, product, settings or PerceptionSettings())
+    return DetectorChain(bench, product, detectors.hands(), detectors.holes(), detectors.actions())

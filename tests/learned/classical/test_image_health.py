@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cell.interfaces.perception import Frame
-from learned.bench_watcher import classical_bench_watcher
 from learned.classical.image_health import ImageHealth, TrackHealth
 from tests.integration.cell_rig import BENCH, PRODUCT, with_person
+from tests.learned.classical.scenes import classical_bench_watcher
 
 Image = NDArray[np.uint8]
 SOUND, SPOILED = 20, 60

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from learned.bench_watcher import classical_bench_watcher
 from learned.classical.part_detector import ClassicalPartDetector
 from sim.scene.clutter import full_set, sample_clutter
 from sim.scene.settings import ClutterSettings
 from sim.scene.unknown_objects import UNKNOWN
 from sim.truth.labels import resting_parts
 from tests.benchmarks.perception_accuracy import PartErrors, RunErrors, compare, look, open_sim, worker_run
-from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT
+from tests.learned.classical.scenes import BENCH, CONFIGURATION, PRODUCT, classical_bench_watcher
 
 
 def test_parts_in_clutter_are_found_in_a_rendered_view() -> None:

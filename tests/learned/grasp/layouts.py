@@ -9,6 +9,9 @@ from cell.files.yaml_file import load_yaml
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
+from learned.grasp.boxes import Boxes
+from learned.grasp.candidates import CANDIDATES, touching
+from learned.grasp.settings import GripperOutline
 
 ROOT = Path(__file__).parents[3]
 PRODUCT = load_yaml(ROOT / "config" / "products.yaml", Product)
@@ -47,3 +50,8 @@ def chain() -> tuple[PartDetection, ...]:
         standing("o3", 0.0, 0.0695, math.pi / 2),
         standing("o3", 0.0695, 0.0695),
     )
+
+
+def can_grasp(boxes: Boxes, required: int, candidate: str, outline: GripperOutline | None = None) -> bool:
+    """The label: whether the gripper can take a part by a candidate ("width" or "length") without touching another."""
+    return not touching(boxes, outline or GripperOutline())[required, CANDIDATES.index(candidate)].any()

@@ -56,8 +56,8 @@ def test_damaged_scenes_are_named_before_training(
 def test_scenes_from_a_file_train_a_planner(tmp_path: Path) -> None:
     from learned.grasp.data import write_scenes
     from learned.grasp.scenes import draw_scenes
+    from learned.grasp.settings import PairwiseSettings
     from learned.grasp.train import train_grasp
-    from learned.grasp.training_settings import PairwiseSettings
     from learned.inference.onnx_model import OnnxModel
 
     data = tmp_path / "scenes.jsonl"

@@ -22,7 +22,7 @@ def no_camera(views: Sequence[View]) -> list[Crops]:
 
 
 def test_every_baseline_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    from learned.lab.grasp_baselines import BASELINES, contender
+    from learned.lab.grasp_baselines import BASELINES, trained_baseline
 
     for name, baseline in BASELINES.items():
         if baseline.settings is not None:
@@ -30,7 +30,7 @@ def test_every_baseline_learns_and_answers(monkeypatch: pytest.MonkeyPatch) -> N
             monkeypatch.setitem(BASELINES, name, replace(baseline, settings=short))
     drawn = list(draw_scenes(PRODUCT, 31, 1, "validation"))
     for name in BASELINES:
-        asked = contender(name, PRODUCT, no_camera, 4, 0, DetectionNoise(), PAPER_SCENES)
+        asked = trained_baseline(name, PRODUCT, no_camera, 4, 0, DetectionNoise(), PAPER_SCENES)
         (scene,) = asked.look(drawn)
         for required in range(len(scene.parts)):
             plan = asked.planner.plan(scene.parts, required)

@@ -10,8 +10,7 @@ import pytest
 
 from cell.errors import ModelError
 from learned.grasp.boxes import boxes_of
-from learned.grasp.candidates import graspable
-from learned.grasp.physics import touching
+from learned.grasp.candidates import graspable, touching
 from learned.grasp.settings import WITH_MARGINS
 from tests.learned.grasp.layouts import PRODUCT, standing, walled
 

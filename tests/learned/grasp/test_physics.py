@@ -11,11 +11,22 @@ import pytest
 from cell.interfaces.grasping import places_m
 from cell.interfaces.pose import Array
 from learned.grasp.boxes import Boxes, boxes_of
-from learned.grasp.candidates import CANDIDATES, PLACE_M, SIDE, as_headed, available, graspable, gripped_m, jaw_yaw_rad
-from learned.grasp.physics import clearance_m, fingertips_m, touching
-from learned.grasp.scenes import can_grasp, draw_scenes
+from learned.grasp.candidates import (
+    CANDIDATES,
+    PLACE_M,
+    SIDE,
+    as_headed,
+    available,
+    clearance_m,
+    fingertips_m,
+    graspable,
+    gripped_m,
+    jaw_yaw_rad,
+    touching,
+)
+from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import WITH_MARGINS, GripperOutline
-from tests.learned.grasp.layouts import PRODUCT, standing, walled
+from tests.learned.grasp.layouts import PRODUCT, can_grasp, standing, walled
 
 OUTLINE = GripperOutline()
 SPACING_M = 0.001

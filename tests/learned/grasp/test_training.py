@@ -15,12 +15,12 @@ from cell.interfaces.planning import crops_file
 from learned.grasp.boxes import boxes_of
 from learned.grasp.crops import CHANNELS, CROP_PX, EMBEDDING, Crops, View, load_crops
 from learned.grasp.evaluate import embedded
-from learned.grasp.graph import Attention, scene_graph
+from learned.grasp.graph import scene_graph
 from learned.grasp.language import MAX_WORDS, decode, encode
 from learned.grasp.model import load_grasp_planner
 from learned.grasp.pairs import PAIR_FEATURES
 from learned.grasp.scenes import Scene, data_hash, draw_scenes
-from learned.grasp.training_settings import PairwiseSettings, PaperSettings, TrainingSettings
+from learned.grasp.settings import Attention, PairwiseSettings, PaperSettings, TrainingSettings
 from learned.inference.onnx_model import OnnxModel
 from tests.learned.grasp.layouts import PRODUCT, walled
 

@@ -12,12 +12,11 @@ import pytest
 from cell.configuration import load_configuration, load_product
 from cell.errors import InputError, ModelError
 from cell.interfaces.pose import Array
-from learned.hands.mediapipe.fetch import fetch
-from learned.hands.mediapipe.hands import MediaPipeHands, apart, model_folder, network_file
-from learned.hands.mediapipe.landmarks import Landmarks
+from learned.hands.mediapipe.hands import Landmarks, MediaPipeHands, apart, model_folder, network_file
 from learned.hands.mediapipe.palms import ANCHORS, Palm, Roi, averaged, overlaps, square, wrapped
 from learned.hands.mediapipe.tracker import mediapipe_tracker
 from learned.hands.regions import Image
+from learned.lab.mediapipe_fetch import fetch
 from learned.lab.photographs import compare_photographs, load_truth, pair_errors
 
 HAND = np.array([[0.0, 0.0], *([[10.0 * finger, -40.0 - 15 * joint] for finger in range(-2, 3) for joint in range(4)])])

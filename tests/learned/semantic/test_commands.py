@@ -9,9 +9,9 @@ import pytest
 from cell.commands.main import main
 from cell.commands.training.weights import new_weights, shipped_weights
 from cell.files.files import shipped
-from learned.semantic.and_or import AndOrGraph
+from learned.inference.onnx_model import OnnxModel
 from learned.semantic.data import load_demonstrations
-from learned.semantic.graph import Layout
+from learned.semantic.settings import FactoredSettings
 from tests.learned.products import DEFAULT
 
 
@@ -38,7 +38,7 @@ def test_demonstrations_that_cannot_be_written(tmp_path: Path, capsys: pytest.Ca
     [
         (["--experiment", "ratios"], "--experiment needs --page FILE"),
         (["--page", "page.md"], "--page is for --experiment"),
-        (["--kind", "magic"], "--kind magic: unknown kind; legal: factored, paper, and_or, bayes, auto"),
+        (["--kind", "magic"], "--kind magic: unknown kind; legal: factored, paper, bayes, auto"),
     ],
 )
 def test_bad_options(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -52,13 +52,16 @@ def test_new_weights_are_written_beside_the_configuration_or_into_the_working_fo
 
 
 @pytest.mark.torch
-def test_training_for_a_configuration_leaves_the_shipped_weights_alone(tmp_path: Path) -> None:
+def test_training_for_a_configuration_leaves_the_shipped_weights_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("learned.semantic.train.FactoredSettings", lambda: FactoredSettings(steps=3))
     for name in ("cell.yaml", "sim.yaml", "products.yaml"):
         (tmp_path / name).write_text(shipped("config", name).read_text())
-    before = shipped_weights("semantic", "and_or").read_bytes()
+    before = shipped_weights("semantic", "factored").read_bytes()
     assert (
-        main(["lab", "train", "semantic", "--kind", "and_or", "--config", str(tmp_path / "cell.yaml"), "--seed", "3"])
+        main(["lab", "train", "semantic", "--kind", "factored", "--config", str(tmp_path / "cell.yaml"), "--seed", "3"])
         == 0
     )
-    assert AndOrGraph.load(tmp_path / "semantic_and_or.json", Layout.of(DEFAULT)).card.seed == 3
-    assert shipped_weights("semantic", "and_or").read_bytes() == before
+    assert OnnxModel.load(tmp_path / "semantic_factored.onnx", "semantic.factored").card.seed == 3
+    assert shipped_weights("semantic", "factored").read_bytes() == before

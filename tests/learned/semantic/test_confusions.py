@@ -16,12 +16,11 @@ from cell.commands.main import main
 from cell.errors import InputError
 from cell.files.files import shipped
 from cell.interfaces.planning import AssemblyState
-from learned.semantic.bayes import BayesPosterior, UniformLikelihood
 from learned.semantic.confusions import PATTERNS, ConfusionLikelihood, Confusions, confirmed_reports
 from learned.semantic.evaluate import Answers, coverage
 from learned.semantic.graph import EMPTY, Layout, one_hot
 from learned.semantic.model import load_semantic_planner
-from learned.semantic.noise import Noise
+from learned.semantic.posterior import BayesPosterior, Noise, UniformLikelihood
 from learned.semantic.scenarios import Scenarios, misdetect, sampled, scenarios
 from tests.learned.products import DEFAULT
 

@@ -5,18 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from learned.lab.semantic_demonstrators import (
+    HabitSettings,
+    drawn_demonstrators,
+    generated_demonstrations,
+    set_probabilities,
+)
 from learned.lab.semantic_optimum import best_coverage, exact_joint, run_states, trade_off, uniform_states
-from learned.semantic.bayes import BayesPosterior
-from learned.semantic.demonstrators import Demonstrators, HabitSettings, generated_demonstrations, runs
 from learned.semantic.graph import EMPTY, Layout, one_hot
-from learned.semantic.scenarios import misdetect
+from learned.semantic.posterior import BayesPosterior
+from learned.semantic.scenarios import Demonstrators, misdetect, runs
 from tests.learned.products import DEFAULT
 
 LAYOUT = Layout.of(DEFAULT)
 
 
 def people(strength: float) -> Demonstrators:
-    return Demonstrators.drawn(LAYOUT, HabitSettings(strength=strength), np.random.default_rng(0))
+    return drawn_demonstrators(LAYOUT, HabitSettings(strength=strength), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("strength", [0.0, 1.5])
@@ -52,11 +57,11 @@ def test_bayes_is_nearly_the_exact_posterior_of_people_without_habits() -> None:
 
 def test_sets_are_filled_as_often_as_people_say() -> None:
     some = people(1.0)
-    probabilities = some.set_probabilities()
+    probabilities = set_probabilities(some)
     sizes = np.array([bits.bit_count() for bits in range(2**6)])
     for k in range(7):
         assert np.allclose(probabilities[:, sizes == k].sum(axis=1), 1.0)
-    assert np.allclose(people(0.0).set_probabilities()[:, sizes == 2], 1 / 15)
+    assert np.allclose(set_probabilities(people(0.0))[:, sizes == 2], 1 / 15)
 
 
 def test_a_lower_threshold_covers_more_and_errs_more() -> None:

@@ -16,8 +16,7 @@ from learned.semantic.scenarios import scenarios, split
 from tests.learned.products import DEFAULT, HARDER, relabelled
 
 if TYPE_CHECKING:
-    from learned.semantic.factored import FactoredSettings
-    from learned.semantic.paper import PaperSettings
+    from learned.semantic.settings import FactoredSettings, PaperSettings
 
 pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning:torch.*")]
 
@@ -26,8 +25,7 @@ LAYOUT = Layout.of(DEFAULT)
 
 def short(kind: str) -> PaperSettings | FactoredSettings:
     """Settings that train in a second or two."""
-    from learned.semantic.factored import FactoredSettings
-    from learned.semantic.paper import PaperSettings
+    from learned.semantic.settings import FactoredSettings, PaperSettings
 
     return PaperSettings(hidden=32, steps=200, learning_rate=0.01) if kind == "paper" else FactoredSettings(steps=80)
 
@@ -37,7 +35,8 @@ def short(kind: str) -> PaperSettings | FactoredSettings:
 def test_relabelling_nodes_permutes_what_a_layer_says_of_them(direction: str, aggregation: str) -> None:
     import torch
 
-    from learned.semantic.paper import PaperNetwork, PaperSettings, SageLayer
+    from learned.semantic.paper import PaperNetwork, SageLayer
+    from learned.semantic.settings import PaperSettings
 
     torch.manual_seed(0)
     settings = PaperSettings.model_validate({"direction": direction, "aggregation": aggregation})
@@ -56,7 +55,8 @@ def test_relabelling_nodes_permutes_what_a_layer_says_of_them(direction: str, ag
 def test_messages_take_the_direction_that_is_set() -> None:
     import torch
 
-    from learned.semantic.paper import PaperNetwork, PaperSettings
+    from learned.semantic.paper import PaperNetwork
+    from learned.semantic.settings import PaperSettings
 
     edges = torch.zeros(1, 3, 6)
     edges[0, 1, 4] = 1.0
@@ -69,7 +69,7 @@ def test_messages_take_the_direction_that_is_set() -> None:
 
 
 def test_plans_as_words_name_the_open_slots_in_order() -> None:
-    from learned.semantic.losses import IGNORED, plan_words
+    from learned.semantic.paper import IGNORED, plan_words
 
     whole = scenarios(LAYOUT, 0)
     end = len(LAYOUT.words) - 1
@@ -146,7 +146,8 @@ def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
 def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> None:
     import torch
 
-    from learned.semantic.factored import FactoredNetwork, FactoredSettings
+    from learned.semantic.network import FactoredNetwork
+    from learned.semantic.settings import FactoredSettings
     from learned.semantic.train import train_network
 
     parts, positions = [2, 0, 1], [3, 5, 0, 1, 4, 2]
@@ -166,11 +167,10 @@ def test_relabelling_the_product_permutes_what_the_factored_planner_learns() -> 
 def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
     import torch
 
-    from learned.semantic.bayes import BayesPosterior
-    from learned.semantic.factored import FactoredNetwork, FactoredSettings
-    from learned.semantic.noise import Noise
-    from learned.semantic.posterior import Likelihood, UnknownGoal, posterior
-    from learned.semantic.scenarios import DETECTION_ERROR, misdetect
+    from learned.semantic.network import FactoredNetwork
+    from learned.semantic.posterior import BayesPosterior, Likelihood, Noise, UnknownGoal, posterior
+    from learned.semantic.scenarios import misdetect
+    from learned.semantic.settings import DETECTION_ERROR, FactoredSettings
 
     network = FactoredNetwork(LAYOUT, FactoredSettings())
     with torch.no_grad():
@@ -187,14 +187,14 @@ def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
 
 
 def test_habits_that_are_shown_are_learned() -> None:
+    from learned.lab.semantic_demonstrators import HabitSettings, drawn_demonstrators, whole_demonstrations
     from learned.lab.semantic_models import exact_scores, optimal_scores, planner_of
     from learned.lab.semantic_optimum import exact_joint, run_states
     from learned.semantic.data import states_of
-    from learned.semantic.demonstrators import Demonstrators, HabitSettings, whole_demonstrations
     from learned.semantic.evaluate import Answers
 
     rng = np.random.default_rng(2)
-    demonstrators = Demonstrators.drawn(LAYOUT, HabitSettings(strength=2.0), rng)
+    demonstrators = drawn_demonstrators(LAYOUT, HabitSettings(strength=2.0), rng)
     train = states_of(LAYOUT, whole_demonstrations(demonstrators, 200, rng))
     joint = exact_joint(LAYOUT, run_states(LAYOUT, 5, demonstrators), 0.045)
     learned, fixed = (
@@ -207,18 +207,16 @@ def test_habits_that_are_shown_are_learned() -> None:
 
 
 def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
+    from learned.lab.semantic_demonstrators import generated_demonstrations
     from learned.semantic.data import save_demonstrations
-    from learned.semantic.demonstrators import generated_demonstrations
     from learned.semantic.train import train_semantic
 
     data, out = tmp_path / "some.jsonl", tmp_path / "planner"
     save_demonstrations(data, DEFAULT, generated_demonstrations(DEFAULT, 40, 1.0, 0), "a test")
-    for kind in ("factored", "and_or"):
-        settings = short(kind) if kind == "factored" else None
-        scores = train_semantic(DEFAULT, out, 0, kind, data=data, settings=settings, quiet=True)
-        planner = load_semantic_planner(kind, out, DEFAULT)
-        assert f"--data {data}" in planner.card.command  # type: ignore[attr-defined]
-        assert scores["consistent_success_held_out"] > (0.99 if kind == "factored" else 0.6)
+    scores = train_semantic(DEFAULT, out, 0, "factored", data=data, settings=short("factored"), quiet=True)
+    planner = load_semantic_planner("factored", out, DEFAULT)
+    assert f"--data {data}" in planner.card.command  # type: ignore[attr-defined]
+    assert scores["consistent_success_held_out"] > 0.99
     data.write_text("\n".join(data.read_text().splitlines()[:2]))
     with pytest.raises(InputError, match="too few to hold any out"):
         train_semantic(DEFAULT, out, 0, "factored", data=data)
@@ -254,7 +252,7 @@ def test_every_experiment_can_be_measured_and_written(tmp_path: Path, monkeypatc
 def test_no_training_for_what_is_not_learned(tmp_path: Path) -> None:
     from learned.semantic.train import train_semantic
 
-    with pytest.raises(InputError, match="there are paper, factored, and_or"):
+    with pytest.raises(InputError, match="there are paper, factored"):
         train_semantic(DEFAULT, tmp_path / "planner.onnx", 0, "bayes")
 
 

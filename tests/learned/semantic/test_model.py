@@ -15,11 +15,10 @@ from cell.errors import InputError, ModelError
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyState, SemanticPlanner
 from cell.interfaces.product import Product
 from learned.inference.onnx_model import OnnxModel, save_onnx
-from learned.semantic.bayes import BayesPosterior
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.graph import Ints, Layout, one_hot
 from learned.semantic.model import load_semantic_planner
-from learned.semantic.noise import Noise
+from learned.semantic.posterior import BayesPosterior, Noise
 from learned.semantic.scenarios import consistent, misdetect, scenarios
 from tests.learned.products import DEFAULT, HARDER, relabelled, with_goals
 
@@ -161,7 +160,7 @@ def test_shipped_weights_fit_the_default_product_only() -> None:
 
 
 def test_kinds_and_files_that_are_not_there() -> None:
-    with pytest.raises(InputError, match="auto, paper, factored, and_or, bayes"):
+    with pytest.raises(InputError, match="auto, paper, factored, bayes"):
         load_semantic_planner("oracle", None, DEFAULT)
     with pytest.raises(InputError, match="needs a weights file"):
         load_semantic_planner("paper", None, DEFAULT)

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import Field
 from torch import Tensor, nn
 
 from cell.interfaces.perception import PartDetection
@@ -23,12 +25,28 @@ from cell.interfaces.product import Product
 from learned.grasp.boxes import Blocks, Boxes, boxes_of
 from learned.grasp.candidates import CANDIDATES, as_headed, available, graspable, mark_missing
 from learned.grasp.scenes import Scene
-from learned.grasp.settings import GripperOutline, RelationFilter
+from learned.grasp.settings import GripperOutline, TrainingSettings
 from learned.grasp.solution import nearest_first, solve
 
+RelationFilter = Literal["boxes", "distance"]
 RELATION_FILTER_M = 0.12  # centres of parts that can matter to each other
 _UNIT_M = 0.05
 _GEOMETRY = 15
+
+
+class RelationSettings(TrainingSettings):
+    """GVMRN-RF, the pairwise relations of Table 2.
+
+    Attributes:
+        filter: which pairs have a relation: those whose boxes in the image meet, as in its paper, or near ones.
+    """
+
+    scenes: int = Field(default=427, gt=0)
+    epochs: int = Field(default=60, gt=0)
+    batch: int = Field(default=64, gt=0)
+    peak_rate: float = Field(default=0.004, gt=0)
+    hidden: int = Field(default=96, gt=0)
+    filter: RelationFilter = "boxes"
 
 
 @dataclass(frozen=True)
@@ -171,6 +189,13 @@ def relation_data(scenes: Sequence[Scene], product: Product, by: RelationFilter 
         blocks[k, :count] = truth[graph.first, :, graph.second]
         known[k, :count] = ~truth[graph.first, :, graph.first]
     return RelationData(*(torch.from_numpy(values) for values in (nodes, links, blocks, known)))
+
+
+def untrained_relations(
+    scenes: Sequence[Scene], product: Product, settings: RelationSettings
+) -> tuple[RelationNet, RelationData]:
+    """A new network, and what it is to learn."""
+    return RelationNet(relation_features(product), settings.hidden), relation_data(scenes, product, settings.filter)
 
 
 class RelationPlanner:

@@ -8,27 +8,22 @@ nothing else: of a state that is none of its nodes, a misdetection or an order t
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
 
-from cell.errors import ModelError
-from cell.files.files import write_whole
-from cell.files.model import Model
-from learned.inference.onnx_model import ModelCard
+from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from cell.interfaces.product import Product
 from learned.semantic.graph import EMPTY, Floats, Ints, Layout
+from learned.semantic.model import Answer, assembly_plan, templated_guidance
 from learned.semantic.scenarios import Scenarios
 
-KIND = "semantic.and_or"
 State = tuple[int, ...]
 
 
-class Node(Model):
+@dataclass(frozen=True)
+class Node:
     """An OR node.
 
     Attributes:
@@ -42,28 +37,15 @@ class Node(Model):
     arcs: tuple[int, ...]
 
 
-class AndOrFile(Model):
-    """What a weights file holds: the model card and the nodes."""
-
-    card: ModelCard
-    nodes: tuple[Node, ...]
-
-
 @dataclass(frozen=True)
 class AndOrGraph:
-    """The graph by state.
-
-    Attributes:
-        sha256: hash of the file that it comes from; empty where it comes from none.
-    """
+    """The graph by state."""
 
     layout: Layout
-    card: ModelCard
     nodes: dict[State, Node]
-    sha256: str = ""
 
     @staticmethod
-    def of(layout: Layout, train: Scenarios, card: ModelCard) -> AndOrGraph:
+    def of(layout: Layout, train: Scenarios) -> AndOrGraph:
         """Build the graph; each demonstration also went through the empty bracket and its finished product."""
         goals: dict[State, Counter[int]] = {}
         arcs: dict[State, Counter[int]] = {}
@@ -82,40 +64,7 @@ class AndOrGraph:
             )
             for state in sorted(goals)
         }
-        return AndOrGraph(layout, card, nodes)
-
-    def save(self, path: Path) -> None:
-        """Write card and nodes as JSON; a file that was there before stays whole until the new one is.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
-        content = AndOrFile(card=self.card, nodes=tuple(self.nodes.values()))
-        write_whole(path, content.model_dump_json().encode())
-
-    @staticmethod
-    def load(path: Path, layout: Layout) -> AndOrGraph:
-        """Read a file that `save` wrote.
-
-        Raises:
-            ModelError: the file is missing, damaged, of another kind, or was made for another product.
-        """
-        try:
-            content = path.read_bytes()
-            read = AndOrFile.model_validate(json.loads(content))
-        except OSError as error:
-            raise ModelError(f"{path}: cannot read the graph: {error.strerror}") from error
-        except (ValueError, ValidationError) as error:
-            raise ModelError(f"{path}: no AND/OR graph, or damaged: {str(error).splitlines()[0]}") from error
-        if read.card.kind != KIND:
-            raise ModelError(f"{path}: holds a {read.card.kind!r} model, but a {KIND!r} model is needed")
-        read.card.require_vocabulary(path, layout.vocabulary)
-        wide = {(len(node.goals), len(node.arcs), len(node.state)) for node in read.nodes}
-        m = len(layout.positions)
-        if wide != {(len(layout.goals), m, m)}:
-            raise ModelError(f"{path}: nodes do not fit the product")
-        nodes = {node.state: node for node in read.nodes}
-        return AndOrGraph(layout, read.card, nodes, hashlib.sha256(content).hexdigest())
+        return AndOrGraph(layout, nodes)
 
     def node(self, seen: Ints) -> Node | None:
         """The OR node of a state (m,), None outside the graph."""
@@ -135,3 +84,24 @@ class AndOrGraph:
         weights = np.einsum("g,gnm,m->n", belief, self.layout.wanted, arcs * still)
         share: Floats = weights / max(float(weights.sum()), 1.0)
         return share
+
+
+class AndOrPlanner:
+    """Looks the state up in an AND/OR graph; outside the graph it names no goal and proposes nothing."""
+
+    def __init__(self, product: Product, graph: AndOrGraph) -> None:
+        self._layout = Layout.of(product)
+        self._graph = graph
+
+    def plan(self, state: AssemblyState) -> AssemblyPlan:
+        """The plan for a state."""
+        layout, edges = self._layout, self._layout.encode(state)
+        node = self._graph.node(np.where(edges.any(axis=0), edges.argmax(axis=0), EMPTY))
+        if node is None:
+            belief = dict.fromkeys(layout.goals, 0.0) | {UNKNOWN_GOAL: 1.0}
+            return AssemblyPlan(belief, {}, None, dict.fromkeys(layout.parts, ()))
+        goals = self._graph.belief(node)
+        placements = np.tensordot(goals, layout.wanted, 1) * (1.0 - edges.any(axis=0))
+        guidance = templated_guidance(layout, edges, layout.wanted[int(np.argmax(goals))])
+        belief_and_none = np.append(goals, 0.0)
+        return assembly_plan(layout, edges, Answer(belief_and_none, placements, self._graph.following(node), guidance))

@@ -67,7 +67,7 @@ def _download(folder: Path) -> Path:
 
 
 def _convert(archive: zipfile.ZipFile, folder: Path, wheel: str) -> list[Path]:
-    from learned.hands.mediapipe.convert import to_onnx
+    from learned.lab.mediapipe_convert import to_onnx
 
     names = archive.namelist()
     licence = next((name for name in names if name.endswith(".dist-info/LICENSE") or "licenses/LICENSE" in name), None)

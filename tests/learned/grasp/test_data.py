@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cell.errors import InputError
-from learned.grasp.data import DetectionRecord, SceneRecord, read_records, read_scenes, write_records, write_scenes
+from learned.grasp.data import DetectionRecord, SceneRecord, read_scenes, write_records, write_scenes
 from learned.grasp.scenes import data_hash, draw_scenes
 from tests.learned.grasp.layouts import PRODUCT, chain, walled
 
@@ -61,7 +61,7 @@ def test_scenes_without_truth_or_labels_are_read_but_not_for_training(tmp_path: 
     path = tmp_path / "recorded.jsonl"
     record = SceneRecord(detections=tuple(DetectionRecord.of(part) for part in walled("o1", "o3")))
     write_records(path, [record], PRODUCT, SOURCE)
-    (read,) = read_records(path, PRODUCT)
+    read = SceneRecord.model_validate_json(path.read_text().splitlines()[1])
     assert tuple(detection.detection() for detection in read.detections) == walled("o1", "o3")
     with pytest.raises(InputError, match=r"recorded.jsonl:2: no truth and no blockers"):
         read_scenes(path, PRODUCT)

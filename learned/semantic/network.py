@@ -2,39 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 
-from cell.files.model import Model
-from learned.semantic.graph import Layout
-from learned.semantic.noise import Noise
-from learned.semantic.scenarios import DETECTION_ERROR
+from learned.semantic.graph import EMPTY, Layout
+from learned.semantic.posterior import Noise
+from learned.semantic.scenarios import Scenarios
+from learned.semantic.settings import FactoredSettings
 
 SHARPNESS = 5.0  # scale of the slot table's parameters: one rate suits them and the rest, and slots become certain
 MOST_NODES = 8  # of the quadrature over misdetections: exact for up to twice as many, less one
-
-
-class FactoredSettings(Model):
-    """Settings of training and of the noise model, as found on validation scenarios.
-
-    Attributes:
-        error: share of placements that the detector gets wrong.
-        habit_scale: prior standard deviation of what a goal adds to the habits that all goals share.
-        shared_scale: prior standard deviation of the habits that all goals share, by position and by type.
-        goal_pseudo_n: demonstrations of every goal imagined beforehand, so that rare goals stay possible.
-    """
-
-    steps: int = Field(default=300, gt=0)
-    learning_rate: float = Field(default=0.05, gt=0)
-    weight_decay: float = Field(default=0.0, ge=0)
-    error: float = Field(default=DETECTION_ERROR, gt=0, lt=1)
-    habit_scale: float = Field(default=0.3, gt=0)
-    shared_scale: float = Field(default=0.5, gt=0)
-    goal_pseudo_n: float = Field(default=50.0, gt=0)
 
 
 class FactoredAnswer(NamedTuple):
@@ -174,3 +155,59 @@ class FactoredNetwork(nn.Module):
         by_habit = torch.exp((shared * filled).sum()) / (self.partial_products(shared.exp())[-1] @ count)
         by_chance = self.partial_products(torch.ones_like(shared))[-1] @ count
         return by_habit * by_chance
+
+
+@dataclass(frozen=True)
+class Counts:
+    """All that the factored planner learns from demonstrated states, B rows.
+
+    Attributes:
+        named: (z, n, m) plans that name a slot, by goal.
+        filled: (z, m) states in which a slot is filled.
+        sizes: (z, m + 1) states by their number of filled slots.
+        rows: (B',) goal, (B', m) filled slots and (B',) next slot of the states whose next slot is known.
+    """
+
+    named: Tensor
+    filled: Tensor
+    sizes: Tensor
+    rows: tuple[Tensor, Tensor, Tensor]
+
+    @staticmethod
+    def of(layout: Layout, train: Scenarios) -> Counts:
+        """Count."""
+        goals, m = layout.types.shape
+        filled = train.seen != EMPTY
+        still, done, sizes = np.zeros((goals, m)), np.zeros((goals, m)), np.zeros((goals, m + 1))
+        np.add.at(still, train.goals, ~filled)
+        np.add.at(done, train.goals, filled)
+        np.add.at(sizes, (train.goals, filled.sum(axis=1)), 1.0)
+        known = train.following != EMPTY
+        rows = (train.goals[known], filled[known].astype(float), train.following[known])
+        return Counts(
+            torch.tensor(still[:, None, :] * layout.wanted),
+            torch.tensor(done),
+            torch.tensor(sizes),
+            (torch.tensor(rows[0]), torch.tensor(rows[1]), torch.tensor(rows[2])),
+        )
+
+
+def factored_loss(network: FactoredNetwork, counts: Counts, settings: FactoredSettings) -> Tensor:
+    """Negative log-likelihoods of the slots that plans name, of the filled slots and of the next one, with a prior.
+
+    Nothing is trained on noise: it is part of the model, and what is learned is who puts what where, and when.
+    """
+    states = counts.sizes.sum()
+    table = -(network.log_table() * counts.named).sum() / counts.named.sum().clamp(min=1.0)
+    first = -network.set_log_likelihood(counts.filled, counts.sizes) / states
+    goals, filled, following = counts.rows
+    slots = network.next_slot(filled, goals)
+    order = nn.functional.nll_loss(slots, following, reduction="sum") / states
+    prior = network.filled_first.penalty(settings) + network.filled_next.penalty(settings)
+    return table + first + order + prior / states
+
+
+def goal_prior(layout: Layout, train: Scenarios, settings: FactoredSettings) -> Tensor:
+    """(z,) how often each goal is built, judged by the states of its demonstrations."""
+    counts = np.bincount(train.goals, minlength=len(layout.goals)) + settings.goal_pseudo_n
+    return torch.tensor(counts / counts.sum())

@@ -48,7 +48,7 @@ class Stepper:
             if key == "p" and self.paused:
                 self._go_on()
             elif key == "p":
-                self.paused, self.told = True, "paused: what runs goes on to its end, no action begins"
+                self.paused, self.told = True, "paused: running actions finish, no new one begins"
             elif key == "s":
                 self._step(said)
         except InputError as error:

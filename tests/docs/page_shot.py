@@ -13,7 +13,7 @@ from tests.processes import started
 
 RUN = ("-m", "cell", "run", "--shift", "2", "--seed", "33", "--page", "0", "--log")
 MOMENT = "Boolean(document.querySelector('#does')?.textContent.includes('carrying'))"
-LONGEST_S = 600.0
+LONGEST_S = 3600.0  # of wall time; a busy machine needs ten times as long as a quiet one
 
 
 def shot() -> bytes:

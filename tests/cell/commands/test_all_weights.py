@@ -180,7 +180,7 @@ def test_wrong_names_and_folders_are_told(
     for words, told in (
         (["train", "--only", "arms"], "legal: hands, actions"),
         (["train", "--all", "--budget", "soon"], "90s, 30m or 2h"),
-        (["train", "--all", "--budget", "0s", "--plan"], "more than nothing, as 90s"),
+        (["train", "--all", "--budget", "0s", "--plan"], "more than 0, like 90s"),
         (["train", "--all", "--out", str(tmp_path / "notes.txt")], "notes.txt is a file; name a folder"),
         (
             ["train", "--all", "--out", str(tmp_path / "notes.txt" / "in"), "--plan"],

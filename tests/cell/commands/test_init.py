@@ -61,7 +61,7 @@ def test_nothing_is_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]
     capsys.readouterr()
     assert main(["init", str(folder)]) == 2
     told = capsys.readouterr().err
-    assert f"{folder / 'trees' / 'assemble.xml'}: is there already" in told
+    assert f"{folder / 'trees' / 'assemble.xml'}: exists already" in told
     assert "README.md" not in told
     assert files_of(folder) == before
 
@@ -72,7 +72,7 @@ def test_a_file_where_a_folder_should_be_is_told(name: str, tmp_path: Path, caps
     path.parent.mkdir(exist_ok=True)
     path.write_text("mine")
     assert main(["init", str(tmp_path / "demo")]) == 2
-    assert f"{path}: is there already" in capsys.readouterr().err
+    assert f"{path}: exists already" in capsys.readouterr().err
     assert files_of(tmp_path) == {name: b"mine"}
 
 

@@ -146,7 +146,7 @@ def test_what_is_looked_at_is_never_written_over(picture: Path, capsys: pytest.C
     written(folder / "000000.png", np.full((360, 480, 3), 90, np.uint8))
     for source, out in ((picture, "./bench.png"), (folder, "many")):
         assert main(["lab", "see", str(source), "--out", out, "--overwrite"]) == BAD_INPUT
-        assert "is what is looked at" in capsys.readouterr().err
+        assert "is also the input" in capsys.readouterr().err
     assert picture.read_bytes() == before
     assert [file.name for file in folder.iterdir()] == ["000000.png"]
 

@@ -40,7 +40,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
     video = Video(path, 15.0, name=tmp_path / "b.mp4")
     for number in range(30):
         video.add(noise(number))
-    with pytest.raises(InputError, match=r"b.mp4: the video cannot be written whole"):
+    with pytest.raises(InputError, match=r"b.mp4: the video cannot be written completely"):
         video.close()
     assert not path.exists()
 

@@ -125,5 +125,5 @@ def test_no_command_writes_over_the_log_that_it_reads(
     log = tmp_path / "run.mcap"
     shutil.copy(assembly_log.path, log)
     assert main([str(log) if word == "LOG" else word for word in command]) == 2
-    assert f"{log}: is what is read" in capsys.readouterr().err
+    assert f"{log}: is also the input" in capsys.readouterr().err
     assert log.read_bytes() == assembly_log.path.read_bytes()

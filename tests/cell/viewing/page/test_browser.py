@@ -220,7 +220,7 @@ def test_it_shows_what_the_cell_sees_believes_and_does(visitor: Visitor) -> None
 def test_without_the_token_one_can_look_only(browser: Any) -> None:
     rig = PageRig()
     made = Visitor(browser, rig, 1280, "dark", f"http://127.0.0.1:{rig.page.port}/")
-    assert "look, and say nothing" in made.page.inner_text("#said")
+    assert "view-only" in made.page.inner_text("#said")
     assert made.page.is_disabled("#stop")
     made.page.keyboard.press("p")
     made.page.wait_for_timeout(200)

@@ -1,4 +1,4 @@
-"""HTML pages of the program: one file each, from a template beside the code that fills it."""
+"""HTML pages of the program: one file each, from a template beside the code that fills it; all share page.html.j2."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cell.files.files import whole_or_none
 def rendered(template: Path, **values: object) -> str:
     """The page as text; whatever the template names must be there, and every text is escaped."""
     environment = Environment(
-        loader=FileSystemLoader(template.parent),
+        loader=FileSystemLoader([template.parent, Path(__file__).parent]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

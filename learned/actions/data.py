@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.errors import InputError, Place, Problem
-from cell.files.files import read_text
 from cell.interfaces.hand_window import FRAME_PX, last_at_hole
 from cell.interfaces.perception import SEGMENT_FRAMES
 from cell.interfaces.pose import Array
@@ -30,8 +28,7 @@ from learned.actions.segments import (
 )
 from learned.actions.settings import WHOLE_FRAMES, Classes
 from learned.actions.variation import KEPT_PX, OtherCamera, Variation, cut_out, varied_track
-
-VERSION = 1  # of the files that can be read
+from learned.training.json_lines import segment_rows
 
 
 @dataclass(frozen=True)
@@ -197,16 +194,7 @@ class _Row:
 
 def _rows(folder: Path, classes: Classes) -> Iterator[_Row]:
     path = folder / "segments.jsonl"
-    lines = read_text(path).splitlines()
-    header = _parsed(path, 1, lines[0]) if lines else {}
-    if header.get("format") != "cell.segments":
-        problem = Problem(Place(path, 1), "no file of segments", "make one with: cell log export --to training")
-        raise InputError(problem)
-    if header.get("version") != VERSION:
-        told = f"segments of version {header.get('version')}"
-        raise InputError(Problem(Place(path, 1), told, f"this program reads version {VERSION}"))
-    for at, line in enumerate(lines[1:], start=2):
-        row = _parsed(path, at, line)
+    for at, (line, row) in enumerate(segment_rows(path), start=2):
         try:
             if (label := _label(row)) is not None:
                 yield _row(folder, row, line, label, classes)
@@ -256,16 +244,6 @@ def _told(hand: dict[str, Any]) -> tuple[float, ...]:
     height_m = hand.get("fingertips_height_m")
     apart_m = opening_m(hand.get("thumb_m"), hand.get("index_m"))
     return (*hand["fingertips_m"], *hand["palm_m"], math.nan if height_m is None else height_m, apart_m)
-
-
-def _parsed(path: Path, at: int, line: str) -> dict[str, Any]:
-    try:
-        found = json.loads(line)
-    except ValueError as error:
-        raise InputError(Problem(Place(path, at), f"no JSON: {error}")) from error
-    if not isinstance(found, dict):
-        raise InputError(Problem(Place(path, at), "no object"))
-    return found
 
 
 def _whole_frames(rows: Sequence[_Row]) -> tuple[Images, NDArray[np.int64]]:

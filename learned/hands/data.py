@@ -18,7 +18,7 @@ from cell.interfaces.bench import CameraSetup
 from cell.interfaces.pose import Array
 from learned.classical.box_model import View
 from learned.hands.regions import FINDER_PX, PATCH_PX, POINTS, Image, Regions, centre_of
-from learned.training.still_dataset import labelled_rows
+from learned.training.json_lines import labelled_rows
 
 ROWS = "hands.jsonl"
 LEAST_VISIBLE = 0.25  # of a hand that is to be found; less is neither right nor wrong

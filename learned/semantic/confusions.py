@@ -17,11 +17,12 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cell.errors import InputError, Place, Problem
-from cell.files.files import read_text, write_whole
+from cell.files.files import write_whole
 from cell.files.model import Model
 from learned.semantic.graph import Bools, Floats, Ints, Layout
 from learned.semantic.scenarios import action_pairs
 from learned.semantic.settings import DETECTION_ERROR
+from learned.training.json_lines import segment_rows
 
 Pattern = Literal["uniform", "neighbouring holes", "alike types"]
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
@@ -253,24 +254,17 @@ def confirmed_reports(path: Path) -> list[Reported]:
     Raises:
         InputError: the file cannot be read or holds no segments.
     """
-    try:
-        rows = [json.loads(line) for line in read_text(path).splitlines()]
-    except ValueError as error:
-        raise InputError(Problem(Place(path), f"cannot be read: {error}")) from error
-    if not rows or rows[0].get("format") != "cell.segments":
-        raise InputError(
-            Problem(Place(path, 1), "no file of segments", "make one with: cell log export LOG --to training --out DIR")
-        )
+    rows = [row for _, row in segment_rows(path)]
     found: list[Reported] = []
-    for number, row in enumerate(rows[1:], start=1):
+    for number, row in enumerate(rows):
         try:
             true = _true_action(row, rows[number + 1 :])
             detected = (row["detected"]["part"], row["detected"]["position"])
         except (KeyError, TypeError, AttributeError) as error:
-            raise InputError(Problem(Place(path, number + 1), f"no segment: {error!r}")) from error
+            raise InputError(Problem(Place(path, number + 2), f"no segment: {error!r}")) from error
         if true is None or row["detected"].get("shown"):  # the hole told it: that says nothing about the network
             continue
-        if row["detected"] != rows[number - 1].get("detected"):
+        if number == 0 or row["detected"] != rows[number - 1].get("detected"):
             found.append((true, detected))
     return found
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,10 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.errors import InputError, Place, Problem
-from cell.files.files import read_text
 from cell.interfaces.camera_model import CameraModel
 from cell.interfaces.pose import Pose
+from learned.training.json_lines import labelled_rows
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,6 @@ class Still:
 
 
 OneStill = TypeVar("OneStill", bound=Still)
-Row = TypeVar("Row")
 
 
 def load_stills(
@@ -82,23 +79,6 @@ def pose_of(entry: dict[str, Any]) -> Pose:
     x, y, z = entry["position_m"]
     w, a, b, c = entry["quaternion_wxyz"]
     return Pose((x, y, z), (w, a, b, c))
-
-
-def labelled_rows(folder: Path, what: str, made: Callable[[dict[str, Any]], Row]) -> list[Row]:
-    """What is made of each row of `cell lab data WHAT`.
-
-    Raises:
-        InputError: the file is missing, or a row is wrong; the message names file and line.
-    """
-    path = folder / f"{what}.jsonl"
-    rows = []
-    for number, line in enumerate(read_text(path, f"make it with: cell lab data {what} --out DIR").splitlines()[1:], 2):
-        try:
-            rows.append(made(json.loads(line)))
-        except (KeyError, TypeError, ValueError) as error:
-            wrong = f"no {error} in it" if isinstance(error, KeyError) else str(error)
-            raise InputError(Problem(Place(path, number), f"not a row of `cell lab data {what}`: {wrong}")) from None
-    return rows
 
 
 def _labelled_still(

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from cell.errors import InputError
-from learned.training.still_dataset import Still, labelled_rows, load_stills
+from learned.training.json_lines import labelled_rows
+from learned.training.still_dataset import Still, load_stills
 
 
 def unlabelled(still: Still, _row: dict[str, Any]) -> Still:

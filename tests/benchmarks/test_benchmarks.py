@@ -15,6 +15,8 @@ SHARED = {"asking", "clearing", "kill_moment"}  # what several benchmarks use, o
 FOLDER = Path(__file__).parent
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py") if not path.stem.startswith("test_"))
 TORCH = {"track_probe"}
+NAMED = [*(ROOT / "docs" / "figures").glob("*.json"), ROOT / "Makefile"]
+COMMANDS = {line for file in NAMED for line in re.findall(r"-m (tests\.benchmarks\.[^\n\"]*)", file.read_text())}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -30,7 +32,11 @@ def test_a_benchmark_says_how_it_is_run(
     with pytest.raises(SystemExit) as ended:
         module.main()
     assert ended.value.code == 0
-    assert "usage: " in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "usage: " in told
+    lines = [line for line in COMMANDS if f"tests.benchmarks.{name} " in f"{line} "]
+    used = {option for line in lines for option in re.findall(r" (--[\w-]+)", line)}
+    assert used <= set(re.findall(r"--[\w-]+", told)), lines
 
 
 def test_make_bench_runs_benchmarks_that_are_there() -> None:

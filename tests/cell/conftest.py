@@ -1,11 +1,14 @@
-"""Logs that are recorded once: the robot alone through the commissioning tree, and the begin of an assembly."""
+"""Logs that are recorded once for all workers: the robot alone through the commissioning tree, begins of assemblies."""
 
 from __future__ import annotations
 
+import fcntl
+import os
 import resource
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -54,23 +57,33 @@ def recorded(folder: Path, tree: Path, duration_s: float, seed: int = 1, setting
     return read_log(log)
 
 
+def shared(factory: pytest.TempPathFactory, name: str, tree: Path, duration_s: float, **chosen: Any) -> Log:
+    """As `recorded`, by the first worker that asks; the others wait and read the same file."""
+    base = factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / name
+    folder.mkdir(exist_ok=True)
+    whole = folder / "whole"
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if whole.exists():
+            return read_log(folder / "log.mcap")
+        log = recorded(folder, tree, duration_s, **chosen)
+        whole.touch()
+        return log
+
+
 @pytest.fixture(scope="session")
 def commission_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
-    return recorded(tmp_path_factory.mktemp("commission"), COMMISSION, 60.0)
-
-
-def again_in_parts(folder: Path) -> Log:
-    """The run of `commission_log` once more, in parts of two seconds."""
-    return recorded(folder, COMMISSION, 60.0, settings="  rotate_s: 2.0\n")
+    return shared(tmp_path_factory, "commission", COMMISSION, 60.0)
 
 
 @pytest.fixture(scope="session")
 def assembly_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     """Until the person has screwed for the first time and the guard has spoken."""
-    return recorded(tmp_path_factory.mktemp("assembly"), ALGORITHM_1, 6.0)
+    return shared(tmp_path_factory, "assembly", ALGORITHM_1, 6.0)
 
 
 @pytest.fixture(scope="session")
 def tray_log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     """Until the robot, which acts on little evidence here, has looked into the tray for the first time."""
-    return recorded(tmp_path_factory.mktemp("tray"), ALGORITHM_1, 12.0, seed=3, act=0.1)
+    return shared(tmp_path_factory, "tray", ALGORITHM_1, 12.0, seed=3, act=0.1)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
 from tests import ROOT
+from tests.cell.commands.test_surface import command
 from tests.docs.figures import FIGURES, PAGES, RESULTS, Row, columns, falls_short, page, topics
 
 NAMES = sorted(path.stem for path in FIGURES.glob("*.json"))
@@ -28,6 +32,31 @@ def test_every_figure_names_the_command_that_measures_it(name: str) -> None:
     for table in topics()[name].tables:
         assert [row.claim for row in table.rows if not (row.command or table.command)] == [], table.title
         assert table.command or not table.head, table.title
+
+
+def commands(value: Any) -> Iterator[str]:
+    """All commands in figures."""
+    if isinstance(value, list):
+        for one in value:
+            yield from commands(one)
+    elif isinstance(value, dict):
+        for key, one in value.items():
+            yield from [one] if key == "command" and one else commands(one)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_options_and_files_that_commands_name_exist(name: str) -> None:
+    for line in commands(json.loads((FIGURES / f"{name}.json").read_text())):
+        words = line.split()
+        if words[0] == "cell":
+            length = 1
+            while length < len(words) and words[length] in getattr(command(*words[1:length]), "commands", {}):
+                length += 1
+            asked = command(*words[1:length]).params
+            known = {name for one in asked for name in (*one.opts, *one.secondary_opts)}
+            assert {word for word in words if word.startswith("--")} <= known, line
+        elif words[0] == "pytest":
+            assert [word for word in words if word.startswith("tests/") and not (ROOT / word).exists()] == [], line
 
 
 @pytest.mark.parametrize("name", NAMES)

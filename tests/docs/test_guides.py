@@ -26,12 +26,20 @@ def quick_steps(page: str) -> list[Step]:
     return [step for step in takewhile(lambda step: "cell train" not in step.text, steps(page)) if not step.long]
 
 
-@pytest.mark.parametrize("page", GUIDES)
-def test_the_files_that_a_guide_makes_fit_together(page: str, tmp_path: Path) -> None:
-    reader = Reader(tmp_path)
+@pytest.fixture(scope="module", params=GUIDES)
+def done(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, dict[str, str]]:
+    """A page, the folder that its quick steps leave, and what its commands printed."""
+    page = str(request.param)
+    reader, printed = Reader(tmp_path_factory.mktemp("guide")), {}
     for step in quick_steps(page):
         reader.do(step)
-    path = reader.folder / "config" / "cell.yaml"
+        if step.kind == "console":
+            printed[step.text] = reader.printed
+    return page, reader.folder, printed
+
+
+def test_the_files_that_a_guide_makes_fit_together(done: tuple[str, Path, dict[str, str]]) -> None:
+    path = done[1] / "config" / "cell.yaml"
     configuration = load_configuration(path)
     product = load_product(configuration, path)
     semantic, grasp = configuration.planners.semantic, configuration.planners.grasp
@@ -41,16 +49,13 @@ def test_the_files_that_a_guide_makes_fit_together(page: str, tmp_path: Path) ->
     load_grasp_planner(grasp.kind, grasp.weights, product)
 
 
-def test_the_look_pose_of_the_guide_is_the_one_that_its_program_prints(tmp_path: Path) -> None:
-    reader = Reader(tmp_path)
-    told = []
-    for step in quick_steps("bench.md"):
-        reader.do(step)
-        if "look.py" in step.text and step.kind == "console":
-            told.append(reader.printed)
+@pytest.mark.parametrize("done", ["bench.md"], indirect=True)
+def test_the_look_pose_of_the_guide_is_the_one_that_its_program_prints(done: tuple[str, Path, dict[str, str]]) -> None:
+    _, folder, printed_by = done
+    told = [printed for command, printed in printed_by.items() if "look.py" in command]
     assert "# whole tray seen: True" in told[0]
     printed = yaml.safe_load(told[0])["arm_look_rad"]
-    configured = load_configuration(reader.folder / "config" / "cell.yaml").bench.arm_look_rad
+    configured = load_configuration(folder / "config" / "cell.yaml").bench.arm_look_rad
     assert list(configured) == pytest.approx(printed, abs=2e-3)
 
 

@@ -33,7 +33,7 @@ def standing_in_tray(spots: Sequence[tuple[str, tuple[float, float], float]]) ->
     return [standing(PRODUCT, BENCH.tray, name, xy_m, yaw_rad) for name, xy_m, yaw_rad in spots]
 
 
-@pytest.mark.parametrize(("goal", "seed"), [("g1", 2), ("g2", 3)])
+@pytest.mark.parametrize(("goal", "seed"), [("g1", 2), pytest.param("g2", 3, marks=pytest.mark.slow)])
 def test_a_bracket_is_assembled_together(goal: str, seed: int) -> None:
     with with_person(goal, seed) as cell:
         outcome, recorded = run_tree(cell, ASSEMBLE)
@@ -49,7 +49,9 @@ def test_a_bracket_is_assembled_together(goal: str, seed: int) -> None:
     assert "assembly plan" not in refused
 
 
+@pytest.mark.slow
 def test_the_same_seed_decides_the_same_in_two_processes() -> None:
+    """To the end of an assembly; the begin of one is compared in tests/sim/process/test_same_run.py."""
     command = [sys.executable, "-m", "tests.integration.digest", "g0", "1"]
     with started(command, ROOT, {"PYTHONHASHSEED": "1"}) as one, started(command, ROOT, {"PYTHONHASHSEED": "2"}) as two:
         first, second = (json.loads(run.communicate(timeout=SLOW_MACHINE_S)[0]) for run in (one, two))

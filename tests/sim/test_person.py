@@ -46,7 +46,7 @@ def test_bins_are_permuted_by_the_generator_alone() -> None:
     assert first != other
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_an_ordinary_person_assembles(seed: int) -> None:
     person = PERSONS["ordinary"]
     shift = Shift("g1", seed, person, world_of(person, seed))

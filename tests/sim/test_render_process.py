@@ -64,12 +64,12 @@ def process(world: World, bench: Bench) -> Iterator[RenderProcess]:
         yield made
 
 
-def taken(world: World, bench: Bench, maker: RenderProcess | Photographer) -> list[Frame]:
-    """Frames of both cameras while the arm turns."""
+def taken(world: World, bench: Bench, maker: RenderProcess | Photographer, times: int = FRAMES) -> list[Frame]:
+    """Frames of both cameras while the arm turns, the wrist's after the overhead's."""
     overhead = SimCamera("overhead", bench.overhead, world, maker.take)
     wrist = SimCamera("wrist", bench.wrist, world, maker.take)
     frames = []
-    for number in range(FRAMES):
+    for number in range(times):
         world.set_arm(np.array(bench.arm_look_rad) + 0.02 * number)
         wrist.trigger()
         for camera in (overhead, wrist):
@@ -97,7 +97,7 @@ def test_frames_are_those_of_one_process(world: World, bench: Bench, process: Re
 
 def test_a_hosted_detector_reads_the_frames_that_it_is_sent(world: World, bench: Bench, process: RenderProcess) -> None:
     begin = process.host(build_brightness)
-    frames = taken(world, bench, process)[-6:]
+    frames = taken(world, bench, process, 3)
     answers = [begin(frame) for frame in frames]
     expected = [(frame.sequence, int(frame.image.sum())) for frame in frames]
     assert [answer() for answer in answers] == expected
@@ -108,7 +108,7 @@ def test_another_image_in_the_place_of_a_frames_is_what_a_detector_sees(
 ) -> None:
     """A camera that is made to fail hands over frames of the same number."""
     begin = process.host(build_brightness)
-    frame = taken(world, bench, process)[-1]
+    frame = taken(world, bench, process, 1)[-1]
     black = Frame(frame.camera, frame.sequence, frame.time_s, np.zeros_like(frame.image), frame.world_from_camera)
     assert begin(black)() == (frame.sequence, 0)
 
@@ -186,7 +186,7 @@ def test_what_a_detector_says_about_the_users_files_comes_back(process: RenderPr
 
 def test_a_detector_that_fails_is_a_fault(world: World, bench: Bench, process: RenderProcess) -> None:
     begin = process.host(build_failing)
-    answer = begin(taken(world, bench, process)[-1])
+    answer = begin(taken(world, bench, process, 1)[-1])
     with pytest.raises(DeviceFault, match="ZeroDivisionError"):
         answer()
 
@@ -289,7 +289,7 @@ def test_interrupts_are_the_controllers_to_handle(world: World, bench: Bench, pr
     for number in process.process_ids:
         os.kill(number, signal.SIGINT)
         os.kill(number, signal.SIGTERM)
-    frame = taken(world, bench, process)[-1]
+    frame = taken(world, bench, process, 1)[-1]
     assert begin(frame)() == (frame.sequence, int(frame.image.sum()))
 
 

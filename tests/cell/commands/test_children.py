@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -14,6 +15,12 @@ from cell.commands.training import made_data as children
 from cell.commands.training.made_data import Children
 
 LIMIT_S = 120.0  # against waiting for ever
+
+
+def waits(ready: Path, on_interrupt: str) -> list[str]:
+    """A command that waits for ever, and makes a file once it does with SIGINT what it should."""
+    code = f"import signal, threading; signal.signal(signal.SIGINT, signal.{on_interrupt}); open({str(ready)!r}, 'w'); "
+    return [sys.executable, "-c", f"{code}threading.Event().wait(3600)"]
 
 
 def test_what_a_command_says_and_its_status_are_kept(tmp_path: Path) -> None:
@@ -29,13 +36,15 @@ def test_they_know_that_another_command_runs_them() -> None:
 
 def test_those_that_run_are_interrupted_and_no_other_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(children, "GRACE_S", 0.0)
-    some, waits = Children(), [sys.executable, "-c", "import threading; threading.Event().wait(3600)"]
+    ready = [tmp_path / name for name in ("one", "other")]
+    some = Children()
     with ThreadPoolExecutor(2) as pool:
-        status = [pool.submit(some.run, waits, None) for _ in range(2)]
-        while len(some._running) < len(status):
+        status = [pool.submit(some.run, waits(one, "default_int_handler"), None) for one in ready]
+        while not all(one.exists() for one in ready):
             assert not any(one.done() for one in status)
+            time.sleep(0.01)
         some.interrupt()
-        assert all(one.result(LIMIT_S) != 0 for one in status)
+        assert [one.result(LIMIT_S) for one in status] == [-signal.SIGINT] * 2
     assert some.run([sys.executable, "-c", f"open({str(tmp_path / 'begun')!r}, 'w')"], None) != 0
     assert not (tmp_path / "begun").exists()
 
@@ -45,11 +54,11 @@ def test_those_that_do_not_hear_of_it_are_terminated(tmp_path: Path, monkeypatch
     monkeypatch.setattr(children, "GRACE_S", 0.0)
     monkeypatch.setattr(children, "LONGEST_S", 0.2)
     ready = tmp_path / "ready"
-    code = f"import signal, threading; signal.signal(signal.SIGINT, signal.SIG_IGN); open({str(ready)!r}, 'w'); "
-    some, words = Children(), [sys.executable, "-c", f"{code}threading.Event().wait(3600)"]
+    some = Children()
     with ThreadPoolExecutor(1) as pool:
-        status = pool.submit(some.run, words, None)
+        status = pool.submit(some.run, waits(ready, "SIG_IGN"), None)
         while not ready.exists():
             assert not status.done()
+            time.sleep(0.01)
         some.interrupt()
         assert status.result(LIMIT_S) == -signal.SIGTERM

@@ -129,14 +129,19 @@ def test_answers_hang_together(planner: GraspPlanner) -> None:
             assert bool(plan.blockers) == plan.text.startswith("move ")
 
 
-def test_weights_reach_their_score_on_fresh_scenes(kind: str) -> None:
+FEW_AND_MANY = [60, pytest.param(200, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("scenes", FEW_AND_MANY)
+def test_weights_reach_their_score_on_fresh_scenes(kind: str, scenes: int) -> None:
     planner = load_grasp_planner(kind, WEIGHTS / f"grasp_{kind}.onnx", PRODUCT)
-    scores = evaluate_grasp(planner, PRODUCT, seed=99, scenes=200, look=look if kind == "paper" else list)
+    scores = evaluate_grasp(planner, PRODUCT, seed=99, scenes=scenes, look=look if kind == "paper" else list)
     objects, solved = SCORES[kind]
     assert scores["object_accuracy_1"] >= objects
     assert scores["iterative_success_3"] >= solved
 
 
+@pytest.mark.parametrize("count", FEW_AND_MANY)
 @pytest.mark.parametrize(
     "clutter",
     [
@@ -145,9 +150,11 @@ def test_weights_reach_their_score_on_fresh_scenes(kind: str) -> None:
         SceneSettings(tray_m=(0.20, 0.24), crowding=1, farthest_gap_m=0.02),
     ],
 )
-def test_the_papers_weights_beat_always_grasping_where_they_were_not_trained(clutter: SceneSettings) -> None:
+def test_the_papers_weights_beat_always_grasping_where_they_were_not_trained(
+    clutter: SceneSettings, count: int
+) -> None:
     planner = load_grasp_planner("paper", WEIGHTS / "grasp_paper.onnx", PRODUCT)
-    scenes = look(list(draw_scenes(PRODUCT, 41, 150, "validation", clutter)))
+    scenes = look(list(draw_scenes(PRODUCT, 41, count, "validation", clutter)))
     right, always = (
         evaluate_scenes(one, scenes, 41)["object_accuracy_2"] for one in (planner, Constant(Solution().plan(1.0)))
     )

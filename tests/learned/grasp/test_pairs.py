@@ -87,7 +87,7 @@ def test_the_averaging_reference_is_above_the_rule_under_noise() -> None:
     noise = DetectionNoise(position_m=0.005, yaw_rad=math.radians(10))
     planners: tuple[GraspPlanner, ...] = (AveragingPlanner(PRODUCT, noise, draws=24), RulePlanner(PRODUCT))
     right = [0, 0]
-    for scene in draw_scenes(PRODUCT, 42, 120, "validation", SceneSettings(noise=noise)):
+    for scene in draw_scenes(PRODUCT, 42, 60, "validation", SceneSettings(noise=noise)):
         for number, planner in enumerate(planners):
             right[number] += sum(
                 is_right(planner.plan(scene.parts, i), scene.blocks, i) for i in range(len(scene.parts))

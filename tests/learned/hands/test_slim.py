@@ -27,7 +27,10 @@ FRAMES, ABOVE_M = 12, np.array([0.0, 0.0, 0.1])
 BOX_M = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (-0.02, 0.02)])
 
 
-@pytest.mark.parametrize("look", ["nominal", "varied"])
+LOOKS = [pytest.param("nominal", marks=pytest.mark.slow), "varied"]
+
+
+@pytest.mark.parametrize("look", LOOKS)
 def test_hands_are_found_read_and_told_apart(look: str) -> None:
     configuration = simulated(load_configuration(), look, "varied")
     product = load_product(configuration)
@@ -69,7 +72,7 @@ def test_the_other_hand_is_not_the_one_that_works() -> None:
     assert scores["second_found"] > 0.9
 
 
-@pytest.mark.parametrize("look", ["nominal", "varied"])
+@pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("turn_rad", [-1.6, -1.0, 1.0, 1.6])
 def test_hands_that_point_to_any_side_are_found_and_read(
     look: str, turn_rad: float, monkeypatch: pytest.MonkeyPatch

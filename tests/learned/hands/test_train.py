@@ -221,7 +221,7 @@ def test_training_writes_three_files_that_find_hands(folder: Path, tmp_path: Pat
         out,
         seed=0,
         score=lambda: score_readings(SlimReader(SETUP, TYPES, out), BENCH, folder),
-        epochs=6,
+        epochs=2,
         quiet=True,
     )
     assert out.exists()

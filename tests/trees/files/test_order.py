@@ -83,7 +83,7 @@ def random_nodes(draw: random.Random, depth: int = 0) -> str:
 
 def test_no_reader_that_was_ever_served_is_a_problem(tmp_path: Path) -> None:
     path, told = tmp_path / "tree.xml", 0
-    for seed in range(500):
+    for seed in range(200):
         draw = random.Random(seed)
         path.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{random_nodes(draw)}</BehaviorTree></root>')
         Reads.answers = Writes.answers = draw
@@ -93,7 +93,7 @@ def test_no_reader_that_was_ever_served_is_a_problem(tmp_path: Path) -> None:
         late = {reader(path, problem) for problem in problems}
         told += bool(late)
         assert not late & Reads.served, f"seed {seed}: {problems}"
-    assert told > 25
+    assert told > 10
 
 
 def run_to_the_end(path: Path) -> list[Problem]:

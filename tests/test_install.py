@@ -106,7 +106,8 @@ def suite(tmp_path: Path) -> Path:
 
 def run_suite(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [str(ROOT / ".ci" / "test"), sys.executable, "test", "", "0", *arguments]
-    return finished(command, folder, {"JUNIT": "reports"})
+    alone = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_PLUGINS": "xdist.plugin"}  # others take seconds to load
+    return finished(command, folder, {"JUNIT": "reports", **alone})
 
 
 @pytest.mark.parametrize("failing", [[], ["plain"], ["torch"], ["plain", "torch"]])

@@ -35,25 +35,34 @@ def test_every_figure_names_the_command_that_measures_it(name: str) -> None:
 
 
 def commands(value: Any) -> Iterator[str]:
-    """All commands in figures."""
+    """All commands in figures and in what is said about them."""
     if isinstance(value, list):
         for one in value:
             yield from commands(one)
     elif isinstance(value, dict):
         for key, one in value.items():
             yield from [one] if key == "command" and one else commands(one)
+    elif isinstance(value, str):
+        yield from re.findall(r"`(cell [^`]+)`", value)
+
+
+@pytest.fixture(scope="module")
+def cell() -> Any:
+    """The whole command line: it takes a second to make."""
+    return command()
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_options_and_files_that_commands_name_exist(name: str) -> None:
+def test_options_and_files_that_commands_name_exist(name: str, cell: Any) -> None:
     for line in commands(json.loads((FIGURES / f"{name}.json").read_text())):
         words = line.split()
         if words[0] == "cell":
-            length = 1
-            while length < len(words) and words[length] in getattr(command(*words[1:length]), "commands", {}):
-                length += 1
-            asked = command(*words[1:length]).params
-            known = {name for one in asked for name in (*one.opts, *one.secondary_opts)}
+            asked = cell
+            for word in words[1:]:
+                if word not in getattr(asked, "commands", {}):
+                    break
+                asked = asked.commands[word]
+            known = {name for one in asked.params for name in (*one.opts, *one.secondary_opts)}
             assert {word for word in words if word.startswith("--")} <= known, line
         elif words[0] == "pytest":
             assert [word for word in words if word.startswith("tests/") and not (ROOT / word).exists()] == [], line

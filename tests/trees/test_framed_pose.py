@@ -46,7 +46,7 @@ def test_texts_of_scripts_and_tables_become_poses() -> None:
     ("node", "told"),
     [
         ('<MoveToPose pose="table: 0 0 0.2"/>', "the cell has no frame 'table'; one of world, tray, bracket, tool, p1"),
-        ('<MoveToPose pose="tray 0 0 0.2"/>', "is no FramedPose: the frame is missing"),
+        ('<MoveToPose pose="tray 0 0 0.2"/>', "is not a valid FramedPose: the frame is missing"),
         ('<GoalPart goal="g9" position="p1"/>', "the product has no goal 'g9'; one of g0, g1, g2"),
     ],
 )

@@ -30,7 +30,7 @@ EVALUATIONS = {
 COMMANDS = {
     "run": Command("cell.commands.lab.run:run", "Like `cell run`, with options for experiments."),
     "eval": Command("cell.commands.lab:EVALUATIONS", "Score planners, detectors and whole assemblies.", group=True),
-    "data": Command("cell.commands.lab.data:data_app", "Make training data, from logs or simulation."),
+    "data": Command("cell.commands.lab.data:data_app", "Make training data."),
     "train": Command("cell.commands.training.tasks:app", "Train one network, with all its options."),
     "sweep": Command(
         "cell.commands.lab.sweep:sweep", "Run the cell once for every combination that a YAML file lists."

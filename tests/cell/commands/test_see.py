@@ -252,7 +252,7 @@ def test_pictures_of_another_size_are_searched_for_hands_alone(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["none.png"], "no such source"),
+        (["none.png"], "unknown source"),
         (["empty"], "holds no images"),
         (["text.png"], "cannot be read as an image"),
         (["text.mp4"], "cannot be opened as a video"),

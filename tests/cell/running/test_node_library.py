@@ -74,7 +74,7 @@ def test_check_takes_them_from_the_option_and_the_environment_and_runs_nothing_u
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("no.py", None, "there is no such file"),
+        ("no.py", None, "there is no such Python file"),
         ("no_such_package", None, "cannot be loaded: ModuleNotFoundError"),
         ("bad.py", "import nothing_at_all", "bad.py cannot be loaded: ModuleNotFoundError"),
         ("syntax.py", "def", "syntax.py cannot be loaded: SyntaxError"),

@@ -94,7 +94,7 @@ BAD_NODES = [
     ('<RunOnce then_skip="^maybe"><AlwaysSuccess/></RunOnce>', "'maybe' is not a bool; true or false"),
     (
         '<Precondition if="true" else="^FAIL"><AlwaysSuccess/></Precondition>',
-        "'FAIL' is no Status; one of SUCCESS, FAIL",
+        "'FAIL' is not a valid Status; one of SUCCESS, FAIL",
     ),
     ('<LoopInt queue="^1;x" value="{v}"><AlwaysSuccess/></LoopInt>', "'x' is not an int"),
     ('<Go ^place="home"/>', "port 'place' takes a Place, which cannot be written here; connect it"),

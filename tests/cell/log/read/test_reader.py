@@ -92,8 +92,8 @@ def test_no_flipped_bit_loses_a_message_silently(path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (b"", "is no MCAP file"),
-        (b"<root/>", "is no MCAP file"),
+        (b"", "is not an MCAP file"),
+        (b"<root/>", "is not an MCAP file"),
         (b"\x89MCAP0\r\n\x06" + (9).to_bytes(8, "little") + bytes(9), "the first record, and no other, is a header"),
     ],
 )

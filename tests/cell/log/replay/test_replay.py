@@ -282,7 +282,7 @@ def test_commands_answer_with_exit_status_and_json(
     assert main(["log", "query", log, "--status", "LATE"]) == 2
     assert "legal: RUNNING" in capsys.readouterr().err
     assert main(["replay", str(COMMISSION)]) == 2
-    assert "is no MCAP file" in capsys.readouterr().err
+    assert "is not an MCAP file" in capsys.readouterr().err
 
 
 def test_a_replay_opens_no_simulator(commission_log: Log) -> None:

@@ -239,7 +239,7 @@ def test_command_writes_and_asks_for_what_is_missing(
     copied.write_bytes(tray_log.path.read_bytes())
     for other, why in (
         (tmp_path / "none.mcap", "none.mcap: cannot be read"),
-        (bad, "bad.mcap: is no MCAP file"),
+        (bad, "bad.mcap: is not an MCAP file"),
         (tray_log.path, f"{tray_log.path.name}: is named twice"),
         (copied, "copied.mcap: is named twice, or is a copy of another"),
     ):

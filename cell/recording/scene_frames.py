@@ -23,6 +23,12 @@ WORLD, BRACKET, TRAY, TOOL = "world", "bracket", "tray", "tool"
 FINGER_SIDES = {"finger_left": 1.0, "finger_right": -1.0}
 
 Rotation = tuple[float, float, float, float]
+YELLOW, WHITE, GREY, RED = (1.0, 0.86, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0), (0.7, 0.7, 0.7, 1.0), (1.0, 0.2, 0.2, 1.0)
+SHADE = messages.Color(r=0.0, g=0.0, b=0.0, a=0.55)
+FONT_PX = 12.0
+LINE_PX = 2.0
+Box = tuple[int, int, int, int]
+Colour = tuple[float, float, float, float]
 
 
 def timestamp(stamp_ns: int) -> messages.Timestamp:
@@ -129,15 +135,6 @@ def _transform(
         translation=messages.Vector3(x=x, y=y, z=z),
         rotation=messages.Quaternion(x=qx, y=qy, z=qz, w=qw),
     )
-
-
-YELLOW, WHITE, GREY, RED = (1.0, 0.86, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0), (0.7, 0.7, 0.7, 1.0), (1.0, 0.2, 0.2, 1.0)
-SHADE = messages.Color(r=0.0, g=0.0, b=0.0, a=0.55)
-FONT_PX = 12.0
-LINE_PX = 2.0
-
-Box = tuple[int, int, int, int]
-Colour = tuple[float, float, float, float]
 
 
 class HoleMarks:

@@ -14,6 +14,7 @@ from sim.worker.placing import Placing
 from sim.worker.worker_sight import Sight
 
 PUNCTUATION = str.maketrans(",.;:()", "      ")
+TOOL_RADIUS_M = 0.003  # a tool that sits on a screw does not leave it
 
 
 class BracketWork:
@@ -88,9 +89,6 @@ class BracketWork:
                 yield from self._rest()
                 lying.pop(self.wanted[position], None)
         return not lying
-
-
-TOOL_RADIUS_M = 0.003  # a tool that sits on a screw does not leave it
 
 
 class Screwing:

@@ -40,6 +40,7 @@ from skills.motion.kinematics import Kinematics
 
 One = Callable[[int, DataFolder], float | None]  # makes what one seed gives; returns the simulated seconds
 Film = Callable[[Configuration, Product, int], recording.Assembly]
+_WORK = ("person", "physics", "beside_robot")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +166,6 @@ def _trays(asked: Data, _: Film | None) -> One:
     return one
 
 
-_WORK = ("person", "physics", "beside_robot")
 DATA_SETS: Mapping[str, DataSet] = {
     "actions": DataSet(
         "Segments of 45 frames: the hand's track, a crop of the hand, and what it did.",

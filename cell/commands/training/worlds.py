@@ -34,7 +34,7 @@ from cell.fleet.engine import mapped
 from cell.interfaces.product import Product
 from sim.data import actions, hands, objects, plates, recording
 from sim.data.folder import DataFolder, DataPiece
-from sim.data.objects import LYING_SHARE, mixed_clutter, seeds, sometimes_steel
+from sim.data.splits import LYING_SHARE, mixed_clutter, seeds, sometimes_steel
 from skills.motion.grasp_pose import tool_down
 from skills.motion.kinematics import Kinematics
 

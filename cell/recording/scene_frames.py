@@ -169,7 +169,7 @@ class HoleMarks:
                     position=messages.Point2(x=x, y=y),
                     diameter=self._diameter_px,
                     thickness=LINE_PX,
-                    outline_color=_colour(colour),
+                    outline_color=colour_message(colour),
                 )
             )
             read = "?" if hole is None else f"{hole.part or '-'}{' tilted' if tilted else ''}"
@@ -207,7 +207,7 @@ def _box(stamp: messages.Timestamp, box_px: Box, colour: Colour) -> messages.Poi
         timestamp=stamp,
         type=messages.PointsAnnotationType.LineLoop,
         points=[messages.Point2(x=x, y=y) for x, y in corners],
-        outline_color=_colour(colour),
+        outline_color=colour_message(colour),
         thickness=LINE_PX,
     )
 
@@ -218,11 +218,12 @@ def _text(stamp: messages.Timestamp, x: float, y: float, text: str, colour: Colo
         position=messages.Point2(x=x, y=y),
         text=text,
         font_size=FONT_PX,
-        text_color=_colour(colour),
+        text_color=colour_message(colour),
         background_color=SHADE,
     )
 
 
-def _colour(rgba: Colour) -> messages.Color:
+def colour_message(rgba: Colour) -> messages.Color:
+    """A colour for viewers."""
     red, green, blue, alpha = rgba
     return messages.Color(r=red, g=green, b=blue, a=alpha)

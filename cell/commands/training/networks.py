@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from cell.commands.terminal import console
-from cell.commands.training.asked import Training
 from cell.commands.training.made_data import make_data, require_usable
-from cell.commands.training.weights import seconds
+from cell.commands.training.weights import Training, seconds
 from cell.errors import InputError
 from cell.interfaces.product import Product
 from cell.log.training.manifest import logs_by_hash

@@ -32,6 +32,7 @@ from cell.errors import InputError, LogError
 
 LOSSY = 3
 LONGEST_VALUE = 200
+log_app = typer.Typer(no_args_is_help=True, help="Search, compare and export logs.")
 
 
 class ExportFormat(StrEnum):
@@ -46,9 +47,6 @@ class ExportFormat(StrEnum):
     rerun = "rerun"
     lerobot = "lerobot"
     training = "training"
-
-
-log_app = typer.Typer(no_args_is_help=True, help="Search, compare and export logs.")
 
 
 def report(

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 from xml.etree import ElementTree
 
 import typer
@@ -16,10 +16,10 @@ from cell.commands.log_terminal import a_time, spared
 from cell.commands.options import MONITOR_PORT, OverwriteOption, PortOption, WithOption, own_files
 from cell.commands.terminal import console
 from cell.errors import InputError, LogError
-from cell.log.read.reader import Log, LoggedTick, LogStream
-from cell.log.replay.logged_tree import logged_tree
-from trees.node_library import node_registry
-from trees.views.groot2 import StatusBoard, tree_xml
+
+if TYPE_CHECKING:
+    from cell.log.read.reader import Log, LoggedTick, LogStream
+    from trees.views.groot2 import StatusBoard
 
 LOGS = (".mcap",)
 
@@ -90,7 +90,6 @@ def _show_file(
 
 def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:
     from cell.commands.log_terminal import streamed, tell_lack
-    from cell.commands.show import tree_at
 
     stream = streamed([log])
     shown = tree_at(stream, at_s, own_nodes)
@@ -101,7 +100,6 @@ def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:
 
 
 def _monitored(port: int) -> TreeAt:
-    from cell.commands.show import TreeAt
     from cell.viewing.live_view import MonitorClient
 
     client = MonitorClient(port)
@@ -167,6 +165,10 @@ def tree_at(log: Log | LogStream, at_s: float = math.inf, more: Iterable[str] = 
         LogError: the log holds no tree, or no tick so early.
         InputError: this version cannot load the tree.
     """
+    from cell.log.replay.logged_tree import logged_tree
+    from trees.node_library import node_registry
+    from trees.views.groot2 import StatusBoard, tree_xml
+
     ticks = (tick for piece in log for tick in piece.ticks)
     now = next(ticks, None)
     if now is None or now.time_s > at_s:

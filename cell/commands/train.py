@@ -10,10 +10,9 @@ from typer import Option
 
 from cell.commands.options import CONFIGURATION, ConfigOption, OverwriteOption, SeedOption, takes
 from cell.commands.terminal import console, product_of, report_scores
-from cell.commands.training.asked import Training
 from cell.commands.training.shipped import Step, scaled, steps_of_shipped, train_steps
 from cell.commands.training.tasks import TASKS
-from cell.commands.training.weights import need_torch, writing
+from cell.commands.training.weights import Training, need_torch, writing
 from cell.errors import InputError
 from cell.interfaces.product import Product
 from learned.semantic.data import load_demonstrations

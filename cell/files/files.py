@@ -12,6 +12,7 @@ from cell.errors import InputError, Place, Problem
 
 MANIFEST = "manifest.json"  # comes to its place last: a folder that has one is finished
 UNFINISHED = "cell.unfinished"  # a folder in the new one; no other program calls one so, and it may be removed
+INSTALLED = Path(str(resources.files("cell"))).parent  # all packages stand side by side, in a clone and when installed
 
 
 @contextmanager
@@ -47,9 +48,6 @@ def require_free(path: Path) -> None:
     """
     if path.exists() and (not path.is_dir() or any(one.name != UNFINISHED for one in path.iterdir())):
         raise InputError(f"{path}: is not an empty folder; remove it, or choose another --out")
-
-
-INSTALLED = Path(str(resources.files("cell"))).parent  # all packages stand side by side, in a clone and when installed
 
 
 def shipped(package: str, *names: str) -> Path:

@@ -12,6 +12,12 @@ from cell.errors import InputError
 from cell.fleet.intervals import Interval, paired_mean, paired_share
 
 Row = Mapping[str, Any]
+FLUENCY = "Hoffman 2019"
+Verdict = Literal["better", "worse", "differs", "no difference proved", "too few pairs"]
+LEVEL = 0.95
+SAME = ("seed", "goal_asked", "person", "look", "fault")  # two runs are a pair where these are alike
+FEWEST_PAIRS = 2
+_LIMIT = re.compile(r"\s*(\w+)\s*([<>])\s*([-+]?\d+(?:\.\d+)?)\s*(%?)\s*")
 
 
 @dataclass(frozen=True)
@@ -44,8 +50,6 @@ def _finished(row: Row) -> bool:
     return row.get("end") == "finished"
 
 
-FLUENCY = "Hoffman 2019"
-
 MEASURES = (
     Measure("right", "finished, and the bracket is right", "more",
             lambda row: _finished(row) and bool(row.get("correct")), True),
@@ -70,14 +74,6 @@ MEASURES = (
             _of("functional_delay")),
 )  # fmt: skip
 BY_NAME = {measure.name: measure for measure in MEASURES}
-
-
-Verdict = Literal["better", "worse", "differs", "no difference proved", "too few pairs"]
-LEVEL = 0.95
-SAME = ("seed", "goal_asked", "person", "look", "fault")  # two runs are a pair where these are alike
-FEWEST_PAIRS = 2
-
-_LIMIT = re.compile(r"\s*(\w+)\s*([<>])\s*([-+]?\d+(?:\.\d+)?)\s*(%?)\s*")
 
 
 @dataclass(frozen=True)

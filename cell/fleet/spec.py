@@ -31,6 +31,7 @@ from trees.files.loader import load_tree
 from trees.node_library import node_registry
 
 MOST_RUNS = 10_000_000
+Packed = tuple[str, str, tuple[tuple[str, bytes], ...]]
 
 
 class Seeds(Model):
@@ -144,9 +145,6 @@ def count(sweep: Sweep) -> int:
     for values in listed:
         total *= len(values)
     return total
-
-
-Packed = tuple[str, str, tuple[tuple[str, bytes], ...]]
 
 
 def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | None) -> Iterator[Task]:

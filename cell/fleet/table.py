@@ -13,6 +13,8 @@ from cell.errors import InputError
 from cell.files.files import whole_or_none
 
 INSTALL = 'pip install "cell[fleet]", in a clone: .venv/bin/pip install -e ".[fleet]"'
+Row = Mapping[str, Any]
+BATCH = 5000  # rows in memory
 
 
 def needed(module: str, why: str) -> Any:
@@ -26,10 +28,6 @@ def needed(module: str, why: str) -> Any:
     except ImportError:
         package = module.partition(".")[0]
         raise InputError(f"{why} needs the package {package}, which is not installed: {INSTALL}") from None
-
-
-Row = Mapping[str, Any]
-BATCH = 5000  # rows in memory
 
 
 def write_table(rows: Iterable[Row], path: Path) -> None:
@@ -58,29 +56,15 @@ def write_table(rows: Iterable[Row], path: Path) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def read_column(path: Path, name: str) -> list[Any]:
-    """One column of a Parquet file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    parquet = needed("pyarrow.parquet", "a table of runs")
-    try:
-        table = parquet.read_table(path, columns=[name])
-    except OSError as error:
-        raise InputError(f"{path}: is not a table of runs: {str(error).splitlines()[0]}") from None
-    return list(table[name].to_pylist()) if name in table.column_names else []
-
-
-def read_table(path: Path) -> list[dict[str, Any]]:
-    """Rows of a Parquet file.
+def read_table(path: Path, columns: list[str] | None = None) -> list[dict[str, Any]]:
+    """Rows of a Parquet file, with all columns or those that are named.
 
     Raises:
         InputError: it cannot be read.
     """
     arrow, parquet = needed("pyarrow", "a table of runs"), needed("pyarrow.parquet", "a table of runs")
     try:
-        rows: list[dict[str, Any]] = parquet.read_table(path).to_pylist()
+        rows: list[dict[str, Any]] = parquet.read_table(path, columns=columns).to_pylist()
     except (OSError, arrow.ArrowException) as error:
         raise InputError(f"{path}: is not a table of runs: {str(error).splitlines()[0]}") from None
     return rows

@@ -6,6 +6,9 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+CATCH_UP_S = 0.02  # a world this little behind the wall is not asked to hurry
+CATCH_UP_TRIES = 3
+
 
 class Clock(Protocol):
     """Monotonic time in seconds since the run began."""
@@ -17,10 +20,6 @@ class Clock(Protocol):
     def sleep_until(self, time_s: float) -> None:
         """Return at `time_s`, or at once if it has passed; a simulator advances its world here."""
         ...
-
-
-CATCH_UP_S = 0.02  # a world this little behind the wall is not asked to hurry
-CATCH_UP_TRIES = 3
 
 
 class WallClock:

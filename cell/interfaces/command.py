@@ -10,6 +10,8 @@ import numpy as np
 from cell.interfaces.operator import Question
 from cell.interfaces.pose import Array
 
+_DEVICES = {"follow": "arm", "gripper": "gripper"}
+
 
 @dataclass(frozen=True)
 class JointTrajectory:
@@ -106,6 +108,3 @@ class Command:
         if name in _DEVICES and value is not None and before is not None and before is not value:
             object.__setattr__(self, "contested", (*self.contested, _DEVICES[name]))
         object.__setattr__(self, name, value)
-
-
-_DEVICES = {"follow": "arm", "gripper": "gripper"}

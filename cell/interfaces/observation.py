@@ -23,6 +23,7 @@ STANDING_RAD_S = 0.05  # an arm whose joints are all slower stands
 ArmMode = Literal[
     "normal", "reduced", "protective_stop", "recovery", "safeguard_stop", "emergency_stop", "violation", "fault"
 ]  # the safety status of a UR controller
+NodeState = Literal["unknown", "boot_up", "stopped", "operational", "pre_operational"]
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,6 @@ class ObjectStatus(IntEnum):
     CONTACT_OPENING = 1
     CONTACT_CLOSING = 2
     AT_POSITION = 3
-
-
-NodeState = Literal["unknown", "boot_up", "stopped", "operational", "pre_operational"]
 
 
 @dataclass(frozen=True)

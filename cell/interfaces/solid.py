@@ -18,6 +18,7 @@ RING = 16  # points on each edge of a cylinder, and on each of a ball's circles
 ROUND_M = 1e-4  # a cylinder's two diameters may differ by this much
 
 Span = tuple[float, float]
+_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 
 class Solid(Model):
@@ -124,7 +125,6 @@ def _circle() -> Array:
     return np.column_stack([np.cos(angles), np.sin(angles)]) / 2
 
 
-_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _CYLINDER = np.concatenate([np.column_stack([_circle(), np.full(RING, end)]) for end in (-0.5, 0.5)])
 _BALL = np.concatenate(
     [

@@ -27,8 +27,8 @@ from learned.holes.model import VOTES, Reading
 from learned.parts.data import Scene
 from learned.parts.evaluate import Findings, evaluate_parts
 from sim.data.folder import DataFolder
-from sim.data.objects import sometimes_steel
 from sim.data.plates import write_plates
+from sim.data.splits import sometimes_steel
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 from sim.rendering.studio import visible_poses
 from sim.scene.world import World, build_world

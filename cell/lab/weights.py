@@ -26,7 +26,7 @@ from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import SceneSettings
 from learned.semantic.evaluate import evaluate_scenarios
 from learned.semantic.model import load_semantic_planner
-from sim.data.objects import seeds as seeds_of
+from sim.data.splits import seeds as seeds_of
 
 NETWORKS = (
     *LEARNED_KINDS.items(),

@@ -16,6 +16,13 @@ from cell.files.files import INSTALLED
 
 INPUTS = ("/observation", "/bench", "/parts")
 NAME = "inputs_sha256"  # of the digest in the metadata `outcome`
+# Everything that a decision or a motion hangs on.
+PACKAGES = (
+    "cell", "mujoco", "placo", "pin", "coal", "eigenpy", "ruckig", "example-robot-data", "py-trees", "onnxruntime",
+    "opencv-python-headless", "numpy", "scipy", "pydantic", "cantools", "python-can",
+)  # fmt: skip
+GIT_TIMEOUT_S = 5.0
+UNKNOWN = "unknown"
 
 
 class InputDigest:
@@ -41,15 +48,6 @@ def inputs_sha256(messages: Iterable[tuple[str, bytes]]) -> str:
     for topic, content in messages:
         digest.add(topic, content)
     return digest.text()
-
-
-# Everything that a decision or a motion hangs on.
-PACKAGES = (
-    "cell", "mujoco", "placo", "pin", "coal", "eigenpy", "ruckig", "example-robot-data", "py-trees", "onnxruntime",
-    "opencv-python-headless", "numpy", "scipy", "pydantic", "cantools", "python-can",
-)  # fmt: skip
-GIT_TIMEOUT_S = 5.0
-UNKNOWN = "unknown"
 
 
 def identity() -> dict[str, str]:

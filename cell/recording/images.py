@@ -13,6 +13,10 @@ import cv2
 from cell.errors import DeviceFault, InputError
 from cell.interfaces.perception import Frame
 
+Encoding = tuple[Frame, Future[bytes | None]]
+CALLS_LATER = 3  # ticks of 40 ms: a simulated frame may be rendered as late as its answer is due
+MOST_WAITING = 45  # frames that wait for an encoder which does not keep up: three seconds of one camera
+
 
 class Video:
     """An MP4 file that is written frame by frame; all frames have the size of the first one.
@@ -84,12 +88,6 @@ class Video:
             self._writer.release()
             self._path.unlink(missing_ok=True)
             self._writer = None
-
-
-Encoding = tuple[Frame, Future[bytes | None]]
-
-CALLS_LATER = 3  # ticks of 40 ms: a simulated frame may be rendered as late as its answer is due
-MOST_WAITING = 45  # frames that wait for an encoder which does not keep up: three seconds of one camera
 
 
 class ImageEncoder:

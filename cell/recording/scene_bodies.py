@@ -10,7 +10,7 @@ from cell.interfaces.bench import Bench
 from cell.interfaces.perception import PartDetection
 from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
-from cell.recording.scene_frames import BRACKET, FINGER_SIDES, WORLD, pose_message, timestamp
+from cell.recording.scene_frames import BRACKET, FINGER_SIDES, WORLD, Colour, colour_message, pose_message, timestamp
 from skills.motion.collision import standing_boxes
 from skills.motion.outline import Shape
 
@@ -26,7 +26,6 @@ GHOST_ALPHA = 0.30  # of what the guidance shows
 LABEL_M = 0.018
 TABLE_M = 0.02  # drawn thickness; what is below does not matter to anyone
 
-Colour = tuple[float, float, float, float]
 Size = tuple[float, float, float]
 
 
@@ -45,7 +44,7 @@ def bench_scene(stamp_ns: int, product: Product, bench: Bench) -> messages.Scene
             size=messages.Vector3(x=2 * radius_m, y=2 * radius_m, z=0.001),
             bottom_scale=1.0,
             top_scale=1.0,
-            color=_colour(INK),
+            color=colour_message(INK),
         )
         for x, y in product.bracket.holes_m.values()
     ]
@@ -107,7 +106,7 @@ def _robot_entity(stamp_ns: int, shape: Shape) -> messages.SceneEntity:
                 pose=pose_message(pose),
                 points=[messages.Point3(x=x, y=y, z=z) for x, y, z in shape.points_m.tolist()],
                 indices=shape.triangles.ravel().tolist(),
-                color=_colour(ROBOT),
+                color=colour_message(ROBOT),
             )
         )
     return messages.SceneEntity(
@@ -148,15 +147,12 @@ def _replaced(stamp_ns: int, entities: Iterable[messages.SceneEntity]) -> messag
 
 def _cube(pose: Pose, size_m: Size, colour: Colour) -> messages.CubePrimitive:
     x, y, z = size_m
-    return messages.CubePrimitive(pose=pose_message(pose), size=messages.Vector3(x=x, y=y, z=z), color=_colour(colour))
+    return messages.CubePrimitive(
+        pose=pose_message(pose), size=messages.Vector3(x=x, y=y, z=z), color=colour_message(colour)
+    )
 
 
 def _label(text: str, pose: Pose, colour: Colour) -> messages.TextPrimitive:
     return messages.TextPrimitive(
-        pose=pose_message(pose), billboard=True, font_size=LABEL_M, color=_colour(colour), text=text
+        pose=pose_message(pose), billboard=True, font_size=LABEL_M, color=colour_message(colour), text=text
     )
-
-
-def _colour(rgba: Colour) -> messages.Color:
-    red, green, blue, alpha = rgba
-    return messages.Color(r=red, g=green, b=blue, a=alpha)

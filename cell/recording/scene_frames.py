@@ -23,6 +23,12 @@ WORLD, BRACKET, TRAY, TOOL = "world", "bracket", "tray", "tool"
 FINGER_SIDES = {"finger_left": 1.0, "finger_right": -1.0}
 
 Rotation = tuple[float, float, float, float]
+YELLOW, WHITE, GREY, RED = (1.0, 0.86, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0), (0.7, 0.7, 0.7, 1.0), (1.0, 0.2, 0.2, 1.0)
+SHADE = messages.Color(r=0.0, g=0.0, b=0.0, a=0.55)
+FONT_PX = 12.0
+LINE_PX = 2.0
+Box = tuple[int, int, int, int]
+Colour = tuple[float, float, float, float]
 
 
 def timestamp(stamp_ns: int) -> messages.Timestamp:
@@ -131,15 +137,6 @@ def _transform(
     )
 
 
-YELLOW, WHITE, GREY, RED = (1.0, 0.86, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0), (0.7, 0.7, 0.7, 1.0), (1.0, 0.2, 0.2, 1.0)
-SHADE = messages.Color(r=0.0, g=0.0, b=0.0, a=0.55)
-FONT_PX = 12.0
-LINE_PX = 2.0
-
-Box = tuple[int, int, int, int]
-Colour = tuple[float, float, float, float]
-
-
 class HoleMarks:
     """Where the bracket's holes are in the overhead image, and what is read in them."""
 
@@ -172,7 +169,7 @@ class HoleMarks:
                     position=messages.Point2(x=x, y=y),
                     diameter=self._diameter_px,
                     thickness=LINE_PX,
-                    outline_color=_colour(colour),
+                    outline_color=colour_message(colour),
                 )
             )
             read = "?" if hole is None else f"{hole.part or '-'}{' tilted' if tilted else ''}"
@@ -210,7 +207,7 @@ def _box(stamp: messages.Timestamp, box_px: Box, colour: Colour) -> messages.Poi
         timestamp=stamp,
         type=messages.PointsAnnotationType.LineLoop,
         points=[messages.Point2(x=x, y=y) for x, y in corners],
-        outline_color=_colour(colour),
+        outline_color=colour_message(colour),
         thickness=LINE_PX,
     )
 
@@ -221,11 +218,12 @@ def _text(stamp: messages.Timestamp, x: float, y: float, text: str, colour: Colo
         position=messages.Point2(x=x, y=y),
         text=text,
         font_size=FONT_PX,
-        text_color=_colour(colour),
+        text_color=colour_message(colour),
         background_color=SHADE,
     )
 
 
-def _colour(rgba: Colour) -> messages.Color:
+def colour_message(rgba: Colour) -> messages.Color:
+    """A colour for viewers."""
     red, green, blue, alpha = rgba
     return messages.Color(r=red, g=green, b=blue, a=alpha)

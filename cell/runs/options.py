@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,6 +13,7 @@ from cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE, Configuratio
 from cell.errors import InputError
 from cell.interfaces.devices import Devices
 from cell.interfaces.faults import FaultTable
+from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
 from cell.wiring.services import Planners
@@ -21,6 +22,7 @@ from trees.files.loader import load_tree, unused_entries
 from trees.node_library import node_registry
 
 Pace = Literal["fast", "real"]
+Orders = Callable[[Callable[[OperatorOrder], None], Callable[[], Sequence[Question]], Callable[[str], None]], object]
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class RunOptions:
         beside: further tree files, and folders with them, whose trees may be named.
         entries: of the main tree, set before the first tick.
         devices: open already, in place of those that the configuration names.
-        orders: lines that an operator types; None for no one.
+        orders: begins to pass on an operator's orders, with what takes one, the questions that stand and what answers.
         max_duration_s: after which the run ends by itself; None for the configuration's.
         images: keep images and joint samples in the log, and make a contact sheet.
         pixels: render what the cameras see; without, a simulated cell's hands, holes and parts come from the truth.
@@ -83,7 +85,7 @@ class RunOptions:
         int | None,
         Option("--page", metavar="[PORT]", min=0, max=65535, help="Serve the operator's page; port 8780."),
     ] = None
-    orders: Iterable[str] | None = None
+    orders: Orders | None = None
     brackets: Annotated[
         int | None,
         Option("--shift", metavar="N", min=0, help="Assemble N brackets one after the other; 0: until you stop it."),

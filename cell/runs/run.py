@@ -39,7 +39,6 @@ from cell.runs.viewers import open_viewers
 from cell.viewing.moments import Moments
 from cell.viewing.progress import LiveProgress
 from cell.viewing.run_summary import run_summary
-from cell.viewing.typed_orders import TypedOrders
 from cell.watching.brackets import BracketTally, FinishedBrackets
 from cell.watching.lateness import Lateness
 from cell.watching.observer import End, Level, Observer, Outcome
@@ -156,7 +155,7 @@ def _run(
         progress = LiveProgress(console, 1.0 / configuration.controller.tick_hz)
         operator = OperatorChannel(product.goals, options.attended, options.brackets or None)
         if options.orders is not None:
-            TypedOrders(options.orders, operator.put, lambda: operator.questions, lambda text: console.print(text))
+            options.orders(operator.put, lambda: operator.questions, console.print)
         viewers = open_viewers(options, files, recorder, operator.put, devices.clock.now_s, stack)
         for line in viewers.addresses:
             console.print(line, highlight=False, soft_wrap=True)

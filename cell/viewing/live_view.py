@@ -26,6 +26,13 @@ from cell.errors import InputError
 from cell.viewing.stepping import Stepper
 from cell.viewing.tree_lines import fitted, lines_of
 
+HEADER = struct.Struct("<BBI")
+STATUS = struct.Struct("<HB")
+PROTOCOL = 2
+TIMEOUT_MS = 2000
+REFRESH_S = 0.2
+FEEDBACK = "F"
+
 
 class Keys:
     """What was pressed since it was last asked.
@@ -57,14 +64,6 @@ def keys() -> Iterator[Keys]:
         yield Keys(descriptor)
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-
-
-HEADER = struct.Struct("<BBI")
-STATUS = struct.Struct("<HB")
-PROTOCOL = 2
-TIMEOUT_MS = 2000
-REFRESH_S = 0.2
-FEEDBACK = "F"
 
 
 class MonitorClient:

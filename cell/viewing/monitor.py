@@ -28,6 +28,14 @@ from trees.files.build.registry import Registry
 from trees.views.groot2 import StatusBoard, blackboards, tree_xml
 
 Key = tuple[Any, Any]
+DEFAULT_PORT = 1667
+PROTOCOL = 2
+FEEDBACK = "F"  # a request of our own beside Groot2's
+LOOPBACK = "tcp://127.0.0.1"
+REQUESTS_A_TICK = 16  # so that a flood of requests does not hold up the loop
+REQUEST_BYTES = 64 * 1024
+HOOKS_REST_AFTER_S = 5.0  # of wall time without a request: nobody is there to unlock a breakpoint
+HEADER = struct.Struct("<BBI")
 
 
 class Owners:
@@ -68,16 +76,6 @@ class Owners:
 def key_of(hook: Mapping[str, Any]) -> Key:
     """What tells a hook from the others."""
     return hook["uid"], hook["position"]
-
-
-DEFAULT_PORT = 1667
-PROTOCOL = 2
-FEEDBACK = "F"  # a request of our own beside Groot2's
-LOOPBACK = "tcp://127.0.0.1"
-REQUESTS_A_TICK = 16  # so that a flood of requests does not hold up the loop
-REQUEST_BYTES = 64 * 1024
-HOOKS_REST_AFTER_S = 5.0  # of wall time without a request: no client is there to unlock a breakpoint
-HEADER = struct.Struct("<BBI")
 
 
 class RefusedError(Exception):

@@ -15,6 +15,8 @@ from cell.interfaces.product import Product
 from cell.watching.observer import Observer, Outcome, TickRecord
 from learned.semantic.goals import OpenGoals
 
+NOTHING: Mapping[str, float] = {}
+
 
 class FinishedBrackets(Observer):
     """An observer that learns from how a run ended; what the cameras saw in the holes counts, not what was believed.
@@ -55,9 +57,6 @@ class FinishedBrackets(Observer):
             return  # a hole was misread, or the file was damaged meanwhile: better nothing than a wrong goal
         goals.save(self._path)
         self.learned = next(name for name, goal in goals.finished.items() if goal.parts == parts)
-
-
-NOTHING: Mapping[str, float] = {}
 
 
 @dataclass

@@ -33,6 +33,10 @@ from learned.classical.lying_parts import LyingParts
 from learned.inference.onnx_model import OnnxModel
 
 Maker = Callable[[Bench, Product, Path], Any]
+NO_CARD = ("classical", "mediapipe")  # kinds whose files are not ours, or that have none
+LATENCY_SCORE = "latency_ms_p95"  # of a model card: processor time of a frame's answer
+BESIDE_S = 0.01  # health of image and track, calibration, and the way between processes
+UNKNOWN_LATENCY_S = 0.1  # of detectors whose cards do not tell
 
 
 def _actions(bench: Bench, product: Product, weights: Path, kind: str) -> ActionDetector:
@@ -71,12 +75,6 @@ TRAINED: Mapping[str, Mapping[str, Maker]] = {
     "holes": {"plate": _plate},
     "parts": {"centre": _centre},
 }
-
-
-NO_CARD = ("classical", "mediapipe")  # kinds whose files are not ours, or that have none
-LATENCY_SCORE = "latency_ms_p95"  # of a model card: processor time of a frame's answer
-BESIDE_S = 0.01  # health of image and track, calibration, and the way between processes
-UNKNOWN_LATENCY_S = 0.1  # of detectors whose cards do not tell
 
 
 def bench_watcher(bench: Bench, product: Product, perception: Perception) -> Callable[[Frame], BenchView]:

@@ -1,4 +1,7 @@
-"""Images of the simulated cell without a run: an assembly from above, trays, and crops of drawn trays."""
+"""Images of the simulated cell without a run: an assembly from above, trays, and crops of drawn trays.
+
+A training with torch uses some of it: MuJoCo is only imported where it draws.
+"""
 
 from __future__ import annotations
 
@@ -13,21 +16,20 @@ from typing import TYPE_CHECKING
 from cell.configuration import Configuration
 from cell.interfaces.perception import Frame
 from cell.interfaces.product import Product
-from learned.parts.data import Scene, load_scenes
-from sim.data.folder import DataFolder
-from sim.data.hands import hand_frames
-from sim.data.objects import mixed_clutter, sometimes_steel, write_objects
-from sim.data.recording import Source, record
+from sim.data.splits import mixed_clutter, sometimes_steel
 
 if TYPE_CHECKING:
     from cell.interfaces.bench import Bench
-    from cell.interfaces.product import Product
     from learned.grasp.crops import Crops, TrayCamera, View
+    from learned.parts.data import Scene
     from sim.data.trays import TrayCamera as Camera
 
 
 def overhead_frames(configuration: Configuration, product: Product, seed: int) -> Iterator[Frame]:
     """The person alone before the overhead camera."""
+    from sim.data.hands import hand_frames
+    from sim.data.recording import Source, record
+
     taken = record(product, configuration.bench, configuration.devices.simulation, seed)
     source = Source(taken, product, configuration.bench)
     for seen in hand_frames(source, [range(len(taken.moments))]):
@@ -42,6 +44,10 @@ def tray_scenes(
     Args:
         mixed: some parts lie or are stacked, some objects are unknown.
     """
+    from learned.parts.data import load_scenes
+    from sim.data.folder import DataFolder
+    from sim.data.objects import write_objects
+
     settings = configuration.devices.simulation
     with tempfile.TemporaryDirectory(prefix="cell-trays-") as name:
         folder = DataFolder(Path(name) / "objects", "trays")

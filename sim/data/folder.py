@@ -12,7 +12,7 @@ import cv2
 
 from cell.errors import InputError
 from cell.files.files import MANIFEST, require_free
-from sim.rendering.photographer import Image
+from cell.interfaces.observation import Image
 
 VERSION = 1
 JPEG_QUALITY = 95  # of whole frames: hardly told from PNG, a fifth of its size

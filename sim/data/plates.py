@@ -31,6 +31,17 @@ FROM_M = 0.2  # over the plate's upper side; no part reaches so high
 RAYS = 7  # across the opening
 LEAST_SHARE = 0.1  # of the opening; a part that covers less lies beside the hole
 DOWN = np.array([0.0, 0.0, -1.0])
+CAMERA = "overhead"
+FAR_AWAY_M = (3.0, 3.0, 0.1)
+MORE_OF_EACH = 2  # parts beyond those of one product, so that any mixture can stand on the plate
+FILLED_SHARE, ASTRAY_SHARE = 0.55, 0.15  # of holes; of parts in them
+SEATED_M, SEATED_RAD = 0.0015, 0.02
+FALLEN_SHARE = 0.6  # of parts that are astray: they fell there; the others stand askew
+ASKEW_M, ASKEW_RAD = (0.0, 0.014), (0.1, 0.5)
+HAND_SHARE, ARM_SHARE, HOLDING_SHARE = 0.4, 0.35, 0.6
+OVER_M = (0.005, 0.14)  # of fingertips over the plate's upper side
+COVERED_HALF_M = 0.03  # half the width of the square around a hole whose hidden share is told
+Reach = Callable[[Array, float], Array | None]
 
 
 class Openings:
@@ -59,20 +70,6 @@ class Openings:
         if most is None or counts[most] < LEAST_SHARE * len(self._from_m[position]):
             return None
         return self._owners[most]
-
-
-CAMERA = "overhead"
-FAR_AWAY_M = (3.0, 3.0, 0.1)
-MORE_OF_EACH = 2  # parts beyond those of one product, so that any mixture can stand on the plate
-FILLED_SHARE, ASTRAY_SHARE = 0.55, 0.15  # of holes; of parts in them
-SEATED_M, SEATED_RAD = 0.0015, 0.02
-FALLEN_SHARE = 0.6  # of parts that are astray: they fell there; the others stand askew
-ASKEW_M, ASKEW_RAD = (0.0, 0.014), (0.1, 0.5)
-HAND_SHARE, ARM_SHARE, HOLDING_SHARE = 0.4, 0.35, 0.6
-OVER_M = (0.005, 0.14)  # of fingertips over the plate's upper side
-COVERED_HALF_M = 0.03  # half the width of the square around a hole whose hidden share is told
-
-Reach = Callable[[Array, float], Array | None]
 
 
 @dataclass

@@ -24,6 +24,11 @@ import cv2
 
 from cell.errors import CellError, DeviceFault
 
+GLANCE_S = 0.5  # wall time between looks at other processes
+JOIN_S = 2.0
+PATIENCE_S = 60.0  # wall time; a job takes some milliseconds
+Work = Callable[[Any], Any]
+
 
 def two_cores() -> tuple[int, int] | None:
     """The controller's core and that of all others; None where there are not just two."""
@@ -52,13 +57,6 @@ def lent(process_id: int, cores: tuple[int, int] | None) -> Iterator[None]:
     finally:
         with suppress(OSError):
             os.sched_setaffinity(process_id, {cores[1]})
-
-
-GLANCE_S = 0.5  # wall time between looks at other processes
-JOIN_S = 2.0
-PATIENCE_S = 60.0  # wall time; a job takes some milliseconds
-
-Work = Callable[[Any], Any]
 
 
 def process_context() -> Any:

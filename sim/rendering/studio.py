@@ -18,6 +18,7 @@ from sim.scene.palette import FLOOR_GROUP
 VISIBLE = ("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 
 ScenePoses = tuple[Array, ...]
+CORNERS = np.array([[1, 1, 1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1]])  # of an image, as signs
 
 
 class Scene(Protocol):
@@ -47,9 +48,6 @@ def show_poses(data: mujoco.MjData, poses: ScenePoses) -> None:
     """Put everything that can be seen where it was."""
     for field, values in zip(VISIBLE, poses, strict=True):
         getattr(data, field)[:] = values
-
-
-CORNERS = np.array([[1, 1, 1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1]])  # of an image, as signs
 
 
 class Studio:

@@ -52,6 +52,43 @@ FINGERS: tuple[Segment, ...] = (
 )
 SLEEVE: Segment = ((0.205, 0.058, 0.072), (0.400, 0.110, 0.140), 0.036)
 WRIST: Segment = ((0.135, 0.042, 0.054), (0.205, 0.058, 0.072), 0.027)
+CAREFUL = PERSONS["careful"]
+SPECULAR = 0.1
+PALM_BEHIND_TIPS_M = 0.105  # the rest position of the bench file is that of the palm's middle
+MAX_GAP_M = 0.11
+DIGIT_RANGE_M = (-0.03, 0.08)  # of thumb and index finger, from closed; beyond it they pull the whole hand along
+DIGIT_LIMIT = (0.004, 1.0)  # solref: soft limits would let 150 N stretch a finger by centimetres
+# Flesh touches parts, table, bins and bracket (palette.py). Each shape has a hidden twin of the same size that
+# touches the robot, as stiff as a person: ISO/TS 15066, Table A.3, gives 75 N/mm for hands and 40 N/mm for forearms.
+CONTYPE, CONAFFINITY = 4, 3
+HAND_N_M, FOREARM_N_M = 75e3, 40e3
+MOVING_MASS_KG = 1.1  # of hand and forearm here; MuJoCo takes stiffness for each kilogram
+SKIN_DAMPING = 0.6  # of 2 for critical damping: flesh is soft and dull
+FOREARM_GROUP = 2
+SKIN_GROUP, FOREARM_SKIN_GROUP = 3, 4  # hidden from the cameras
+PUSH_N, TWIST_NM, PINCH_N = 150.0, 8.0, 150.0  # the most that the person's arm, wrist and fingers give
+GANTRY = ("hand_x", "hand_y", "hand_z", "hand_yaw")
+WRIST_JOINTS = ("hand_tilt", "hand_roll")  # of a person whose wrist does more than turn
+CURL_JOINT = "hand_curl"  # of a person whose ring and little finger do not always lie alike
+DIGITS = ("hand_thumb", "hand_index")
+GANTRY_KP = (8000.0, 8000.0, 8000.0, 80.0)  # N/m and N m/rad: a held part sags by less than 0.5 mm
+DIGIT_KP = 2500.0
+CURL_KP, CURL_NM = 5.0, 2.0
+CONTROL_FILTER_S = 0.012  # smooths the steps of the 8 ms control period
+FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever it holds
+    "contype": CONTYPE,
+    "conaffinity": CONAFFINITY,
+    "condim": 4,
+    "friction": (1.2, 0.01, 0.0001),
+    "priority": 1,
+}
+FOREARM_TOUCH = {**FLESH_TOUCH, "group": FOREARM_GROUP}
+TOOL_AWAY_M = 1.6
+TOOL_FRICTION = (0.3, 0.005, 0.0001)  # metal on metal
+TOOL = (  # from, to, radius in [m], colour
+    ((0.0, 0.0, -0.065), (0.0, 0.0, 0.0), 0.003, (0.5, 0.5, 0.52)),
+    ((0.0, 0.0, 0.0), (0.02, 0.0, 0.06), 0.011, (0.75, 0.55, 0.1)),
+)
 
 
 def thumb(length_m: float) -> tuple[Segment, ...]:
@@ -63,50 +100,6 @@ def thumb(length_m: float) -> tuple[Segment, ...]:
     start, knuckle, end = (np.array(point) for point in (middle[0], middle[1], root[1]))
     bent, foot = (tuple(float(x) for x in start + share * (point - start)) for point in (knuckle, end))
     return tip, (middle[0], bent, middle[2]), (bent, foot, root[2])  # type: ignore[return-value]
-
-
-CAREFUL = PERSONS["careful"]
-SPECULAR = 0.1
-PALM_BEHIND_TIPS_M = 0.105  # the rest position of the bench file is that of the palm's middle
-TIP_REACH_M = 0.0135  # the tips end this far ahead of the hand frame's origin
-MAX_GAP_M = 0.11
-DIGIT_RANGE_M = (-0.03, 0.08)  # of thumb and index finger, from closed; beyond it they pull the whole hand along
-DIGIT_LIMIT = (0.004, 1.0)  # solref: soft limits would let 150 N stretch a finger by centimetres
-
-# Flesh touches parts, table, bins and bracket (palette.py). Each shape has a hidden twin of the same size that
-# touches the robot, as stiff as a person: ISO/TS 15066, Table A.3, gives 75 N/mm for hands and 40 N/mm for forearms.
-CONTYPE, CONAFFINITY = 4, 3
-HAND_N_M, FOREARM_N_M = 75e3, 40e3
-MOVING_MASS_KG = 1.1  # of hand and forearm here; MuJoCo takes stiffness for each kilogram
-SKIN_DAMPING = 0.6  # of 2 for critical damping: flesh is soft and dull
-FOREARM_GROUP = 2
-SKIN_GROUP, FOREARM_SKIN_GROUP = 3, 4  # hidden from the cameras
-PUSH_N, TWIST_NM, PINCH_N = 150.0, 8.0, 150.0  # the most that the person's arm, wrist and fingers give
-
-GANTRY = ("hand_x", "hand_y", "hand_z", "hand_yaw")
-WRIST_JOINTS = ("hand_tilt", "hand_roll")  # of a person whose wrist does more than turn
-CURL_JOINT = "hand_curl"  # of a person whose ring and little finger do not always lie alike
-DIGITS = ("hand_thumb", "hand_index")
-GANTRY_KP = (8000.0, 8000.0, 8000.0, 80.0)  # N/m and N m/rad: a held part sags by less than 0.5 mm
-DIGIT_KP = 2500.0
-CURL_KP, CURL_NM = 5.0, 2.0
-CONTROL_FILTER_S = 0.012  # smooths the steps of the 8 ms control period
-
-FLESH_TOUCH = {  # priority 1, so that the skin's own friction counts whatever it holds
-    "contype": CONTYPE,
-    "conaffinity": CONAFFINITY,
-    "condim": 4,
-    "friction": (1.2, 0.01, 0.0001),
-    "priority": 1,
-}
-FOREARM_TOUCH = {**FLESH_TOUCH, "group": FOREARM_GROUP}
-
-TOOL_AWAY_M = 1.6
-TOOL_FRICTION = (0.3, 0.005, 0.0001)  # metal on metal
-TOOL = (  # from, to, radius in [m], colour
-    ((0.0, 0.0, -0.065), (0.0, 0.0, 0.0), 0.003, (0.5, 0.5, 0.52)),
-    ((0.0, 0.0, 0.0), (0.02, 0.0, 0.06), 0.011, (0.75, 0.55, 0.1)),
-)
 
 
 def add_hand(spec: mujoco.MjSpec, bench: Bench, person: Appearance = NOMINAL.person, habits: Person = CAREFUL) -> None:

@@ -27,6 +27,7 @@ _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _HALF = math.sqrt(0.5)
 # part_from_cylinder (w, x, y, z) by axis: MuJoCo's cylinders lie along z
 _ALONG = {"x": (_HALF, 0.0, _HALF, 0.0), "y": (_HALF, -_HALF, 0.0, 0.0), "z": _UPRIGHT}
+SLICES = 18  # as many as MuJoCo's own, so that outlines stay
 
 
 def add_part(spec: mujoco.MjSpec, name: str, scene_part: ScenePart, kind: PartType, style: int) -> None:
@@ -146,9 +147,6 @@ def _polish(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
         spec.add_material(name=STEEL, specular=specular, shininess=shininess)
     for geom in body.geoms:
         geom.material = STEEL
-
-
-SLICES = 18  # as many as MuJoCo's own, so that outlines stay
 
 
 def simplify_cylinders(spec: mujoco.MjSpec) -> None:

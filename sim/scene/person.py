@@ -14,6 +14,9 @@ from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from sim.scene.hand_motion import MotionSettings
 
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Order = Literal["random", "positions", "reversed", "parts", "any"]
+
 
 def _rising(span: tuple[float, float]) -> tuple[float, float]:
     low, high = span
@@ -30,8 +33,6 @@ def _from_nothing(span: tuple[float, float]) -> tuple[float, float]:
 
 SignedSpan = Annotated[tuple[float, float], AfterValidator(_rising)]
 Span = Annotated[SignedSpan, AfterValidator(_from_nothing)]
-Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-Order = Literal["random", "positions", "reversed", "parts", "any"]
 
 
 class ScrewHabits(Model):

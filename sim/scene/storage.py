@@ -23,6 +23,7 @@ EDGE_M = 0.010  # of such a bin that stays free, so that parts of neighbouring b
 MOST_YAW_RAD = 0.35  # of a part in such a bin
 TABLE_FROM_BRACKET_M = 0.165  # where parts on the table lie, towards the person; free of bins and bracket
 TABLE_PITCH_M = 0.115
+Location = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -163,9 +164,6 @@ def _row(product: Product, bench: Bench, name: str) -> tuple[tuple[float, float,
     pitch = part.size_m[1] + BIN_GAP_M
     first = y - pitch * (part.quantity - 1) / 2
     return tuple((x, first + pitch * i, z + part.peg_length_m) for i in range(part.quantity))
-
-
-Location = tuple[str, ...]
 
 
 class _Place(NamedTuple):

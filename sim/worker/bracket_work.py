@@ -1,19 +1,21 @@
-"""What a person does at one bracket: which hole comes next, and what was placed wrongly and is mended."""
+"""What a person does at one bracket: which hole comes next, what is mended, and how the robot is waited for."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from sim.scene.person import Person, drawn, happens
+from sim.scene.person import BesideRobot, Person, drawn, happens
 from sim.worker.event_log import EventLog
 from sim.worker.hand_primitives import HandPrimitives, ScrewMotion, Script
 from sim.worker.placing import Placing
 from sim.worker.worker_sight import Sight
 
 PUNCTUATION = str.maketrans(",.;:()", "      ")
+TOOL_RADIUS_M = 0.003  # a tool that sits on a screw does not leave it
 
 
 class BracketWork:
@@ -90,9 +92,6 @@ class BracketWork:
         return not lying
 
 
-TOOL_RADIUS_M = 0.003  # a tool that sits on a screw does not leave it
-
-
 class Screwing:
     """Scripts of the hand; each `yield` is a period.
 
@@ -145,3 +144,53 @@ class Screwing:
         yield from self._work.screw(motion, stop=lambda: polite and self._sight.arm_over_bracket)
         self._events.begin("transit")
         yield from self._work.back_off()
+
+
+class Waiting:
+    """Scripts of a hand that rests; each `yield` is a period.
+
+    Args:
+        habits: beside a robot.
+        chance: for what not every person does.
+        asked: whether a help request stands that the person has not acted on.
+    """
+
+    def __init__(
+        self,
+        work: HandPrimitives,
+        sight: Sight,
+        habits: BesideRobot,
+        chance: np.random.Generator,
+        events: EventLog,
+        asked: Callable[[], bool],
+    ) -> None:
+        self._work, self._sight, self._habits = work, sight, habits
+        self._chance, self._events, self._asked = chance, events, asked
+
+    def polite(self) -> bool:
+        """Whether the person waits for the arm this time."""
+        polite = happens(self._habits.waits, self._chance)
+        if not polite:
+            self._events.note("does not wait")
+        return polite
+
+    def begins(self) -> Script:
+        """Until the arm leaves its parking place, or a part is asked for."""
+        yield from self.while_true(lambda: self._sight.arm_parked and not self._asked(), self._habits.begins_s)
+
+    def works(self, handed: Callable[[], bool]) -> Script:
+        """While the arm moves or is not parked; not where it just stands there, asks for help or holds a part out."""
+        still_s = 0.0
+        while not self._sight.arm_parked and still_s < self._habits.stands_s:
+            if handed() or (self._asked() and not self._sight.arm_over_bracket):
+                return
+            busy = self._sight.arm_moving or self._sight.arm_over_bracket
+            still_s = 0.0 if busy else still_s + self._work.dt_s
+            yield
+
+    def while_true(self, condition: Callable[[], bool], longest_s: float = math.inf) -> Script:
+        """As long as something is so, but not for ever."""
+        waited_s = 0.0
+        while condition() and waited_s < longest_s:
+            waited_s += self._work.dt_s
+            yield

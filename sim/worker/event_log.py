@@ -8,6 +8,8 @@ from typing import Literal
 from cell.interfaces.devices import TruthEvent
 from cell.interfaces.perception import ActionKind
 
+KEPT = 1000  # of each sort; a shift has many more
+
 
 @dataclass(frozen=True)
 class ActionEvent:
@@ -27,9 +29,6 @@ class ActionEvent:
         """The same for the log."""
         fields = {"action": self.kind, "edge": self.edge, "part": self.part, "position": self.position}
         return TruthEvent(self.time_s, "action", fields)
-
-
-KEPT = 1000  # of each sort; a shift has many more
 
 
 class EventLog:

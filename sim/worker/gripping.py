@@ -21,6 +21,10 @@ FROM_END = 0.16  # of the body's length, so that the part protrudes ahead of the
 LENGTH_M = 0.012  # of the fingers, ahead of and behind the pinch, that lies against the part
 STEP_M = 0.001
 TIP_M = 0.003  # radius of a tool's tip
+SQUEEZE_M = 0.016  # commanded below the part's width: 20 N a finger
+LOST_GRIP_M = 0.006  # gap this far below the part's width: nothing is between the fingers
+LOST_PART_M = 0.07
+CLOSED_M = 0.002  # gap this far above the part's width: the fingers lie against it
 
 
 @cache
@@ -64,12 +68,6 @@ def _widest(
         if high - low > widest_m + 1e-9:
             best_m, widest_m = z_m, high - low
     return (x_m, 0.0, best_m), widest_m or part.size_m[1]
-
-
-SQUEEZE_M = 0.016  # commanded below the part's width: 20 N a finger
-LOST_GRIP_M = 0.006  # gap this far below the part's width: nothing is between the fingers
-LOST_PART_M = 0.07
-CLOSED_M = 0.002  # gap this far above the part's width: the fingers lie against it
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,15 @@ BEHIND_M = np.array([[0.0, 0.0], [0.10, 0.0], [0.17, 0.0]])  # fingertips, palm 
 HANGS_M = np.array([0.0, 0.03, 0.025])  # how much higher than the fingertips their undersides are
 WIDE_M = 0.06  # half of a hand and half of a part
 RISES_M_S = 1.0
+Sequel = Literal["withdraw", "freeze", "pull"]
+SHOULDER_M = (1.45, 0.14, 0.35)
+ARM_LENGTH_M = 0.95
+LOWEST_M = 0.05
+LOOK_AHEAD_S = 0.6
+PULL_M_S = 0.5
+ACCELERATION_M_S2 = 12.0  # of a hand that is quick
+GIVES_UP_S, THERE_M = 1.5, 0.015
+HALF_HAND_M = 0.05  # what reaches the arm first is the middle of the hand, not the fingertips
 
 
 class OverParts:
@@ -47,18 +56,6 @@ class OverParts:
         beside_m = np.maximum(away_m - WIDE_M, 0.0)
         needed_m = self._tops_m[:, 2] + ABOVE_M - HANGS_M[:, None] - beside_m
         return min(float(needed_m.max()), float(target_m[2] + np.linalg.norm(target_m[:2] - place_m[:2])))
-
-
-Sequel = Literal["withdraw", "freeze", "pull"]
-
-SHOULDER_M = (1.45, 0.14, 0.35)
-ARM_LENGTH_M = 0.95
-LOWEST_M = 0.05
-LOOK_AHEAD_S = 0.6
-PULL_M_S = 0.5
-ACCELERATION_M_S2 = 12.0  # of a hand that is quick
-GIVES_UP_S, THERE_M = 1.5, 0.015
-HALF_HAND_M = 0.05  # what reaches the arm first is the middle of the hand, not the fingertips
 
 
 class Intrusion:

@@ -18,7 +18,7 @@ from cell.interfaces.operator import OperatorOrder
 from cell.interfaces.product import Product
 from sim.scene.hand import Hand, hand_rest_m
 from sim.scene.person import Person, drawn, happens
-from sim.worker.bracket_work import BracketWork, Screwing
+from sim.worker.bracket_work import BracketWork, Screwing, Waiting
 from sim.worker.event_log import ActionEvent, EventLog
 from sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
 from sim.worker.intrusion import Intrusion, Sequel
@@ -33,7 +33,6 @@ from sim.worker.side_tasks import (
     where_answer,
 )
 from sim.worker.stock import Stock
-from sim.worker.waiting import Waiting
 from sim.worker.worker_sight import Sight, WorkerWorld
 
 AT_REST_M = 0.02

@@ -30,6 +30,8 @@ from skills.motion.lying_grasp import held_box
 from skills.motion.planner import Load, MotionPlanner, at_height
 from skills.motion.settings import MotionSettings
 
+_NEAR_M = 0.13  # half the gripper's width and half the longest part
+
 
 def tray_boxes(planner: MotionPlanner, others: Sequence[PartDetection]) -> tuple[Box, ...]:
     """Seen parts as obstacles."""
@@ -263,6 +265,3 @@ def _clear_height_m(planner: MotionPlanner, kind: PartType, target: Pose) -> flo
     """TCP height at which the empty fingertips are above the part that was put down."""
     settings = planner.settings
     return target.position_m[2] + kind.size_m[2] + settings.robot.tool.fingertip_beyond_tcp_m + settings.approach_gap_m
-
-
-_NEAR_M = 0.13  # half the gripper's width and half the longest part

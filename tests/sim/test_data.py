@@ -28,11 +28,12 @@ from sim.data.actions import MOST_OF, write_holes, write_segments
 from sim.data.fallen import FallenParts
 from sim.data.folder import DataFolder, DataPiece
 from sim.data.hands import FRAMES, every_frame, hand_frames, shares_by_height, visible_shares, write_hands
-from sim.data.objects import SPLITS, mixed_clutter, seeds, sometimes_steel, write_objects
+from sim.data.objects import write_objects
 from sim.data.placed import holes_of
 from sim.data.plates import Plate, write_plates
 from sim.data.recording import Assembly, Source, record
 from sim.data.sight import GEOM_POSITIONS
+from sim.data.splits import SPLITS, mixed_clutter, seeds, sometimes_steel
 from sim.data.tracks import as_tracked, hands_of
 from sim.scene.person import Storage
 from sim.worker.worker_sight import NEAR_HOLE_M, SEATED_TILT_RAD

@@ -21,6 +21,7 @@ from trees.engine.vocabulary import Words, misnomer
 T = TypeVar("T")
 D = TypeVar("D")
 NO_WORDS: Words = {}
+_FURTHER = "port "  # no attribute of a class is named so
 
 
 class Port:
@@ -235,9 +236,6 @@ def named(port: Port, name: str) -> Port:
 def further_of(node: object) -> dict[str, Any]:
     """Connections of a node's ports that only the file names, in its order."""
     return {key.removeprefix(_FURTHER): value for key, value in vars(node).items() if key.startswith(_FURTHER)}
-
-
-_FURTHER = "port "  # no attribute of a class is named so
 
 
 def ports_of(node: type) -> dict[str, Port]:

@@ -38,6 +38,17 @@ _TOKEN = re.compile(
     re.VERBOSE,
 )
 _ASSIGNMENTS = (":=", "=", "+=", "-=", "*=", "/=")
+# What people write who know other languages.
+_MEANT = {"and": "&&", "or": "||"}
+_LEVELS: tuple[Collection[str], ...] = (
+    ("||",),
+    ("&&",),
+    COMPARISONS,
+    ("|", "^"),
+    ("&",),
+    ("+", "-", ".."),
+    ("*", "/"),
+)
 
 
 class ScriptError(ValueError):
@@ -271,20 +282,6 @@ class _Parser:
         meant = _MEANT.get(token.text.lower(), "!" if before == "not" else "")
         legal = f"did you mean '{meant}'?" if meant else ""
         return ScriptError(f"{found} where {wanted} is expected", token.offset, legal)
-
-
-# What people write who know other languages.
-_MEANT = {"and": "&&", "or": "||"}
-
-_LEVELS: tuple[Collection[str], ...] = (
-    ("||",),
-    ("&&",),
-    COMPARISONS,
-    ("|", "^"),
-    ("&",),
-    ("+", "-", ".."),
-    ("*", "/"),
-)
 
 
 def _tokens(source: str) -> list[_Token]:

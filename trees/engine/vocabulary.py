@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+Words = Mapping[type[Any], tuple[str, ...]]  # by kind of port; each has `missing` and `name_in`, as Word
+
 
 class Word(str):
     """A name from the configuration; in ticks a plain text.
@@ -55,9 +57,6 @@ class OutputSignal(Signal):
 
     __slots__ = ()
     missing: ClassVar[str] = "the bench has no output signal"
-
-
-Words = Mapping[type[Any], tuple[str, ...]]  # by kind of port; each has `missing` and `name_in`, as Word
 
 
 def is_word(kind: Any) -> bool:

@@ -28,6 +28,7 @@ from trees.nodes.services import CellNode, Services
 from trees.nodes.skill_node import SkillNode
 
 FEELING_M_S = 0.05  # faster, and what is met is pushed before the arm knows
+OPENING_M, SPEED_M_S, FORCE_N = (0.0, 0.085), (0.02, 0.15), (20.0, 235.0)  # of the 2F-85
 
 
 class MoveToPose(SkillNode):
@@ -168,9 +169,6 @@ def _speed(services: Services, speed_m_s: float) -> float:
     if not 0 < speed_m_s <= most:
         raise NodeError(f"speed_m_s is {speed_m_s:g}; more than 0 and at most {most:g}, the configuration's limit")
     return speed_m_s
-
-
-OPENING_M, SPEED_M_S, FORCE_N = (0.0, 0.085), (0.02, 0.15), (20.0, 235.0)  # of the 2F-85
 
 
 class OpenGripper(SkillNode):

@@ -19,6 +19,9 @@ from trees.nodes.poses import FramedPose, world_pose
 from trees.nodes.services import CellNode, Services
 from trees.nodes.watching import SeenAction
 
+DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
+TELLS_S = 3.0  # the last part is in for so long before it is told why the bracket is not finished
+
 
 class PersonAction(Enum):
     """Actions that can be waited for."""
@@ -27,9 +30,6 @@ class PersonAction(Enum):
     assembly = "assembly"
     transit = "transit"
     idle = "idle"
-
-
-DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
 
 
 class WaitForAction(CellNode):
@@ -157,9 +157,6 @@ def distance_m(point: tuple[float, float], start: Array, end: Array) -> float:
     length_squared = float(way @ way)
     share = float(np.clip((np.array(point) - start) @ way / length_squared, 0.0, 1.0)) if length_squared > 0 else 0.0
     return float(np.linalg.norm(np.array(point) - (start + share * way)))
-
-
-TELLS_S = 3.0  # the last part is in for so long before it is told why the bracket is not finished
 
 
 class AssemblyFinished(CellNode):

@@ -16,6 +16,8 @@ from trees.nodes.services import Services
 WORLD, TRAY, BRACKET, TOOL = "world", "tray", "bracket", "tool"
 FRAMES = (WORLD, TRAY, BRACKET, TOOL)
 FARTHEST_M = 10.0
+FINGERS_DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))  # a pose's z points upwards, the tool's along the fingers
+BRACKET_GAP_M = 0.10  # nothing is let go this near to the bracket's middle line but by PlacePart, which is guarded
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,6 @@ def _turned(metres: tuple[float, float, float], degrees: tuple[float, float, flo
     matrix[:3, :3] = about_z @ about_y @ about_x
     matrix[:3, 3] = metres
     return Pose.from_matrix(matrix)
-
-
-FINGERS_DOWN = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))  # a pose's z points upwards, the tool's along the fingers
-BRACKET_GAP_M = 0.10  # nothing is let go this near to the bracket's middle line but by PlacePart, which is guarded
 
 
 def frame_pose(services: Services, frame: str) -> Pose:

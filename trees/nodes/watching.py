@@ -15,6 +15,8 @@ from trees.engine.traits import Traits
 from trees.engine.vocabulary import Goal, Hole
 from trees.nodes.services import CellNode
 
+EMPTY = "empty"
+
 
 @dataclass(frozen=True)
 class SeenAction:
@@ -202,9 +204,6 @@ def _shares(action: Action) -> dict[str, float]:
 
 def _same(one: Action, other: Action) -> bool:
     return (one.kind, one.part, one.position) == (other.kind, other.part, other.position)
-
-
-EMPTY = "empty"
 
 
 class ReadHole(CellNode):

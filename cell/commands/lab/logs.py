@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path, PurePosixPath
 from typing import Annotated
 
@@ -21,7 +22,9 @@ from cell.commands.log_terminal import (
 from cell.commands.options import JsonOption, OverwriteOption
 from cell.errors import InputError, LogError
 from cell.files.files import write_new
-from cell.log.report.contact_sheet import save_snapshots, write_sheet
+from cell.log.read.frames import Frames
+from cell.log.read.reader import Log
+from cell.log.report.contact_sheet import write_sheet
 from cell.viewing.moments import Moments
 
 
@@ -86,3 +89,21 @@ def snapshots(
         tell_nothing()
     else:
         say(*(str(file) for file in files))
+
+
+def save_snapshots(log: Log, folder: Path) -> list[Path]:
+    """Write each marked picture as NUMBER-CAMERA-LABEL.jpg, numbered as they were taken.
+
+    Raises:
+        InputError: one of these files is there already, or cannot be written; none is left there then.
+    """
+    frames, pictures = Frames(log), {}
+    marks = [fields for tick in log.ticks for kind, fields in tick.notes if kind == "snapshot"]
+    for number, mark in enumerate(marks, 1):
+        frame = frames.at(mark["camera"], mark["taken_s"]) if "taken_s" in mark else None
+        if frame is None:
+            continue  # the log is older, was kept without pictures, or lost them
+        label = re.sub(r"\W+", "-", mark["label"]).strip("-")
+        pictures[f"{'-'.join(filter(None, (f'{number:02d}', mark['camera'], label)))}.jpg"] = frame.jpeg
+    write_new(folder, pictures)
+    return [folder / name for name in pictures]

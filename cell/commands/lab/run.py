@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import partial
 from typing import Annotated
 
 import typer
 
 from cell.commands.options import CONFIGURATION, JsonOption, SetOption, WithOption, takes
 from cell.commands.run import OPTIONS, RealTimeOption, TreeArgument, assemble, chosen
+from cell.lab.typed_orders import TypedOrders, typed_lines
 from cell.runs.options import RunOptions
-from cell.viewing.typed_orders import typed_lines
 
 
 @takes(RunOptions, *OPTIONS, "person", "inject", "world", "overwrite", configuration=CONFIGURATION)
@@ -26,4 +27,5 @@ def run(
 ) -> int:
     """Like `cell run`, with options for experiments."""
     asked = chosen(options, tree, real_time, entries, own)
-    return assemble(replace(asked, orders=typed_lines(sys.stdin.fileno()) if orders else None), as_json)
+    typed = partial(TypedOrders, typed_lines(sys.stdin.fileno())) if orders else None
+    return assemble(replace(asked, orders=typed), as_json)

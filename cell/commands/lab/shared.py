@@ -25,7 +25,7 @@ from cell.commands.options import (
 from cell.configuration import Configuration, load_configuration, load_product, simulated
 from cell.errors import InputError
 from cell.interfaces.product import Product
-from sim.data.objects import seeds as split_of
+from sim.data.splits import seeds as split_of
 
 
 class Cameras(StrEnum):

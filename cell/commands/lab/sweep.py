@@ -12,7 +12,7 @@ from cell.commands.compare import WORKERS, FleetWorkersOption, run_all
 from cell.commands.options import JsonOption, SchedulerOption
 from cell.commands.terminal import console, print_json
 from cell.fleet.spec import count, load_sweep, tasks
-from cell.fleet.table import read_column
+from cell.fleet.table import read_table
 
 
 def sweep(
@@ -30,7 +30,7 @@ def sweep(
     asked = load_sweep(spec)
     total = count(asked)
     done = run_all(tasks(asked, out / "logs" if logs else None), total, out, workers, scheduler)
-    ends = dict(sorted(Counter(read_column(out / "runs.parquet", "end")).items()))
+    ends = dict(sorted(Counter(row["end"] for row in read_table(out / "runs.parquet", ["end"])).items()))
     console().print(f"{done} runs in {out / 'runs.parquet'}: {_words(ends)}", highlight=False)
     if as_json:
         print_json({"runs": done, "of": total, "ends": ends, "table": str(out / "runs.parquet")})

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from cell.commands.terminal import console
-from cell.commands.training.asked import Training
 from cell.commands.training.made_data import make_data, require_usable
-from cell.commands.training.weights import seconds
+from cell.commands.training.weights import Training, seconds
 from cell.errors import InputError
 from cell.interfaces.product import Product
 from cell.log.training.manifest import logs_by_hash
@@ -21,6 +20,14 @@ from learned.semantic.confusions import Confusions, Reported
 from learned.semantic.graph import Layout
 
 Scores = Mapping[str, float]
+VALIDATION_SEED = 800_000
+HAND_DATA_S, HAND_EPOCH_S, HAND_VALIDATION = 1.02, 0.556, 0.04  # processor time of a recording, once; and a share
+ACTION_S, ACTION_PHYSICS_S, ACTION_DATA, ACTION_VALIDATION = 3.0, 3.5, 0.66, 0.1  # a recording; of the budget; a share
+PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
+PLATE_STILLS, LOOK_S, HOLES_DATA, STILL_S = 14, 1.4, 0.42, 0.005  # images of a look, to make it; share; to learn once
+TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.45, 0.4, 0.018, 0.0021
+STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
+ASTRAY_SHARE, LYING_SHARE = 0.4, 0.35  # of parts on the plate and in the tray, far more than are met with
 
 
 @dataclass(frozen=True)
@@ -43,14 +50,6 @@ ACTIONS = (
     Share("varied", 0.12, 400_000, physics=True),
     Share("nominal", 0.05, 450_000, physics=True),
 )
-VALIDATION_SEED = 800_000
-HAND_DATA_S, HAND_EPOCH_S, HAND_VALIDATION = 1.02, 0.556, 0.04  # processor time of a recording, once; and a share
-ACTION_S, ACTION_PHYSICS_S, ACTION_DATA, ACTION_VALIDATION = 3.0, 3.5, 0.66, 0.1  # a recording; of the budget; a share
-PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
-PLATE_STILLS, LOOK_S, HOLES_DATA, STILL_S = 14, 1.4, 0.42, 0.005  # images of a look, to make it; share; to learn once
-TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.45, 0.4, 0.018, 0.0021
-STEEL_SHARE = 0.25  # of recordings to learn from; those for the scores show the product as it is
-ASTRAY_SHARE, LYING_SHARE = 0.4, 0.35  # of parts on the plate and in the tray, far more than are met with
 
 
 def hands(asked: Training, weights: Path) -> Scores:

@@ -15,8 +15,16 @@ from cell.commands.options import takes
 from cell.commands.terminal import console, print_json, report_scores
 from cell.commands.training import networks
 from cell.commands.training import tasks as planners
-from cell.commands.training.asked import Training
-from cell.commands.training.weights import folder_for, need_torch, new_weights, seconds, told_in, writable, writing
+from cell.commands.training.weights import (
+    Training,
+    folder_for,
+    need_torch,
+    new_weights,
+    seconds,
+    told_in,
+    writable,
+    writing,
+)
 from cell.errors import InputError
 from cell.interfaces.planning import crops_file
 from cell.wiring.drawn_frames import tray_camera

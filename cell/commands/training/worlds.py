@@ -34,12 +34,13 @@ from cell.fleet.engine import mapped
 from cell.interfaces.product import Product
 from sim.data import actions, hands, objects, plates, recording
 from sim.data.folder import DataFolder, DataPiece
-from sim.data.objects import LYING_SHARE, mixed_clutter, seeds, sometimes_steel
+from sim.data.splits import LYING_SHARE, mixed_clutter, seeds, sometimes_steel
 from skills.motion.grasp_pose import tool_down
 from skills.motion.kinematics import Kinematics
 
 One = Callable[[int, DataFolder], float | None]  # makes what one seed gives; returns the simulated seconds
 Film = Callable[[Configuration, Product, int], recording.Assembly]
+_WORK = ("person", "physics", "beside_robot")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +166,6 @@ def _trays(asked: Data, _: Film | None) -> One:
     return one
 
 
-_WORK = ("person", "physics", "beside_robot")
 DATA_SETS: Mapping[str, DataSet] = {
     "actions": DataSet(
         "Segments of 45 frames: the hand's track, a crop of the hand, and what it did.",

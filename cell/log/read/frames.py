@@ -18,6 +18,7 @@ from cell.log.read.mcap_file import Message
 from cell.log.read.reader import Log
 
 IMAGE, LINE = messages.CompressedImage, messages.Log
+CAMERA = "/camera/"
 
 
 def decoded(path: Path, message: Message, kind: Any) -> Any:
@@ -44,9 +45,6 @@ def _message_class(kind: Any) -> Any:
     for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
         pool.Add(file)
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
-
-
-CAMERA = "/camera/"
 
 
 @dataclass(frozen=True)

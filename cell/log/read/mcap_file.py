@@ -24,6 +24,8 @@ from cell.errors import LogError
 from cell.log.read.records import HEAD, MAGIC, MESSAGE, Damage, cut, parse, unpacked
 
 FOOTER_BYTES = 9 + 20 + 8  # head, content, magic at the end of the file
+PROFILE = "cell"  # of the files that this program writes
+SUMMARY_CRC_BYTES = 16  # of the footer are covered by the checksum of the summary
 
 
 def statistics(path: Path) -> Statistics | None:
@@ -53,10 +55,6 @@ def _group(path: Path, opcode: int) -> Iterator[Any]:
                     return
     except (McapError, struct.error, ValueError, OSError, StopIteration):
         return
-
-
-PROFILE = "cell"  # of the files that this program writes
-SUMMARY_CRC_BYTES = 16  # of the footer are covered by the checksum of the summary
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ RECORD_BEGIN = re.compile(rb"[\x01-\x0f][\s\S]{4}\x00\x00\x00\x00")
 # Searching damaged stretches may unpack and checksum this often the file's own size, and no more.
 SEARCH_EFFORT = 8
 LEAST_EFFORT_BYTES = 128 * 1024 * 1024
+CHUNK_BYTES = 64 * 1024
 
 
 def salvage(path: Path) -> Salvage:
@@ -216,9 +217,6 @@ def _inner(data: memoryview) -> Iterator[tuple[int, memoryview]]:
             raise Damage("a chunk ends in mid-record")
         yield opcode, body
         at += HEAD.size + length
-
-
-CHUNK_BYTES = 64 * 1024
 
 
 def recover(path: Path, out: Path) -> Loss:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,32 +10,12 @@ import cv2
 import numpy as np
 
 from cell.errors import LogError
-from cell.files.files import whole_or_none, write_new
+from cell.files.files import whole_or_none
 from cell.interfaces.observation import Image
-from cell.log.read.frames import CAMERA, IMAGE, Frames, decoded
+from cell.log.read.frames import CAMERA, IMAGE, decoded
 from cell.log.read.indexed import IndexedLog
 from cell.log.read.mcap_file import Message
-from cell.log.read.reader import Log
 from cell.viewing.moments import MOST_FRAMES, Boxes, Moments, spread
-
-
-def save_snapshots(log: Log, folder: Path) -> list[Path]:
-    """Write each marked picture as NUMBER-CAMERA-LABEL.jpg, numbered as they were taken.
-
-    Raises:
-        InputError: one of these files is there already, or cannot be written; none is left there then.
-    """
-    frames, pictures = Frames(log), {}
-    marks = [fields for tick in log.ticks for kind, fields in tick.notes if kind == "snapshot"]
-    for number, mark in enumerate(marks, 1):
-        frame = frames.at(mark["camera"], mark["taken_s"]) if "taken_s" in mark else None
-        if frame is None:
-            continue  # the log is older, was kept without pictures, or lost them
-        label = re.sub(r"\W+", "-", mark["label"]).strip("-")
-        pictures[f"{'-'.join(filter(None, (f'{number:02d}', mark['camera'], label)))}.jpg"] = frame.jpeg
-    write_new(folder, pictures)
-    return [folder / name for name in pictures]
-
 
 COLUMNS = 5
 THUMBNAIL_PX = (320, 240)

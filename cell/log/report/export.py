@@ -26,6 +26,11 @@ from trees.node_library import node_registry
 from trees.views.groot2 import StatusBoard, tree_xml
 
 Row = dict[str, Any]
+BTLOG_MAGIC = b"BTCPP4-FileLogger2"
+BTLOG_HEAD = struct.Struct("<Bi")  # version, length of the XML
+VIDEO_TOPIC = "/camera/overhead"
+YELLOW_BGR, WHITE_BGR, BAR_BGR = (0, 220, 255), (255, 255, 255), (40, 30, 24)
+BAR_PX, LINE_PX = 44, 18
 
 
 def transitions(log: Log) -> Iterator[Row]:
@@ -64,13 +69,6 @@ def _head(log: Log, tick: int, time_s: float, order: int) -> Row:
 def _text(fields: Any, *names: str) -> str:
     """The first of these fields that a note has."""
     return next((str(fields[name]) for name in names if fields.get(name) is not None), "")
-
-
-BTLOG_MAGIC = b"BTCPP4-FileLogger2"
-BTLOG_HEAD = struct.Struct("<Bi")  # version, length of the XML
-VIDEO_TOPIC = "/camera/overhead"
-YELLOW_BGR, WHITE_BGR, BAR_BGR = (0, 220, 255), (255, 255, 255), (40, 30, 24)
-BAR_PX, LINE_PX = 44, 18
 
 
 def export(log: Log, style: str, path: Path) -> int:

@@ -22,6 +22,8 @@ FEWEST = 6  # brackets from which on there is anything to tell
 MOST_STRETCHES = 6
 SMALLEST_STRETCH = 3
 WIDTH, HEIGHT, GAP = 1100.0, 120.0, 0.2  # of the bars' drawing; the gap is a share of a bar
+HOLDS = (Action.HOLD.name, Action.STOP.name)
+BESIDE_WORK = ("bracket", "mend")  # kinds of questions that hold nothing up by themselves
 
 
 @dataclass(frozen=True)
@@ -96,10 +98,6 @@ def _stretch(some: Sequence[BracketRow]) -> Stretch:
         questions=mean(len(one.questions) for one in some),
         right=mean(known) if known else None,
     )
-
-
-HOLDS = (Action.HOLD.name, Action.STOP.name)
-BESIDE_WORK = ("bracket", "mend")  # kinds of questions that hold nothing up by themselves
 
 
 @dataclass

@@ -23,6 +23,9 @@ from cell.recording.schemas import plain
 CARRY_S = 3.0  # a hand that has placed a part held it at most this long before: a segment's length
 FLICKER_FRAMES = 3  # in a row in which the hand of a carry looks empty
 STRIDE_FRAMES = 15  # one second at 15 FPS; a change of the action always ends a segment, too
+HAND_STRIDE_FRAMES = 5  # three crops a second at 15 FPS
+FOLDER, WINDOWS = "crops", "windows"
+Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -119,12 +122,6 @@ def carried_parts(views: Sequence[BenchView]) -> dict[int, str]:
 
 def _named(action: Action) -> tuple[object, ...]:
     return action.kind, action.part, action.position, action.finished
-
-
-HAND_STRIDE_FRAMES = 5  # three crops a second at 15 FPS
-FOLDER, WINDOWS = "crops", "windows"
-
-Image = NDArray[np.uint8]
 
 
 class Cropper:

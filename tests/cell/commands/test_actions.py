@@ -13,7 +13,7 @@ import pytest
 from cell.commands.main import main
 from cell.commands.options import seeds_of
 from cell.commands.training import networks
-from cell.commands.training.asked import Training
+from cell.commands.training.weights import Training
 from cell.lab.actions import Tally
 
 

@@ -11,7 +11,7 @@ import pytest
 from cell.errors import InputError
 from cell.interfaces.operator import OperatorOrder, Question
 from cell.interfaces.planning import UNKNOWN_GOAL
-from cell.viewing.typed_orders import TypedOrders, order_of, typed_lines
+from cell.lab.typed_orders import TypedOrders, order_of, typed_lines
 from tests.cell.viewing.page.rig import HELP, WHICH
 
 
@@ -56,7 +56,7 @@ def test_lines_come_from_a_pipe_whole() -> None:
 
 def test_a_program_ends_while_nobody_types() -> None:
     program = (
-        "from cell.viewing.typed_orders import TypedOrders, typed_lines; import time;"
+        "from cell.lab.typed_orders import TypedOrders, typed_lines; import time;"
         "TypedOrders(typed_lines(0), print, tuple, print); time.sleep(0.3); print('ended')"
     )
     reading, writing = os.pipe()

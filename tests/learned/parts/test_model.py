@@ -22,7 +22,8 @@ from learned.parts.evaluate import Findings, evaluate_parts
 from learned.parts.maps import UPRIGHT, overlap
 from learned.parts.model import CENTRE_KIND, POSE_KIND, SAME_BOX, CentrePartDetector, pose_file
 from sim.data.folder import DataFolder
-from sim.data.objects import mixed_clutter, write_objects
+from sim.data.objects import write_objects
+from sim.data.splits import mixed_clutter
 
 CONFIGURATION = simulated(load_configuration(), "nominal")
 BENCH, PRODUCT = CONFIGURATION.bench, load_product(CONFIGURATION)

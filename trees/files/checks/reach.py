@@ -16,6 +16,9 @@ from trees.files.build.registry import Registry
 from trees.files.parse.library import Library, bottom_up, called
 from trees.files.parse.xml_file import Element, node_tag
 
+_ADDED = {"_failureIf": FAILURE, "_successIf": SUCCESS, "_skipIf": SKIPPED, "_while": SKIPPED}
+_WORDS = {SUCCESS: "succeeds", FAILURE: "fails", SKIPPED: "is skipped"}
+
 
 def check_claims(library: Library, registry: Registry) -> Iterator[Problem]:
     """Children of a Parallel that claim what an elder one claims, themselves or by what is below them."""
@@ -34,10 +37,6 @@ def check_claims(library: Library, registry: Registry) -> Iterator[Problem]:
                 yield Problem(child.place, what, legal)
             taken = below | taken
         claimed[id(element)] = taken | dict.fromkeys(node.traits.claims if node is not None else (), element)
-
-
-_ADDED = {"_failureIf": FAILURE, "_successIf": SUCCESS, "_skipIf": SKIPPED, "_while": SKIPPED}
-_WORDS = {SUCCESS: "succeeds", FAILURE: "fails", SKIPPED: "is skipped"}
 
 
 def check_reach(library: Library, registry: Registry) -> list[Problem]:

@@ -13,6 +13,10 @@ from trees.files.parse.replacing import REPLACES, original_of, replace_nodes
 from trees.files.parse.xml_file import Element, read_xml
 
 MOST_WORDS = 12
+FORMAT = "4"
+UNNAMED = "BehaviorTree"  # the name of a tree that has none
+# Nobody reads more; a hostile file could cause a million.
+PROBLEM_LIMIT = 100
 
 
 def is_near(word: str, legal: Iterable[str]) -> bool:
@@ -32,12 +36,6 @@ def hint(word: str, legal: Iterable[str], all_of_them: str = "") -> str:
         return all_of_them
     shown = ", ".join(words[:MOST_WORDS])
     return f"legal: {shown}" + (", ..." if len(words) > MOST_WORDS else "")
-
-
-FORMAT = "4"
-UNNAMED = "BehaviorTree"  # the name of a tree that has none
-# Nobody reads more; a hostile file could cause a million.
-PROBLEM_LIMIT = 100
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ from xml.etree import ElementTree
 
 import pytest
 
+from cell.commands.lab.logs import save_snapshots
 from cell.commands.main import main
 from cell.commands.show import tree_at
 from cell.errors import InputError, LogError
 from cell.log.read.frames import Frames
 from cell.log.read.reader import Log, LoggedTick
 from cell.log.replay.logged_tree import logged_tree
-from cell.log.report.contact_sheet import save_snapshots
 from cell.log.report.node_statistics import node_statistics, statistics_lines
 from tests import ROOT
 from trees.engine.node import StatusChange

@@ -60,6 +60,7 @@ class McapRecorder(Observer):
         truth: Callable[[], Sequence[TruthEvent]] = tuple,
         result: Callable[[], Mapping[str, object]] = dict,
         in_step: bool = True,
+        overwrite: bool = False,
     ) -> None:
         """Open the file.
 
@@ -70,6 +71,7 @@ class McapRecorder(Observer):
             alarm: told (clock time, level, text) when the disk refuses and when it takes bytes again.
             blackboard: what the tree's blackboard holds, for the beginning of each part of a rotated log.
             result: how the job was done, by name, asked for at the end; kept as JSON in the metadata `result`.
+            overwrite: an earlier log of this name goes, with all its parts; otherwise it is refused.
             truth: what really happened since the last call, where the devices know it.
 
         Raises:
@@ -80,7 +82,7 @@ class McapRecorder(Observer):
         self._result = result
         self._alarm = alarm
         self._alarmed = ""
-        self._files = _open(path, settings, self.context, heading)
+        self._files = _open(path, settings, self.context, heading, overwrite)
         self._limit_bytes = round(settings.buffer_mb * 1e6)
         self.dropped = Dropped()
         self._json = {
@@ -307,9 +309,9 @@ class McapRecorder(Observer):
         return content
 
 
-def _open(path: Path, settings: LogSettings, context: foxglove.Context, heading: Heading) -> LogFiles:
+def _open(path: Path, settings: LogSettings, context: foxglove.Context, heading: Heading, overwrite: bool) -> LogFiles:
     try:
-        return LogFiles(path, settings, context, heading)
+        return LogFiles(path, settings, context, heading, overwrite)
     except OSError as error:
         problem = Problem(
             Place(path), f"the log cannot be written: {error.strerror or error}", "choose a path with --log"

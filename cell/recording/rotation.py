@@ -129,8 +129,10 @@ class LogFiles:
         number: of the part that is written, from 1.
     """
 
-    def __init__(self, path: Path, settings: LogSettings, context: foxglove.Context, heading: Heading) -> None:
-        """Open the first file; a rotated log removes an earlier one of its name, with all its parts.
+    def __init__(
+        self, path: Path, settings: LogSettings, context: foxglove.Context, heading: Heading, overwrite: bool = False
+    ) -> None:
+        """Open the first file; `overwrite` removes an earlier log of its name, with all its parts.
 
         Raises:
             OSError: it cannot be opened.
@@ -144,7 +146,7 @@ class LogFiles:
         self._packer = Packer() if self.rotates and settings.compress else None
         self._lost_error = self._opening_error = ""
         self._began_s, self._retry_s = 0.0, float("-inf")
-        if self.rotates:
+        if overwrite:
             for old in (path, *parts_of(path)):
                 old.unlink(missing_ok=True)
         self._file = LogFile(first, context, heading)
@@ -251,8 +253,9 @@ class LogFiles:
             (most is not None and len(self._kept) + 1 > most)
             or (most_mb is not None and sum(map(_size_bytes, self._kept)) > most_mb * 1e6)
         ):
-            if self._packer is not None and self._packer.busy(self._kept[0]):
-                return  # it goes when it is packed
+            written = any(file.path == self._kept[0] and not file.sink.ended for file in self._retired)
+            if written or (self._packer is not None and self._packer.busy(self._kept[0])):
+                return  # it goes when it is written and packed
             oldest = self._kept.pop(0)
             try:
                 oldest.unlink(missing_ok=True)

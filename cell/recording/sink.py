@@ -24,14 +24,14 @@ class LogSink:
     """
 
     def __init__(self, path: Path) -> None:
-        """Create or empty the file.
+        """Create the file.
 
         Raises:
-            OSError: it cannot be opened.
+            OSError: it cannot be created, or is there already, as of another run that began at the same time.
         """
         self.path = path
         self.error = ""
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._pending = bytearray()  # since the last hand-over; the writer may still go back in it
         self._base = self._at = self._written = 0
         self._stalled = self._closing = False
@@ -121,10 +121,13 @@ class LogSink:
             with self._changed:
                 self._changed.wait_for(lambda: self._blocks or self._closing)
                 if not self._blocks:
+                    self.error = self.error or self._misplaced()
                     return
                 block = self._blocks[0]
             try:
                 self._put(block)
+                if misplaced := self._misplaced():
+                    raise OSError(misplaced)
             except OSError as error:
                 if not self._wait_after(error):
                     return
@@ -135,6 +138,14 @@ class LogSink:
         done = 0
         while done < len(block):
             done += os.pwrite(self._descriptor, memoryview(block)[done:], self._written + done)
+
+    def _misplaced(self) -> str:
+        """Why the file that is written is not the one that its path names; empty where it is."""
+        try:
+            found = os.stat(self.path)
+        except OSError as error:
+            return f"the file is gone: {error.strerror}"
+        return "" if os.path.samestat(found, os.fstat(self._descriptor)) else "another file stands in its place"
 
     def _done(self, count: int) -> None:
         with self._changed:

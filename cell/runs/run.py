@@ -147,7 +147,9 @@ def _run(
             return {**counts.job(devices), "last_failure": str(counts.statistics.cause)}
 
         told, in_step = heading(options, files), options.pace == "fast"
-        recorder = McapRecorder(log, configuration.log, told, model, alarm, blackboard, truth, result, in_step)
+        recorder = McapRecorder(
+            log, configuration.log, told, model, alarm, blackboard, truth, result, in_step, options.overwrite
+        )
         stack.callback(recorder.abandon)
         moments, fluency = Moments(), Fluency(lambda seen: _tool_on_bench_m(motion, seen))
         lateness = _lateness(files, devices, alarm)

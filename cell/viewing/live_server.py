@@ -1,6 +1,7 @@
 """The channels of the log, live over a WebSocket on this machine, for Foxglove, Lichtblick and the like.
 
-The server lives in threads of its own and drops what a slow viewer does not take; the cell never waits for it.
+The server lives in threads of its own and drops what a slow viewer does not take; the cell never waits for it. A gate
+stands before it, so that a web page that happens to be open on this machine cannot read camera and log.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from foxglove.websocket import Capability, ChannelView, Client, ServerListener
 
 from cell.errors import InputError
 from cell.recording.scene import SceneLog
+from cell.viewing.gate import Gate, hidden_address, listen
 from cell.watching.observer import Observer, Outcome, TickRecord
 
 DEFAULT_PORT = 8765  # where viewers look first
-LOOPBACK = "127.0.0.1"
+ORIGINS = ("https://app.foxglove.dev",)  # the viewer that is a web site
 BACKLOG = 256  # messages that wait for one viewer; the oldest are dropped
 
 
@@ -40,18 +42,21 @@ class LiveServer(Observer):
         self._scene = scene
         self._newcomers = _Newcomers()
         try:
-            self._server = foxglove.start_server(
-                name="cell",
-                host=LOOPBACK,
-                port=port,
-                capabilities=[Capability.Time],
-                server_listener=self._newcomers,
-                context=context,
-                message_backlog_size=BACKLOG,
-            )
-        except (OSError, RuntimeError) as error:
-            raise InputError(f"port {port} cannot be used: {error}; choose another with --live PORT") from None
-        self.port = self._server.port
+            listening = listen(port)
+        except OSError as error:
+            raise InputError(f"port {port} cannot be used: {error.strerror}; choose another with --live PORT") from None
+        behind = hidden_address()
+        self._server = foxglove.start_server(
+            name="cell",
+            host=behind,
+            port=0,
+            capabilities=[Capability.Time],
+            server_listener=self._newcomers,
+            context=context,
+            message_backlog_size=BACKLOG,
+        )
+        self._gate = Gate(listening, (behind, self._server.port), ORIGINS)
+        self.port = self._gate.port
 
     def tick(self, record: TickRecord) -> None:
         stamp_ns = round(record.observation.time_s * 1e9)
@@ -65,6 +70,7 @@ class LiveServer(Observer):
 
     def abandon(self) -> None:
         """Stop serving; harmless when repeated."""
+        self._gate.close()
         self._server.stop()
 
 

@@ -199,6 +199,8 @@ def _parts(paths: Sequence[Path]) -> Iterator[_Part]:
         content = read_mcap(path)
         if content.profile not in (PROFILE, None) and "run" not in content.metadata:
             raise LogError(path, f"is not a log of this program: an MCAP file with profile {content.profile!r}")
+        if before is None and "run" not in content.metadata and not content.messages:
+            raise LogError(path, "holds no run: it ends before the run begins")
         number = _number(path, content)
         if before is not None:
             if not (number and before.number):

@@ -26,6 +26,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from cell.errors import InputError
 from cell.interfaces.observation import Image
@@ -35,7 +36,8 @@ STATIC = Path(__file__).parent / "static"
 LOOPBACK = "127.0.0.1"
 BODY_BYTES = 4096
 SLOW_S = 5.0  # a client that takes nothing for so long is dropped
-CLIENTS_N = 16
+CLIENTS_N, CONNECTIONS_N = 16, 64
+ASKS_S = 5.0  # a connection that has not said in this time what it wants is closed
 KEPT_IMAGES = 4  # a client asks for the one that a state speaks of a moment later
 JPEG_QUALITY = 75
 STOP_S = 3.0
@@ -83,7 +85,7 @@ class PageServer:
         ]
         app = _Gate(Starlette(routes=routes), self._hosts)
         config = uvicorn.Config(
-            app, log_level="critical", lifespan="off", access_log=False, timeout_graceful_shutdown=1
+            app, http=_Connection, log_level="critical", lifespan="off", access_log=False, timeout_graceful_shutdown=1
         )
         self._server = uvicorn.Server(config)
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -166,10 +168,14 @@ class PageServer:
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             return PlainTextResponse("an order must be JSON", 415)
         body = b""
-        async for piece in request.stream():
-            body += piece
-            if len(body) > BODY_BYTES:
-                return PlainTextResponse("the order is too long", 413)
+        try:
+            async with asyncio.timeout(ASKS_S):
+                async for piece in request.stream():
+                    body += piece
+                    if len(body) > BODY_BYTES:
+                        return PlainTextResponse("the order is too long", 413)
+        except TimeoutError:
+            return PlainTextResponse("the order did not come to its end", 408)
         try:
             order = _order_of(json.loads(body))
         except (ValueError, TypeError, RecursionError) as error:
@@ -215,6 +221,38 @@ class _Events(Response):
     async def _tell(self, send: Send, name: bytes, data: bytes) -> None:
         body = b"event: " + name + b"\ndata: " + data + b"\n\n"
         await asyncio.wait_for(_sent(send, body), SLOW_S)
+
+
+class _Connection(H11Protocol):
+    """A caller, who must say in time what it wants; so callers that say nothing take no handles of the controller."""
+
+    _patience: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        if len(self.connections) > CONNECTIONS_N:
+            transport.close()
+        else:
+            self._wait()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        if self.cycle is not None and not self.cycle.response_complete:
+            self._stop_waiting()
+        elif self._patience is None:
+            self._wait()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._stop_waiting()
+        super().connection_lost(exc)
+
+    def _wait(self) -> None:
+        self._patience = self.loop.call_later(ASKS_S, self.transport.close)
+
+    def _stop_waiting(self) -> None:
+        if self._patience is not None:
+            self._patience.cancel()
+            self._patience = None
 
 
 class _Gate:

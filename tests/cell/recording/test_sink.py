@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from cell.errors import InputError
 from cell.log.read.reader import read_log
 from cell.recording import sink as log_sink
 from cell.recording.recorder import Heading, McapRecorder
@@ -148,3 +149,43 @@ def test_the_panel_on_a_terminal_keeps_the_alarm_until_it_is_over() -> None:
     progress.tick(record())
     progress.close(OUTCOME)
     assert "the disk is full" in told.getvalue()
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_log_that_is_taken_away_is_told_at_once_and_at_the_end(replaced: bool, tmp_path: Path) -> None:
+    path = tmp_path / "folder" / "log.mcap"
+    alarms: list[str] = []
+    recorder = McapRecorder(path, LogSettings(), Heading(), alarm=lambda _, __, text: alarms.append(text))
+    recorder.tick(record(0))
+    recorder.settle()
+    path.unlink()
+    path.parent.rmdir()
+    if replaced:
+        path.parent.mkdir()
+        path.write_bytes(b"somebody else's")
+    for number in range(1, 4):
+        recorder.tick(record(number))
+        recorder.settle()
+    assert "the log cannot be written" in alarms[0]
+    recorder.close(OUTCOME)
+    assert ("another file stands in its place" if replaced else "the file is gone") in recorder.shortfall
+    assert recorder.shortfall in alarms[-1]
+    assert not recorder.complete
+
+
+def test_a_log_that_is_taken_away_at_the_very_end_is_told(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path / "log.mcap", LogSettings(), Heading())
+    recorder.tick(record(0))
+    (tmp_path / "log.mcap").unlink()
+    recorder.close(OUTCOME)
+    assert "the file is gone" in recorder.shortfall
+
+
+def test_two_runs_cannot_take_one_name(tmp_path: Path) -> None:
+    first = McapRecorder(tmp_path / "log.mcap", LogSettings(), Heading())
+    first.tick(record(0))
+    with pytest.raises(InputError, match=r"log\.mcap: the log cannot be written: File exists"):
+        McapRecorder(tmp_path / "log.mcap", LogSettings(), Heading())
+    first.close(OUTCOME)
+    assert first.complete
+    assert len(read_log(tmp_path / "log.mcap").ticks) == 1

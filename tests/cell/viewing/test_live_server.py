@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from cell.errors import InputError
 from cell.recording.recorder import Heading, McapRecorder
 from cell.recording.scene import CellModel
 from cell.settings import LogSettings
+from cell.viewing import gate
 from cell.viewing.live_server import LiveServer
 from tests.cell.fakes import frame
 from tests.cell.recording.test_recorder import OUTCOME, record
@@ -101,3 +103,51 @@ def test_the_end_of_a_run_ends_the_connection(live: LiveServer) -> None:
         with pytest.raises(ConnectionClosed):
             viewer.message(10.0)
     live.abandon()
+
+
+UPGRADE = (
+    "GET / HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n{origin}"
+    "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+    "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+)
+
+
+def status(port: int, request: str) -> bytes:
+    """The number of the answer, empty where the caller is hung up on."""
+    with socket.create_connection(("127.0.0.1", port), 5) as asking:
+        try:
+            asking.sendall(request.encode())
+            return asking.recv(64)[9:12]
+        except ConnectionError:
+            return b""
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "answer"),
+    [
+        ("127.0.0.1:{port}", None, b"101"),
+        ("localhost:{port}", "https://app.foxglove.dev", b"101"),
+        ("localhost:{port}", "http://localhost:8080", b"101"),
+        ("localhost:{port}", "file://", b"101"),
+        ("127.0.0.1:{port}", "http://evil.example", b"403"),
+        ("127.0.0.1:{port}", "https://app.foxglove.dev.evil.example", b"403"),
+        ("127.0.0.1:{port}", "http://localhost.evil.example", b"403"),
+        ("127.0.0.1:{port}", "null", b"403"),
+        ("127.0.0.1:{port}", "", b"403"),
+        ("rebound.example:80", None, b"403"),
+        ("rebound.example:{port}", "http://rebound.example:{port}", b"403"),
+    ],
+)
+def test_pages_of_other_sites_stay_outside(live: LiveServer, host: str, origin: str | None, answer: bytes) -> None:
+    line = "" if origin is None else f"Origin: {origin.format(port=live.port)}\r\n"
+    assert status(live.port, UPGRADE.format(host=host.format(port=live.port), origin=line)) == answer
+
+
+def test_callers_that_say_nothing_or_too_much_are_hung_up_on(live: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "HEAD_S", 0.2)
+    with ExitStack() as stack:
+        callers = range(gate.CONNECTIONS_N + 40)
+        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", live.port), 5)) for _ in callers]
+        assert {one.recv(1) for one in idle} == {b""}
+    assert status(live.port, "GET / HTTP/1.1\r\nX: " + "x" * 10 * gate.HEAD_BYTES) == b""
+    assert status(live.port, UPGRADE.format(host=f"localhost:{live.port}", origin="")) == b"101"

@@ -38,9 +38,11 @@ TICKS = 40
 HEADING = Heading({"seed": "5"}, {"tree/a.xml": ("application/xml", b"<root/>")})
 
 
-def recorded(path: Path, **settings: Any) -> McapRecorder:
+def recorded(path: Path, overwrite: bool = False, **settings: Any) -> McapRecorder:
     """A log of 40 ticks with an image each; frame 4 was answered before the first, and the display never changes."""
-    recorder = McapRecorder(path, LogSettings(**settings), HEADING, blackboard=lambda: {"part": "o1", "odd": object()})
+    recorder = McapRecorder(
+        path, LogSettings(**settings), HEADING, blackboard=lambda: {"part": "o1", "odd": object()}, overwrite=overwrite
+    )
     for number in range(TICKS):
         recorder.frame(frame(number, number * 0.04))
         shown = Command(display=Display(message="moving")) if number == 0 else None
@@ -183,7 +185,7 @@ def test_keeping_parts_of_a_log_in_one_file_is_a_mistake() -> None:
 
 def test_parts_of_an_earlier_log_do_not_mix_with_a_new_one(path: Path) -> None:
     path.write_bytes(b"of an earlier run in one file")
-    recorded(path, rotate_s=1.0)
+    recorded(path, overwrite=True, rotate_s=1.0)
     assert len(parts_of(path)) == 2
     assert len(read_log(path).ticks) == TICKS
 

@@ -7,6 +7,7 @@ import json
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 import cv2
 import numpy as np
@@ -185,3 +186,36 @@ def brightness(rig: PageRig, path: str) -> float:
         return float(image.mean())
     finally:
         connection.close()
+
+
+@pytest.mark.parametrize(
+    "begun", ["", "GET / HTTP/1.1\r\nHost:", "GET / HTTP/1.1\r\nHost: localhost:{port}\r\n\r\nGET"]
+)
+def test_callers_that_never_say_what_they_want_are_hung_up_on(
+    begun: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(server, "ASKS_S", 0.3)
+    rig = PageRig()
+    with ExitStack() as stack:
+        stack.callback(rig.page.abandon)
+        port, callers = rig.page.port, range(server.CONNECTIONS_N + 40)
+        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", port), 5)) for _ in callers]
+        for one in idle[: server.CONNECTIONS_N]:
+            one.sendall(begun.format(port=port).encode())
+        for one in idle:
+            while one.recv(65536):
+                pass
+        assert rig.order(PAUSE) == (204, "")
+    assert capfd.readouterr().err == ""
+
+
+def test_an_order_that_never_ends_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "ASKS_S", 0.3)
+    rig = PageRig()
+    head = f"POST /order HTTP/1.1\r\nHost: localhost:{rig.page.port}\r\nX-Cell-Token: {rig.token}\r\n"
+    try:
+        with socket.create_connection(("127.0.0.1", rig.page.port), 5) as slow:
+            slow.sendall(f"{head}Content-Type: application/json\r\nContent-Length: 9\r\n\r\n{{".encode())
+            assert slow.recv(64)[9:12] == b"408"
+    finally:
+        rig.page.abandon()

@@ -1,0 +1,96 @@
+"""One labelled picture of a stack from one number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.errors import CellError
+from cell.interfaces.stacks import StackedObject, StackedScene
+from sim.stacks.kinds import KINDS, draw_thing
+from sim.stacks.photograph import HEIGHT_PX, WIDTH_PX, photograph
+from sim.stacks.settings import StackSettings
+from sim.stacks.stacking import Stack
+from sim.stacks.stage import STEP_S, Stage
+from sim.stacks.trial import Rests, relations
+
+TRIES = 60  # scenes that are begun for one
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Objects at rest, and which rests on which.
+
+    Attributes:
+        names: their kinds.
+        rests: (n, n), [b, a] whether b rests on a.
+    """
+
+    stage: Stage
+    names: tuple[str, ...]
+    rests: Rests
+
+
+@dataclass(frozen=True)
+class DrawnStack:
+    """A labelled picture (height, width, 3), RGB."""
+
+    scene: StackedScene
+    image: NDArray[np.uint8]
+
+
+def draw_stack(seed: int, settings: StackSettings) -> DrawnStack:
+    """A picture of a stack; the same seed gives the same one.
+
+    Raises:
+        CellError: none came to rest in many tries.
+    """
+    rng = np.random.default_rng([seed, _STREAM])
+    for _ in range(TRIES):
+        standing = _begun(rng, settings)
+        view = None
+        if standing is not None:
+            view = photograph(standing.stage, rng, rng.random() < settings.slanted_share)
+        if standing is not None and view is not None:
+            objects = tuple(_labelled(standing, number, view.boxes[number]) for number in range(len(standing.names)))
+            scene = StackedScene(f"{seed:06d}", (WIDTH_PX, HEIGHT_PX), objects, view.grasps)
+            return DrawnStack(scene, view.image)
+    raise CellError(f"stack {seed}: nothing came to rest in {TRIES} tries with {settings!r}")
+
+
+def stand(seed: int, settings: StackSettings, step_s: float = STEP_S) -> Standing:
+    """The stack of a seed without a picture, for trials with it; raises as `draw_stack`."""
+    rng = np.random.default_rng([seed, _STREAM])
+    for _ in range(TRIES):
+        if (standing := _begun(rng, settings, step_s)) is not None:
+            return standing
+    raise CellError(f"stack {seed}: nothing came to rest in {TRIES} tries with {settings!r}")
+
+
+_STREAM = 11  # of random numbers
+
+
+def _begun(rng: np.random.Generator, settings: StackSettings, step_s: float = STEP_S) -> Standing | None:
+    """Set some objects down, and try who rests on whom; None where one falls, or it is doubtful."""
+    count = int(rng.integers(settings.fewest, settings.most + 1))
+    names = tuple(KINDS[index] for index in rng.permutation(settings.kinds)[:count])
+    things = [draw_thing(name, rng) for name in names]
+    stage = Stage(things, rng, step_s)
+    if not Stack(stage, things, settings, rng).build():
+        return None
+    rests = relations(stage)
+    return None if rests is None or stage.diverged else Standing(stage, names, rests)
+
+
+def _labelled(standing: Standing, number: int, box_px: tuple[float, float, float, float]) -> StackedObject:
+    rests = standing.rests
+    return StackedObject(
+        number + 1,
+        standing.names[number],
+        box_px,
+        tuple(int(one) + 1 for one in np.flatnonzero(rests[number])),
+        tuple(int(one) + 1 for one in np.flatnonzero(rests[:, number])),
+        round(float(standing.stage.points(number)[:, 2].max()), 4),
+    )

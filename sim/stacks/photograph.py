@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import mujoco
@@ -17,7 +19,7 @@ from sim.stacks.stage import Stage
 WIDTH_PX, HEIGHT_PX = 480, 360
 FIELD_DEG = 42.0  # of view, from top to bottom
 ABOVE_DEG, ASLANT_DEG = (80.0, 89.0), (38.0, 75.0)  # elevation of the view
-ROOM = 1.12  # around the objects
+ROOM = (1.0, 1.3)  # around the objects
 LEAST_PX, LEAST_SHOWN = 90, 0.22  # of an object that is seen; of the box around all of it
 MARGIN_PX = 2
 VIEWS = 4  # that are tried
@@ -54,58 +56,98 @@ class Eye:
 
 def photograph(stage: Stage, rng: np.random.Generator, slanted: bool) -> View | None:
     """A view in which enough of every object is seen; None where several tries found none."""
-    stage.model.vis.global_.fovy = FIELD_DEG
-    renderer = mujoco.Renderer(stage.model, HEIGHT_PX, WIDTH_PX)
+    studio = _Studio(stage)
     try:
         for _ in range(VIEWS):
-            view = _tried(stage, renderer, rng, slanted)
+            view = _tried(stage, studio, rng, slanted)
             if view is not None:
                 return view
         return None
     finally:
-        renderer.close()
+        studio.close()
 
 
-def _tried(stage: Stage, renderer: mujoco.Renderer, rng: np.random.Generator, slanted: bool) -> View | None:
-    camera = _camera(stage, rng, slanted)
-    renderer.enable_segmentation_rendering()
-    renderer.update_scene(stage.data, camera)
-    owners = _owners(stage, renderer.render())
-    eye = _eye(renderer.scene)
+@cache
+def _graphics() -> mujoco.GLContext:
+    """The one OpenGL context of this process: a new one for each scene would take longer than the picture."""
+    context = mujoco.GLContext(WIDTH_PX, HEIGHT_PX)
+    atexit.register(context.free)
+    return context
+
+
+class _Studio:
+    """Draws a stage as a camera sees it."""
+
+    def __init__(self, stage: Stage) -> None:
+        _graphics().make_current()
+        self._stage, screen = stage, stage.model.vis.global_
+        screen.offwidth, screen.offheight, screen.fovy = WIDTH_PX, HEIGHT_PX, FIELD_DEG
+        self._context = mujoco.MjrContext(stage.model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self.scene = mujoco.MjvScene(stage.model, stage.model.ngeom + 10)
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
+
+    def look(self, camera: mujoco.MjvCamera) -> NDArray[np.int64]:
+        """(height, width) number of the geom that each pixel shows, -1 for none; the next image has the same view."""
+        every = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(self._stage.model, self._stage.data, mujoco.MjvOption(), None, camera, every, self.scene)
+        image = self._drawn(segments=True).astype(np.int64)
+        marks = image[..., 0] + 256 * image[..., 1] + 65536 * image[..., 2]
+        geom_of = np.full(self.scene.ngeom + 1, -1)
+        for one in self.scene.geoms[: self.scene.ngeom]:
+            if one.objtype == mujoco.mjtObj.mjOBJ_GEOM and one.segid >= 0:
+                geom_of[one.segid + 1] = one.objid
+        shown: NDArray[np.int64] = geom_of[marks]
+        return shown
+
+    def image(self) -> NDArray[np.uint8]:
+        """(height, width, 3), RGB."""
+        return self._drawn(segments=False)
+
+    def close(self) -> None:
+        """Let go of the buffers."""
+        self._context.free()
+
+    def _drawn(self, *, segments: bool) -> NDArray[np.uint8]:
+        for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
+            self.scene.flags[flag] = segments
+        whole, drawn = mujoco.MjrRect(0, 0, WIDTH_PX, HEIGHT_PX), np.zeros((HEIGHT_PX, WIDTH_PX, 3), np.uint8)
+        mujoco.mjr_render(whole, self.scene, self._context)
+        mujoco.mjr_readPixels(drawn, None, whole, self._context)
+        return np.ascontiguousarray(drawn[::-1])
+
+
+def _tried(stage: Stage, studio: _Studio, rng: np.random.Generator, slanted: bool) -> View | None:
+    geoms = studio.look(_camera(stage, rng, slanted))
+    owners, eye = _owners(stage, geoms), _eye(studio.scene)
     boxes = []
     for number in range(len(stage.bodies)):
-        whole = eye.pixels(stage.points(number))
-        box = _seen(owners == number, whole)
+        box = _seen(owners == number, eye.pixels(stage.points(number)))
         if box is None:
             return None
         boxes.append(box)
-    renderer.disable_segmentation_rendering()
-    renderer.update_scene(stage.data, camera)
-    image = _exposed(renderer.render(), rng)
     grasps = tuple(one for number in range(len(stage.bodies)) for one in _grasps(stage, number, eye))
-    return View(image, tuple(boxes), grasps)
+    return View(_exposed(studio.image(), rng), tuple(boxes), grasps)
 
 
 def _camera(stage: Stage, rng: np.random.Generator, slanted: bool) -> mujoco.MjvCamera:
     """Looks at the middle of all objects, from so far that they fill the picture."""
     cloud = np.concatenate([stage.points(number) for number in range(len(stage.bodies))])
     middle = (cloud.min(axis=0) + cloud.max(axis=0)) / 2
-    reach = float(np.linalg.norm(cloud - middle, axis=1).max()) * ROOM
+    reach = float(np.linalg.norm(cloud - middle, axis=1).max())
     camera = mujoco.MjvCamera()
     camera.lookat[:] = middle
-    camera.distance = reach / math.sin(math.radians(FIELD_DEG) / 2) * rng.uniform(0.95, 1.3)
+    camera.distance = max(0.25, reach / math.tan(math.radians(FIELD_DEG) / 2)) * rng.uniform(*ROOM)
     camera.azimuth = rng.uniform(-180, 180)
     camera.elevation = -rng.uniform(*(ASLANT_DEG if slanted else ABOVE_DEG))
     return camera
 
 
-def _owners(stage: Stage, segments: NDArray[np.int32]) -> NDArray[np.int64]:
+def _owners(stage: Stage, geoms: NDArray[np.int64]) -> NDArray[np.int64]:
     """(height, width) number of the object that each pixel shows; -1 for none."""
     number_of = np.full(stage.model.nbody, -1)
     number_of[stage.bodies] = np.arange(len(stage.bodies))
-    geoms, kinds = segments[..., 0], segments[..., 1]
-    shown = (kinds == int(mujoco.mjtObj.mjOBJ_GEOM)) & (geoms >= 0)
-    found: NDArray[np.int64] = np.where(shown, number_of[stage.model.geom_bodyid[np.where(shown, geoms, 0)]], -1)
+    found: NDArray[np.int64] = np.where(geoms >= 0, number_of[stage.model.geom_bodyid[geoms]], -1)
     return found
 
 

@@ -24,7 +24,7 @@ class StackSettings(Model):
     fewest: int = Field(default=2, ge=1, le=MOST_OBJECTS)
     most: int = Field(default=MOST_OBJECTS, ge=1, le=MOST_OBJECTS)
     deepest: int = Field(default=4, ge=1, le=4)
-    stacked_share: float = Field(default=0.75, ge=0, le=1)
+    stacked_share: float = Field(default=0.85, ge=0, le=1)
     bridging_share: float = Field(default=0.15, ge=0, le=1)
     kinds: int = Field(default=31, ge=5, le=31)
     slanted_share: float = Field(default=0.6, ge=0, le=1)

@@ -17,7 +17,7 @@ from sim.stacks.stage import Stage
 STEEP = math.cos(math.radians(60))  # height of a contact's normal from which on one body carries another
 TRIES = 7  # spots on others for an object, before it goes onto the table
 FREE_SPOTS = 40
-REGION_M = 0.15  # half side of the part of the table that is used
+REGION_M = 0.13  # half side of the part of the table that is used
 DROP_M = 0.002  # an object is let go from so far above what carries it
 SETTLE_S, GLANCE_S = 0.9, 0.1
 REST_M_S = 0.004

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
 from sim.stacks.kinds import Thing
-from sim.stacks.pieces import FACES, ROUND, TILE_PX, Piece, Quaternion, box, one_of, tile
+from sim.stacks.pieces import FACES, ROUND, TILE_PX, Piece, Quaternion, box, near, one_of, tile
 
 STEP_S = 0.002
 DENSITY_KG_M3 = 500.0
@@ -166,9 +166,9 @@ def _spec(step_s: float) -> mujoco.MjSpec:
 def _add_surroundings(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
     """Table, lights, and the hand that lifts."""
     rgb = one_of(rng, (0.80, 0.80, 0.78), (0.58, 0.42, 0.26), (0.30, 0.32, 0.34), (0.72, 0.66, 0.56))
-    pattern = ("grain", "plain", "speckles")[int(rng.integers(3))]
+    pattern = ("grain", "plain", "plain", "checks")[int(rng.integers(4))]
     table = box(TABLE_M, (0, 0, -TABLE_M[2] / 2), rgb)
-    surface = Piece(table.shape, table.size_m, table.centre_m, rgb, pattern=pattern, ink_rgb=(0.4, 0.35, 0.3))  # type: ignore[arg-type]
+    surface = Piece(table.shape, table.size_m, table.centre_m, rgb, pattern=pattern, ink_rgb=near(rgb, rng, 0.05))  # type: ignore[arg-type]
     geom = _add_piece(spec, spec.worldbody, "table", surface, rng, touches=True)
     geom.friction = [FRICTION, 0.01, 0.001]
     spec.worldbody.add_geom(

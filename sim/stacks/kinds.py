@@ -67,7 +67,11 @@ def _box(rng: Rng) -> Thing:
 
 
 def _banana(rng: Rng) -> Thing:
-    rgb, radius, thick = one_of(rng, YELLOW, YELLOW, (0.72, 0.74, 0.15)), rng.uniform(0.08, 0.11), rng.uniform(0.03, 0.036)
+    rgb, radius, thick = (
+        one_of(rng, YELLOW, YELLOW, (0.72, 0.74, 0.15)),
+        rng.uniform(0.08, 0.11),
+        rng.uniform(0.03, 0.036),
+    )
     angles = np.linspace(-0.85, 0.85, 5) * rng.uniform(0.85, 1.1)
     spots = [(radius * math.sin(a), radius * (1 - math.cos(a)), thick / 2) for a in angles]
     fat = [0.85, 1.0, 1.0, 0.8]
@@ -293,9 +297,7 @@ def _glasses(rng: Rng) -> Thing:
     rgb, lens = one_of(rng, BLACK, LEATHER, RED), one_of(rng, (0.12, 0.13, 0.15), (0.70, 0.78, 0.80))
     wide, d = rng.uniform(0.030, 0.036), rng.uniform(0.044, 0.052)
     z, arm = d / 2, rng.uniform(0.11, 0.13)
-    lenses = [
-        Piece("cylinder", (d, d, 0.006), (0, side * wide, z), lens, ALONG_X, "plain") for side in (-1, 1)
-    ]
+    lenses = [Piece("cylinder", (d, d, 0.006), (0, side * wide, z), lens, ALONG_X, "plain") for side in (-1, 1)]
     bridge = rod((0.002, -0.010, z + 0.008), (0.002, 0.010, z + 0.008), 0.006, rgb)
     brow = box((0.008, 2 * wide + d, 0.008), (0, 0, d - 0.004), rgb)
     arms = [rod((0, side * (wide + d / 2), d - 0.004), (arm, side * (wide + d / 2 - 0.004), 0.004), 0.006, rgb)
@@ -307,7 +309,9 @@ def _pliers(rng: Rng) -> Thing:
     rgb, length = one_of(rng, RED, SKY, YELLOW, GREEN), rng.uniform(0.09, 0.11)
     open_m, z = rng.uniform(0.024, 0.034), 0.008
     grips = [rod((-0.012, side * 0.008, z), (-length, side * open_m, z), 0.015, rgb) for side in (-1, 1)]
-    jaws = [box((0.055, 0.012, 0.013), (0.034, side * 0.0075, z), near(GREY, rng, 0.04), side * -0.08) for side in (-1, 1)]
+    jaws = [
+        box((0.055, 0.012, 0.013), (0.034, side * 0.0075, z), near(GREY, rng, 0.04), side * -0.08) for side in (-1, 1)
+    ]
     pivot = disc(0.030, 0.017, (0, 0, 0.0085), GREY)
     bolt = disc(0.012, 0.020, (0, 0, 0.010), STEEL)
     return Thing((*grips, *jaws, pivot, bolt))
@@ -317,7 +321,9 @@ def _headset(rng: Rng) -> Thing:
     """Lying: a band between two ear cups."""
     rgb, half, d = one_of(rng, BLACK, WHITE, RED, SKY), rng.uniform(0.062, 0.074), rng.uniform(0.06, 0.07)
     z, up = 0.014, rng.uniform(0.10, 0.12)
-    cups = [Piece("cylinder", (d, d, 0.026), (0, side * half, d / 2), near(BLACK, rng, 0.04), ALONG_Y) for side in (-1, 1)]
+    cups = [
+        Piece("cylinder", (d, d, 0.026), (0, side * half, d / 2), near(BLACK, rng, 0.04), ALONG_Y) for side in (-1, 1)
+    ]
     spots = [(0, -half, d / 2), (0.6 * up, -0.85 * half, z), (up, 0, z), (0.6 * up, 0.85 * half, z), (0, half, d / 2)]
     bows = [rod(a, b, 0.012, rgb) for a, b in zip(spots[:-1], spots[1:], strict=True)]
     return Thing((*cups, *bows))
@@ -366,7 +372,8 @@ def _shaver(rng: Rng) -> Thing:
     belly = ball((length, d, 0.9 * d), (-0.01, 0, 0.50 * d), near(rgb, rng, 0.05))
     neck = box((0.03, 1.1 * d, 0.5 * d), (length / 2, 0, 0.45 * d), near(BLACK, rng, 0.03))
     blades = [
-        disc(0.026, 0.010, (length / 2 + dx, dy, 0.72 * d), STEEL) for dx, dy in ((0.006, -0.013), (0.006, 0.013), (-0.016, 0))
+        disc(0.026, 0.010, (length / 2 + dx, dy, 0.72 * d), STEEL)
+        for dx, dy in ((0.006, -0.013), (0.006, 0.013), (-0.016, 0))
     ]
     return Thing((body, belly, neck, *blades))
 
@@ -374,7 +381,9 @@ def _shaver(rng: Rng) -> Thing:
 def _watch(rng: Rng) -> Thing:
     d, rgb = rng.uniform(0.038, 0.046), one_of(rng, BLACK, LEATHER, SKY, STEEL)
     case = disc(d, 0.011, (0, 0, 0.0055), one_of(rng, STEEL, (0.80, 0.65, 0.25), BLACK))
-    dial = replace(disc(0.82 * d, 0.001, (0, 0, 0.0115), one_of(rng, WHITE, BLACK, SKY)), pattern="checks", ink_rgb=GREY)
+    dial = replace(
+        disc(0.82 * d, 0.001, (0, 0, 0.0115), one_of(rng, WHITE, BLACK, SKY)), pattern="checks", ink_rgb=GREY
+    )
     straps = [box((0.085, 0.022, 0.004), (side * (d / 2 + 0.038), 0, 0.003), rgb) for side in (-1, 1)]
     crown = disc(0.006, 0.006, (0, d / 2 + 0.002, 0.006), STEEL)
     buckle = box((0.012, 0.027, 0.005), (d / 2 + 0.078, 0, 0.0035), STEEL)

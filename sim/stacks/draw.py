@@ -41,13 +41,13 @@ class DrawnStack:
     image: NDArray[np.uint8]
 
 
-def draw_stack(seed: int, settings: StackSettings) -> DrawnStack:
-    """A picture of a stack; the same seed gives the same one.
+def draw_stack(number: int, settings: StackSettings, seed: int = 0) -> DrawnStack:
+    """The picture of this number of those that a seed gives.
 
     Raises:
         CellError: none came to rest in many tries.
     """
-    rng = np.random.default_rng([seed, _STREAM])
+    rng = np.random.default_rng([seed, number, _STREAM])
     for _ in range(TRIES):
         standing = _begun(rng, settings)
         view = None
@@ -55,18 +55,18 @@ def draw_stack(seed: int, settings: StackSettings) -> DrawnStack:
             view = photograph(standing.stage, rng, rng.random() < settings.slanted_share)
         if standing is not None and view is not None:
             objects = tuple(_labelled(standing, number, view.boxes[number]) for number in range(len(standing.names)))
-            scene = StackedScene(f"{seed:06d}", (WIDTH_PX, HEIGHT_PX), objects, view.grasps)
+            scene = StackedScene(f"{number:06d}", (WIDTH_PX, HEIGHT_PX), objects, view.grasps)
             return DrawnStack(scene, view.image)
-    raise CellError(f"stack {seed}: nothing came to rest in {TRIES} tries with {settings!r}")
+    raise CellError(f"stack {number} of seed {seed}: nothing came to rest in {TRIES} tries with {settings!r}")
 
 
-def stand(seed: int, settings: StackSettings, step_s: float = STEP_S) -> Standing:
-    """The stack of a seed without a picture, for trials with it; raises as `draw_stack`."""
-    rng = np.random.default_rng([seed, _STREAM])
+def stand(number: int, settings: StackSettings, seed: int = 0, step_s: float = STEP_S) -> Standing:
+    """One of a seed's stacks without a picture, for trials with it; raises as `draw_stack`."""
+    rng = np.random.default_rng([seed, number, _STREAM])
     for _ in range(TRIES):
         if (standing := _begun(rng, settings, step_s)) is not None:
             return standing
-    raise CellError(f"stack {seed}: nothing came to rest in {TRIES} tries with {settings!r}")
+    raise CellError(f"stack {number} of seed {seed}: nothing came to rest in {TRIES} tries with {settings!r}")
 
 
 _STREAM = 11  # of random numbers

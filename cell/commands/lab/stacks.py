@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -9,12 +10,16 @@ import cv2
 from rich.progress import track
 from typer import Option
 
-from cell.commands.options import JsonOption, SchedulerOption, WorkersOption
+from cell.commands.options import JsonOption, SchedulerOption, SeedOption, WorkersOption
+from cell.commands.lab.planners import KEPT
 from cell.commands.terminal import console, print_json, table
+from cell.commands.training.weights import need_torch
 from cell.errors import InputError
 from cell.files.files import MANIFEST, whole_folder, write_whole
 from cell.fleet.engine import mapped
 from cell.interfaces.stacks import VMRD_CLASSES, StackedScene
+from learned.lab.stacks.files import read_stacks
+from learned.lab.stacks.settings import LEARNED, PAPER_IA, RULES, StackTraining
 from learned.lab.stacks.vmrd import write_scene, write_splits
 from sim.data.folder import JPEG_QUALITY
 from sim.stacks.draw import draw_stack
@@ -28,7 +33,6 @@ OutFolder = Annotated[Path, Option("--out", "-o", help="New folder.")]
 def draw_stacks(
     out: OutFolder,
     scenes: Annotated[int, Option(min=TESTED, help="Pictures; every tenth is for tests.")] = 4683,
-    first_seed: Annotated[int, Option("--first-seed", min=0, help="Of the first picture; each has its own.")] = 0,
     classes: Annotated[
         str, Option(help="Numbers of classes that pictures are drawn from in turn, in VMRD's order, as 5,10,20,31.")
     ] = str(len(VMRD_CLASSES)),
@@ -36,17 +40,18 @@ def draw_stacks(
     stacked_share: Annotated[float, Option(min=0, max=1, help="Share of objects that are put onto others.")] = 0.85,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
+    seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Pictures of stacked everyday objects with who lies on whom, in VMRD's format."""
     counts = numbers_of_classes(classes)
     settings = [StackSettings(deepest=deepest, stacked_share=stacked_share, kinds=count) for count in counts]
-    asked = [(seed, settings[seed % len(settings)]) for seed in range(first_seed, first_seed + scenes)]
+    asked = [(number, settings[number % len(settings)]) for number in range(scenes)]
     batches = [(asked[first : first + BATCH],) for first in range(0, scenes, BATCH)]
     names: list[str] = []
     objects = on_others = 0
     with whole_folder(out) as folder:
-        answers = mapped(_drawn, batches, workers, scheduler)
+        answers = mapped(partial(_drawn, seed), batches, workers, scheduler)
         for batch in track(answers, "stacks", console=console(), total=len(batches)):
             for scene, jpeg in batch:
                 write_scene(folder, scene, jpeg)
@@ -57,7 +62,7 @@ def draw_stacks(
         test = [name for name, one in zip(names, tested, strict=True) if one]
         write_splits(folder, (name for name, one in zip(names, tested, strict=True) if not one), test)
         facts = {"scenes": scenes, "test": len(test), "objects": objects, "on_others": on_others}
-        command = f"cell lab data stacks --scenes {scenes} --first-seed {first_seed} --classes {classes}"
+        command = f"cell lab data stacks --scenes {scenes} --seed {seed} --classes {classes}"
         command += f" --deepest {deepest} --stacked-share {stacked_share:g}"
         told = {"format": "cell.stacks", "version": 1, "made_by": command, **facts}
         write_whole(folder / MANIFEST, _json(told))
@@ -84,11 +89,57 @@ def _json(values: dict[str, object]) -> bytes:
     return (json.dumps(values, indent=2) + "\n").encode()
 
 
-def _drawn(asked: list[tuple[int, StackSettings]]) -> list[tuple[StackedScene, bytes]]:
+def _drawn(seed: int, asked: list[tuple[int, StackSettings]]) -> list[tuple[StackedScene, bytes]]:
     """Scenes with their pictures as JPEG."""
     found = []
-    for seed, settings in asked:
-        drawn = draw_stack(seed, settings)
+    for number, settings in asked:
+        drawn = draw_stack(number, settings, seed)
         bgr, quality = cv2.cvtColor(drawn.image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         found.append((drawn.scene, cv2.imencode(".jpg", bgr, quality)[1].tobytes()))
     return found
+
+
+def evaluate_stacks(
+    data: Annotated[Path, Option("--data", help="Folder of VMRD, or of REGRAD V1 or V2.")],
+    classes: Annotated[
+        str, Option(help="Numbers of classes, in VMRD's order; several, as 5,10,20,31, draw Fig. 18.")
+    ] = str(len(VMRD_CLASSES)),
+    share: Annotated[
+        float, Option(min=0.05, max=1, help="Of the papers' networks: a MobileNet below 1, ResNet-101 at 1.")
+    ] = StackTraining().share,
+    detector_epochs: Annotated[int, Option("--detector-epochs", min=1, max=1000, help="Of the detector.")] = (
+        StackTraining().detector.epochs
+    ),
+    kind: Annotated[list[str] | None, Option(help="Only this planner; may be repeated.")] = None,
+    page: Annotated[Path | None, Option("--page", help="Page to write; Fig. 18 is drawn next to it.")] = None,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Train detector and planners of stacks, and score them; finished cells and features are kept under data/."""
+    counts, kinds = numbers_of_classes(classes), _kinds(kind)
+    read = read_stacks(data)
+    need_torch(experiments=True)
+    from learned.lab.experiments import kept, measured
+    from learned.lab.stacks.experiment import Study, draw_figure18, figure18, table4
+
+    usual = StackTraining()
+    schedule = usual.detector.model_copy(update={"epochs": detector_epochs})
+    settings = usual.model_copy(update={"share": share, "detector": schedule})
+    study = Study(read, KEPT / "stacks", settings, seed)
+    cells = measured("stacks", study.cells(counts, kinds), kept(KEPT / "stacks" / "experiments.jsonl"))
+    sections = [table4(cells), *([figure18(cells)] if len(counts) > 1 else [])]
+    console().print("\n\n".join(sections), highlight=False, soft_wrap=True)
+    if page is not None:
+        write_whole(page, ("\n\n".join(sections) + "\n").encode())
+        if len(counts) > 1:
+            draw_figure18(cells, page.with_name("fig18.svg"))
+    if as_json:
+        rows = [{name: key[name] for name in ("planner", "boxes", "classes")} | values for key, values in cells]
+        print_json({"data": str(data), "paper": dict(PAPER_IA), "rows": rows})
+
+
+def _kinds(asked: list[str] | None) -> list[str]:
+    legal = (*LEARNED, *RULES)
+    if unknown := [one for one in asked or () if one not in legal]:
+        raise InputError(f"--kind {unknown[0]}: unknown planner; legal: {', '.join(legal)}")
+    return [one for one in legal if not asked or one in asked]

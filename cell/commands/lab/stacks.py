@@ -10,8 +10,8 @@ import cv2
 from rich.progress import track
 from typer import Option
 
-from cell.commands.options import JsonOption, SchedulerOption, SeedOption, WorkersOption
 from cell.commands.lab.planners import KEPT
+from cell.commands.options import JsonOption, SchedulerOption, SeedOption, WorkersOption
 from cell.commands.terminal import console, print_json, table
 from cell.commands.training.weights import need_torch
 from cell.errors import InputError
@@ -102,8 +102,8 @@ def _drawn(seed: int, asked: list[tuple[int, StackSettings]]) -> list[tuple[Stac
 def evaluate_stacks(
     data: Annotated[Path, Option("--data", help="Folder of VMRD, or of REGRAD V1 or V2.")],
     classes: Annotated[
-        str, Option(help="Numbers of classes, in VMRD's order; several, as 5,10,20,31, draw Fig. 18.")
-    ] = str(len(VMRD_CLASSES)),
+        str | None, Option(help="Numbers of classes, in VMRD's order; several, as 5,10,20,31, draw Fig. 18.")
+    ] = None,
     share: Annotated[
         float, Option(min=0.05, max=1, help="Of the papers' networks: a MobileNet below 1, ResNet-101 at 1.")
     ] = StackTraining().share,
@@ -116,15 +116,15 @@ def evaluate_stacks(
     as_json: JsonOption = False,
 ) -> None:
     """Train detector and planners of stacks, and score them; finished cells and features are kept under data/."""
-    counts, kinds = numbers_of_classes(classes), _kinds(kind)
-    read = read_stacks(data)
+    kinds, read = _kinds(kind), read_stacks(data)
+    counts = [len(read.classes)] if classes is None else numbers_of_classes(classes)
     need_torch(experiments=True)
     from learned.lab.experiments import kept, measured
     from learned.lab.stacks.experiment import Study, draw_figure18, figure18, table4
 
     usual = StackTraining()
     schedule = usual.detector.model_copy(update={"epochs": detector_epochs})
-    settings = usual.model_copy(update={"share": share, "detector": schedule})
+    settings = usual.model_copy(update={"classes": read.classes, "share": share, "detector": schedule})
     study = Study(read, KEPT / "stacks", settings, seed)
     cells = measured("stacks", study.cells(counts, kinds), kept(KEPT / "stacks" / "experiments.jsonl"))
     sections = [table4(cells), *([figure18(cells)] if len(counts) > 1 else [])]

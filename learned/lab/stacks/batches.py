@@ -10,13 +10,11 @@ import torch
 from torch import Tensor
 
 from cell.interfaces.pose import Array
-from cell.interfaces.stacks import VMRD_CLASSES
 from learned.grasp.graph import edge_weights
 from learned.lab.stacks.checks import children_first
 from learned.lab.stacks.views import Labelled, StackView
 
 GEOMETRY = 10  # of a pair
-CLASSES = len(VMRD_CLASSES)
 FATHER, CHILD, NOTHING = range(3)  # of a pair (i, j): i lies below j, on it, or neither
 MOST_ON_TOP = 7  # words of the longest answer
 
@@ -26,7 +24,7 @@ class Batch:
     """Views, b of them with n objects at most.
 
     Attributes:
-        labels: (b, n, CLASSES) one-hot.
+        labels: (b, n, classes) one-hot.
         boxes: (b, n, 4) as shares of the picture.
         regions, unions: (b, n, f) and (b, n, n, f).
         pairs: (b, n, n, GEOMETRY) how box j lies to box i.
@@ -63,11 +61,11 @@ class Answers:
         return (self.above.sum(-1) == 0).float()
 
 
-def batch_of(views: Sequence[StackView]) -> Batch:
+def batch_of(views: Sequence[StackView], classes: Sequence[str]) -> Batch:
     """Views side by side."""
     size, most = len(views), max(1, *(len(view.names) for view in views))
     wide = max(view.regions.shape[1] for view in views)
-    labels, boxes = np.zeros((size, most, CLASSES), np.float32), np.zeros((size, most, 4), np.float32)
+    labels, boxes = np.zeros((size, most, len(classes)), np.float32), np.zeros((size, most, 4), np.float32)
     regions, unions = np.zeros((size, most, wide), np.float32), np.zeros((size, most, most, wide), np.float32)
     pairs = np.zeros((size, most, most, GEOMETRY), np.float32)
     weights, present = np.zeros((size, most, most), np.float32), np.zeros((size, most), np.float32)
@@ -75,7 +73,7 @@ def batch_of(views: Sequence[StackView]) -> Batch:
         count = len(view.names)
         if not count:
             continue
-        labels[k, np.arange(count), [VMRD_CLASSES.index(name) for name in view.names]] = 1.0
+        labels[k, np.arange(count), [classes.index(name) for name in view.names]] = 1.0
         boxes[k, :count], regions[k, :count], present[k, :count] = view.boxes, view.regions, 1.0
         unions[k, :count, :count], pairs[k, :count, :count] = view.unions, pair_geometry(view.boxes)
         middles = (view.boxes[:, :2] + view.boxes[:, 2:]) / 2
@@ -94,7 +92,9 @@ def pair_geometry(boxes: Array) -> Array:
     area = size.prod(axis=1)
     shares = np.stack([met / area[:, None], met / area[None], met / (area[:, None] + area[None] - met)], axis=-1)
     reach = np.maximum(high[:, None], high) - np.minimum(low[:, None], low)
-    geometry: Array = np.concatenate([between, grown, shares, reach, np.log(scale[:, None, None] / scale[None, :, None])], axis=-1)
+    geometry: Array = np.concatenate(
+        [between, grown, shares, reach, np.log(scale[:, None, None] / scale[None, :, None])], axis=-1
+    )
     return geometry
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from cell.errors import InputError, Place, Problem
-from cell.interfaces.stacks import StackedObject, StackedScene
+from cell.interfaces.stacks import VMRD_CLASSES, StackedObject, StackedScene
 
 Part = Literal["index", "name", "box", "fathers", "children"]
 Where = Callable[[int, Part], Place]  # of a part of the object at a place in the list
@@ -27,6 +27,12 @@ class StackData:
     trainval: tuple[StackedScene, ...]
     test: tuple[StackedScene, ...]
     images: Mapping[str, Path]
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """VMRD's in their order, where all are of these; else those that there are."""
+        names = {one.name for scene in (*self.trainval, *self.test) for one in scene.objects}
+        return VMRD_CLASSES if names <= set(VMRD_CLASSES) else tuple(sorted(names))
 
 
 def faults(scene: StackedScene, where: Where, classes: Sequence[str] | None) -> Iterator[Problem]:

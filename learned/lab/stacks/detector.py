@@ -19,7 +19,7 @@ from torchvision.models.detection.faster_rcnn import FastRCNNPredictor, TwoMLPHe
 from cell.errors import InputError, ModelError, Place, Problem
 from cell.files.files import write_whole
 from cell.interfaces.pose import Array
-from cell.interfaces.stacks import VMRD_CLASSES, StackedScene
+from cell.interfaces.stacks import StackedScene
 from learned.lab.stacks.settings import WHOLE, StackTraining
 from learned.training.training_loop import Checkpoint, fit
 
@@ -33,9 +33,9 @@ SMALL_HEAD = 256  # width of its two fully connected layers
 LARGEST_GRADIENT = 10.0
 
 
-def detector(share: float) -> nn.Module:
+def detector(settings: StackTraining) -> nn.Module:
     """An untrained network; its backbone is frozen when planners learn."""
-    whole, classes = share == WHOLE, len(VMRD_CLASSES) + 1
+    whole, classes = settings.share == WHOLE, len(settings.classes) + 1
     least, greatest = SIDE_PX[whole]
     options = {
         "min_size": least,
@@ -85,7 +85,7 @@ def train_detector(
 ) -> nn.Module:
     """A trained network; half of the pictures it sees are mirrored."""
     torch.manual_seed(seed)
-    rng, network = np.random.default_rng([seed, 21]), detector(settings.share)
+    rng, network = np.random.default_rng([seed, 21]), detector(settings)
     schedule = settings.detector
     network.train()
     optimiser = torch.optim.AdamW(network.parameters(), schedule.peak_rate, weight_decay=schedule.weight_decay)
@@ -95,7 +95,9 @@ def train_detector(
         for chosen in np.array_split(rng.permutation(len(scenes))[: batches * schedule.batch], batches):
             mirrored = rng.random(len(chosen)) < 0.5
             pairs = zip(chosen.tolist(), mirrored.tolist(), strict=True)
-            seen = [_example(scenes[index], read_image(images[index]), turned) for index, turned in pairs]
+            seen = [
+                _example(scenes[index], read_image(images[index]), turned, settings.classes) for index, turned in pairs
+            ]
             yield sum(network([image for image, _ in seen], [target for _, target in seen]).values())
 
     fit(
@@ -128,19 +130,22 @@ def boxes_of(scene: StackedScene) -> Array:
     return np.array([one.box_px for one in scene.objects], dtype=float).reshape(-1, 4)
 
 
-def _example(scene: StackedScene, image: NDArray[np.uint8], mirrored: bool) -> tuple[Tensor, dict[str, Tensor]]:
+def _example(
+    scene: StackedScene, image: NDArray[np.uint8], mirrored: bool, classes: Sequence[str]
+) -> tuple[Tensor, dict[str, Tensor]]:
     boxes = boxes_of(scene)
     if mirrored:
         image, boxes = image[:, ::-1], mirrored_boxes(boxes, image.shape[1])
-    labels = [VMRD_CLASSES.index(one.name) + 1 for one in scene.objects]
+    labels = [classes.index(one.name) + 1 for one in scene.objects]
     return as_input(image), {"boxes": torch.from_numpy(boxes).float(), "labels": torch.tensor(labels)}
 
 
 class Regions:
     """Reads a trained detector's features of any boxes, and what it finds itself."""
 
-    def __init__(self, network: nn.Module) -> None:
+    def __init__(self, network: nn.Module, classes: Sequence[str]) -> None:
         torch.set_num_threads(1)
+        self._classes = classes
         self._network = network.eval()
 
     def features(self, image: NDArray[np.uint8], boxes: Array) -> NDArray[np.float16]:
@@ -161,7 +166,7 @@ class Regions:
         """Boxes (n, 4), their classes and scores."""
         with torch.no_grad():
             answer = self._network([as_input(image)])[0]
-        names = [VMRD_CLASSES[int(label) - 1] for label in answer["labels"]]
+        names = [self._classes[int(label) - 1] for label in answer["labels"]]
         return answer["boxes"].numpy().astype(float), names, [float(score) for score in answer["scores"]]
 
 
@@ -172,13 +177,13 @@ def save_detector(network: nn.Module, path: Path) -> None:
     write_whole(path, written.getvalue())
 
 
-def load_detector(path: Path, share: float) -> nn.Module:
+def load_detector(path: Path, settings: StackTraining) -> nn.Module:
     """Weights that `save_detector` wrote.
 
     Raises:
         ModelError: there are none, or of another network.
     """
-    network = detector(share)
+    network = detector(settings)
     try:
         network.load_state_dict(torch.load(path, weights_only=True))
     except (OSError, RuntimeError) as error:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cell.interfaces.stacks import VMRD_CLASSES, StackedScene
+from cell.interfaces.stacks import StackedScene
 from learned.lab.experiments import Cell, Cells, Values, markdown, number, shown_share, values_of
 from learned.lab.stacks.checks import StackData
 from learned.lab.stacks.detector import Regions, load_detector, save_detector, train_detector
@@ -23,6 +23,7 @@ from learned.lab.stacks.views import Labelled, StackView, kept_views, labelled
 from learned.training.training_loop import Checkpoint
 
 Boxes = Literal["true", "detected"]
+BOXES: tuple[Boxes, ...] = ("true", "detected")
 TITLES = {
     "default": "default: WL-GNN, decoder that points",
     "paper": "paper: WL-GNN + LSTM_Att",
@@ -53,7 +54,7 @@ class Study:
         cells = []
         for count in counts:
             for kind in kinds:
-                for boxes in ("true", "detected"):
+                for boxes in BOXES if count == max(counts) else BOXES[:1]:
                     if kind == "topmost" and (boxes == "detected" or not self._heights_known):
                         continue  # heights are of true boxes, in data that tell them
                     key = {"planner": kind, "boxes": boxes, "classes": count, "of": list(counts), **told}
@@ -86,8 +87,11 @@ def _planner(study: Study, kind: str, count: int, counts: tuple[int, ...]) -> St
     if kind in RULES:
         return Topmost() if kind == "topmost" else Always()
     training = _examples(study, "true", counts)[count][1]
-    both = [one.truth for one in training] + [turned for one in training for turned in _turned(study)[one.truth.scene.name]]
-    return train_planner(kind, both, study.seed, study.settings, quiet=False)  # type: ignore[arg-type]
+    both = [one.truth for one in training] + [
+        turned for one in training for turned in _turned(study)[one.truth.scene.name]
+    ]
+    settings = study.settings.model_copy(update={"classes": study.data.classes[:count]})
+    return train_planner(kind, both, study.seed, settings, quiet=False)  # type: ignore[arg-type]
 
 
 @cache
@@ -96,9 +100,9 @@ def _examples(study: Study, boxes: Boxes, counts: tuple[int, ...]) -> dict[int, 
     test = _pictures(study, study.data.test, "test", boxes)
     training = _pictures(study, study.data.trainval, "trainval", "true")
     if len(counts) == 1:
-        chosen = VMRD_CLASSES[: counts[0]]
+        chosen = study.data.classes[: counts[0]]
         return {counts[0]: (restricted(test, chosen), restricted(training, chosen))}
-    tested, learned = (alike({count: restricted(some, VMRD_CLASSES[:count]) for count in counts}, study.seed)
+    tested, learned = (alike({count: restricted(some, study.data.classes[:count]) for count in counts}, study.seed)
                        for some in (test, training))  # fmt: skip
     return {count: (tested[count], learned[count]) for count in counts}
 
@@ -112,7 +116,11 @@ def alike(pictures: Mapping[int, Sequence[Seen]], seed: int) -> dict[int, list[S
             by_size[key][len(one.truth.view.names)].append(one)
     least = Counter({size: min(len(by_size[key][size]) for key in pictures) for size in (1, *OBJECTS)})
     return {
-        key: [some[place] for size, some in sorted(sizes.items()) for place in sorted(rng.permutation(len(some))[: least[size]])]
+        key: [
+            some[place]
+            for size, some in sorted(sizes.items())
+            for place in sorted(rng.permutation(len(some))[: least[size]])
+        ]
         for key, sizes in by_size.items()
     }
 
@@ -160,7 +168,7 @@ def _regions(study: Study) -> Regions:
             study.data.trainval, images, study.seed, study.settings, checkpoint=checkpoint, quiet=False
         )
         save_detector(network, path)
-    return Regions(load_detector(path, study.settings.share))
+    return Regions(load_detector(path, study.settings), study.settings.classes)
 
 
 HEAD = ("planner", "boxes", "OR", "OP", "IA", "paper's IA", *(f"{count} objects" for count in OBJECTS), "paper")
@@ -170,7 +178,7 @@ def table4(cells: Cells) -> str:
     """Table 4: all planners on all classes that were asked for."""
     most = max((key["classes"] for key, _ in cells), default=0)
     rows = []
-    for boxes in ("true", "detected"):
+    for boxes in BOXES:
         for kind in TITLES:
             wanted: dict[str, Any] = {"planner": kind, "boxes": boxes, "classes": most}
             if not values_of(cells, lambda values: float(bool(values)), **wanted):

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from learned.grasp.paper import GraphConvolution, PaperNet
-from learned.lab.stacks.batches import CLASSES, GEOMETRY, MOST_ON_TOP, NOTHING, Answers, Batch
+from learned.lab.stacks.batches import GEOMETRY, MOST_ON_TOP, NOTHING, Answers, Batch
 
 POINTED = 128  # width of the default's layers
 SHORT = 48  # what a node keeps of a region's features
@@ -76,11 +76,11 @@ class GvmrnRf(nn.Module):
 class PointerNet(nn.Module):
     """WL-GNN (Eq. 5) whose messages know the union of two boxes; graspability, and a decoder that points at nodes."""
 
-    def __init__(self, features: int, hidden: int = POINTED, rounds: int = 2) -> None:
+    def __init__(self, features: int, classes: int, hidden: int = POINTED, rounds: int = 2) -> None:
         super().__init__()
         self.short = nn.Sequential(nn.Linear(features, SHORT), nn.ReLU(), nn.Dropout(0.3))
         self.short_union = nn.Sequential(nn.Linear(features, SHORT), nn.ReLU(), nn.Dropout(0.3))
-        self.node = nn.Linear(SHORT + CLASSES + 4, hidden)
+        self.node = nn.Linear(SHORT + classes + 4, hidden)
         self.pair = nn.Sequential(
             nn.Linear(2 * hidden + SHORT + GEOMETRY, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU()
         )
@@ -172,11 +172,11 @@ class PointerNet(nn.Module):
 class WordNet(nn.Module):
     """The paper's: WL-GNN over v_i = {f_i, l_i, g_i} with the weights of Eq. 4, LSTM with attention over words."""
 
-    def __init__(self, features: int) -> None:
+    def __init__(self, features: int, classes: int) -> None:
         super().__init__()
         hidden, layers = PAPER_GRAPH
         self.short = nn.Sequential(nn.Linear(features, SHORT), nn.ReLU(), nn.Dropout(0.3))
-        self.net = PaperNet(CLASSES, hidden, layers, features=CLASSES + 1 + 4 + SHORT)
+        self.net = PaperNet(classes, hidden, layers, features=classes + 1 + 4 + SHORT)
 
     def nodes(self, batch: Batch, flags: Tensor) -> Tensor:
         """v_i, and the box (b, n, features)."""

@@ -12,7 +12,6 @@ from torch import Tensor, nn
 
 from cell.interfaces.planning import GraspPlan
 from cell.interfaces.pose import Array
-from cell.interfaces.stacks import VMRD_CLASSES
 from learned.grasp.language import END, FIRST_TYPE, GRASP, MAX_WORDS, MOVE
 from learned.lab.stacks.batches import FATHER, Answers, Batch, answers_of, batch_of, overlaps
 from learned.lab.stacks.networks import GvmrnRf, PointerNet, Vmrn, WordNet
@@ -78,15 +77,15 @@ class Topmost(RelationPlanner):
 class Pairs(RelationPlanner):
     """VMRN and GVMRN-RF: the likeliest relation of each pair."""
 
-    def __init__(self, network: nn.Module) -> None:
-        self._network = network.eval()
+    def __init__(self, network: nn.Module, classes: Sequence[str]) -> None:
+        self._network, self._classes = network.eval(), classes
 
     def relations(self, view: StackView) -> Relations:
         """Who lies on whom."""
         if not view.names:
             return np.zeros((0, 0), dtype=bool)
         with torch.no_grad():
-            answer = self._network(batch_of([view]))
+            answer = self._network(batch_of([view], self._classes))
         logits = answer[0] if isinstance(answer, tuple) else answer
         found: Relations = (logits[0].argmax(-1) == FATHER).numpy()
         np.fill_diagonal(found, False)
@@ -96,8 +95,8 @@ class Pairs(RelationPlanner):
 class Pointing:
     """The default: graspability of each node, and nodes in the order in which they are to be taken."""
 
-    def __init__(self, network: PointerNet) -> None:
-        self._network = network.eval()
+    def __init__(self, network: PointerNet, classes: Sequence[str]) -> None:
+        self._network, self._classes = network.eval(), classes
         self._seen: tuple[StackView, Array, list[list[int]]] | None = None
 
     def relations(self, view: StackView) -> Relations:
@@ -124,7 +123,7 @@ class Pointing:
         if not count:
             return np.zeros(0), []
         with torch.no_grad():
-            verdicts, words = self._network(batch_of([view]))
+            verdicts, words = self._network(batch_of([view], self._classes))
         rows = words[0].tolist()
         return torch.sigmoid(verdicts[0]).double().numpy(), [row[: (*row, count).index(count)] for row in rows]
 
@@ -132,8 +131,8 @@ class Pointing:
 class Wording:
     """The paper's: graspability, and a sentence that names classes."""
 
-    def __init__(self, network: WordNet) -> None:
-        self._network = network.eval()
+    def __init__(self, network: WordNet, classes: Sequence[str]) -> None:
+        self._network, self._classes = network.eval(), classes
 
     def relations(self, view: StackView) -> Relations:
         """Who lies on whom: what each sentence names."""
@@ -144,7 +143,7 @@ class Wording:
 
     def plan(self, view: StackView, required: int) -> GraspPlan:
         """What to take first: the sentence's words, and for each an object of that class."""
-        batch, flags = batch_of([view]), torch.zeros(1, len(view.names))
+        batch, flags = batch_of([view], self._classes), torch.zeros(1, len(view.names))
         flags[0, required] = 1.0
         with torch.no_grad():
             nodes = self._network.nodes(batch, flags)
@@ -154,7 +153,7 @@ class Wording:
         graspable = float(torch.sigmoid(verdicts[0, required]))
         if graspable >= 0.5:
             return plan_of(view, graspable, [])
-        said = [VMRD_CLASSES[word - FIRST_TYPE] for word in words if word >= FIRST_TYPE]
+        said = [self._classes[word - FIRST_TYPE] for word in words if word >= FIRST_TYPE]
         return plan_of(view, graspable, _meant(view, said, required))
 
 
@@ -188,14 +187,15 @@ def train_planner(
     def losses(_: int) -> Iterator[Tensor]:
         for chosen in np.array_split(rng.permutation(len(examples))[: batches * schedule.batch], batches):
             some = [examples[index] for index in chosen.tolist()]
-            batch, answers = batch_of([one.view for one in some]), answers_of(some)
+            batch, answers = batch_of([one.view for one in some], settings.classes), answers_of(some)
             yield _word_loss(network, batch, answers) if isinstance(network, WordNet) else network.loss(batch, answers)
 
     network.train()
     fit(network, optimiser, losses, schedule.epochs, batches, largest_gradient=LARGEST_GRADIENT, rng=rng, quiet=quiet)
     if isinstance(network, WordNet):
-        return Wording(network)
-    return Pointing(network) if isinstance(network, PointerNet) else Pairs(network)
+        return Wording(network, settings.classes)
+    pointing = isinstance(network, PointerNet)
+    return Pointing(network, settings.classes) if pointing else Pairs(network, settings.classes)
 
 
 def _network(kind: Kind, features: int, settings: StackTraining) -> Vmrn | GvmrnRf | PointerNet | WordNet:
@@ -203,7 +203,8 @@ def _network(kind: Kind, features: int, settings: StackTraining) -> Vmrn | Gvmrn
         return Vmrn(features, settings.hidden)
     if kind == "gvmrn_rf":
         return GvmrnRf(features, settings.hidden)
-    return WordNet(features) if kind == "paper" else PointerNet(features)
+    count = len(settings.classes)
+    return WordNet(features, count) if kind == "paper" else PointerNet(features, count)
 
 
 def _word_loss(network: WordNet, batch: Batch, answers: Answers) -> Tensor:

@@ -75,9 +75,7 @@ def ious(first: Array, second: Array) -> Array:
     return found
 
 
-def _count_pairs(
-    counter: ScoreCounter, planner: StackPlanner, picture: Seen, match: Sequence[int | None]
-) -> None:
+def _count_pairs(counter: ScoreCounter, planner: StackPlanner, picture: Seen, match: Sequence[int | None]) -> None:
     children, said = picture.truth.children, planner.relations(picture.view)
     count, found = len(match), len(picture.view.names)
     right = 0

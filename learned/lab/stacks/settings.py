@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from cell.files.model import Model
+from cell.interfaces.stacks import VMRD_CLASSES
 from learned.training.schedule import Schedule
 
 Kind = Literal["default", "paper", "vmrn", "gvmrn_rf"]
@@ -20,12 +21,14 @@ class StackTraining(Model):
     """Detector first, then planners on its frozen features.
 
     Attributes:
+        classes: that there are, in their order.
         share: of the papers' networks: below 1 a MobileNet at 320 pixels instead of ResNet-101 with FPN, and so much of
             the width of the heads.
         detector: its training; with `epochs` for as many pictures as VMRD has, and more the fewer there are.
         heads: the planners' training.
     """
 
+    classes: tuple[str, ...] = VMRD_CLASSES
     share: float = Field(default=0.125, ge=0.05, le=1)
     detector: Schedule = Schedule(epochs=8, batch=8, peak_rate=1e-3)
     heads: Schedule = Schedule(epochs=25, batch=16, peak_rate=1e-3)

@@ -113,7 +113,10 @@ def kept_views(
     if not path.exists():
         drawn = []
         for scene, file in track(
-            list(zip(scenes, images, strict=True)), f"features {path.stem}", console=Console(stderr=True), transient=True
+            list(zip(scenes, images, strict=True)),
+            f"features {path.stem}",
+            console=Console(stderr=True),
+            transient=True,
         ):
             image = read_image(file)
             if turn:

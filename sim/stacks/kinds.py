@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -325,7 +326,7 @@ def _headset(rng: Rng) -> Thing:
         Piece("cylinder", (d, d, 0.026), (0, side * half, d / 2), near(BLACK, rng, 0.04), ALONG_Y) for side in (-1, 1)
     ]
     spots = [(0, -half, d / 2), (0.6 * up, -0.85 * half, z), (up, 0, z), (0.6 * up, 0.85 * half, z), (0, half, d / 2)]
-    bows = [rod(a, b, 0.012, rgb) for a, b in zip(spots[:-1], spots[1:], strict=True)]
+    bows = [rod(a, b, 0.012, rgb) for a, b in pairwise(spots)]
     return Thing((*cups, *bows))
 
 

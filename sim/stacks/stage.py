@@ -1,4 +1,4 @@
-"""A table with some objects for MuJoCo; those that nobody has set down yet float aside, and any of them can be lifted."""
+"""A table with objects for MuJoCo; what nobody has set down yet floats aside, and each object can be lifted."""
 
 from __future__ import annotations
 

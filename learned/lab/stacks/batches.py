@@ -92,9 +92,8 @@ def pair_geometry(boxes: Array) -> Array:
     area = size.prod(axis=1)
     shares = np.stack([met / area[:, None], met / area[None], met / (area[:, None] + area[None] - met)], axis=-1)
     reach = np.maximum(high[:, None], high) - np.minimum(low[:, None], low)
-    geometry: Array = np.concatenate(
-        [between, grown, shares, reach, np.log(scale[:, None, None] / scale[None, :, None])], axis=-1
-    )
+    larger = np.log(scale[:, None, None] / scale[None, :, None])
+    geometry: Array = np.concatenate([between, grown, shares, reach, larger], axis=-1)
     return geometry
 
 

@@ -148,6 +148,11 @@ class Regions:
         self._classes = classes
         self._network = network.eval()
 
+    @property
+    def width(self) -> int:
+        """Of the features of a box."""
+        return int(self._network.backbone.out_channels) * POOLED**2
+
     def features(self, image: NDArray[np.uint8], boxes: Array) -> NDArray[np.float16]:
         """(n, channels POOLED POOLED) of boxes (n, 4) in pixels."""
         with torch.no_grad():

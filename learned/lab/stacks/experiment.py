@@ -87,9 +87,8 @@ def _planner(study: Study, kind: str, count: int, counts: tuple[int, ...]) -> St
     if kind in RULES:
         return Topmost() if kind == "topmost" else Always()
     training = _examples(study, "true", counts)[count][1]
-    both = [one.truth for one in training] + [
-        turned for one in training for turned in _turned(study)[one.truth.scene.name]
-    ]
+    turned = _turned(study)
+    both = [each for one in training for each in (one.truth, turned[one.truth.scene.name])]
     settings = study.settings.model_copy(update={"classes": study.data.classes[:count]})
     return train_planner(kind, both, study.seed, settings, quiet=False)  # type: ignore[arg-type]
 
@@ -108,7 +107,7 @@ def _examples(study: Study, boxes: Boxes, counts: tuple[int, ...]) -> dict[int, 
 
 
 def alike(pictures: Mapping[int, Sequence[Seen]], seed: int) -> dict[int, list[Seen]]:
-    """Of each set of pictures so many, drawn at random, that all sets have as many with two objects, three, and so on."""
+    """So many pictures of each set, drawn at random, that all sets have as many with two, three, four, five objects."""
     rng = np.random.default_rng([seed, 24])
     by_size = {key: defaultdict(list) for key in pictures}
     for key, some in pictures.items():
@@ -116,13 +115,14 @@ def alike(pictures: Mapping[int, Sequence[Seen]], seed: int) -> dict[int, list[S
             by_size[key][len(one.truth.view.names)].append(one)
     least = Counter({size: min(len(by_size[key][size]) for key in pictures) for size in (1, *OBJECTS)})
     return {
-        key: [
-            some[place]
-            for size, some in sorted(sizes.items())
-            for place in sorted(rng.permutation(len(some))[: least[size]])
-        ]
+        key: [some[place] for size, some in sorted(sizes.items()) for place in _some(len(some), least[size], rng)]
         for key, sizes in by_size.items()
     }
+
+
+def _some(count: int, wanted: int, rng: np.random.Generator) -> list[int]:
+    """So many places of a list, in order."""
+    return sorted(rng.permutation(count)[:wanted].tolist())
 
 
 @cache
@@ -136,10 +136,10 @@ def _pictures(study: Study, scenes: tuple[StackedScene, ...], name: str, boxes: 
 
 
 @cache
-def _turned(study: Study) -> dict[str, list[Labelled]]:
+def _turned(study: Study) -> dict[str, Labelled]:
     """The training pictures turned over, by name."""
     turned = _labelled(study, study.data.trainval, "trainval_turned", turn=True)
-    return {one.scene.name: [one] for one in turned}
+    return {one.scene.name: one for one in turned}
 
 
 def _labelled(study: Study, scenes: tuple[StackedScene, ...], name: str, *, turn: bool) -> list[Labelled]:
@@ -188,9 +188,9 @@ def table4(cells: Cells) -> str:
             rows.append((TITLES[kind], boxes, *found, *sizes, number(PAPER_IA[kind]) if kind in PAPER_IA else "-"))
     return (
         "## Table 4: stacks\n"
-        "OR, OP, IA as VMRN counts: pairs of objects, and pictures with all pairs right. The paper's IA: for one object "
-        "of each picture, graspability and, where something lies on it, the text right; by number of objects. The "
-        f"last column is the paper's own, on VMRD's photographs.\n\n{markdown(HEAD, rows)}"
+        "OR, OP, IA as VMRN counts: pairs of objects, and pictures with all pairs right. The paper's IA: for one "
+        "object of each picture, graspability and, where something lies on it, the text right; by number of objects. "
+        f"The last column is the paper's own, on VMRD's photographs.\n\n{markdown(HEAD, rows)}"
     )
 
 

@@ -77,11 +77,11 @@ class _View:
         except InputError as error:
             problems += [one for one in error.problems if isinstance(one, Problem)]
             return None
-        found = list(faults(scene, lambda number, part: self._place(places[number], part, scene), None))
+        found = list(faults(scene, lambda number, part: self._place(places[number], part), None))
         problems += found
         return None if found else scene
 
-    def _place(self, row: int, part: Part, scene: StackedScene) -> Place:
+    def _place(self, row: int, part: Part) -> Place:
         file, location = self._objects
         if part in _KEYS:
             return place_of(file, (*location, row, _KEYS[part]))

@@ -94,7 +94,7 @@ def _view(boxes: Array, names: Sequence[str], image: NDArray[np.uint8], regions:
     pairs = list(combinations(range(count), 2))
     around = [np.concatenate([boxes[[i, j], :2].min(axis=0), boxes[[i, j], 2:].max(axis=0)]) for i, j in pairs]
     asked = np.concatenate([boxes.reshape(-1, 4), np.array(around).reshape(-1, 4)])
-    features = regions.features(image, asked) if count else np.zeros((0, 1), np.float16)
+    features = regions.features(image, asked) if count else np.zeros((0, regions.width), np.float16)
     unions = np.zeros((count, count, features.shape[1]), np.float16)
     for (i, j), union in zip(pairs, features[count:], strict=True):
         unions[i, j] = unions[j, i] = union
@@ -135,8 +135,8 @@ def _write(path: Path, views: Iterable[StackView]) -> None:
         "names": np.array([name for view in views for name in view.names], dtype=str),
         "boxes": np.concatenate([view.boxes.reshape(-1, 4) for view in views]),
         "tops": np.concatenate([_tops(view) for view in views]),
-        "regions": np.concatenate([view.regions for view in views if len(view.names)]),
-        "unions": np.concatenate([view.unions[rows] for view, rows in zip(views, upper, strict=True) if len(rows[0])]),
+        "regions": np.concatenate([view.regions for view in views]),
+        "unions": np.concatenate([view.unions[rows] for view, rows in zip(views, upper, strict=True)]),
     }
     written = io.BytesIO()
     np.savez(written, **kept)  # type: ignore[arg-type]

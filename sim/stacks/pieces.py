@@ -170,7 +170,8 @@ def _grain(rng: np.random.Generator) -> Ink:
 
 
 def _speckles(rng: np.random.Generator) -> Ink:
-    return (rng.random((TILE_PX, TILE_PX)) < 0.12) * rng.uniform(0.4, 1.0)
+    speckles: Ink = (rng.random((TILE_PX, TILE_PX)) < 0.12) * float(rng.uniform(0.4, 1.0))
+    return speckles
 
 
 def _keys(rng: np.random.Generator) -> Ink:

@@ -6,6 +6,7 @@ import io
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -52,12 +53,13 @@ def detector(settings: StackTraining) -> nn.Module:
         large: nn.Module = FasterRCNN(body, classes, **options)
         return large
     options |= {"rpn_pre_nms_top_n_train": PROPOSALS, "rpn_post_nms_top_n_train": PROPOSALS}
-    small: nn.Module = fasterrcnn_mobilenet_v3_large_320_fpn(
+    found: Any = fasterrcnn_mobilenet_v3_large_320_fpn(
         weights=None, weights_backbone=None, num_classes=classes, **options
     )
-    channels, side = small.backbone.out_channels, small.roi_heads.box_roi_pool.output_size[0]
-    small.roi_heads.box_head = TwoMLPHead(channels * side**2, SMALL_HEAD)
-    small.roi_heads.box_predictor = FastRCNNPredictor(SMALL_HEAD, classes)
+    channels, side = found.backbone.out_channels, found.roi_heads.box_roi_pool.output_size[0]
+    found.roi_heads.box_head = TwoMLPHead(channels * side**2, SMALL_HEAD)
+    found.roi_heads.box_predictor = FastRCNNPredictor(SMALL_HEAD, classes)
+    small: nn.Module = found
     return small
 
 
@@ -146,7 +148,7 @@ class Regions:
     def __init__(self, network: nn.Module, classes: Sequence[str]) -> None:
         torch.set_num_threads(1)
         self._classes = classes
-        self._network = network.eval()
+        self._network: Any = network.eval()
 
     @property
     def width(self) -> int:

@@ -109,7 +109,7 @@ def _examples(study: Study, boxes: Boxes, counts: tuple[int, ...]) -> dict[int, 
 def alike(pictures: Mapping[int, Sequence[Seen]], seed: int) -> dict[int, list[Seen]]:
     """So many pictures of each set, drawn at random, that all sets have as many with two, three, four, five objects."""
     rng = np.random.default_rng([seed, 24])
-    by_size = {key: defaultdict(list) for key in pictures}
+    by_size: dict[int, defaultdict[int, list[Seen]]] = {key: defaultdict(list) for key in pictures}
     for key, some in pictures.items():
         for one in some:
             by_size[key][len(one.truth.view.names)].append(one)

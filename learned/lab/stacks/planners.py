@@ -194,8 +194,9 @@ def train_planner(
     fit(network, optimiser, losses, schedule.epochs, batches, largest_gradient=LARGEST_GRADIENT, rng=rng, quiet=quiet)
     if isinstance(network, WordNet):
         return Wording(network, settings.classes)
-    pointing = isinstance(network, PointerNet)
-    return Pointing(network, settings.classes) if pointing else Pairs(network, settings.classes)
+    if isinstance(network, PointerNet):
+        return Pointing(network, settings.classes)
+    return Pairs(network, settings.classes)
 
 
 def _network(kind: Kind, features: int, settings: StackTraining) -> Vmrn | GvmrnRf | PointerNet | WordNet:

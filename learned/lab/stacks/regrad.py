@@ -70,22 +70,24 @@ class _View:
     def read(self, name: str, problems: list[Problem]) -> StackedScene | None:
         """The scene; None where it cannot be made out, and what is wrong is told."""
         try:
-            parents = _parents(*self._tree)
+            parents, names = _parents(*self._tree)
             rows = _list(*self._objects)
             objects, places = _objects(rows, self._objects, parents)
             scene = StackedScene(name, _size(self.picture), objects)
         except InputError as error:
             problems += [one for one in error.problems if isinstance(one, Problem)]
             return None
-        found = list(faults(scene, lambda number, part: self._place(places[number], part), None))
+        keys = [names[one.index] for one in scene.objects]
+        found = list(faults(scene, lambda number, part: self._place(places[number], keys[number], part), None))
         problems += found
         return None if found else scene
 
-    def _place(self, row: int, part: Part) -> Place:
+    def _place(self, row: int, key: str, part: Part) -> Place:
         file, location = self._objects
         if part in _KEYS:
             return place_of(file, (*location, row, _KEYS[part]))
-        return place_of(*self._tree)
+        file, location = self._tree
+        return place_of(file, (*location, key))
 
 
 def _views(split: Path) -> Iterator[_View]:
@@ -97,25 +99,28 @@ def _views(split: Path) -> Iterator[_View]:
                 yield _View(f"{scene}/{view}", picture, (split / ALL_OBJECTS, (scene, view)), (split / TREES, (scene,)))
         return
     for file in sorted(split.glob(f"*/*/{OBJECTS}")):
-        scene, view = file.parent.parent, file.parent
-        yield _View(f"{scene.name}/{view.name}", view / PICTURE, (file, ()), (scene / TREE, ()))
+        folder = file.parent
+        tree = folder.parent / TREE
+        yield _View(f"{folder.parent.name}/{folder.name}", folder / PICTURE, (file, ()), (tree, ()))
 
 
-def _parents(path: Path, location: Location) -> dict[int, list[int]]:
-    """Numbers of what lies below each object, by its number."""
+def _parents(path: Path, location: Location) -> tuple[dict[int, list[int]], dict[int, str]]:
+    """Numbers of what lies below each object, and what the object is called, by its number."""
     parents: dict[int, list[int]] = {}
+    names: dict[int, str] = {}
     for name, below in _mapping(path, location).items():
         if not isinstance(below, list):
             raise InputError(Problem(place_of(path, (*location, name)), f"the parents of {name} are no list"))
         number = _number(name, path, (*location, name))
         parents[number] = [_number(one, path, (*location, name, place)) for place, one in enumerate(below)]
+        names[number] = name
     for number, below_it in parents.items():
-        for one in below_it:
+        for place, one in enumerate(below_it):
             if one not in parents:
                 legal = f"there are {', '.join(map(str, sorted(parents)))}"
                 what = f"object {number} has parent {one}, which is not there"
-                raise InputError(Problem(place_of(path, location), what, legal))
-    return parents
+                raise InputError(Problem(place_of(path, (*location, names[number], place)), what, legal))
+    return parents, names
 
 
 def _number(name: object, path: Path, location: Location) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import escape
@@ -84,9 +84,9 @@ def read_scene(folder: Path, name: str) -> StackedScene:
     objects = tuple(_object(node) for node in nodes)
     if not objects:
         raise InputError(Problem(Place(path, root.line), "no <object>", "a picture has 1 or more"))
-    scene = StackedScene(name, size, objects, _read_grasps(folder / GRASPS / f"{name}.txt", objects))
+    scene = StackedScene(name, size, objects)
     require(faults(scene, lambda number, part: nodes[number].one(_TAGS[part]).place, VMRD_CLASSES))
-    return scene
+    return replace(scene, grasps=_read_grasps(folder / GRASPS / f"{name}.txt", objects))
 
 
 def _annotation(scene: StackedScene) -> str:

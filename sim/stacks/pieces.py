@@ -28,6 +28,15 @@ ALONG_Y: Quaternion = (HALF, -HALF, 0.0, 0.0)
 STEEL: Rgb = (0.62, 0.63, 0.66)
 WHITE: Rgb = (0.90, 0.90, 0.88)
 BLACK: Rgb = (0.06, 0.06, 0.07)
+BROWN: Rgb = (0.55, 0.38, 0.20)
+LEATHER: Rgb = (0.30, 0.17, 0.09)
+RED: Rgb = (0.75, 0.10, 0.08)
+GREEN: Rgb = (0.35, 0.62, 0.15)
+YELLOW: Rgb = (0.92, 0.76, 0.12)
+GREY: Rgb = (0.45, 0.46, 0.48)
+SKY: Rgb = (0.25, 0.45, 0.75)
+ON_ITS_SIDE = (ALONG_X, ALONG_Y)
+Rng = np.random.Generator
 
 
 @dataclass(frozen=True)
@@ -57,6 +66,19 @@ class Piece:
         if self.shape == "cone":
             return math.pi / 12 * (a * a + a * b + b * b) * c
         return a * b * c * (1.0 if self.shape == "box" else math.pi / 6)
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One object.
+
+    Attributes:
+        pieces: 2 to 6; z is up where it lies as it usually does.
+        stances: ways in which it is set down: world_from_object without place and heading.
+    """
+
+    pieces: tuple[Piece, ...]
+    stances: tuple[Quaternion, ...] = (UPRIGHT,)
 
 
 def box(size_m: Sequence[float], centre_m: Sequence[float], rgb: Rgb, yaw_rad: float = 0.0) -> Piece:

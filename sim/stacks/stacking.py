@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 
 from cell.interfaces.pose import Array
-from sim.stacks.kinds import Thing
-from sim.stacks.pieces import Quaternion, about_z
+from sim.stacks.pieces import Quaternion, Thing, about_z
 from sim.stacks.settings import StackSettings
 from sim.stacks.stage import Stage
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.interfaces.pose import Array
-from sim.stacks.kinds import Thing
-from sim.stacks.pieces import FACES, ROUND, TILE_PX, Piece, Quaternion, box, near, one_of, tile
+from sim.stacks.pieces import FACES, ROUND, TILE_PX, Piece, Quaternion, Thing, box, near, one_of, tile
 
 STEP_S = 0.002
 DENSITY_KG_M3 = 500.0

@@ -9,8 +9,8 @@ import pytest
 
 from cell.interfaces.stacks import VMRD_CLASSES
 from sim.stacks.draw import Standing, draw_stack, stand
-from sim.stacks.kinds import KINDS, Thing, draw_thing
-from sim.stacks.pieces import box, disc
+from sim.stacks.kinds import KINDS, draw_thing
+from sim.stacks.pieces import Thing, box, disc
 from sim.stacks.settings import StackSettings
 from sim.stacks.stacking import carriers_of
 from sim.stacks.stage import Stage

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -78,10 +81,21 @@ def _begun(rng: np.random.Generator, settings: StackSettings, step_s: float = ST
     names = tuple(KINDS[index] for index in rng.permutation(settings.kinds)[:count])
     things = [draw_thing(name, rng) for name in names]
     stage = Stage(things, rng, step_s)
-    if not Stack(stage, things, settings, rng).build():
-        return None
-    rests = relations(stage)
+    with _unheard():
+        if not Stack(stage, things, settings, rng).build():
+            return None
+        rests = relations(stage)
     return None if rests is None or stage.diverged else Standing(stage, names, rests)
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """MuJoCo's warnings of physics that diverge go nowhere: such a scene is not taken."""
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 def _labelled(standing: Standing, number: int, box_px: tuple[float, float, float, float]) -> StackedObject:

@@ -16,10 +16,10 @@ from sim.stacks.kinds import KINDS, draw_thing
 from sim.stacks.photograph import HEIGHT_PX, WIDTH_PX, photograph
 from sim.stacks.settings import StackSettings
 from sim.stacks.stacking import Stack
-from sim.stacks.stage import STEP_S, Stage
+from sim.stacks.stage import Stage
 from sim.stacks.trial import Rests, relations
 
-TRIES = 60  # scenes that are begun for one
+TRIES = 100  # heaps that are begun for one picture
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,9 @@ def draw_stack(number: int, settings: StackSettings, seed: int = 0) -> DrawnStac
         CellError: none came to rest in many tries.
     """
     rng = np.random.default_rng([seed, number, _STREAM])
+    count = _count(rng, settings)
     for _ in range(TRIES):
-        standing = _begun(rng, settings)
+        standing = _begun(rng, settings, count)
         view = None
         if standing is not None:
             view = photograph(standing.stage, rng, rng.random() < settings.slanted_share)
@@ -63,11 +64,12 @@ def draw_stack(number: int, settings: StackSettings, seed: int = 0) -> DrawnStac
     raise CellError(f"stack {number} of seed {seed}: nothing came to rest in {TRIES} tries with {settings!r}")
 
 
-def stand(number: int, settings: StackSettings, seed: int = 0, step_s: float = STEP_S) -> Standing:
+def stand(number: int, settings: StackSettings, seed: int = 0) -> Standing:
     """One of a seed's stacks without a picture, for trials with it; raises as `draw_stack`."""
     rng = np.random.default_rng([seed, number, _STREAM])
+    count = _count(rng, settings)
     for _ in range(TRIES):
-        if (standing := _begun(rng, settings, step_s)) is not None:
+        if (standing := _begun(rng, settings, count)) is not None:
             return standing
     raise CellError(f"stack {number} of seed {seed}: nothing came to rest in {TRIES} tries with {settings!r}")
 
@@ -75,12 +77,16 @@ def stand(number: int, settings: StackSettings, seed: int = 0, step_s: float = S
 _STREAM = 11  # of random numbers
 
 
-def _begun(rng: np.random.Generator, settings: StackSettings, step_s: float = STEP_S) -> Standing | None:
-    """Set some objects down, and try who rests on whom; None where one falls, or it is doubtful."""
-    count = int(rng.integers(settings.fewest, settings.most + 1))
+def _count(rng: np.random.Generator, settings: StackSettings) -> int:
+    """How many objects a picture has; drawn once, as large heaps fail more often."""
+    return int(rng.integers(settings.fewest, settings.most + 1))
+
+
+def _begun(rng: np.random.Generator, settings: StackSettings, count: int) -> Standing | None:
+    """Set so many objects down, and try who rests on whom; None where one falls, or it is doubtful."""
     names = tuple(KINDS[index] for index in rng.permutation(settings.kinds)[:count])
     things = [draw_thing(name, rng) for name in names]
-    stage = Stage(things, rng, step_s)
+    stage = Stage(things, rng)
     with _unheard():
         if not Stack(stage, things, settings, rng).build():
             return None

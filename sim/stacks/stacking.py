@@ -16,6 +16,7 @@ from sim.stacks.stage import Stage
 STEEP = math.cos(math.radians(60))  # height of a contact's normal from which on one body carries another
 TRIES = 7  # spots on others for an object, before it goes onto the table
 FREE_SPOTS = 40
+HIGHEST_SHARE = 0.7  # of objects put on one other, those put on the highest: so heaps grow deep
 REGION_M = 0.13  # half side of the part of the table that is used
 DROP_M = 0.002  # an object is let go from so far above what carries it
 SETTLE_S, GLANCE_S = 0.9, 0.1
@@ -69,7 +70,7 @@ class Stack:
         low = [one for one in free if self.level[one] == 0]
         if len(low) > 1 and rng.random() < self._settings.bridging_share:
             return [int(one) for one in rng.choice(low, 2, replace=False)]
-        if rng.random() < 0.5:
+        if rng.random() < HIGHEST_SHARE:
             return [max(free, key=lambda one: self.level[one])]
         return [int(rng.choice(free))]
 

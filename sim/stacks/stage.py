@@ -40,11 +40,10 @@ class Stage:
 
     Args:
         rng: draws patterns, table and light.
-        step_s: of the physics.
     """
 
-    def __init__(self, things: Sequence[Thing], rng: np.random.Generator, step_s: float = STEP_S) -> None:
-        spec = _spec(step_s)
+    def __init__(self, things: Sequence[Thing], rng: np.random.Generator) -> None:
+        spec = _spec()
         _add_surroundings(spec, rng)
         for number, thing in enumerate(things):
             _add_thing(spec, number, thing, rng)
@@ -149,9 +148,9 @@ class Stage:
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 
 
-def _spec(step_s: float) -> mujoco.MjSpec:
+def _spec() -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
-    spec.option.timestep = step_s
+    spec.option.timestep = STEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0

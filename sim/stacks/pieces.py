@@ -192,7 +192,7 @@ def _grain(rng: np.random.Generator) -> Ink:
 
 
 def _speckles(rng: np.random.Generator) -> Ink:
-    speckles: Ink = (rng.random((TILE_PX, TILE_PX)) < 0.12) * float(rng.uniform(0.4, 1.0))
+    speckles: Ink = np.where(rng.random((TILE_PX, TILE_PX)) < 0.12, float(rng.uniform(0.4, 1.0)), 0.0)
     return speckles
 
 

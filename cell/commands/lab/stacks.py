@@ -115,7 +115,7 @@ def evaluate_stacks(
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Train detector and planners of stacks, and score them; finished cells and features are kept under data/."""
+    """Score planners of what lies on what, trained on the same folder; finished cells and features stay in data/."""
     kinds, read = _kinds(kind), read_stacks(data)
     counts = [len(read.classes)] if classes is None else numbers_of_classes(classes)
     need_torch(experiments=True)

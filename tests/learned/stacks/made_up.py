@@ -33,7 +33,7 @@ def scene(seed: int) -> StackedScene:
 
 
 def example(seed: int) -> Labelled:
-    """A scene whose unions' features say which of the two, the one more to the left or the other, is on top."""
+    """A scene whose unions' features say whether the left one of two is on top; regions' first feature is how left."""
     drawn = scene(seed)
     boxes = np.array([one.box_px for one in drawn.objects]) / (480, 360, 480, 360)
     count = len(boxes)
@@ -44,6 +44,7 @@ def example(seed: int) -> Labelled:
         carries = drawn.objects[first].index in drawn.objects[second].children
         unions[i, j, :3] = unions[j, i, :3] = (lies, carries, not (lies or carries))
     regions = np.random.default_rng(seed).normal(size=(count, WIDTH)).astype(np.float16)
+    regions[:, 0] = 6 * boxes[:, 0] - 2
     tops = np.array([one.top_m for one in drawn.objects], dtype=float)
     names = tuple(one.name for one in drawn.objects)
     return labelled(drawn, StackView(names, boxes, regions, 3 * unions, tops))

@@ -109,13 +109,13 @@ class PointerNet(nn.Module):
         return x, both, self.verdict(torch.cat([x, most], dim=-1)).squeeze(-1)
 
     def forward(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Logits (b, n) that each object can be taken, and (b, n, MOST_ON_TOP) what before it; n says: no more."""
+        """Logits (b, n) that each object can be taken, and (b, n, words) what before it; n says: no more."""
         nodes, both, verdicts = self.encode(batch)
         size, count = batch.present.shape
         state = torch.tanh(self.begin(nodes)).flatten(0, 1)
         keys, free = self._keys(both), self._free(batch)
         words = []
-        for _ in range(MOST_ON_TOP):
+        for _ in range(min(MOST_ON_TOP, count)):
             scores = self._scores(state, keys, free)
             word = scores.argmax(-1)
             words.append(word.view(size, count))
@@ -135,8 +135,9 @@ class PointerNet(nn.Module):
         state, keys, free = torch.tanh(self.begin(nodes)).flatten(0, 1), self._keys(both), self._free(batch)
         words = torch.where(answers.order < 0, count, answers.order).flatten(0, 1)
         ended = torch.zeros(len(words), dtype=torch.bool)
+        longest = int((answers.order >= 0).sum(-1).max())
         said = []
-        for step in range(MOST_ON_TOP):
+        for step in range(min(MOST_ON_TOP, longest + 1)):
             word = words[:, step]
             each = nn.functional.cross_entropy(self._scores(state, keys, free), word, reduction="none")
             said.append(each * ~ended)

@@ -107,9 +107,6 @@ def evaluate_stacks(
     share: Annotated[
         float, Option(min=0.05, max=1, help="Of the papers' networks: a MobileNet below 1, ResNet-101 at 1.")
     ] = StackTraining().share,
-    detector_epochs: Annotated[
-        int | None, Option("--detector-epochs", min=1, max=1000, help="Of the detector; by default by the pictures.")
-    ] = None,
     kind: Annotated[list[str] | None, Option(help="Only this planner; may be repeated.")] = None,
     page: Annotated[Path | None, Option("--page", help="Page to write; Fig. 18 is drawn next to it.")] = None,
     seed: SeedOption = 0,
@@ -123,9 +120,6 @@ def evaluate_stacks(
     from learned.lab.stacks.experiment import Study, draw_figure18, figure18, table4
 
     settings = StackTraining(classes=read.classes, share=share).fit_to(len(read.trainval))
-    if detector_epochs is not None:
-        schedule = settings.detector.model_copy(update={"epochs": detector_epochs})
-        settings = settings.model_copy(update={"detector": schedule})
     study = Study(read, KEPT / "stacks", settings, seed)
     cells = measured("stacks", study.cells(counts, kinds), kept(KEPT / "stacks" / "experiments.jsonl"))
     sections = [table4(cells), *([figure18(cells)] if len(counts) > 1 else [])]

@@ -23,6 +23,7 @@ EVALUATIONS = {
             "planners:evaluate_semantic_planner",
             "Score the semantic planner.",
         ),
+        ("stacks", "stacks:evaluate_stacks", "Score planners of what lies on what."),
         ("system", "system:system", "Score whole assemblies by number of goals."),
         ("weights", "same_weights:evaluate_weights", "Compare trained weights with others."),
     )

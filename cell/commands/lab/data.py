@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from cell.commands.lab.planners import draw_grasp, draw_semantic
+from cell.commands.lab.stacks import draw_stacks
 from cell.commands.log import write_training
 from cell.commands.options import JsonOption
 from cell.commands.training.worlds import data_app as app_of
@@ -17,6 +18,7 @@ from cell.lab.beside_robot import record_beside_robot
 data_app = app_of(record_beside_robot)
 data_app.command("grasp")(draw_grasp)
 data_app.command("semantic")(draw_semantic)
+data_app.command("stacks")(draw_stacks)
 
 
 @data_app.callback(invoke_without_command=True)

@@ -1,0 +1,1 @@
+"""Tests of files, planners and scores of stacks."""

@@ -1,0 +1,63 @@
+"""The whole experiment on made-up features: its cells, tables and figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cell.interfaces.pose import Array
+from learned.lab.experiments import kept, measured
+from learned.lab.stacks import experiment
+from learned.lab.stacks.experiment import Study, draw_figure18, figure18, table4
+from learned.lab.stacks.settings import StackTraining
+from learned.lab.stacks.vmrd import read_vmrd, write_scene, write_splits
+from learned.training.schedule import Schedule
+from tests.learned.stacks.folders import picture
+from tests.learned.stacks.made_up import WIDTH, scene
+
+pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
+BRIEF = StackTraining(share=0.05, heads=Schedule(epochs=1))
+
+
+class NoFeatures:
+    """Stands for the regions of a detector that finds one box."""
+
+    width = WIDTH
+
+    def features(self, image: NDArray[np.uint8], boxes: Array) -> NDArray[np.float16]:  # noqa: ARG002
+        return np.ones((len(boxes), WIDTH), np.float16)
+
+    def found(self, image: NDArray[np.uint8]) -> tuple[Array, list[str], list[float]]:  # noqa: ARG002
+        return np.array([[10.0, 10.0, 50.0, 50.0]]), ["box"], [0.9]
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
+    monkeypatch.setattr(experiment, "_regions", lambda _: NoFeatures())
+    scenes = [scene(seed) for seed in range(60)]
+    for one in scenes:
+        write_scene(tmp_path / "data", one, picture())
+    names = [one.name for one in scenes]
+    write_splits(tmp_path / "data", names[:40], names[40:])
+    return Study(read_vmrd(tmp_path / "data"), tmp_path / "kept", BRIEF, 0)
+
+
+def test_tables_have_a_row_for_each_planner(study: Study, tmp_path: Path) -> None:
+    cells = measured("stacks", study.cells([31]), kept(tmp_path / "cells.jsonl"), quiet=True)
+    rows = [line for line in table4(cells).splitlines() if "| true |" in line or "| detected |" in line]
+    assert len(rows) == 6 + 5, "heights are of true boxes alone"
+    by_planner = {(key["planner"], key["boxes"]): values for key, values in cells}
+    assert by_planner["always", "detected"]["OR"] == 0.0
+    assert by_planner["default", "true"]["pictures"] == 20
+
+
+def test_figure18_compares_as_many_pictures_of_each_number(study: Study, tmp_path: Path) -> None:
+    cells = measured("stacks", study.cells([25, 31], ["default", "paper"]), kept(tmp_path / "cells.jsonl"), quiet=True)
+    counts = {key["classes"]: (values["pictures"], values["learned_from"]) for key, values in cells}
+    assert counts[25] == counts[31]
+    assert "25 classes | 31 classes" in figure18(cells)
+    draw_figure18(cells, tmp_path / "fig18.svg")
+    assert (tmp_path / "fig18.svg").read_text("utf-8").startswith("<?xml")

@@ -1,0 +1,229 @@
+"""VMRD and REGRAD: what fathers and parents mean, and that every fault is told with its place."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cell.commands.main import main
+from cell.errors import InputError
+from cell.interfaces.stacks import StackedScene
+from learned.lab.stacks.checks import above_of, children_first
+from learned.lab.stacks.files import read_stacks
+from learned.lab.stacks.vmrd import read_vmrd, write_scene, write_splits
+from tests.learned.stacks.folders import picture, put, regrad_v1, regrad_v2, vmrd
+
+Write = Callable[[Path], Path]
+FORMATS: dict[str, Write] = {"vmrd": vmrd, "regrad_v1": regrad_v1, "regrad_v2": regrad_v2}
+
+
+@pytest.fixture(params=FORMATS)
+def scene(request: pytest.FixtureRequest, tmp_path: Path) -> StackedScene:
+    """The scene for tests of a folder of each format."""
+    return read_stacks(FORMATS[request.param](tmp_path)).test[0]
+
+
+def test_fathers_lie_below_and_children_on_top(scene: StackedScene) -> None:
+    by_name = {one.name: one for one in scene.objects}
+    assert by_name["cup"].children == ()
+    assert set(by_name["cup"].fathers) == {1, 2}
+    assert by_name["box"].fathers == ()
+    assert set(by_name["box"].children) == {2, 7}
+    assert by_name["pen"].fathers == by_name["pen"].children == ()
+
+
+def test_children_are_taken_first(scene: StackedScene) -> None:
+    assert children_first(scene, 1) == [7, 2]
+    assert children_first(scene, 2) == [7]
+    assert children_first(scene, 7) == children_first(scene, 4) == []
+
+
+def test_boxes_count_from_zero(scene: StackedScene) -> None:
+    assert {one.index: one.box_px for one in scene.objects}[7] == (30, 30, 50, 50)
+    assert scene.size_px == (120, 90)
+
+
+def test_what_lies_on_what_lies_on_it_is_above(tmp_path: Path) -> None:
+    scene = read_vmrd(vmrd(tmp_path)).test[0]
+    direct = tuple(
+        replace(one, fathers=(2,)) if one.index == 7 else replace(one, children=(2,)) if one.index == 1 else one
+        for one in scene.objects
+    )
+    assert above_of(replace(scene, objects=direct))[1] == {2, 7}
+
+
+def test_vmrd_is_read_as_it_was_written(tmp_path: Path) -> None:
+    first = read_vmrd(vmrd(tmp_path / "first"))
+    for one in (*first.trainval, *first.test):
+        write_scene(tmp_path / "second", one, picture())
+    write_splits(tmp_path / "second", ["00001"], ["00002"])
+    second = read_vmrd(tmp_path / "second")
+    assert (second.trainval, second.test) == (first.trainval, first.test)
+    assert [one.index for one in second.test[0].grasps] == [7, 4]
+
+
+def test_hidden_objects_of_regrad_are_left_out(tmp_path: Path) -> None:
+    folder = regrad_v1(tmp_path)
+    _edit(folder / "test/00003/1/info.json", "   20,\n   20,\n   70,\n   60\n", "", "[\n  ]", "null")
+    scene = read_stacks(folder).test[0]
+    assert [one.index for one in scene.objects] == [1, 7, 4]
+    assert scene.objects[1].fathers == (1,)
+
+
+def test_segments_number_objects_too(tmp_path: Path) -> None:
+    folder = regrad_v1(tmp_path)
+    text = (folder / "test/00003/1/info.json").read_text("utf-8")
+    put(folder / "test/00003/1/info.json", re.sub(r'"obj_id": (\d)', r'"obj_id": \g<1>1', text))
+    assert [one.index for one in read_stacks(folder).test[0].objects] == [1, 2, 7, 4]
+
+
+def _edit(file: Path, *changes: str) -> None:
+    text = file.read_text("utf-8")
+    for old, new in zip(changes[::2], changes[1::2], strict=True):
+        assert old in text, f"{old!r} is not in {file}"
+        text = text.replace(old, new, 1)
+    put(file, text)
+
+
+XML, GRASPS, TRAINVAL, TEST_SET = (
+    "Annotations/00002.xml",
+    "Grasps/00002.txt",
+    "ImageSets/Main/trainval.txt",
+    "ImageSets/Main/test.txt",
+)
+CUP = "<index>7</index>\n    <father><num>1</num><num>2</num></father>\n    <children></children>"
+# of VMRD: file, old, new, line at which it is told, words
+VMRD_MUTANTS = [
+    (XML, "<num>2</num><num>7</num>", "<num>2</num><num>7</num><num>9</num>", 8, "child 9, which is not there"),
+    (XML, "<children><num>7</num></children>", "<children><num>8</num></children>", 16, "child 8, which is not there"),
+    (XML, CUP, CUP.replace("<num>1</num>", "<num>5</num>"), 22, "father 5, which is not there"),
+    (XML, "<father><num>1</num></father>", "<father></father>", 8, "2 does not have father 1"),
+    (XML, "<children><num>7</num></children>", "<children></children>", 22, "2 does not have child 7"),
+    (XML, "<num>1</num><num>2</num>", "<num>1</num>", 16, "7 does not have father 2"),
+    (XML, "<num>1</num><num>2</num>", "<num>1</num><num>2</num><num>4</num>", 22, "4 does not have child 7"),
+    (XML, "<father/>\n    <children/>", "<father><num>4</num></father><children/>", 29, "its own father"),
+    (XML, "<father/>\n    <children/>", "<father/><children><num>4</num></children>", 29, "its own child"),
+    (XML, "<num>1</num><num>2</num>", "<num>1</num><num>2</num><num>2</num>", 22, "names father 2 twice"),
+    (XML, "<num>2</num><num>7</num>", "<num>2</num><num>7</num><num>7</num>", 8, "names child 7 twice"),
+    (XML, "<father></father>\n    <children><num>2</num><num>7</num>",
+     "<father><num>7</num></father>\n    <children><num>2</num><num>7</num>", 7, "7 does not have child 1"),
+    (XML, "<xmax>101</xmax>", "<xmax>140</xmax>", 27, "outside the picture of 120 x 90"),
+    (XML, "<ymax>81</ymax>", "<ymax>95</ymax>", 27, "outside the picture"),
+    (XML, "<xmin>11</xmin>", "<xmin>-5</xmin>", 5, "outside the picture"),
+    (XML, "<ymin>31</ymin>", "<ymin>-31</ymin>", 20, "outside the picture"),
+    (XML, "<xmin>31</xmin>", "<xmin>51</xmin>", 20, "is empty"),
+    (XML, "<ymax>51</ymax>", "<ymax>20</ymax>", 20, "is empty"),
+    (XML, "<xmin>31</xmin>", "<xmin>left</xmin>", 20, "a number is wanted"),
+    (XML, "<xmin>31</xmin>", "<xmin>nan</xmin>", 20, "a number is wanted"),
+    (XML, "<xmin>31</xmin>", "", 20, "<bndbox> has no <xmin>"),
+    (XML, "<xmin>31</xmin>", "<xmin>31</xmin><xmin>31</xmin>", 20, "2 times <xmin>"),
+    (XML, "<name>cup</name>", "<name>teapot</name>", 19, "unknown class 'teapot'"),
+    (XML, "<name>cup</name>", "<name></name>", 19, "unknown class ''"),
+    (XML, "<name>cup</name>", "", 18, "<object> has no <name>"),
+    (XML, "<name>pen</name>", "<name>pens</name>", 26, "unknown class 'pens'"),
+    (XML, "<index>4</index>", "<index>7</index>", 28, "index 7 is taken"),
+    (XML, "<index>4</index>", "<index>4.5</index>", 28, "a whole number is wanted"),
+    (XML, "<index>4</index>", "<index>four</index>", 28, "a number is wanted"),
+    (XML, "<index>4</index>", "", 25, "<object> has no <index>"),
+    (XML, "<father/>", "", 25, "<object> has no <father>"),
+    (XML, "<children/>", "", 25, "<object> has no <children>"),
+    (XML, "<father/>", "<father>1</father>", 29, "only <num> is legal here"),
+    (XML, "<father/>", "<father><index>1</index></father>", 29, "only <num> is legal here"),
+    (XML, "<father/>", "<father><num>one</num></father>", 29, "a number is wanted"),
+    (XML, "<width>120</width>", "", 2, "<size> has no <width>"),
+    (XML, "<width>120</width>", "<width>0</width>", 2, "both are 1 or more"),
+    (XML, "<annotation>", "<annotations>", 32, "mismatched tag"),
+    (XML, "</annotation>", "", 33, "not well-formed"),
+    (GRASPS, "92 30", "92", 2, "x and y of four corners"),
+    (GRASPS, "92 30", "92 thirty", 2, "x and y of four corners"),
+    (GRASPS, "92 40 4", "92 40 5", 2, "a grasp of object 5, which is not there"),
+    (TEST_SET, "00002\n", "", 1, "the split is empty"),
+    (TRAINVAL, "00001\n", "", 1, "the split is empty"),
+    (TEST_SET, "00002\n", "00002\n00002\n", 2, "picture 00002 is at"),
+    (TEST_SET, "00002\n", "00002\n00001\n", 2, "picture 00001 is at"),
+]  # fmt: skip
+INFO, TREE = "test/00003/1/info.json", "test/00003/mrt.json"
+# of REGRAD V1
+REGRAD_MUTANTS = [
+    (TREE, '"book-2": [\n  "box-1"', '"book-2": [\n  "box-9"', 4, "parent 9, which is not there"),
+    (TREE, '"book-2": [\n  "box-1"', '"book-2": [\n  "cup-7"', 3, "objects lie on each other in a ring"),
+    (TREE, '"pen-4": []', '"pen-4": ["pen-4"]', 10, "its own father"),
+    (TREE, '"pen-4": []', '"pen": []', 10, "'pen' names no object"),
+    (TREE, '"pen-4": []', '"pen-4": 3', 10, "the parents of pen-4 are no list"),
+    (INFO, '"obj_id": 4', '"obj_id": 5', 34, "object 5 has no entry among the relations"),
+    (TREE, "}", "", 11, "not JSON"),
+    (INFO, "100,\n   80", "140,\n   80", 35, "outside the picture of 120 x 90"),
+    (INFO, "100,\n   80", "80,\n   80", 35, "is empty"),
+    (INFO, "100,\n   80", "100", 35, "four numbers"),
+    (INFO, "100,\n   80", '"far",\n   80', 35, "four numbers"),
+    (INFO, '"model_name": "pen",', "", 32, "obj_id, model_name and bbox are wanted"),
+    (INFO, '"obj_id": 4', '"obj_id": 7', 34, "index 7 is taken"),
+    (INFO, '"obj_id": 4', '"obj_id": "4"', 34, "no entry among the relations"),
+    (INFO, "[\n {", "{", 10, "not JSON"),
+]
+
+
+def test_there_are_sixty_mutants_and_more() -> None:
+    assert len(VMRD_MUTANTS) + len(REGRAD_MUTANTS) >= 60
+
+
+@pytest.mark.parametrize(("file", "old", "new", "line", "words"), VMRD_MUTANTS)
+def test_faults_of_vmrd_are_told_with_their_line(
+    tmp_path: Path, file: str, old: str, new: str, line: int, words: str
+) -> None:
+    _edit(vmrd(tmp_path) / file, old, new)
+    with pytest.raises(InputError) as told:
+        read_stacks(tmp_path)
+    assert f"{file}:{line}" in str(told.value)
+    assert words in str(told.value)
+
+
+@pytest.mark.parametrize(("file", "old", "new", "line", "words"), REGRAD_MUTANTS)
+def test_faults_of_regrad_are_told_with_their_line(
+    tmp_path: Path, file: str, old: str, new: str, line: int, words: str
+) -> None:
+    _edit(regrad_v1(tmp_path) / file, old, new)
+    with pytest.raises(InputError) as told:
+        read_stacks(tmp_path)
+    assert re.search(rf"{re.escape(file)}:{line}\b", str(told.value)), told.value
+    assert words in str(told.value)
+
+
+def test_a_ring_is_told(tmp_path: Path) -> None:
+    folder = vmrd(tmp_path)
+    _edit(folder / XML, "<father></father>\n    <children><num>2</num><num>7</num>",
+          "<father><num>7</num></father>\n    <children><num>2</num><num>7</num>", "<children></children>",
+          "<children><num>1</num></children>")  # fmt: skip
+    with pytest.raises(InputError, match=r"00002.xml:7: objects lie on each other in a ring: 1 on 7 on 1"):
+        read_stacks(folder)
+
+
+@pytest.mark.parametrize("missing", [XML, "JPEGImages/00002.jpg", TEST_SET, TRAINVAL])
+def test_missing_files_of_vmrd_are_named(tmp_path: Path, missing: str) -> None:
+    (vmrd(tmp_path) / missing).unlink()
+    with pytest.raises(InputError, match=re.escape(missing)):
+        read_stacks(tmp_path)
+
+
+@pytest.mark.parametrize("write", [regrad_v1, regrad_v2])
+def test_regrad_without_tests_is_refused(tmp_path: Path, write: Write) -> None:
+    folder = write(tmp_path)
+    for name in ("objects.json", "mrts.json", "00003/1/info.json"):
+        (folder / "test" / name).unlink(missing_ok=True)
+    with pytest.raises(InputError, match=r"test: the split is empty"):
+        read_stacks(folder)
+
+
+def test_v2_tells_the_line_in_the_common_file(tmp_path: Path) -> None:
+    _edit(regrad_v2(tmp_path) / "test/objects.json", "100,", "140,")
+    with pytest.raises(InputError, match=r"objects.json:\d+:\d+: the box of object 4 is outside"):
+        read_stacks(tmp_path)
+
+
+def test_another_folder_is_refused_without_a_traceback(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["lab", "eval", "stacks", "--data", str(tmp_path)]) == 2
+    assert "no folder of stacks" in capsys.readouterr().err

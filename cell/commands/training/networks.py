@@ -99,20 +99,22 @@ def holes(asked: Training, weights: Path) -> Scores:
 
 
 def parts(asked: Training, weights: Path) -> Scores:
-    """Train both networks of the part detector, or Faster R-CNN, a baseline."""
+    """Train both networks of the part detector, or Faster R-CNN."""
     from learned.parts.data import load_scenes
     from learned.parts.train import train_parts
 
     budget_s = seconds(asked.budget)
     options = {"--views": TRAY_VIEWS, "--lying-share": LYING_SHARE, "--steel-share": STEEL_SHARE}
     trays = max(4, int(PARTS_DATA * budget_s / TRAY_S))
-    folders, _ = made(asked, weights, "objects", STILLS, trays, options, ("--mixed",))
+    shares = STILLS if asked.look is None else (Share(asked.look, 1.0, 0),)
+    folders, _ = made(asked, weights, "objects", shares, trays, options, ("--mixed",))
     configuration, product = asked.cell()
     scenes = load_scenes(folders, product)
     if asked.kind == "rcnn":
-        from learned.parts.rcnn import RcnnTraining, train_rcnn, write_rcnn
+        from learned.parts.rcnn import train_rcnn, write_rcnn
+        from learned.parts.settings import RcnnTraining
 
-        of_rcnn = RcnnTraining(asked.backbone, asked.steps)
+        of_rcnn = RcnnTraining(backbone=asked.backbone, share=asked.share, steps=asked.steps)
         checkpoint = weights.with_name(f"{weights.name}.checkpoint")
         network = train_rcnn(scenes, product, asked.seed, of_rcnn, checkpoint=checkpoint, quiet=False)
         return write_rcnn(network, weights, product, scenes, of_rcnn, asked.seed, asked.command("parts"))
@@ -161,6 +163,7 @@ def recordings(asked: Training, weights: Path, budget_s: float) -> tuple[list[Pa
     each_s = sum(one.share * (ACTION_PHYSICS_S if one.physics else ACTION_S) for one in shares)
     count = max(4, int(ACTION_DATA * budget_s / each_s))
     flags = ("--thin", "--gaps", *(["--frames"] if asked.kind in WHOLE_FRAMES else []))
+    flags += (f"--tracker={asked.tracker}",) if asked.tracker else ()
     return made(
         asked,
         weights,

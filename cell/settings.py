@@ -56,7 +56,7 @@ class Perception(Model):
         hands: what finds the hand, if another kind than that: classical, slim, mediapipe.
         actions: what recognises the hand's action: classical, slim, paper.
         holes: what reads the holes: classical, plate.
-        parts: what finds parts in the wrist camera's view: classical, centre.
+        parts: what finds parts in the wrist camera's view: classical, centre, rcnn.
         folder: folder with the weights of trained detectors, as `cell train --all` fills it, relative to this file; the
             shipped ones by default.
         crops: network that tells the `paper` grasp planner what is around each part; beside that planner's weights
@@ -116,6 +116,11 @@ class Perception(Model):
             from learned.parts.model import pose_file
 
             return {detector: main, f"{detector}.pose": pose_file(main), **beside}
+        if (detector, kind) == ("parts", "rcnn"):
+            from learned.parts.boxes import head_file, pose_file_of
+
+            pose = pose_file_of(main)
+            return {detector: main, f"{detector}.head": head_file(main), f"{detector}.pose": pose, **beside}
         return {detector: main}
 
     @property

@@ -119,6 +119,7 @@ class SimCell:
         self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
         around = Around(self.stock, self._change, settings.shift, chance.stock, settings.people)
         wanted, person = self._job.placements, settings.person
+        self._nobody = worker and person.absent  # then nobody says which bracket would be right
         self.worker = (
             Worker(self.world, product, bench, person, wanted, chance.person, chance.habits, around) if worker else None
         )
@@ -165,7 +166,8 @@ class SimCell:
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""
-        return self.score.report() | (self.contacts.report() if self.contacts is not None else {})
+        told = self.score.report() | (self.contacts.report() if self.contacts is not None else {})
+        return told | ({"correct": None, "wrong_placements": None} if self._nobody else {})
 
     def _run_freely(self, free: bool) -> None:
         if isinstance(self._photographer, RenderProcess):

@@ -57,6 +57,11 @@ class Guard:
         self._settings = settings
         self._act_probability = settings.act_probability if act_probability is None else act_probability
 
+    @property
+    def sure_probability(self) -> float:
+        """From which a placement is right by the settings, whatever the goal is."""
+        return self._settings.act_probability
+
     def refusal(self, plan: AssemblyPlan, state: AssemblyState) -> str | None:
         """Why this plan cannot be used at all, or None: NaN, words outside the vocabulary, impossible positions."""
         return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,14 +11,14 @@ from typer import Option
 
 from cell.commands.options import CONFIGURATION, ConfigOption, OverwriteOption, SeedOption, takes
 from cell.commands.terminal import console, product_of, report_scores
-from cell.commands.training.shipped import Step, scaled, steps_of_shipped, train_steps
+from cell.commands.training.shipped import Step, of_paper, scaled, steps_of_shipped, train_steps
 from cell.commands.training.tasks import TASKS
 from cell.commands.training.weights import Training, need_torch, writing
 from cell.errors import InputError
 from cell.interfaces.product import Product
 from learned.semantic.data import load_demonstrations
 
-FOLDER = Path("trained")
+FOLDER, PAPER = Path("trained"), "paper"
 FEWEST_DEMONSTRATIONS = 20  # fewer tell nothing of people's habits
 GRASP_MINUTES, SEMANTIC_MINUTES = 1, 1  # of one CPU core
 SCORES = {"grasp": "accuracy", "semantic": "success"}  # words of those that are shown
@@ -31,7 +32,10 @@ class Wanted:
         Path | None, Option(help="Folder of `cell log export --to training`: learn from these runs too.")
     ] = None
     every: Annotated[bool, Option("--all", help="Train all networks that are shipped, data included.")] = False
-    only: Annotated[list[str] | None, Option(help=f"Train only {', '.join(TASKS)}; may be repeated.")] = None
+    only: Annotated[
+        list[str] | None,
+        Option(help=f"Train only {', '.join(TASKS)}, or {PAPER}, the paper's own system; may be repeated."),
+    ] = None
     plan: Annotated[bool, Option("--plan", help="Say what would be done, and do nothing.")] = False
     budget: Annotated[
         str | None, Option(help="Processor time for all detectors together, like 2h; by default as on the model cards.")
@@ -66,15 +70,19 @@ def _steps(wanted: Wanted) -> list[Step]:
     Raises:
         InputError: there is no network of a name, or none of the budget.
     """
-    if unknown := [name for name in wanted.only or () if name not in TASKS]:
-        raise InputError(f"--only {unknown[0]}: unknown network; legal: {', '.join(TASKS)}")
-    steps = [step for step in steps_of_shipped() if not wanted.only or step.words[0] in wanted.only]
+    if unknown := [name for name in wanted.only or () if name not in (*TASKS, PAPER)]:
+        raise InputError(f"--only {unknown[0]}: unknown network; legal: {', '.join((*TASKS, PAPER))}")
+    steps = [step for step in steps_of_shipped() if not wanted.only or _asked_for(step, wanted.only)]
     segments = _segments(wanted.recorded)
     if segments is not None and (not wanted.only or "noise" in wanted.only):
         steps.append(Step(("noise", "--data", str(segments)), ("confusions.json",), 1.0))
     elif "noise" in (wanted.only or ()):
         raise InputError("--only noise: is learned from recorded runs; name their folder with --recorded DIR")
     return scaled(steps, wanted.budget)
+
+
+def _asked_for(step: Step, only: Sequence[str]) -> bool:
+    return step.words[0] in only or (PAPER in only and of_paper(step))
 
 
 def _train_planners(wanted: Wanted) -> None:

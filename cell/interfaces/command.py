@@ -62,7 +62,8 @@ class Display:
     """What the operator and the person at the bench are shown.
 
     Attributes:
-        guidance: by part type, the positions that remain for it, in order.
+        guidance: by part type, the positions that remain for it in all likely goals, in order.
+        any_part: the positions for which these goals want different parts.
         goal_belief: probability by goal.
         message: what the robot does or waits for, in words.
         help_request: what the robot asks the person to do, or None.
@@ -71,6 +72,7 @@ class Display:
     """
 
     guidance: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    any_part: tuple[str, ...] = ()
     goal_belief: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
     help_request: str | None = None

@@ -95,6 +95,22 @@ class AssemblyPlan:
         """The most probable goal."""
         return max(self.goal_belief, key=lambda name: self.goal_belief[name])
 
+    def shared(self, least: float) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+        """What of the guidance is the same in all likely goals, and the positions where they differ.
+
+        Args:
+            least: probability from which a part belongs at a position whichever of them it is.
+
+        Returns:
+            Positions by part type, without the types of which all positions are open; and the open positions.
+        """
+        sure = {
+            part: tuple(at for at in to if self.next_belief.get((part, at), 0.0) >= least)
+            for part, to in self.guidance.items()
+        }
+        undecided = sorted(at for part, to in self.guidance.items() for at in to if at not in sure[part])
+        return {part: to for part, to in sure.items() if to or not self.guidance[part]}, tuple(undecided)
+
     def with_told(self, told: Mapping[str, str]) -> AssemblyPlan:
         """The plan where a person said what goes into some open positions.
 

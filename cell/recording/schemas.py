@@ -53,7 +53,8 @@ _FIELDS: dict[str, dict[str, Schema]] = {
         "told_part": TEXTS, "taken_out": OBJECT,
     },
     "/note/plan": {
-        **TICK, "guidance": OBJECT, "next": TEXTS, "required": INTEGER, "graspable": NUMBER, "solution": TEXT,
+        **TICK, "guidance": OBJECT, "any_part": TEXTS, "next": TEXTS, "required": INTEGER, "graspable": NUMBER,
+        "solution": TEXT,
     },
     "/note/verdict": {**TICK, "subject": TEXT, "decision": TEXT, "reason": TEXT},
     "/note/help": {**TICK, "text": TEXT},

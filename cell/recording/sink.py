@@ -142,7 +142,7 @@ class LogSink:
     def _misplaced(self) -> str:
         """Why the file that is written is not the one that its path names; empty where it is."""
         try:
-            found = os.stat(self.path)
+            found = self.path.stat()
         except OSError as error:
             return f"the file is gone: {error.strerror}"
         return "" if os.path.samestat(found, os.fstat(self._descriptor)) else "another file stands in its place"

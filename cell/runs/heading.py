@@ -158,8 +158,10 @@ class Counts:
         return (self.statistics, self.tally, self.fluency, self.lateness)
 
     def job(self, devices: Devices) -> dict[str, object]:
-        """How the job was done; of a shift bracket by bracket."""
+        """How the job was done; of a shift bracket by bracket. Of a job without a goal no bracket is judged."""
         done = devices.report()
+        if "correct" in done and self.statistics.inferred_goal is None:
+            done |= {"correct": None, "wrong_placements": None}
         judged = [*devices.finished(), done]
         unknown: list[dict[str, object]] = [{}] * -self.judged_before
         shift = self.tally.report([*unknown, *judged[max(0, self.judged_before) :]])

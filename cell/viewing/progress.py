@@ -74,7 +74,10 @@ class LiveProgress(Observer):
             ("time", f"{record.observation.time_s:6.1f} s, {rate_hz:.0f} ticks/s, {self._pace(rate_hz)}"),
             ("hand", self._hand),
             ("goal", belief_text(self._display.goal_belief)),
-            *((f"guidance {part}", " ".join(at) or "done") for part, at in self._display.guidance.items()),
+            *(
+                (f"guidance {part}", at)
+                for part, at in guidance_rows(self._display.guidance, self._display.any_part).items()
+            ),
             ("robot", self._display.message),
             ("help", self._display.help_request or ""),
             *(("asks", question_text(question)) for question in self._display.questions),
@@ -93,7 +96,7 @@ class LiveProgress(Observer):
         told = {
             "hand": self._hand,
             "goal": belief_text(self._display.goal_belief),
-            "guidance": guidance_text(self._display.guidance),
+            "guidance": guidance_text(self._display.guidance, self._display.any_part),
             "robot": self._display.message,
             "help": self._display.help_request or "",
             "asks": "; ".join(map(question_text, self._display.questions)),
@@ -116,9 +119,15 @@ def question_text(question: Question) -> str:
     return f"{question.number}: {question.reason}; {question.todo}" + (f" [{answers}]" if answers else "")
 
 
-def guidance_text(guidance: Mapping[str, tuple[str, ...]]) -> str:
-    """What remains for every part type, for people."""
-    return "; ".join(f"{part} -> {' '.join(positions) or 'done'}" for part, positions in guidance.items())
+def guidance_text(guidance: Mapping[str, tuple[str, ...]], any_part: tuple[str, ...] = ()) -> str:
+    """What remains for every part type, and where any may go, for people."""
+    return "; ".join(f"{part} -> {at}" for part, at in guidance_rows(guidance, any_part).items())
+
+
+def guidance_rows(guidance: Mapping[str, tuple[str, ...]], any_part: tuple[str, ...]) -> dict[str, str]:
+    """Positions in words by part type; of "any part" those for which the likely goals want different ones."""
+    rows = {part: " ".join(positions) or "done" for part, positions in guidance.items()}
+    return rows | ({"any part": " ".join(any_part)} if any_part else {})
 
 
 def _line(time_s: float, who: str, text: str) -> str:

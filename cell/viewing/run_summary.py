@@ -51,7 +51,7 @@ def _lateness(summary: Mapping[str, Any]) -> str:
 def _result(summary: Mapping[str, Any]) -> str:
     if not summary["finished"]:
         return f"{summary['end']}: {summary['reason']}"
-    if summary.get("brackets") or not summary.get("placements"):
+    if summary.get("brackets") or not summary.get("placements") or summary.get("correct") is None:
         return "finished"
     return "finished, and the bracket is right" if summary.get("correct") else "finished, but the bracket is not right"
 
@@ -59,14 +59,15 @@ def _result(summary: Mapping[str, Any]) -> str:
 def _assembly(summary: Mapping[str, Any], product: Product) -> Rows:
     placed = summary["placements"]
     by_hole = ", ".join(f"{hole} {product.title(placed[hole])}" for hole in sorted(placed))
-    inferred = summary.get("inferred_goal")
-    right = "the same" if inferred == summary["goal"] else inferred or "nothing"
+    inferred, judged = summary.get("inferred_goal"), summary.get("correct") is not None
+    right = "the same" if inferred == summary["goal"] else inferred
+    goal = {"goal": f"the person built {summary['goal']}; the cell inferred {right}"} if judged else {}
     rows = {
-        "goal": f"the person built {summary['goal']}; the cell inferred {right}",
+        **goal,
         "in the bracket": by_hole or "nothing",
         "placed by": f"robot {summary['robot_placements']}, person {summary['human_placements']}",
     }
-    if summary["wrong_placements"]:
+    if judged and summary["wrong_placements"]:
         rows["wrong placements"] = str(summary["wrong_placements"])
     if summary.get("contacts"):
         rows["contacts"] = f"{summary['contacts']} of hand and robot, up to {summary['contact_speed_m_s']:.2f} m/s"

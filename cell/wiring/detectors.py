@@ -57,6 +57,12 @@ def _centre(bench: Bench, product: Product, weights: Path) -> PartDetector:
     return CentrePartDetector.load(bench, product, weights)
 
 
+def _rcnn(bench: Bench, product: Product, weights: Path) -> PartDetector:
+    from learned.parts.boxes import BoxPartDetector
+
+    return BoxPartDetector.load(bench, product, weights)
+
+
 def _slim_hands(bench: Bench, product: Product, weights: Path) -> HandTracker:
     from learned.hands.model import slim_tracker
 
@@ -73,7 +79,7 @@ TRAINED: Mapping[str, Mapping[str, Maker]] = {
     "hands": {"slim": _slim_hands, "mediapipe": _mediapipe_hands},
     "actions": {kind: partial(_actions, kind=kind) for kind in ("slim", "paper")},
     "holes": {"plate": _plate},
-    "parts": {"centre": _centre},
+    "parts": {"centre": _centre, "rcnn": _rcnn},
 }
 
 

@@ -14,6 +14,7 @@ from learned.lab.semantic_demonstrators import HabitSettings, drawn_demonstrator
 from learned.lab.semantic_models import (
     AS_PRINTED,
     KINDS,
+    UNTRAINED,
     exact_scores,
     first_goals,
     generated_product,
@@ -89,7 +90,7 @@ def ratio_cells(product: Product) -> list[Cell]:
             ratios = FEW_RATIOS if augment else RATIOS
             for kind, ratio, seed in product_of(KINDS, ratios, SEEDS):
                 key = {"experiment": "ratios", "kind": kind, "goals": count, "ratio": ratio, "seed": seed}
-                if kind != "bayes" or not augment:
+                if kind not in UNTRAINED or not augment:
                     measure = partial(_by_ratio, some, kind, ratio, seed, augment=augment)
                     cells.append(Cell({**key, "sub_demonstrations": augment}, measure))
     for ratio, seed, (name, chosen) in product_of(FEW_RATIOS, SEEDS[:3], RIGHTMOST.items()):
@@ -127,11 +128,11 @@ def _by_ratio(
 def belief_cells(product: Product) -> list[Cell]:
     """Belief under misdetections (Fig. 13), its calibration, wrong placements against coverage, and unknown goals.
 
-    Every kind and seed; the optimum and `bayes` learn nothing, so for them one seed is all.
+    Every kind and seed; one seed is enough for what learns nothing.
     """
     cells = []
     for kind in (OPTIMUM, *KINDS):
-        for seed in SEEDS if kind not in (OPTIMUM, "bayes") else SEEDS[:1]:
+        for seed in SEEDS if kind not in (OPTIMUM, *UNTRAINED) else SEEDS[:1]:
             key = {"experiment": "belief", "kind": kind, "seed": seed}
             cells.append(Cell(key, partial(_belief, product, kind, seed)))
     return cells

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 
 from cell.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, SemanticPlanner
@@ -9,6 +11,7 @@ from cell.interfaces.product import Product
 from learned.inference.onnx_model import ModelCard
 from learned.lab.experiments import Values
 from learned.lab.semantic_and_or import AndOrGraph, AndOrPlanner
+from learned.lab.semantic_htn import HtnPlanner
 from learned.lab.semantic_optimum import Joint, best_coverage, trade_off
 from learned.semantic.evaluate import CALIBRATION_BINS, LEAST_PROBABILITY, Answers
 from learned.semantic.graph import Bools, Floats, Layout
@@ -18,7 +21,8 @@ from learned.semantic.settings import FactoredSettings, PaperSettings
 from learned.semantic.train import OUTPUTS, Settings, train_network
 from learned.training.torch_model import TorchModel
 
-KINDS = ("factored", "paper", "and_or", "bayes")
+KINDS = ("factored", "paper", "and_or", "htn", "bayes")
+UNTRAINED: Mapping[str, Callable[[Product], SemanticPlanner]] = {"bayes": BayesPlanner, "htn": HtnPlanner}
 AS_PRINTED = PaperSettings(aggregation="mean", start="object", noise=0.0)
 
 
@@ -26,8 +30,8 @@ def planner_of(
     kind: str, product: Product, train: Scenarios, seed: int, settings: Settings | None = None
 ) -> SemanticPlanner:
     """A planner of any kind, trained on these states where it learns at all."""
-    if kind == "bayes":
-        return BayesPlanner(product)
+    if kind in UNTRAINED:
+        return UNTRAINED[kind](product)
     layout = Layout.of(product)
     if kind == "and_or":
         return AndOrPlanner(product, AndOrGraph.of(layout, train))

@@ -205,8 +205,8 @@ HEAD = (
     "(`learned/semantic/scenarios.py`, "
     "`learned/lab/semantic_demonstrators.py`). `factored` is the default: learned slots and habits with "
     "exact inference under noise; `paper` the graph network and LSTM; `and_or` an AND/OR graph of the states that "
-    "were demonstrated; `bayes` exact inference for demonstrators without habits, which learns nothing. Numbers are "
-    "means over seeds; `+-` is the half width of the 95 % confidence interval over seeds (Student's t), and is left "
-    "out where it rounds to nothing. Finished cells are kept under `data/semantic` until their settings or the code "
-    "behind them change."
+    "were demonstrated; `htn` a hierarchical task network by hand; `bayes` exact inference for demonstrators without "
+    "habits; these two learn nothing. Numbers are means over seeds; `+-` is the half width of the 95 % "
+    "confidence interval over seeds (Student's t), and is left out where it rounds to nothing. Finished "
+    "cells are kept under `data/semantic` until their settings or the code behind them change."
 )

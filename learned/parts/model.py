@@ -1,8 +1,9 @@
-"""The trained part detector: a centre net says what is where, a pose net says exactly how it stands."""
+"""Trained part detectors: a first network says what is where, a pose net says exactly how it stands."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -65,28 +66,32 @@ class _Seen:
     size_m: tuple[float, float, float]
 
 
-class CentrePartDetector:
-    """Finds all that lies in the tray; what stands gets an exact pose (PartDetector)."""
+class PosedPartDetector(ABC):
+    """Finds all that lies in the tray; what stands gets an exact pose (PartDetector).
 
-    def __init__(self, bench: Bench, product: Product, centre: Network, pose: Network) -> None:
+    Args:
+        networks: all that are asked, the pose net last.
+
+    Raises:
+        ModelError: one was trained for other parts.
+    """
+
+    def __init__(self, bench: Bench, product: Product, *networks: Network) -> None:
         self._bench, self._product = bench, product
         self._types = tuple(product.parts)
-        self._centre, self._pose = centre, pose
+        self._pose = networks[-1]
         self._alike = [kind.alike_after_half_turn for kind in product.parts.values()]
         self._surfaces = {name: surface_of(kind) for name, kind in product.parts.items()}
-        for network in (centre, pose):
+        for network in networks:
             network.card.require_vocabulary(network.path, {"parts": self._types})
 
-    @staticmethod
-    def load(bench: Bench, product: Product, path: Path) -> CentrePartDetector:
-        """With the networks of two files: the centre net's, and the pose net's beside it.
+    @abstractmethod
+    def _peaks(self, image: NDArray[np.uint8]) -> tuple[list[Peak], NDArray[np.float32] | None]:
+        """What is seen in a levelled image, the surest first, and features (n, rows, columns) of its places."""
 
-        Raises:
-            ModelError: a file is missing, damaged, of another kind, or trained for other parts.
-        """
-        return CentrePartDetector(
-            bench, product, OnnxModel.load(path, CENTRE_KIND), OnnxModel.load(pose_file(path), POSE_KIND)
-        )
+    @abstractmethod
+    def _turns(self, kind: PartType) -> Sequence[float]:
+        """By how much a part that stands may be turned from its peak's axis."""
 
     def detect(self, frame: Frame) -> tuple[PartDetection, ...]:
         """Everything in and near the tray: standing parts first, then what lies and what is unknown.
@@ -105,10 +110,8 @@ class CentrePartDetector:
         if not self._looks_down(frame.world_from_camera):
             return ()
         frame = replace(frame, image=levelled(frame.image))
-        maps = self._centre.run({"image": network_input(frame.image)})
-        features = maps["features"][0]
-        peaked = [self._scaled(peak) for peak in peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE)]
-        found = self._placed(frame, peaked)
+        seen, features = self._peaks(frame.image)
+        found = self._placed(frame, [self._scaled(peak) for peak in seen])
         sure = [seen for seen in found if seen.peak.score > LEAST_GRASPED]
         standing = self._refined(frame, [one for seen in sure for one in seen.standing])
         answers = [self._standing(frame, one, features) for one in standing]
@@ -152,8 +155,8 @@ class CentrePartDetector:
             length, width = float(np.linalg.norm(across - corner)), float(np.linalg.norm(down - corner))
             return _Seen(peak, (), lying, (length, width, min(length, width)))
         yaw = math.atan2(ahead[1] - behind[1], ahead[0] - behind[0])
-        turns = (0.0,) if kind.alike_after_half_turn else (0.0, math.pi)
-        return _Seen(peak, tuple(_Standing(peak, place, yaw + turn) for turn in turns), lying, kind.size_m)
+        standing = tuple(_Standing(peak, place, yaw + turn) for turn in self._turns(kind))
+        return _Seen(peak, standing, lying, kind.size_m)
 
     def _kind_of(self, peak: Peak) -> PartType | None:
         return self._product.parts[self._types[peak.kind]] if peak.kind < len(self._types) else None
@@ -189,7 +192,7 @@ class CentrePartDetector:
             values[twice] = (values[twice] + values[len(crops) :]) / 2
         return [_moved(*one) for one in zip(supposed, offs, shares, strict=False)]
 
-    def _standing(self, frame: Frame, one: _Standing, features: NDArray[np.float32]) -> PartDetection:
+    def _standing(self, frame: Frame, one: _Standing, features: NDArray[np.float32] | None) -> PartDetection:
         """A part that stands; its box is around what its exact pose lets the camera see of it."""
         name = self._types[one.peak.kind]
         kind = self._product.parts[name]
@@ -201,7 +204,7 @@ class CentrePartDetector:
         box = _box(np.concatenate([seen.min(axis=0), seen.max(axis=0)]))
         return PartDetection(name, one.peak.score, pose, kind.size_m, box, _embedding(one.peak, features))
 
-    def _other(self, seen: _Seen, features: NDArray[np.float32]) -> PartDetection:
+    def _other(self, seen: _Seen, features: NDArray[np.float32] | None) -> PartDetection:
         """A part that does not stand, or something unknown: where it lies, as well as the centre net knows."""
         peak, known = seen.peak, bool(seen.standing)
         x, y, z = seen.lying_m.tolist()
@@ -214,6 +217,32 @@ class CentrePartDetector:
         reach = np.array(tray.size_m) / 2 + MARGIN_M
         off = np.abs(np.array(one.world_from_part.position_m[:2]) - np.array(tray.centre_m[:2]))
         return bool((off < reach).all())
+
+
+class CentrePartDetector(PosedPartDetector):
+    """By the centre net, which tells the axis of a part, but not which way it heads."""
+
+    def __init__(self, bench: Bench, product: Product, centre: Network, pose: Network) -> None:
+        super().__init__(bench, product, centre, pose)
+        self._centre = centre
+
+    @staticmethod
+    def load(bench: Bench, product: Product, path: Path) -> CentrePartDetector:
+        """With the networks of two files: the centre net's, and the pose net's beside it.
+
+        Raises:
+            ModelError: a file is missing, damaged, of another kind, or trained for other parts.
+        """
+        return CentrePartDetector(
+            bench, product, OnnxModel.load(path, CENTRE_KIND), OnnxModel.load(pose_file(path), POSE_KIND)
+        )
+
+    def _peaks(self, image: NDArray[np.uint8]) -> tuple[list[Peak], NDArray[np.float32] | None]:
+        maps = self._centre.run({"image": network_input(image)})
+        return peaks(maps["heat"][0], maps["further"][0], LEAST_SCORE), maps["features"][0]
+
+    def _turns(self, kind: PartType) -> Sequence[float]:
+        return (0.0,) if kind.alike_after_half_turn else (0.0, math.pi)
 
 
 def _moved(one: _Standing, offs: NDArray[np.float32], shares: NDArray[np.float32]) -> _Standing:
@@ -236,6 +265,6 @@ def _box(sides: Array) -> tuple[int, int, int, int]:
     return left, top, right, bottom
 
 
-def _embedding(peak: Peak, features: NDArray[np.float32]) -> tuple[float, ...]:
+def _embedding(peak: Peak, features: NDArray[np.float32] | None) -> tuple[float, ...]:
     column, row = peak.cell
-    return tuple(features[:, row, column].tolist())
+    return () if features is None else tuple(features[:, row, column].tolist())

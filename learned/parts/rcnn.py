@@ -1,75 +1,92 @@
-"""Faster R-CNN as the paper has it (ResNet-101 with a feature pyramid), and smaller ones beside it. Imports torch.
+"""Faster R-CNN as the paper has it (ResNet-101 with a feature pyramid), and smaller ones. Imports torch.
 
-It answers boxes and types, not poses: it is a baseline of detection, trained from scratch, as no weights are fetched.
+Trained from scratch, as no weights are fetched: batches are normalised, and nothing is frozen. Boxes pool their
+features from the finest level alone, where a feature pyramid puts all that is under 112 pixels (Lin 2017, Eq. 1).
 """
 
 from __future__ import annotations
 
-import io
-import pickle
-import time
+from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torchvision.models.detection import FasterRCNN, fasterrcnn_mobilenet_v3_large_320_fpn
+from torchvision.models.detection import FasterRCNN
 from torchvision.models.detection.anchor_utils import AnchorGenerator
-from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
+from torchvision.models.detection.backbone_utils import BackboneWithFPN, resnet_fpn_backbone
+from torchvision.models.detection.faster_rcnn import FastRCNNPredictor, TwoMLPHead
+from torchvision.models.detection.image_list import ImageList
+from torchvision.models.detection.rpn import concat_box_prediction_layers
+from torchvision.models.resnet import BasicBlock
+from torchvision.ops import MultiScaleRoIAlign
 
-from cell.errors import ModelError
-from cell.files.files import write_whole
-from cell.interfaces.perception import PartDetection
-from cell.interfaces.pose import Pose
 from cell.interfaces.product import Product
 from learned.inference.exposure import POOR, levelled, spoiled
 from learned.inference.onnx_model import ModelCard
+from learned.parts.boxes import HEAD_KIND, KIND, REGIONS, head_file
 from learned.parts.data import UNKNOWN, Scene
-from learned.parts.evaluate import LEAST_SHOWN, Findings, judge
+from learned.parts.evaluate import LEAST_SHOWN
 from learned.parts.maps import INPUT_PX, network_input
+from learned.parts.settings import NARROW, RcnnTraining
 from learned.training.still_dataset import data_hash
+from learned.training.torch_model import TorchModel, write_weights
 from learned.training.training_loop import Checkpoint, fit
 
 ANCHORS_PX, RATIOS = ((32,), (64,), (128,), (256,), (512,)), (0.5, 1.0, 2.0)  # as the paper and torchvision
-LEAST_SCORE = 0.05
-SMALL_REGIONS = 64  # of an image, that the small one learns from in a step; as in Fast R-CNN: trays hold ten things
-KIND = "parts.rcnn"
-SCORES = "things", "map_50", "map_50_95", "ap_50_unknown", "processor_ms_p50", "processor_ms_p95"  # boxes have no more
+FINEST = "0"  # level of the pyramid
+POOLED = 7  # side of a box's features
+RESNET18, PYRAMID, HIDDEN = (64, 128, 256, 512), 256, 1024  # channels of its stages; of the levels; of the head
+LEARNED_REGIONS = {"rpn_pre_nms_top_n_train": 500, "rpn_post_nms_top_n_train": 200, "box_batch_size_per_image": 64}
+ROUNDS = 20  # of a training, after each of which it can be interrupted
+SHOWN = 48  # scenes that tell the range of every layer's 8-bit numbers
+OUTPUTS, HEAD_OUTPUTS = ("scores", "boxes", "features"), ("shares", "boxes")
 
 
-@dataclass(frozen=True)
-class RcnnTraining:
-    """Training of a Faster R-CNN: AdamW with a one-cycle schedule."""
+def rcnn(backbone: str, types: int, share: float = 1.0) -> FasterRCNN:
+    """An untrained network for so many types and unknown things.
 
-    backbone: str = "resnet101"
-    steps: int = 2000
-    batch: int = 4
-    peak_rate: float = 5e-4
-    weight_decay: float = 1e-4
-
-
-def rcnn(backbone: str, types: int) -> nn.Module:
-    """An untrained network for a number of types and unknown things; batches are normalised, as nothing is frozen."""
-    classes = types + 2  # the background is the first
+    Args:
+        share: of the channels of ResNet-18, of its pyramid and of the head; 1 for the others.
+    """
     width, height = INPUT_PX
-    if backbone == "mobilenet":
-        small: nn.Module = fasterrcnn_mobilenet_v3_large_320_fpn(
-            weights=None,
-            weights_backbone=None,
-            num_classes=classes,
-            min_size=height,
-            max_size=width,
-            box_batch_size_per_image=SMALL_REGIONS,
-        )
-        return small
-    body = resnet_fpn_backbone(backbone_name=backbone, weights=None, norm_layer=nn.BatchNorm2d, trainable_layers=5)
-    anchors = AnchorGenerator(ANCHORS_PX, (RATIOS,) * len(ANCHORS_PX))
-    network: nn.Module = FasterRCNN(
-        body, classes, min_size=height, max_size=width, rpn_anchor_generator=anchors, box_score_thresh=LEAST_SCORE
+    if backbone == NARROW:
+        body: nn.Module = _narrow_resnet18(share)
+    else:
+        body = resnet_fpn_backbone(backbone_name=backbone, weights=None, norm_layer=nn.BatchNorm2d, trainable_layers=5)
+    hidden = _part(HIDDEN, share)
+    return FasterRCNN(
+        body,
+        min_size=height,
+        max_size=width,
+        rpn_anchor_generator=AnchorGenerator(ANCHORS_PX, (RATIOS,) * len(ANCHORS_PX)),
+        box_roi_pool=MultiScaleRoIAlign([FINEST], POOLED, 2),
+        box_head=TwoMLPHead(body.out_channels * POOLED**2, hidden),
+        box_predictor=FastRCNNPredictor(hidden, types + 2),  # the background is the first
+        **LEARNED_REGIONS,
     )
-    return network
+
+
+def _narrow_resnet18(share: float) -> BackboneWithFPN:
+    """ResNet-18 and its pyramid with a share of their channels."""
+    widths = [_part(channels, share) for channels in RESNET18]
+    layers: OrderedDict[str, nn.Module] = OrderedDict()
+    stem = nn.Conv2d(3, widths[0], 7, 2, 3, bias=False), nn.BatchNorm2d(widths[0]), nn.ReLU(), nn.MaxPool2d(3, 2, 1)
+    layers["stem"], before = nn.Sequential(*stem), widths[0]
+    for number, width in enumerate(widths):
+        stride = 1 if number == 0 else 2
+        down = None
+        if number:
+            down = nn.Sequential(nn.Conv2d(before, width, 1, stride, bias=False), nn.BatchNorm2d(width))
+        layers[str(number)] = nn.Sequential(BasicBlock(before, width, stride, down), BasicBlock(width, width))
+        before = width
+    levels = {str(number): str(number) for number in range(len(widths))}
+    return BackboneWithFPN(nn.Sequential(layers), levels, widths, _part(PYRAMID, share))
+
+
+def _part(channels: int, share: float) -> int:
+    return max(8, round(channels * share))
 
 
 def train_rcnn(
@@ -80,27 +97,44 @@ def train_rcnn(
     *,
     checkpoint: Path | None = None,
     quiet: bool = True,
-) -> nn.Module:
+) -> FasterRCNN:
     """A trained network; interrupted and begun again it goes on from its checkpoint."""
     torch.manual_seed(seed)
     rng, types = np.random.default_rng([seed, 4]), tuple(product.parts)
-    network = rcnn(settings.backbone, len(types))
+    network = rcnn(settings.backbone, len(types), settings.share)
     network.train()
     optimiser = torch.optim.AdamW(network.parameters(), settings.peak_rate, weight_decay=settings.weight_decay)
-    rounds = max(1, min(20, settings.steps))
+    rounds = max(1, min(ROUNDS, settings.steps))
+    batches = max(1, settings.steps // rounds)
 
     def losses(_: int) -> Iterator[Tensor]:
-        for _ in range(max(1, settings.steps // rounds)):
+        for _ in range(batches):
             chosen = [scenes[int(index)] for index in rng.integers(len(scenes), size=settings.batch)]
-            seen = [spoiled(scene.image, rng, camera=POOR) for scene in chosen]
-            images = [torch.from_numpy(network_input(image)[0] + 0.5) for image in seen]
-            yield sum(network(images, [targets(scene, types) for scene in chosen]).values())
+            yield sum(network(*_batch(chosen, types, rng)).values())
 
-    identity = f"{data_hash(scenes)} {settings} {seed}"
+    identity = f"{data_hash(scenes)} {settings.model_dump_json()} {seed}"
     kept = None if checkpoint is None else Checkpoint(checkpoint, identity)
-    batches = max(1, settings.steps // rounds)
     fit(network, optimiser, losses, rounds, batches, largest_gradient=10.0, rng=rng, checkpoint=kept, quiet=quiet)
     return network
+
+
+def _batch(
+    scenes: Sequence[Scene], types: tuple[str, ...], rng: np.random.Generator
+) -> tuple[list[Tensor], list[dict[str, Tensor]]]:
+    """Images and targets, each mirrored by chance."""
+    images, wanted, width = [], [], INPUT_PX[0]
+    for scene in scenes:
+        image = torch.from_numpy(network_input(spoiled(scene.image, rng, camera=POOR))[0] + 0.5)
+        target = targets(scene, types)
+        if rng.random() < 0.5:
+            image = image.flip(2)
+            target["boxes"][:, [0, 2]] = width - target["boxes"][:, [2, 0]]
+        if rng.random() < 0.5:
+            image = image.flip(1)
+            target["boxes"][:, [1, 3]] = INPUT_PX[1] - target["boxes"][:, [3, 1]]
+        images.append(image)
+        wanted.append(target)
+    return images, wanted
 
 
 def targets(scene: Scene, types: tuple[str, ...]) -> dict[str, Tensor]:
@@ -113,8 +147,47 @@ def targets(scene: Scene, types: tuple[str, ...]) -> dict[str, Tensor]:
     return {"boxes": torch.from_numpy(boxes), "labels": torch.tensor(kinds, dtype=torch.int64)}
 
 
+class Regions(nn.Module):
+    """The first stage, for export: image (1, 3, 240, 320) to scores (n,), boxes (n, 4) and the finest features."""
+
+    def __init__(self, network: FasterRCNN) -> None:
+        super().__init__()
+        self.backbone, self.head, self.coder = network.backbone, network.rpn.head, network.rpn.box_coder
+        normal = network.transform
+        self.register_buffer("mean", torch.tensor(normal.image_mean).reshape(3, 1, 1))
+        self.register_buffer("deviation", torch.tensor(normal.image_std).reshape(3, 1, 1))
+        blank = torch.zeros(1, 3, *reversed(INPUT_PX))
+        with torch.no_grad():
+            levels = list(self.backbone(blank).values())
+            anchors = network.rpn.anchor_generator(ImageList(blank, [blank.shape[-2:]]), levels)[0]
+        self.register_buffer("anchors", anchors)
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        levels = self.backbone((image + 0.5 - self.mean) / self.deviation)
+        scores, deltas = concat_box_prediction_layers(*self.head(list(levels.values())))
+        return torch.sigmoid(scores)[:, 0], self.coder.decode_single(deltas, self.anchors), levels[FINEST]
+
+
+class Head(nn.Module):
+    """The second stage, for export: features and boxes (REGIONS, 4) to shares of classes and the boxes of each."""
+
+    def __init__(self, network: FasterRCNN) -> None:
+        super().__init__()
+        heads = network.roi_heads
+        self.head, self.predictor, self.coder = heads.box_head, heads.box_predictor, heads.box_coder
+        self.scale = 0.25
+
+    def forward(self, features: Tensor, regions: Tensor) -> tuple[Tensor, Tensor]:
+        rows = torch.cat([torch.zeros_like(regions[:, :1]), regions], dim=1)
+        pooled = torch.ops.torchvision.roi_align(features, rows, self.scale, POOLED, POOLED, 2, False)
+        logits, deltas = self.predictor(self.head(pooled))
+        classes = logits.shape[1]
+        found = self.coder.decode_single(deltas, regions).reshape(len(regions), classes, 4)
+        return torch.softmax(logits, dim=1), found
+
+
 def write_rcnn(
-    network: nn.Module,
+    network: FasterRCNN,
     out: Path,
     product: Product,
     scenes: Sequence[Scene],
@@ -122,72 +195,40 @@ def write_rcnn(
     seed: int,
     command: str,
 ) -> dict[str, float]:
-    """Weights and card in a file of torch, as no cell runs it.
+    """Both stages as ONNX, each compared with torch and then made to compute with 8-bit numbers.
 
     Returns:
-        What was learned from.
+        What was learned from; `cell lab eval parts` scores detectors, as that takes images.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: a file cannot be written.
     """
     facts = {"images": float(len(scenes)), "things": float(sum(len(scene.labels) for scene in scenes))}
-    card = ModelCard(
-        kind=KIND,
-        config=asdict(settings),
-        vocabulary={"parts": tuple(product.parts)},
-        data_sha256=data_hash(scenes),
-        scores=facts,
-        command=command,
-        seed=seed,
-    )
-    written = io.BytesIO()
-    torch.save({"card": card.model_dump_json(), "network": network.state_dict()}, written)
-    write_whole(out, written.getvalue())
+
+    def card(kind: str) -> ModelCard:
+        return ModelCard(
+            kind=kind,
+            config=settings.model_dump(mode="json"),
+            vocabulary={"parts": tuple(product.parts)},
+            data_sha256=data_hash(scenes),
+            scores=facts,
+            command=command,
+            seed=seed,
+        )
+
+    network.eval()
+    shown = scenes[:: max(1, len(scenes) // SHOWN)]
+    images = [{"image": network_input(levelled(scene.image))} for scene in shown]
+    first = TorchModel(Regions(network).eval(), OUTPUTS, card(KIND))
+    second = TorchModel(Head(network).eval(), HEAD_OUTPUTS, card(HEAD_KIND))
+    seen = []
+    for image in images:
+        found = first.run(image)
+        surest = np.argsort(-found["scores"])[:REGIONS]
+        seen.append({"features": found["features"], "regions": found["boxes"][surest]})
+    write_weights(first, out, images[:2], lambda: facts, tolerance=TOLERANCE, met_with=images)
+    write_weights(second, head_file(out), seen[:2], lambda: facts, tolerance=TOLERANCE, met_with=seen)
     return facts
 
 
-def load_rcnn(path: Path, product: Product) -> nn.Module:
-    """A network that `write_rcnn` wrote, ready to answer.
-
-    Raises:
-        ModelError: the file is missing, is none of these, or was trained for other parts.
-    """
-    try:
-        kept = torch.load(path, weights_only=True)
-        card = ModelCard.model_validate_json(kept["card"])
-        network = rcnn(str(card.config["backbone"]), len(card.vocabulary["parts"]))
-        network.load_state_dict(kept["network"])
-    except OSError as error:
-        raise ModelError(f"{path}: cannot read the weights: {error.strerror}") from error
-    except (KeyError, TypeError, ValueError, RuntimeError, pickle.UnpicklingError) as error:
-        raise ModelError(f"{path}: not weights of `cell lab train parts --kind rcnn`, or damaged") from error
-    card.require_vocabulary(path, {"parts": tuple(product.parts)})
-    return network.eval()
-
-
-def score_rcnn(network: nn.Module, scenes: Sequence[Scene], product: Product) -> dict[str, float]:
-    """Scores of boxes, as those of part detectors are."""
-    findings = Findings()
-    network.eval()
-    torch.set_num_threads(1)
-    for scene in scenes:
-        began_s = time.process_time()
-        answers = _answers(network, scene, tuple(product.parts))
-        findings.seconds.append(time.process_time() - began_s)
-        judge(scene, answers, product, findings)
-    return {name: value for name, value in findings.scores(product).items() if name in SCORES}
-
-
-def _answers(network: nn.Module, scene: Scene, types: tuple[str, ...]) -> list[PartDetection]:
-    """Boxes in pixels of the camera; where things are is not told."""
-    height, width = scene.image.shape[:2]
-    scale = np.tile([width / INPUT_PX[0], height / INPUT_PX[1]], 2)
-    with torch.no_grad():
-        answer = network([torch.from_numpy(network_input(levelled(scene.image))[0] + 0.5)])[0]
-    names, nowhere = (*types, UNKNOWN), Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    found = []
-    for box, label, score in zip(answer["boxes"].numpy(), answer["labels"], answer["scores"], strict=True):
-        left, top, right, bottom = (round(float(side)) for side in box * scale)
-        sides = (left, top, right, bottom)
-        found.append(PartDetection(names[int(label) - 1], float(score), nowhere, (0.0, 0.0, 0.0), sides, upright=False))
-    return found
+TOLERANCE = 2e-3  # in pixels of boxes that may reach over the whole image

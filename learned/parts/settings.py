@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from cell.files.model import Model
 from learned.training.schedule import Schedule
 
-BACKBONES = ("resnet101", "resnet50", "resnet18", "mobilenet")  # of Faster R-CNN, the paper's first
+BACKBONES = ("resnet101", "resnet50", "resnet18")  # of Faster R-CNN, the paper's first
+NARROW = "resnet18"  # the one of which a share of the channels can be had
 
 
 class CentreTraining(Schedule):
@@ -38,3 +40,23 @@ class PoseTraining(Schedule):
     off_m: float = Field(default=0.004, gt=0, le=0.02)
     off_rad: float = Field(default=0.12, gt=0, le=0.5)
     batch: int = Field(default=32, ge=1, le=1024)
+
+
+class RcnnTraining(Model):
+    """Training of a Faster R-CNN: AdamW with a one-cycle schedule.
+
+    Attributes:
+        backbone: one of BACKBONES.
+        share: of the channels of ResNet-18, its pyramid and the head.
+        steps: each of a batch of images.
+        batch: images in a step.
+        peak_rate: learning rate.
+        weight_decay: of all weights.
+    """
+
+    backbone: str = BACKBONES[0]
+    share: float = Field(default=1.0, gt=0, le=1)
+    steps: int = Field(default=2000, ge=1)
+    batch: int = Field(default=4, ge=1)
+    peak_rate: float = Field(default=2e-3, gt=0, le=1)
+    weight_decay: float = Field(default=1e-4, ge=0)

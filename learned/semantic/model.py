@@ -81,7 +81,11 @@ def load_semantic_planner(
     if path is None:
         raise InputError(f"the semantic planner {kind!r} needs a weights file: `cell train --only semantic`")
     model = OnnxModel.load(path, f"semantic.{kind}")
-    for use, words in Layout.of(product).vocabulary.items():
+    wanted = Layout.of(product).vocabulary
+    known = model.card.vocabulary.get("goals", ())
+    if kind == "paper" and set(wanted["goals"]) <= set(known):
+        wanted = {**wanted, "goals": known}  # fewer than it was trained for
+    for use, words in wanted.items():
         model.require_vocabulary(use, words)
     planner: SemanticPlanner
     planner = PaperPlanner(product, model) if kind == "paper" else FactoredPlanner(product, model, goals, confusions)
@@ -188,12 +192,20 @@ class FactoredPlanner(LearnedPlanner):
 
 
 class PaperPlanner(LearnedPlanner):
-    """The paper's graph network and LSTM decoder; plans are decoded once for every goal and mixed by belief."""
+    """The paper's graph network and LSTM decoder; plans are decoded once for every goal and mixed by belief.
+
+    The product may have fewer goals than the network was trained for.
+    """
+
+    def __init__(self, product: Product, model: Network) -> None:
+        super().__init__(product, model)
+        known, wanted = model.card.vocabulary["goals"], self.layout.vocabulary["goals"]
+        self._goals = [known.index(goal) for goal in wanted]
 
     def plan(self, state: AssemblyState) -> AssemblyPlan:
         edges = self.layout.encode(state)
-        found = self._model.run({"edges": edges})
-        belief, words = found["belief"], found["words"]
+        found = {name: values[self._goals] for name, values in self._model.run({"edges": edges}).items()}
+        belief, words = found["belief"] / max(float(found["belief"].sum()), LEAST_BELIEF), found["words"]
         placements = np.tensordot(belief, wanted_by_words(self.layout, words), 1) * (1.0 - edges.any(axis=0))
         guidance = _read(self.layout, words[int(np.argmax(belief))])
         return assembly_plan(self.layout, edges, Answer(belief, placements, belief @ found["following"], guidance))

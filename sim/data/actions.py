@@ -18,9 +18,9 @@ from sim.data.hands import visible_shares
 from sim.data.placed import holes_of
 from sim.data.recording import CAMERA, Assembly, Source
 from sim.data.sight import Masks, Projection
-from sim.data.tracks import Hand, as_tracked, hands_of
+from sim.data.tracks import Hand, as_told_by, as_tracked, hands_of
 
-GAPS_STREAM = 10
+GAPS_STREAM, ERRORS_STREAM = 10, 11
 STRIDE_FRAMES = 15  # a segment a second
 ASSEMBLY_STRIDE_FRAMES = 4  # and more while a part is placed, which is short
 HOLES_STRIDE_FRAMES = 30
@@ -30,7 +30,13 @@ COVERED_BY = ("hand", "shoulder", "upper", "forearm", "wrist", "gripper", "finge
 
 
 def write_segments(
-    source: Source, folder: DataFolder, *, thin: bool = False, frames: bool = False, gaps: bool = False
+    source: Source,
+    folder: DataFolder,
+    *,
+    thin: bool = False,
+    frames: bool = False,
+    gaps: bool = False,
+    tracker: str | None = None,
 ) -> None:
     """Rows of segments.jsonl, and the window of the hand at the end of each and where it was last at a hole.
 
@@ -38,12 +44,18 @@ def write_segments(
         thin: only some of the segments that are no assembly, drawn by chance, so that classes are less unequal.
         frames: every third whole frame of each segment, too, made small.
         gaps: the hand as a tracker reports it, which loses it now and then.
+        tracker: one of ERRORS, whose errors the points of the hand have.
+
+    Raises:
+        InputError: there is no such tracker.
     """
     assembly = source.assembly
     visible = visible_shares(source, range(len(assembly.moments)))
     hands = hands_of(source, visible)
     if gaps:
         hands = as_tracked(source, hands, visible, np.random.default_rng([assembly.seed, GAPS_STREAM]))
+    if tracker is not None:
+        hands = as_told_by(tracker, hands, np.random.default_rng([assembly.seed, ERRORS_STREAM]))
     sequences = np.array([moment.exposure.sequence for moment in assembly.moments])
     camera, seen = _Windows(source), seen_frames(SEGMENT_FRAMES - 1)
     for end in _thinned(assembly) if thin else segment_ends(assembly):

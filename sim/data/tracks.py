@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from cell.errors import InputError
 from cell.interfaces.pose import Array
 from sim.data.hands import visible_shares
 from sim.data.recording import CAMERA, Assembly, Moment, Source
@@ -27,6 +29,64 @@ LASTS_S = (0.07, 1.5)
 ASTRAY_M = (0.06, 0.35)
 
 Hand = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class PointErrors:
+    """By how much a tracker puts the drawn hand's points elsewhere, in the frame of a right hand.
+
+    Attributes:
+        palm_m, tips_m: along the way from palm to fingertips, and across it to the left.
+        slow_m, each_m: standard deviation of what drifts, of palm and of fingertips, and of each frame.
+        drifts_s: time in which it has drifted elsewhere.
+    """
+
+    palm_m: tuple[float, float]
+    tips_m: tuple[float, float]
+    slow_m: tuple[float, float]
+    each_m: float
+    drifts_s: float
+
+
+# MediaPipe knows people's hands: the drawn one has longer fingers, and a claw of them.
+ERRORS = {"mediapipe": PointErrors((0.013, -0.014), (-0.030, 0.018), (0.008, 0.014), 0.003, 0.6)}
+
+
+def as_told_by(tracker: str, hands: Sequence[Hand | None], rng: np.random.Generator) -> list[Hand | None]:
+    """The hands of a recording with the errors of a tracker.
+
+    Raises:
+        InputError: it is none of ERRORS.
+    """
+    if tracker not in ERRORS:
+        raise InputError(f"--tracker {tracker}: the errors of no such tracker are known; legal: {', '.join(ERRORS)}")
+    errors = ERRORS[tracker]
+    drift, before_s, found = rng.normal(0, 1, (2, 2)), 0.0, list[Hand | None]()
+    for hand in hands:
+        if hand is None:
+            found.append(None)
+            continue
+        kept = math.exp(-(hand["time_s"] - before_s) / errors.drifts_s)
+        drift, before_s = kept * drift + math.sqrt(1 - kept**2) * rng.normal(0, 1, (2, 2)), hand["time_s"]
+        found.append(_shifted(hand, errors, drift, rng))
+    return found
+
+
+def _shifted(hand: Hand, errors: PointErrors, drift: Array, rng: np.random.Generator) -> Hand:
+    """A hand whose points are where a tracker says."""
+    palm, tips, thumb, index = (np.array(hand[name]) for name in ("palm_m", "fingertips_m", "thumb_m", "index_m"))
+    along = (tips - palm) / max(1e-6, float(np.linalg.norm(tips - palm)))
+    spread = index - thumb
+    left = along[0] * spread[1] - along[1] * spread[0] > 0
+    across = np.array([-along[1], along[0]]) * (-1 if left else 1)
+    moved = {}
+    for name, by_m, slow_m, drifted in (
+        ("palm_m", errors.palm_m, errors.slow_m[0], drift[0]),
+        *((name, errors.tips_m, errors.slow_m[1], drift[1]) for name in ("fingertips_m", "thumb_m", "index_m")),
+    ):
+        off = by_m[0] * along + by_m[1] * across + slow_m * drifted + rng.normal(0, errors.each_m, 2)
+        moved[name] = _xy(np.array(hand[name]) + off)
+    return {**hand, **moved}
 
 
 def as_tracked(

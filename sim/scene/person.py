@@ -14,6 +14,7 @@ from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from sim.scene.hand_motion import MotionSettings
 
+NEVER_S = 1e6  # a pause that outlasts every run
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Order = Literal["random", "positions", "reversed", "parts", "any"]
 
@@ -215,6 +216,11 @@ class Person(Model):
     robot: BesideRobot = BesideRobot()
     shift: ShiftHabits = ShiftHabits()
 
+    @property
+    def absent(self) -> bool:
+        """Whether nobody does anything."""
+        return self.pause_s[0] >= NEVER_S
+
 
 def drawn(span: tuple[float, float], rng: np.random.Generator) -> float:
     """A value of a span; one without width takes nothing from the generator."""
@@ -260,7 +266,7 @@ _VARIED = _ORDINARY.model_copy(
 )
 PERSONS = {
     "careful": Person(),
-    "absent": Person(pause_s=(1e6, 1e6)),  # nobody does anything
+    "absent": Person(pause_s=(NEVER_S, NEVER_S)),  # nobody does anything
     "ordinary": _ORDINARY,
     "varied": _VARIED,  # for data made without physics: there, a pinch holds anywhere
     "careless": _ORDINARY.model_copy(

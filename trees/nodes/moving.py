@@ -1,4 +1,4 @@
-"""Leaves that move arm and gripper; the skills do the work (Alg. 1 line 12, Alg. 2 lines 5 and 9).
+"""Leaves that move arm and gripper; the skills do the work (Alg. 1 lines 17 and 18, Alg. 2 lines 5 and 9).
 
 A skill is imported by the node that makes it, so that `cell check` does not wait for kinematics.
 """

@@ -33,7 +33,7 @@ class PersonAction(Enum):
 
 
 class WaitForAction(CellNode):
-    """Wait until the person begins an action of one kind; each one counts once (Alg. 1 line 9)."""
+    """Wait until the person begins an action of one kind; each one counts once (Alg. 1 line 13)."""
 
     awaited = InputPort(PersonAction, "screw, assembly, transit or idle", name="kind")
     action = InputPort(SeenAction, "what the person does")

@@ -1,4 +1,4 @@
-"""Putting a part into its hole, seeing that it is there, and noting it (Alg. 1 lines 12-13)."""
+"""Putting a part into its hole, seeing that it is there, and noting it (Alg. 1 lines 18-19)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TRIED_S = 1.0  # a placement that fails sooner found no way, and touched nothing
 
 
 class PlacePart(SkillNode):
-    """Put the part in the gripper into its hole (Alg. 1 line 12)."""
+    """Put the part in the gripper into its hole (Alg. 1 line 18)."""
 
     traits = replace(SkillNode.traits, needs_guard=True)
 
@@ -93,7 +93,7 @@ class VerifyPlacement(CellNode):
 
 
 class RecordPlacement(CellNode):
-    """Set the edge of the part that the robot placed (Alg. 1 line 13)."""
+    """Set the edge of the part that the robot placed (Alg. 1 line 19)."""
 
     state = InOutPort(AssemblyState, "what is placed so far")
     part = InputPort(Part, "type of the placed part")

@@ -1,4 +1,4 @@
-"""From the assembly graph to belief, guidance and the next placement (Alg. 1 lines 7-11)."""
+"""From the assembly graph to belief, guidance and the next placement (Alg. 1 lines 11-16)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from trees.nodes.services import CellNode, Services
 
 
 class InferGoal(CellNode):
-    """Infer the goal and the plans of all objects from the graph (Alg. 1 line 7)."""
+    """Infer the goal and the plans of all objects from the graph (Alg. 1 lines 11 and 14)."""
 
     state = InputPort(AssemblyState, "what is placed so far")
     plan = OutputPort(AssemblyPlan, "belief over goals and next placements, and a plan for every object")
@@ -35,24 +35,29 @@ class InferGoal(CellNode):
 
 
 class DecodeGuidance(CellNode):
-    """Show for every object where it is still to be put (Alg. 1 line 8)."""
+    """Show for every object where it is still to be put, as far as all likely goals agree (Alg. 1 line 12)."""
 
     plan = InputPort(AssemblyPlan, "plan of every object")
 
     _shown: AssemblyPlan | None = None
+    _words = ""
 
     def update(self) -> Status:
         plan = self.plan.get()
         if plan is not self._shown:
             self._shown = plan
-            self.now.show(guidance=dict(plan.guidance), goal_belief=dict(plan.goal_belief))
-            self.tools.journal.note("plan", guidance={part: list(to) for part, to in plan.guidance.items()})
-        self.feedback_message = "; ".join(f"{part}: {' '.join(to) or '-'}" for part, to in plan.guidance.items())
+            guidance, any_part = plan.shared(self.tools.guard.sure_probability)
+            self.now.show(guidance=guidance, any_part=any_part, goal_belief=dict(plan.goal_belief))
+            told = {part: list(to) for part, to in guidance.items()}
+            self.tools.journal.note("plan", guidance=told, any_part=list(any_part))
+            rows = {**guidance, **({"any part": any_part} if any_part else {})}
+            self._words = "; ".join(f"{part}: {' '.join(to) or '-'}" for part, to in rows.items())
+        self.feedback_message = self._words
         return Status.SUCCESS
 
 
 class PredictNextObject(CellNode):
-    """Predict the next object to fetch (Alg. 1 line 9)."""
+    """Predict the next object to fetch (Alg. 1 line 15)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     part = OutputPort(Part, "type of the part to fetch")
@@ -68,7 +73,7 @@ class PredictNextObject(CellNode):
 
 
 class DecodePlan(CellNode):
-    """Decode the plan [o, p...] of the next object (Alg. 1 line 10)."""
+    """Decode the plan [o, p...] of the next object (Alg. 1 line 16)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     part = InputPort(Part, "type of the part to fetch")
@@ -84,7 +89,7 @@ class DecodePlan(CellNode):
 
 
 class ChoosePosition(CellNode):
-    """Take the first position of the plan that the guard allows (Alg. 1 line 11)."""
+    """Take the first position of the plan that the guard allows (Alg. 1 line 16)."""
 
     plan = InputPort(AssemblyPlan, "belief and plans")
     state = InputPort(AssemblyState, "what is placed so far")

@@ -1,4 +1,4 @@
-"""Watching the person: from detector answers to the assembly graph (Alg. 1 lines 1-6)."""
+"""Watching the person: from detector answers to the assembly graph (Alg. 1 lines 1-10)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class StartGraph(CellNode):
 
 
 class DetectAction(CellNode):
-    """Wait for the next answer of the action detector (Alg. 1 lines 2-4)."""
+    """Wait for the next answer of the action detector (Alg. 1 lines 3-5)."""
 
     action = OutputPort(SeenAction, "what the person does, and since when")
     persistent = ("_sequence", "_seen")
@@ -73,7 +73,7 @@ class DetectAction(CellNode):
 
 
 class UpdateGraph(CellNode):
-    """Set the edge (object, position) of a finished assembly action (Alg. 1 lines 5-6).
+    """Set the edge (object, position) of a finished assembly action (Alg. 1 lines 6-10).
 
     An action whose part is in doubt sets none: the graph waits for what the hole shows.
     """

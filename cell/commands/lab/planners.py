@@ -25,7 +25,7 @@ from cell.commands.training.weights import need_torch, shipped_weights
 from cell.configuration import load_configuration
 from cell.errors import InputError
 from cell.fleet.engine import mapped
-from cell.interfaces.planning import AssemblyState, crops_file
+from cell.interfaces.planning import AssemblyState, SemanticPlanner, crops_file
 from cell.interfaces.product import Product
 from cell.log.report.summary import beliefs
 from cell.log.training.demonstrations import finished_bracket
@@ -39,6 +39,7 @@ from learned.grasp.scenes import draw_scenes
 from learned.grasp.settings import TRAY_SCENES, SceneSettings
 from learned.lab.semantic_certify import case_of, certificate, least_limit
 from learned.lab.semantic_demonstrators import generated_demonstrations, scenario_demonstrations
+from learned.lab.semantic_htn import HtnPlanner
 from learned.semantic.data import save_demonstrations
 from learned.semantic.evaluate import evaluate_semantic
 from learned.semantic.graph import Layout
@@ -206,7 +207,7 @@ def evaluate_semantic_planner(
 ) -> None:
     """Score the semantic planner, certify its thresholds, or run an experiment with all kinds.
 
-    Kinds: factored, paper, bayes.
+    Kinds: factored, paper, htn, bayes.
     """
     product = product_of(shared.config)
     if certify is not None:
@@ -217,8 +218,10 @@ def evaluate_semantic_planner(
         return
     if page is not None:
         raise InputError(PAGE_ALONE)
-    kind = shared.one_kind(("factored", "paper", "bayes", "auto"))
-    planner = load_semantic_planner(kind, shared.weights or shipped_weights("semantic", kind), product)
+    kind = shared.one_kind(("factored", "paper", "htn", "bayes", "auto"))
+    planner: SemanticPlanner = HtnPlanner(product)
+    if kind != "htn":
+        planner = load_semantic_planner(kind, shared.weights or shipped_weights("semantic", kind), product)
     report_scores("semantic", evaluate_semantic(planner, product, shared.seed), shared.as_json)
 
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated
 
 from typer import Option
 
 from cell.commands.lab.shared import Shared
 from cell.commands.options import takes
-from cell.commands.terminal import product_of, report_scores
-from cell.commands.training.made_data import make_data
-from cell.commands.training.weights import need_torch
+from cell.commands.terminal import report_scores
 from cell.errors import InputError
 from cell.lab.holes_and_parts import Task, score_calibration, score_holes, score_parts
 
@@ -36,12 +32,9 @@ def evaluate_parts(
     shared: Shared,
     mixed: Annotated[bool, Option(help="Some parts lie or are stacked, and some objects are unknown.")] = True,
 ) -> None:
-    """Score a part detector on images of trays. Kinds: centre, classical, rcnn (boxes alone; needs --weights)."""
+    """Score a part detector on images of trays. Kinds: centre, classical, rcnn."""
     kind = _kind(shared, ("centre", "classical", "rcnn"))
     _, wanted = shared.split()
-    if kind == "rcnn":
-        report_scores(f"parts, {kind}, {shared.look}", _score_rcnn(shared, mixed), shared.as_json)
-        return
     task = _task(shared, kind)
     task.detectors(task.configuration.bench, "parts").make("parts")  # before minutes go into trays
     scores = score_parts(task, wanted, mixed)
@@ -72,25 +65,3 @@ def _task(shared: Shared, kind: str, person: str | None = None) -> Task:
     of_person = shared if person is None else Shared(look=shared.look, person=person, config=shared.config)
     configuration, product = of_person.cell(person=person is not None)
     return Task(configuration, product, kind, shared.weights, shared.cameras.value, float(shared.steel))
-
-
-def _score_rcnn(shared: Shared, mixed: bool) -> dict[str, float]:
-    """Scores of Faster R-CNN's boxes on the trays that other detectors are scored on.
-
-    Raises:
-        InputError: no weights are named, as none are shipped.
-    """
-    need_torch()
-    if shared.weights is None:
-        raise InputError("--kind rcnn needs --weights FILE; none are shipped (cell lab train parts --kind rcnn)")
-    from learned.parts.data import load_scenes
-    from learned.parts.rcnn import load_rcnn, score_rcnn
-
-    product = product_of(shared.config)
-    network = load_rcnn(shared.weights, product)
-    options = {"--look": shared.look, "--seeds": shared.seeds, "--steel-share": float(shared.steel)}
-    with tempfile.TemporaryDirectory(prefix="cell-eval-") as name:
-        folder = Path(name) / "objects"
-        make_data("objects", folder, {**options, "--config": shared.config}, *(["--mixed"] if mixed else []))
-        scenes = load_scenes([folder], product)
-    return score_rcnn(network, scenes, product)

@@ -23,6 +23,7 @@ Scores = Mapping[str, float]
 VALIDATION_SEED = 800_000
 HAND_DATA_S, HAND_EPOCH_S, HAND_VALIDATION = 1.02, 0.556, 0.04  # processor time of a recording, once; and a share
 ACTION_S, ACTION_PHYSICS_S, ACTION_DATA, ACTION_VALIDATION = 3.0, 3.5, 0.66, 0.1  # a recording; of the budget; a share
+VGG16_DATA = 0.3  # the same, where VGG16 is trained
 PIECE = 50  # recordings that are made at once: an interrupted training goes on with the next piece
 PLATE_STILLS, LOOK_S, HOLES_DATA, STILL_S = 14, 1.4, 0.42, 0.005  # images of a look, to make it; share; to learn once
 TRAY_VIEWS, TRAY_S, PARTS_DATA, IMAGE_S, THING_S = 3, 0.45, 0.4, 0.018, 0.0021
@@ -98,20 +99,22 @@ def holes(asked: Training, weights: Path) -> Scores:
 
 
 def parts(asked: Training, weights: Path) -> Scores:
-    """Train both networks of the part detector, or Faster R-CNN, a baseline."""
+    """Train both networks of the part detector, or Faster R-CNN."""
     from learned.parts.data import load_scenes
     from learned.parts.train import train_parts
 
     budget_s = seconds(asked.budget)
     options = {"--views": TRAY_VIEWS, "--lying-share": LYING_SHARE, "--steel-share": STEEL_SHARE}
     trays = max(4, int(PARTS_DATA * budget_s / TRAY_S))
-    folders, _ = made(asked, weights, "objects", STILLS, trays, options, ("--mixed",))
+    shares = STILLS if asked.look is None else (Share(asked.look, 1.0, 0),)
+    folders, _ = made(asked, weights, "objects", shares, trays, options, ("--mixed",))
     configuration, product = asked.cell()
     scenes = load_scenes(folders, product)
     if asked.kind == "rcnn":
-        from learned.parts.rcnn import RcnnTraining, train_rcnn, write_rcnn
+        from learned.parts.rcnn import train_rcnn, write_rcnn
+        from learned.parts.settings import RcnnTraining
 
-        of_rcnn = RcnnTraining(asked.backbone, asked.steps)
+        of_rcnn = RcnnTraining(backbone=asked.backbone, share=asked.share, steps=asked.steps)
         checkpoint = weights.with_name(f"{weights.name}.checkpoint")
         network = train_rcnn(scenes, product, asked.seed, of_rcnn, checkpoint=checkpoint, quiet=False)
         return write_rcnn(network, weights, product, scenes, of_rcnn, asked.seed, asked.command("parts"))
@@ -131,7 +134,7 @@ def actions(asked: Training, weights: Path) -> Scores:
     folders, apart = asked.data, asked.validation
     if not folders or apart is None:
         folders, apart = recordings(asked, weights, budget_s)
-        budget_s *= 1 - ACTION_DATA
+        budget_s *= 1 - _data_share(asked)
     learned, kept = load_segments(folders, task.classes), load_segments([apart], task.classes)
     console().print(f"{len(learned)} segments to learn from, {len(kept)} for the scores")
     epochs = asked.epochs or 14
@@ -154,12 +157,17 @@ def actions(asked: Training, weights: Path) -> Scores:
     return scores
 
 
+def _data_share(asked: Training) -> float:
+    return ACTION_DATA if asked.kind in ("slim", "track") else VGG16_DATA
+
+
 def recordings(asked: Training, weights: Path, budget_s: float) -> tuple[list[Path], Path]:
     """Folders of assemblies by the simulated person, to learn from and for the scores."""
     shares = ACTIONS if asked.look is None else (Share(asked.look, 1.0, 0),)
     each_s = sum(one.share * (ACTION_PHYSICS_S if one.physics else ACTION_S) for one in shares)
-    count = max(4, int(ACTION_DATA * budget_s / each_s))
+    count = max(4, int(_data_share(asked) * budget_s / each_s))
     flags = ("--thin", "--gaps", *(["--frames"] if asked.kind in WHOLE_FRAMES else []))
+    flags += (f"--tracker={asked.tracker}",) if asked.tracker else ()
     return made(
         asked,
         weights,

@@ -6,7 +6,7 @@ import shlex
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -26,6 +26,7 @@ HIDDEN = "_train"  # the command of `tasks`; an installed cell has no `cell lab 
 ROWS = "training.jsonl"
 PAPER_GRASP_S, PLANNER_S = 420.0, 60.0  # of processor time; these commands take no --budget
 PLANNERS = {"semantic": "factored", "grasp": "pairwise"}  # those that a cell uses by default
+PAPERS = {"actions": "paper", "parts": "rcnn", "semantic": "paper", "grasp": "paper"}  # the paper's own
 LATENCY_FRAMES, LATENCY_TRAYS, LATENCY_SEED = 120, 20, 800_000
 
 
@@ -104,6 +105,11 @@ def steps_of_shipped() -> Iterator[Step]:
         fixed_s = PAPER_GRASP_S if {"grasp", "paper"} <= set(words) else PLANNER_S
         steps.append(Step(tuple(words), tuple(names), seconds(budget) if budget else fixed_s))
     yield from sorted(steps, key=lambda step: -step.seconds)
+
+
+def of_paper(step: Step) -> bool:
+    """Whether a training is one of the paper's own system."""
+    return any({"--kind", kind} <= set(step.words) for name, kind in PAPERS.items() if step.words[0] == name)
 
 
 def scaled(steps: Sequence[Step], budget: str | None) -> list[Step]:
@@ -221,18 +227,19 @@ def _words(seconds: float) -> str:
 
 def _lines(out: Path, config: Path) -> list[str]:
     """What takes the weights into use."""
-    made = {name: told_in(config, out / weights_file(name, kind)) for name, kind in LEARNED_KINDS.items()}
-    lines = [f"perception: {{kind: learned, folder: {told_in(config, out)}}}"]
-    if not all((config.parent / path).exists() for path in made.values()):
-        own = {name: path for name, path in made.items() if (config.parent / path).exists()}
-        each = [
-            f"  {name}: {{kind: {kind}, weights: {own[name]}}}" for name, kind in LEARNED_KINDS.items() if name in own
-        ]
-        lines = ["perception:", *each] if each else []
-    files = {name: told_in(config, out / weights_file(name, kind)) for name, kind in PLANNERS.items()}
-    each = [
-        f"  {name}: {{kind: {PLANNERS[name]}, weights: {path}}}"
-        for name, path in files.items()
-        if (config.parent / path).exists()
-    ]
-    return [*lines, *(["planners:", *each] if each else [])]
+    perception = [f"perception: {{kind: learned, folder: {told_in(config, out)}}}"]
+    if not all((out / weights_file(name, kind)).exists() for name, kind in LEARNED_KINDS.items()):
+        perception = _own("perception", LEARNED_KINDS, out, config)
+    return [*perception, *_own("planners", PLANNERS, out, config)]
+
+
+def _own(section: str, usual: Mapping[str, str], out: Path, config: Path) -> list[str]:
+    """A line for each network that is in the folder: of its usual kind, or of the paper's."""
+    each = []
+    for name, kind in usual.items():
+        kinds = (kind, PAPERS.get(name, kind))
+        found = next((one for one in kinds if (out / weights_file(name, one)).exists()), None)
+        if found is not None:
+            weights = told_in(config, out / weights_file(name, found))
+            each.append(f"  {name}: {{kind: {found}, weights: {weights}}}")
+    return [f"{section}:", *each] if each else []

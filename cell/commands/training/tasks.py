@@ -30,8 +30,9 @@ from cell.interfaces.planning import crops_file
 from cell.wiring.drawn_frames import tray_camera
 from learned.actions.settings import TRAINABLE
 from learned.hands.model import finder_file, refiner_file
+from learned.parts.boxes import head_file
 from learned.parts.model import pose_file
-from learned.parts.settings import BACKBONES
+from learned.parts.settings import BACKBONES, NARROW
 from learned.semantic.confusions import Confusions, confirmed_reports
 from learned.semantic.graph import Layout
 
@@ -131,11 +132,7 @@ class LearnedTask:
         folder = folder_for(asked.config)
         if self.name == "noise":
             return writable(asked.out or folder / "confusions.json", ".json")
-        if asked.kind != "rcnn":
-            return new_weights(self.name, asked.kind, asked.config, asked.out)
-        if asked.backbone not in BACKBONES:
-            raise InputError(f"--backbone {asked.backbone}: unknown backbone; legal: {', '.join(BACKBONES)}")
-        return writable(asked.out or folder / f"parts_rcnn_{asked.backbone}.pt", ".pt")
+        return new_weights(self.name, asked.kind, asked.config, asked.out)
 
     def chosen(self, asked: Training) -> Training:
         """What is asked for, with a kind.
@@ -147,6 +144,10 @@ class LearnedTask:
             raise InputError(f"--kind {asked.kind}: unknown kind of {self.name}; legal: {', '.join(self.kinds)}")
         if "budget" in self.options:
             seconds(asked.budget)
+        if asked.kind == "rcnn" and asked.backbone not in BACKBONES:
+            raise InputError(f"--backbone {asked.backbone}: unknown backbone; legal: {', '.join(BACKBONES)}")
+        if asked.kind == "rcnn" and asked.share != 1 and asked.backbone != NARROW:
+            raise InputError(f"--share {asked.share:g}: goes with --backbone {NARROW}; {asked.backbone} is whole")
         if self.name == "actions":
             networks.require_apart(asked.data or (), asked.validation)
         return replace(asked, kind=asked.kind or (self.kinds or ("",))[0])
@@ -160,9 +161,8 @@ class LearnedTask:
         with writing(path, *self.beside(path, asked.kind), overwrite=asked.overwrite):
             scores = self.fit(asked, path)
         report_scores(f"{self.title} in {path}", scores, as_json=False)
-        if asked.kind != "rcnn":
-            line = self.use.format(name=self.name, kind=asked.kind, file=told_in(asked.config, path))
-            console().print(f"to use it, in {asked.config}: {line}", highlight=False)
+        line = self.use.format(name=self.name, kind=asked.kind, file=told_in(asked.config, path))
+        console().print(f"to use it, in {asked.config}: {line}", highlight=False)
         if asked.as_json:
             print_json(scores)
         return scores
@@ -184,7 +184,7 @@ TASKS = {
             "actions",
             "action detector",
             TRAINABLE,
-            ("kind", "data", "validation", "look", "budget", "epochs", "share"),
+            ("kind", "data", "validation", "look", "tracker", "budget", "epochs", "share"),
             networks.actions,
             lambda file, _: (networks.confusions_of(file),),
             {"budget": "20m"},
@@ -194,9 +194,9 @@ TASKS = {
             "parts",
             "part detector",
             ("centre", "rcnn"),
-            ("kind", "data", "budget", "epochs", "backbone", "steps"),
+            ("kind", "data", "look", "budget", "epochs", "backbone", "share", "steps"),
             networks.parts,
-            lambda file, kind: (pose_file(file),) if kind == "centre" else (),
+            lambda file, kind: (pose_file(file) if kind == "centre" else head_file(file),),
             _BUDGET,
         ),
         LearnedTask(

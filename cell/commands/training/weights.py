@@ -43,6 +43,10 @@ class Training:
     ] = None
     validation: Annotated[Path | None, Option(help="Another such folder to score on.")] = None
     look: Annotated[str | None, Option(help="Look of all recordings that are made; several looks by default.")] = None
+    tracker: Annotated[
+        str | None,
+        Option(help="Tracks with the errors of this tracker, such as mediapipe; true ones by default."),
+    ] = None
     budget: Annotated[str, Option(help="Processor time for data and training, like 90s, 30m or 2h.")] = ""
     epochs: Annotated[int | None, Option(min=1, help="Passes through the data; by default chosen for the network.")] = (
         None

@@ -35,6 +35,7 @@ from cell.interfaces.product import Product
 from sim.data import actions, hands, objects, plates, recording
 from sim.data.folder import DataFolder, DataPiece
 from sim.data.splits import LYING_SHARE, mixed_clutter, seeds, sometimes_steel
+from sim.data.tracks import ERRORS
 from skills.motion.grasp_pose import tool_down
 from skills.motion.kinematics import Kinematics
 
@@ -60,6 +61,9 @@ class Data:
     gaps: Annotated[bool, Option("--gaps", help="The hand as a tracker reports it: lost at times, or elsewhere.")] = (
         False
     )
+    tracker: Annotated[
+        str | None, Option(help=f"Tracks with the errors of this tracker of the drawn hand: {', '.join(ERRORS)}.")
+    ] = None
     stills: Annotated[int, Option(min=1, max=1000, help="Images of each look.")] = 10
     astray_share: Annotated[
         float, Option(min=0, max=1, help="Share of the parts that lie, lean or stand next to their hole.")
@@ -169,8 +173,8 @@ def _trays(asked: Data, _: Film | None) -> One:
 DATA_SETS: Mapping[str, DataSet] = {
     "actions": DataSet(
         "Segments of 45 frames: the hand's track, a crop of the hand, and what it did.",
-        (*_WORK, "thin", "frames", "gaps"),
-        _assemblies(actions.write_segments, "thin", "frames", "gaps"),
+        (*_WORK, "thin", "frames", "gaps", "tracker"),
+        _assemblies(actions.write_segments, "thin", "frames", "gaps", "tracker"),
     ),
     "hands": DataSet(
         "Frames of the overhead camera, and where every hand in them is, with what it holds.",
@@ -240,7 +244,8 @@ def _command(name: str, asked: Data) -> str:
         value = getattr(asked, option)
         if option == "person" or not value:
             continue
-        told.append(f"--{option.replace('_', '-')}" + ("" if value is True else f" {value:g}"))
+        shown = "" if value is True else f" {value}" if isinstance(value, str) else f" {value:g}"
+        told.append(f"--{option.replace('_', '-')}{shown}")
     return f"cell lab data {name} {' '.join(told)}"
 
 

@@ -68,7 +68,7 @@ class Placed:
     """A part came to a position of the graph, and what the guidance had said of it.
 
     Attributes:
-        advice: positions that the guidance showed for this part type before.
+        advice: positions that the guidance showed before, for this part type or for any.
         goal: most probable goal after it; empty where no belief followed.
         confirms: this part was known to be there already.
     """
@@ -174,6 +174,7 @@ def placements(log: Log) -> list[Placed]:
     """Edges of the assembly graph as they were set, with what was advised before."""
     found: list[Placed] = []
     advice: Mapping[str, list[str]] = {}
+    any_part: list[str] = []
     known: dict[str, str] = {}
     for place, tick in enumerate(log.ticks):
         for topic, fields in tick.notes:
@@ -181,12 +182,12 @@ def placements(log: Log) -> list[Placed]:
                 part, position = fields["edge"]
                 after = next(_beliefs_from(log, place), None)
                 goal = max(after, key=lambda name: after[name]) if after else ""
-                advised = tuple(advice.get(part) or ())
+                advised = (*(advice.get(part) or ()), *any_part)
                 again, known[position] = known.get(position) == part, part
                 source = fields.get("source", "")
                 found.append(Placed(tick.time_s, part or "nothing", position, source, advised, goal, again))
             elif topic == "plan" and "guidance" in fields:
-                advice = fields["guidance"]
+                advice, any_part = fields["guidance"], fields.get("any_part", [])
     return found
 
 

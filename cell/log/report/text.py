@@ -59,8 +59,8 @@ def _belief(fields: Mapping[str, Any]) -> str:
 
 
 def _guidance(fields: Mapping[str, Any]) -> str:
-    plans = "; ".join(f"{part} to {', '.join(to)}" for part, to in fields["guidance"].items() if to)
-    return plans or "nothing remains"
+    rows = {**fields["guidance"], "any part": fields.get("any_part")}
+    return "; ".join(f"{part} to {', '.join(to)}" for part, to in rows.items() if to) or "nothing remains"
 
 
 def _next(fields: Mapping[str, Any]) -> str:

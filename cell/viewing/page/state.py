@@ -182,6 +182,7 @@ class PageState:
                 {
                     "position": position,
                     "part": part or (robot.get("part") if mine else wanted.get(position)),
+                    "any_part": position in self._display.any_part,
                     "placed": part is not None,
                     "upright": hole is None or hole.upright,
                     "who": self._by.get(position) if part is not None else ("robot" if mine else "person"),

@@ -15,7 +15,7 @@ TRAININGS = {
     "hands": "hands.onnx",
     "holes": "holes.onnx",
     "parts": "parts.onnx",
-    "parts --kind rcnn": "parts.pt",
+    "parts --kind rcnn": "parts.onnx",
     "grasp": "grasp.onnx",
     "semantic": "semantic.onnx",
 }
@@ -47,6 +47,7 @@ def test_no_training_begins_that_could_not_be_kept(
         ("actions", "actions_confusions.json"),
         ("hands", "hands_refiner.onnx"),
         ("parts", "parts_pose.onnx"),
+        ("parts --kind rcnn", "parts_head.onnx"),
         ("grasp --kind paper", "grasp_crops.onnx"),
     ],
 )

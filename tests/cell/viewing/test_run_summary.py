@@ -55,6 +55,14 @@ def test_a_run_that_failed_says_why() -> None:
     assert rows["why"] == "FindPart: no o9 in the tray"
 
 
+def test_of_a_job_that_builds_no_goal_nothing_is_said_of_the_bracket() -> None:
+    rows = run_summary({**SUMMARY, "correct": None, "wrong_placements": None, "inferred_goal": None}, PRODUCT, 25.0)
+    assert rows["result"] == "finished"
+    assert "goal" not in rows
+    assert "wrong placements" not in rows
+    assert rows["in the bracket"] == "p1 globe valve (o2), p2 gate valve (o1)"
+
+
 def test_a_tree_that_is_no_assembly_says_nothing_of_one() -> None:
     rows = run_summary({key: value for key, value in SUMMARY.items() if key != "placements"}, PRODUCT, 25.0)
     assert rows["result"] == "finished"

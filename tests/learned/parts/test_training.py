@@ -15,6 +15,7 @@ from cell.configuration import load_configuration, load_product
 from cell.errors import InputError, ModelError
 from cell.interfaces.perception import Frame
 from cell.interfaces.pose import Pose
+from learned.parts.boxes import BoxPartDetector, head_file
 from learned.parts.data import AXIS_M, Label, Scene, surface_of
 from learned.parts.model import CentrePartDetector
 
@@ -112,42 +113,33 @@ def test_the_loss_falls_and_the_same_seed_gives_the_same_weights() -> None:
     assert losses[1] < losses[0]
 
 
-def test_faster_rcnn_takes_a_step_is_written_and_scored(tmp_path: Path) -> None:
-    from learned.parts.rcnn import RcnnTraining, load_rcnn, score_rcnn, train_rcnn, write_rcnn
+def test_faster_rcnn_takes_a_step_is_written_and_answers_without_torch(tmp_path: Path) -> None:
+    from learned.parts.rcnn import train_rcnn, write_rcnn
+    from learned.parts.settings import RcnnTraining
 
-    checkpoint, out = tmp_path / "rcnn.checkpoint", tmp_path / "rcnn.pt"
-    settings = RcnnTraining("mobilenet", steps=2, batch=2)
+    checkpoint, out = tmp_path / "rcnn.checkpoint", tmp_path / "parts_rcnn.onnx"
+    settings = RcnnTraining(backbone="resnet18", share=0.05, steps=2, batch=2)
     network = train_rcnn(SCENES, PRODUCT, 0, settings, checkpoint=checkpoint)
     assert not checkpoint.exists()  # it is for what was interrupted
-    write_rcnn(network, out, PRODUCT, SCENES, settings, 0, "a test")
-    scores, again = (score_rcnn(one, SCENES[:2], PRODUCT) for one in (network, load_rcnn(out, PRODUCT)))
-    assert 0 <= scores["map_50_95"] <= scores["map_50"] <= 1
-    assert "posture" not in scores
-    assert scores["map_50"] == again["map_50"]
-    out.write_bytes(b"no weights")
+    write_rcnn(network, out, PRODUCT, SCENES[:2], settings, 0, "a test")
+    detector = BoxPartDetector.load(BENCH, PRODUCT, out)
+    for one in detector.detect(Frame("wrist", 0, 0.0, SCENES[0].image, ABOVE)):
+        assert one.part in (*PRODUCT.parts, "unknown")
+        assert 0 < one.confidence <= 1
+    head_file(out).write_bytes(b"no weights")
     with pytest.raises(ModelError, match="damaged"):
-        load_rcnn(out, PRODUCT)
+        BoxPartDetector.load(BENCH, PRODUCT, out)
     with pytest.raises(InputError, match="cannot be written"):
-        write_rcnn(network, out / "below a file.pt", PRODUCT, SCENES, settings, 0, "a test")
+        write_rcnn(network, out / "below a file.onnx", PRODUCT, SCENES[:2], settings, 0, "a test")
 
 
-def test_boxes_of_faster_rcnn_are_judged_as_those_of_other_detectors() -> None:
-    import torch
+def test_targets_are_whole_boxes_in_the_input_of_the_network() -> None:
+    from learned.parts.rcnn import targets
 
-    from learned.parts.data import UNKNOWN
-    from learned.parts.rcnn import score_rcnn, targets
-
-    types = tuple(PRODUCT.parts)
-
-    class Perfect(torch.nn.Module):
-        def forward(self, _: object) -> list[dict[str, torch.Tensor]]:
-            truth = targets(SCENES[0], types)
-            return [{**truth, "scores": torch.ones(len(truth["labels"]))}]
-
-    scores = score_rcnn(Perfect(), SCENES[:1], PRODUCT)
-    assert UNKNOWN not in PRODUCT.parts
-    assert scores["map_50"] == 1
-    assert scores["map_50_95"] > 0.9  # whole pixels
+    found = targets(SCENES[0], tuple(PRODUCT.parts))
+    wanted = np.array([label.box_px for label in SCENES[0].labels]) * 320 / CAMERA.width_px
+    assert np.allclose(found["boxes"].numpy(), wanted, atol=1e-3)
+    assert found["labels"].tolist() == [1, 2, 3]
 
 
 def test_a_backbone_that_there_is_not_is_told_before_data_are_made(capsys: pytest.CaptureFixture[str]) -> None:
@@ -155,3 +147,10 @@ def test_a_backbone_that_there_is_not_is_told_before_data_are_made(capsys: pytes
 
     assert main(["lab", "train", "parts", "--kind", "rcnn", "--backbone", "vgg"]) == 2
     assert "legal: resnet101" in capsys.readouterr().err
+
+
+def test_a_share_of_channels_goes_with_the_small_backbone_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    from cell.commands.main import main
+
+    assert main(["lab", "train", "parts", "--kind", "rcnn", "--backbone", "resnet50", "--share", "0.25"]) == 2
+    assert "--share 0.25: goes with --backbone resnet18" in capsys.readouterr().err

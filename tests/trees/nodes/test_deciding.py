@@ -28,7 +28,7 @@ from tests.trees.nodes.rig import (
 from trees.engine.status import NodeError
 from trees.nodes.clutter import CheckGraspability, DecodeSolution, FindPart, LookAtTray, part_and_others
 from trees.nodes.people import PersonAction, WaitForAction, WaitForHandClear, WaitForHandClearOfPart
-from trees.nodes.planning import ChoosePosition, InferGoal
+from trees.nodes.planning import ChoosePosition, DecodeGuidance, InferGoal
 from trees.nodes.watching import SeenAction
 from trees.testing import alone
 
@@ -50,6 +50,28 @@ def test_a_planner_that_cannot_be_used_is_refused_and_the_rule_answers(answer: o
     assert at.tools.infer(AssemblyState({})) is SURE
     assert isinstance(at.tools.journal, ListJournal)
     assert [fields["decision"] for topic, fields in at.tools.journal.notes if topic == "verdict"] == ["refused"]
+
+
+def test_guidance_shows_what_all_likely_goals_share_and_any_part_elsewhere() -> None:
+    open_goals = replace(
+        SURE,
+        goal_belief={"g0": 0.34, "g1": 0.33, "g2": 0.33},
+        next_belief={("o1", "p1"): 0.97, ("o1", "p2"): 0.34, ("o2", "p4"): 0.34},
+        guidance={"o1": ("p1", "p2"), "o2": ("p4",), "o3": ()},
+    )
+    at = services()
+    node = DecodeGuidance("show")
+    node.setup(services=at)
+    for plan, guidance, any_part in (
+        (open_goals, {"o1": ("p1",), "o3": ()}, ("p2", "p4")),
+        (replace(open_goals, next_belief={}), {"o3": ()}, ("p1", "p2", "p4")),
+        (SURE, SURE.guidance, ()),
+    ):
+        node.plan.entry.value = plan  # type: ignore[union-attr]
+        assert node.update() is Status.SUCCESS
+        shown = at.now.command.display
+        assert (shown.guidance, shown.any_part) == (guidance, any_part)
+    assert at.tools.infer(AssemblyState({})).guidance == SURE.guidance, "the robot plans with all of it"
 
 
 def test_a_state_is_inferred_once() -> None:

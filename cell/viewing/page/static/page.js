@@ -176,7 +176,7 @@ function showBracket({ bracket, questions }) {
     const who = one.placed ? (robot ? S.placedByRobot : S.placedByPerson) : robot ? S.nextHere : S.remains;
     const open = offered.has(one.position);
     const next = one.wrong ? "wrong" : open || (!one.placed && robot) ? "next" : null;
-    const words = one.wrong ? S.lookHere : open ? S.here : one.part ? `${title(one.part)}: ${who}` : S.notKnown;
+    const words = one.wrong ? S.lookHere : open ? S.here : one.part ? `${title(one.part)}: ${who}` : one.any_part ? S.anyPart : S.notKnown;
     return make("li", { class: next }, make("b", {}, one.position), words);
   });
   $("holes").replaceChildren(...rows);

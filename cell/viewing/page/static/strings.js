@@ -37,6 +37,7 @@ export const STRINGS = {
   here: "here?",
   remains: "still to be placed",
   notKnown: "not known yet",
+  anyPart: "any part",
   nextHere: "the robot brings it next",
   bracketNumber: "bracket",
   of: "of",

@@ -23,6 +23,7 @@ from trees.engine.node import StatusChange
         ("belief", {"goals": {"g0": 0.987, "g1": 0.013}, "placed": {"p6": "o3"}}, ["g0 98.7%", "p6=o3"]),
         ("plan", {"guidance": {"o1": ["p1", "p2"], "o2": []}}, ["o1 to p1, p2"]),
         ("plan", {"guidance": {"o1": []}}, ["nothing remains"]),
+        ("plan", {"guidance": {"o3": []}, "any_part": ["p1", "p2"]}, ["any part to p1, p2"]),
         ("plan", {"next": ["o2", "p4"]}, ["next o2 to p4"]),
         ("plan", {"required": 3, "graspable": 0.25, "solution": "move 1"}, ["part 3", "move 1", "25.0%"]),
         ("verdict", {"subject": "o1 at p2", "decision": "wait", "reason": "o1 at p2 is likely"}, ["wait: o1 at p2 is"]),

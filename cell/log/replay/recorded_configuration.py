@@ -1,4 +1,4 @@
-"""The configuration of a log in today's form, so that a log of any age is replayed."""
+"""The configuration and the table of faults of a log in today's form, so that a log of any age is replayed."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from cell.interfaces.devices import ROLES
+from cell.interfaces.faults import OFF_PATH, OFF_PATH_LONG, SIGNALS, Fault, FaultTable
 from cell.interfaces.robot import DEFAULT, FOLDER
 from skills.motion.settings import MotionSettings, SeparationSettings
 
@@ -39,6 +40,21 @@ def upgrade(folder: Path) -> None:
     if (folder / ROBOT).exists():
         data["robot"] = ROBOT
     path.write_text(yaml.safe_dump({**data, "devices": devices}), "utf-8")
+
+
+def recorded_table(text: str) -> FaultTable:
+    """The table of a log; signs that nobody knew when it was written do nothing in it."""
+    rows = [dict(row) for row in yaml.safe_load(text)["faults"]]
+    asks_s = {row["signal"]: row.pop("person_after_s", None) for row in rows}
+    for row in rows:
+        for key in set(row) - set(Fault.model_fields):
+            del row[key]
+    if (delay_s := asks_s.get(OFF_PATH)) is not None:  # a person was asked for by the same row
+        off = next(row for row in rows if row["signal"] == OFF_PATH)
+        rows.append({**off, "signal": OFF_PATH_LONG, "clear": "person", "delay_s": min(delay_s, 10.0)})
+    unknown = set(SIGNALS) - {row["signal"] for row in rows}
+    added = [{"signal": signal, "action": "run", "clear": "itself"} for signal in sorted(unknown)]
+    return FaultTable.model_validate({"faults": [*rows, *added]})
 
 
 def _of_motion(motion: dict[str, Any]) -> Mapping[str, Any] | None:

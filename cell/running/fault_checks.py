@@ -21,7 +21,7 @@ STALE_BENCH_S = 0.35  # three frames are missing
 FUTURE_S = 0.05
 LATE_S, VERY_LATE_S = 0.08, 0.40
 OFF_PATH_RAD = 0.025
-ARRIVED_RAD = 0.006  # a standing arm is at its goal so nearly
+ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
 OTHER_MASTER = "another master commands the gripper"
 VAIN_TIMES = 3  # acknowledgements in a row that no trajectory came to its end after
 SERVO_LAGS_S = (0.0, 0.008, 0.016)  # an arm trails its trajectory by at most the last
@@ -159,12 +159,14 @@ def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
     path_s = seen.arm.path_s
     if sent is None or len(seen.arm.positions_rad) != 6:
         return ""
+    measured = np.array(seen.arm.positions_rad)
     if seen.arm.moving and path_s is not None:
-        measured = np.array(seen.arm.positions_rad)
         off = min(float(np.abs(measured - sent.at(path_s - lag_s)).max()) for lag_s in SERVO_LAGS_S)
         return f"a joint is {off:.3f} rad off its path" if off > OFF_PATH_RAD else ""
-    stays = not seen.arm.moving and seen.arm.stands and not _arrived(seen, sent)
-    return "the arm does not follow its trajectory" if stays else ""
+    if seen.arm.moving:  # somewhere along its path
+        off = float(np.abs(measured - sent.positions_rad).max(axis=1).min())
+        return f"a joint is {off:.3f} rad off its path" if off > OFF_PATH_RAD else ""
+    return "the arm does not follow its trajectory" if _missed_rad(seen, sent) > _near_rad(sent) else ""
 
 
 def _far_rad(sent: JointTrajectory) -> float:
@@ -176,8 +178,17 @@ def _arrived(seen: Observation, sent: JointTrajectory) -> bool:
     """Whether the arm stands at the end of a trajectory; a short way is missed by less."""
     if seen.arm.moving or not seen.arm.stands or len(seen.arm.positions_rad) != 6:
         return False
-    missed = float(np.abs(np.array(seen.arm.positions_rad) - sent.positions_rad[-1]).max())
-    return missed <= max(ARRIVED_RAD, min(OFF_PATH_RAD, _far_rad(sent) / 2))
+    return _missed_rad(seen, sent) <= _near_rad(sent)
+
+
+def _missed_rad(seen: Observation, sent: JointTrajectory) -> float:
+    """How far the joint is from the end of a trajectory that is farthest from it."""
+    return float(np.abs(np.array(seen.arm.positions_rad) - sent.positions_rad[-1]).max())
+
+
+def _near_rad(sent: JointTrajectory) -> float:
+    """How near its end counts as there; a short way is missed by less."""
+    return max(ARRIVED_RAD, min(REST_RAD, _far_rad(sent) / 2))
 
 
 def _of_gripper(words: Callable[[Observation, Memory], str]) -> Check:

@@ -12,7 +12,7 @@ from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.operator import OperatorOrder
-from cell.running.device_reader import GripperHold
+from cell.running.device_writer import GripperHold
 from tests.cell.fakes import PARKED, FakeGripper, Rig
 
 OPEN = GripperCommand(0.085, 0.1, 40.0)

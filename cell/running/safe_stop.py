@@ -11,6 +11,7 @@ from typing import TypeVar
 from cell.interfaces.devices import Devices, Gripper
 from cell.interfaces.observation import Observation
 from cell.running.device_reader import describe
+from cell.running.gripper_checks import stale_words
 
 Answer = TypeVar("Answer")
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -127,9 +128,14 @@ def condition(seen: Observation | None, part: str | None) -> str:
         part: what the tree believes to be between the fingers.
     """
     if seen is None:
-        return "nothing is known of arm and gripper"
+        return f"nothing is known of arm and gripper{_may_hold(part)}"
     arm = "the arm stands" if at_rest(seen) else "the arm is not known to stand"
-    if any(trouble.device == "gripper" for trouble in seen.troubles):
-        return f"{arm}, nothing is known of the gripper"
+    told = not any(trouble.device == "gripper" for trouble in seen.troubles) and not stale_words(seen)
+    if not told or not seen.gripper.echoed or (part is not None and not seen.gripper.activated):
+        return f"{arm}, nothing is known of the gripper{_may_hold(part)}"
     holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"
     return f"{arm}, the gripper {holds}"
+
+
+def _may_hold(part: str | None) -> str:
+    return "" if part is None else f"; it may hold {part}"

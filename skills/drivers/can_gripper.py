@@ -114,9 +114,9 @@ class CanGripper:
     def state(self) -> GripperState:
         """Read the waiting frames; raises DeviceFault on a missing heartbeat, a major fault or a dead or deaf bus."""
         self._drain()
-        if not self._late:  # else it may wait behind the others; the status grows old meanwhile
+        if not self._late:  # else they may wait behind other frames; the status grows old meanwhile
             self._check_heartbeat()
-        self._check_echo()
+            self._check_echo()
         self._keep_alive()
         if self._status is None:
             unknown = GripperState(self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0)

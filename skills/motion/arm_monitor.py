@@ -10,16 +10,18 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
 from cell.interfaces.bench import JOINTS
 from cell.interfaces.command import JointTrajectory
-from cell.interfaces.observation import ArmState
+from cell.interfaces.observation import ArmMode, ArmState
 from cell.interfaces.pose import Array
 from cell.interfaces.robot import RobotModel
 from skills.motion.separation import LEAST_BRAKING, MARK_S, PLAY_S, TINY
 
+MODES = get_args(ArmMode)
 BRAKES_AT_LEAST = 0.8  # of the braking that is played through
 SPEED_TOLERANCE, WAY_TOLERANCE_S = 1.03, 0.02  # of the way along the path: of its growth, and a clock's jitter
 SETTLES_S, STAYS_RAD = 0.12, 0.08  # a standing arm rests by then, and then moves no more than by a push
@@ -29,7 +31,7 @@ REPEATS_S, STUCK_S = (
 )  # a moving arm tells something new by then, and goes on along its path
 LONGEST_S = 0.2  # between two states that can be compared
 JUMP_RAD, RANGE_SLACK_RAD, SPEED_SLACK = 0.02, 0.01, 1.3  # what a measurement adds to what the robot can do
-SPEED_OFF_RAD_S, SPEED_OFF, SPEEDS_OFF = 0.15, 0.3, 3  # told speeds differ from measured ones by less, or less often
+SPEED_OFF_RAD_S, SPEED_OFF, SPEEDS_OFF = 0.1, 0.15, 3  # told speeds differ from measured ones by less, or less often
 
 
 @dataclass(frozen=True)
@@ -219,20 +221,24 @@ class ArmMonitor:
             return "the arm told a joint faster than it can be"
         if path_s < 0:
             return "the arm told a place before the beginning of its path"
+        if arm.mode not in MODES:
+            return f"the arm told a mode {arm.mode!r} that there is not"
         return self._contradicts(arm, positions, speeds)
 
     def _contradicts(self, arm: ArmState, positions: Array, speeds: Array) -> str:
         """Positions changed otherwise than the told speeds have it."""
         before = self._arm
         took_s = 0.0 if before is None else arm.time_s - before.time_s
-        if before is None or not 0 < took_s <= LONGEST_S:
+        if before is None or not 0 <= took_s <= LONGEST_S:
+            return ""
+        if took_s == 0 and before.positions_rad == arm.positions_rad:  # the same state again
             return ""
         moved = positions - np.array(before.positions_rad)
         far = np.abs(moved) - self._speed_rad_s * took_s
         if far.max() > JUMP_RAD:
             joint = int(far.argmax())
             return f"{JOINTS[joint]} jumped by {moved[joint]:.2f} rad in {took_s:.2f} s"
-        measured, told = moved / took_s, (speeds + np.array(before.velocities_rad_s)) / 2
+        measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2
         limit = np.maximum(SPEED_OFF_RAD_S, SPEED_OFF * np.maximum(np.abs(measured), np.abs(told)))
         self._mismatches = np.where(np.abs(measured - told) > limit, self._mismatches + 1, 0)
         if self._mismatches.max() < SPEEDS_OFF:

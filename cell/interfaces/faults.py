@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, NamedTuple, get_args
@@ -203,6 +204,34 @@ class FaultTable(Model):
         if wrong:
             raise Disagreement(wrong)
         return self
+
+
+CLEARS = ("itself", "standstill", "person", "never")  # the easiest first
+
+
+def weaker(table: FaultTable, floor: FaultTable) -> list[str]:
+    """In which rows a table does less than another: a milder action, an easier clearing, a longer delay or limit."""
+    rows = {fault.signal: fault for fault in floor.faults}
+    return [f"{row.signal}: {what}" for row in table.faults for what in _weaker(row, rows[row.signal])]
+
+
+def _weaker(row: Fault, floor: Fault) -> Iterator[str]:
+    if row.does < floor.does:
+        yield f"action {row.action} is milder than {floor.action}"
+        return
+    longer = ["delay_s"]
+    if row.does is not Action.STOP:
+        if CLEARS.index(row.clear) < CLEARS.index(floor.clear):
+            yield f"clear {row.clear} is easier than {floor.clear}"
+        if row.clear_s < floor.clear_s:
+            yield f"clear_s {row.clear_s:g} is shorter than {floor.clear_s:g}"
+        longer.append("stop_after_s")
+    if row.does is Action.SLOW:
+        longer.append("share")
+    for name in (*longer, "stop_s", "stop_m"):
+        value, most = getattr(row, name), getattr(floor, name)
+        if most is not None and (value is None or value > most):
+            yield f"{name} {'without a limit' if value is None else f'{value:g}'} is more than {most:g}"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from types import FrameType
 from typing import TypeVar
 
 from cell.interfaces.devices import Devices, Gripper
-from cell.interfaces.observation import Observation
+from cell.interfaces.observation import ObjectStatus, Observation
 from cell.running.device_reader import describe
 from cell.running.gripper_checks import stale_words
 
@@ -130,8 +130,10 @@ def condition(seen: Observation | None, part: str | None) -> str:
     if seen is None:
         return f"nothing is known of arm and gripper{_may_hold(part)}"
     arm = "the arm stands" if at_rest(seen) else "the arm is not known to stand"
-    told = not any(trouble.device == "gripper" for trouble in seen.troubles) and not stale_words(seen)
-    if not told or not seen.gripper.echoed or (part is not None and not seen.gripper.activated):
+    gripper = seen.gripper
+    told = gripper.echoed and not stale_words(seen) and not any(one.device == "gripper" for one in seen.troubles)
+    decided = gripper.activated and gripper.object_status is not ObjectStatus.MOVING
+    if not told or (part is not None and not decided):
         return f"{arm}, nothing is known of the gripper{_may_hold(part)}"
     holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"
     return f"{arm}, the gripper {holds}"

@@ -91,6 +91,9 @@ class RunOptions:
     resume: Annotated[
         Path | None, Option(metavar="LOG", help="Continue the work of this log, whose run was broken off.")
     ] = None
+    unsafe_table: Annotated[
+        bool, Option("--unsafe-table", help="Take faults or a separation that does less than what is shipped.")
+    ] = False
     max_duration_s: float | None = None
     images: bool = True
     pixels: bool = True
@@ -133,6 +136,7 @@ class Files:
 
     Attributes:
         left_off: of the run that this one goes on with; empty for a new beginning.
+        unsafe: where table or separation do less than the shipped ones.
     """
 
     configuration: Configuration
@@ -141,3 +145,4 @@ class Files:
     planners: Planners
     faults: FaultTable
     left_off: ResumeState = field(default_factory=ResumeState)
+    unsafe: tuple[str, ...] = ()

@@ -14,7 +14,7 @@ from cell.runs.options import RunOptions
 from cell.viewing.typed_orders import typed_lines
 
 
-@takes(RunOptions, *OPTIONS, "person", "inject", "world", "overwrite", configuration=CONFIGURATION)
+@takes(RunOptions, *OPTIONS, "person", "inject", "world", "overwrite", "unsafe_table", configuration=CONFIGURATION)
 def run(
     options: RunOptions,
     tree: TreeArgument = None,

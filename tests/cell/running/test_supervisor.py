@@ -15,7 +15,7 @@ from cell.configuration import load_configuration, load_faults
 from cell.errors import InputError
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement
+from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement, weaker
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView, HandSample, PartsView
@@ -384,6 +384,31 @@ def test_a_table_that_is_wrong_is_refused_with_its_place(tmp_path, line: str, co
     with pytest.raises(InputError, match=complaint) as caught:
         load_yaml(file, FaultTable)
     assert f"{file}:" in str(caught.value)
+
+
+def changed(signal: str, **values: object) -> FaultTable:
+    return FaultTable(
+        faults=tuple(one.model_copy(update=values) if one.signal == signal else one for one in TABLE.faults)
+    )
+
+
+@pytest.mark.parametrize(
+    ("signal", "values", "told"),
+    [
+        ("arm_emergency_stop", {"action": "run"}, "action run is milder than stop"),
+        ("hand_too_near", {"action": "slow"}, "action slow is milder than hold"),
+        ("arm_protective_stop", {"clear": "itself"}, "clear itself is easier than person"),
+        ("arm_lost", {"delay_s": 0.5}, "delay_s 0.5 is more than 0"),
+        ("bench_stale", {"stop_after_s": None}, "stop_after_s without a limit is more than 20"),
+        ("bench_stale", {"clear_s": 0.1}, "clear_s 0.1 is shorter than 0.5"),
+        ("arm_reduced", {"share": 0.5}, "share 0.5 is more than 0.25"),
+        ("arm_not_obeying", {"stop_m": 1.0}, "stop_m 1 is more than 0.6"),
+        ("arm_reduced", {"action": "hold"}, ""),
+        ("bench_stale", {"action": "stop", "clear": "never", "clear_s": 0.0, "stop_after_s": None}, ""),
+    ],
+)
+def test_a_milder_row_is_weaker_and_a_graver_one_is_not(signal: str, values: dict[str, object], told: str) -> None:
+    assert weaker(changed(signal, **values), TABLE) == ([f"{signal}: {told}"] if told else [])
 
 
 OVER_RAD = (0.131, -1.315, 1.9, -2.155, -1.571, 0.131)  # over the bracket

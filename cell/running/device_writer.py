@@ -126,15 +126,17 @@ class DeviceActor:
         self._command("panel", lambda: self._devices.panel.alarm(text))
 
     def _recover(self, seen: Observation, judgement: Judgement) -> None:
-        """Somebody acknowledged: unlock an arm that stopped by itself, let one that is held off its path give that up,
-        and activate a gripper that restarted empty.
+        """Somebody acknowledged: unlock an arm that stopped by itself, let one that is held off its path give that up.
+
+        What moves waits until that person lets the cell go on, too: a gripper that restarted empty is activated then.
         """
         if not seen.acknowledged:
             return
         self._command("arm", self._devices.arm.acknowledge)
         if judgement.gives_path_up(acknowledged=seen.acknowledged):
             self._command("arm", self._devices.arm.stop)
-        if any(signal == RESTARTED for signal, _ in judgement.reasons) and not seen.gripper.activated:
+        restarted = any(signal == RESTARTED for signal, _ in judgement.reasons) and not seen.gripper.activated
+        if restarted and seen.operator.pause != "now":
             self._command("gripper", self._gripper.activate)
 
     def _command(self, device: str, order: Callable[[], Answer]) -> Answer | None:

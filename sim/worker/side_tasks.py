@@ -31,6 +31,7 @@ class Replies:
         self._due_s: dict[int, float] = {}
         self._standing: tuple[Question, ...] = ()
         self._acknowledges_s: float | None = None
+        self._resumes_s: float | None = None
         self._pressed: list[OperatorOrder] = []
 
     def show(self, questions: tuple[Question, ...], time_s: float) -> None:
@@ -46,10 +47,14 @@ class Replies:
         self._acknowledges_s = time_s + float(self._rng.exponential(self._habits.answers_s)) if text else None
 
     def acknowledge(self, time_s: float) -> None:
-        """Press it where a trouble was noticed, and again while it still stands."""
+        """Press it where a trouble was noticed, let the cell go on, and again while the trouble still stands."""
+        if self._resumes_s is not None and time_s >= self._resumes_s:
+            self._pressed.append(OperatorOrder("resume"))
+            self._resumes_s = None
         if self._acknowledges_s is not None and time_s >= self._acknowledges_s:
             self._pressed.append(OperatorOrder("acknowledge"))
-            self._acknowledges_s = time_s + self._habits.answers_s
+            self._acknowledges_s = time_s + 2 * self._habits.answers_s
+            self._resumes_s = time_s + self._habits.answers_s
 
     def _reaction_s(self, question: Question) -> float:
         if question.kind == "bracket":

@@ -78,7 +78,7 @@ class Attendant:
     def __init__(self, devices: Devices) -> None:
         self._panel, self._clock, self._others = devices.panel, devices.clock, devices.pressed
         self._due_s: float | None = None
-        self._stands = self._resumes = False
+        self._stands = self._said = False
 
     def show(self, display: Display) -> None:
         """For the person who assembles."""
@@ -88,16 +88,16 @@ class Attendant:
         """A trouble waits from now on, or none."""
         self._panel.alarm(text)
         self._stands = bool(text)
-        self._due_s = self._clock.now_s() + NOTICES_S if text or self._resumes else None
+        self._due_s = self._clock.now_s() + NOTICES_S if text or self._said else None
 
     def pressed(self) -> Sequence[OperatorOrder]:
         """What was pressed since the last call; once more where the trouble is still there after as long again."""
         others = self._others()
         if self._due_s is None or self._clock.now_s() < self._due_s:
             return others
-        self._resumes = not self._resumes
-        self._due_s = self._clock.now_s() + NOTICES_S if self._stands or self._resumes else None
-        return (*others, OperatorOrder("acknowledge" if self._resumes else "resume"))
+        self._said = self._stands
+        self._due_s = self._clock.now_s() + NOTICES_S if self._stands else None
+        return (*others, OperatorOrder("acknowledge" if self._stands else "resume"))
 
 
 def attended(devices: Devices) -> Devices:

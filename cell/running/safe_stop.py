@@ -132,8 +132,7 @@ def condition(seen: Observation | None, part: str | None) -> str:
     arm = "the arm stands" if at_rest(seen) else "the arm is not known to stand"
     gripper = seen.gripper
     told = gripper.echoed and not stale_words(seen) and not any(one.device == "gripper" for one in seen.troubles)
-    decided = gripper.activated and gripper.object_status is not ObjectStatus.MOVING
-    if not told or (part is not None and not decided):
+    if not told or not gripper.activated or gripper.object_status is ObjectStatus.MOVING:
         return f"{arm}, nothing is known of the gripper{_may_hold(part)}"
     holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"
     return f"{arm}, the gripper {holds}"

@@ -120,7 +120,7 @@ class CanGripper:
         self._keep_alive()
         if self._status is None:
             unknown = GripperState(self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0)
-            return self._with_bus(unknown, echoed=False)
+            return self._with_bus(unknown, echoed=self._sent_s is None)
         fault = max(int(self._status["gFLT"]), self._emergency)
         if fault >= MAJOR_FAULT and not (fault == NO_COMMUNICATION and self._just_adopted):
             raise DeviceFault("gripper", f"fault 0x{fault:02X}: {self._meanings.get(fault, 'unknown')}")

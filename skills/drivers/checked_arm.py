@@ -101,11 +101,9 @@ def _refuse_fast(trajectory: JointTrajectory, limits_rad_s: Array, limits_rad_s2
         np.concatenate([steps_s[:1], (steps_s[1:] + steps_s[:-1]) / 2, steps_s[-1:]]), LONGEST_STEP_S
     )
     changes = np.abs(np.diff(np.concatenate([rest, moves_rad_s, rest]), axis=0)) / changes_s[:, np.newaxis]
-    sample, joint = np.unravel_index(int((changes / limits_rad_s2).argmax()), changes.shape)
+    sample, joint = divmod(int((changes / limits_rad_s2).argmax()), len(JOINTS))
     if changes[sample, joint] > ACCELERATION_TOLERANCE * limits_rad_s2[joint]:
-        where = {0: "at its beginning", len(steps_s): "at its end"}.get(
-            int(sample), f"at {trajectory.times_s[sample]:g} s"
-        )
+        where = {0: "at its beginning", len(steps_s): "at its end"}.get(sample, f"at {trajectory.times_s[sample]:g} s")
         raise DeviceFault(
             "arm",
             f"trajectory changes the speed of {JOINTS[joint]} by {changes[sample, joint]:.2f} rad/s2 {where}, "

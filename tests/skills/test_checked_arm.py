@@ -10,6 +10,7 @@ import pytest
 from cell.errors import DeviceFault
 from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import JointTrajectory
+from cell.interfaces.pose import Array
 from cell.interfaces.robot import default_robot
 from skills.drivers.checked_arm import CheckedArm
 from tests.cell.fakes import FakeArm
@@ -23,7 +24,7 @@ def driver() -> FakeArm:
 
 def swing(span_rad: float = 0.4, lasts_s: float = 1.2) -> JointTrajectory:
     """The base turns from rest to rest."""
-    times_s = np.linspace(0.0, lasts_s, 151)
+    times_s: Array = np.linspace(0.0, lasts_s, 151)
     path = np.zeros((151, 6))
     path[:, 0] = span_rad * (1 - np.cos(np.pi * times_s / lasts_s)) / 2
     return JointTrajectory(times_s, path)
@@ -71,7 +72,8 @@ def ramp(speeds_rad_s: np.ndarray) -> JointTrajectory:
     """The base at these speeds, 8 ms each."""
     path = np.zeros((len(speeds_rad_s) + 1, 6))
     path[1:, 0] = np.cumsum(speeds_rad_s) * 0.008
-    return JointTrajectory(0.008 * np.arange(len(path)), path)
+    times_s: Array = 0.008 * np.arange(len(path), dtype=np.float64)
+    return JointTrajectory(times_s, path)
 
 
 SPEEDS_RAD_S = np.concatenate([np.linspace(0, 2, 80), np.linspace(2, 0, 80)])

@@ -212,6 +212,7 @@ def spoiled(
     return spoil
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("names", [*((name,) for name in ARM), STATE], ids=lambda names: "+".join(names))
 def test_a_fault_of_any_kind_in_a_signal_of_the_arm_is_noticed(names: tuple[str, ...], kind: Kind) -> None:
@@ -225,6 +226,13 @@ def test_a_fault_of_any_kind_in_a_signal_of_the_arm_is_noticed(names: tuple[str,
         return  # a motion is said to end a little later
     assert 1 <= bench.noticed(shown[0]) <= NOTICED_TICKS
     assert bench.way_m(shown[0]) - stop_m(shown[0]) <= FURTHER_M
+
+
+@pytest.mark.parametrize(
+    ("names", "kind"), [(("velocities_rad_s",), "flipped"), (STATE, "stuck"), (("time_s",), "early")]
+)
+def test_a_sample_of_them_is(names: tuple[str, ...], kind: Kind) -> None:
+    test_a_fault_of_any_kind_in_a_signal_of_the_arm_is_noticed(names, kind)
 
 
 @dataclass

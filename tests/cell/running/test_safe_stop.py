@@ -262,6 +262,7 @@ EMPTY = replace(KNOWN, object_status=ObjectStatus.AT_POSITION)
         (replace(EMPTY, time_s=0.8), None, "nothing is known of the gripper"),
         (replace(EMPTY, echoed=False), "o1", "nothing is known of the gripper; it may hold o1"),
         (replace(EMPTY, activated=False), "o1", "nothing is known of the gripper; it may hold o1"),
+        (replace(EMPTY, activated=False), None, "nothing is known of the gripper"),
         (replace(EMPTY, object_status=ObjectStatus.MOVING), "o1", "nothing is known of the gripper; it may hold o1"),
         (replace(KNOWN, time_s=float("nan")), "o1", "nothing is known of the gripper; it may hold o1"),
     ],

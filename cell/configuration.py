@@ -16,7 +16,7 @@ from cell.files.files import shipped
 from cell.files.model import Disagreement, Model
 from cell.files.yaml_file import load_yaml, place_of
 from cell.interfaces.bench import JOINTS, Bench, Calibration
-from cell.interfaces.faults import FaultTable
+from cell.interfaces.faults import FaultTable, weaker
 from cell.interfaces.planning import crops_file, weights_file
 from cell.interfaces.product import Product
 from cell.interfaces.robot import NamedRobot, default_robot
@@ -53,6 +53,7 @@ class Configuration(Model):
             towards the person, z up.
         robot: the arm: ur10, ur10e, or a robot file, relative to this file.
         faults: what the supervisor does about each sign of trouble, relative to this file; none for the shipped table.
+        unsafe_table: a table or a separation that does less than the shipped one is taken, and said in red.
     """
 
     moved: ClassVar[Mapping[str, str]] = {
@@ -62,6 +63,7 @@ class Configuration(Model):
     product: Path
     robot: NamedRobot = Field(default_factory=default_robot, json_schema_extra={"default": "ur10"})
     faults: Path | None = None
+    unsafe_table: bool = False
     calibration: Path | None = None
     bench: Bench
     controller: ControllerSettings = ControllerSettings()
@@ -213,6 +215,11 @@ def load_faults(configuration: Configuration) -> FaultTable:
         InputError: with every problem of the file.
     """
     return load_yaml(configuration.faults or DEFAULT_FAULTS, FaultTable)
+
+
+def weaknesses(configuration: Configuration, table: FaultTable) -> list[str]:
+    """Where a cell's table of faults or its separation does less than the shipped one."""
+    return weaker(table, load_yaml(DEFAULT_FAULTS, FaultTable)) + configuration.motion.separation.weaker
 
 
 @contextmanager

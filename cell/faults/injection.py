@@ -9,7 +9,7 @@ import os
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import can
 
@@ -165,6 +165,7 @@ class Injection(Observer):
         self.first_frame: int | None = None
         self._work = WorkState()
         self._presses_s = -1.0
+        self._said: Literal["acknowledge", "resume", ""] = ""
         self._clock: Callable[[], float] = lambda: 0.0
 
     @classmethod
@@ -208,13 +209,15 @@ class Injection(Observer):
         return replace(devices, arm=arm, overhead=overhead, pressed=pressed)
 
     def _acknowledgement(self) -> Sequence[OperatorOrder]:
-        """Somebody at the bench acknowledges what waits for that, after a while and again."""
-        if self.fault not in ACKNOWLEDGED or not self.active or self._clock() < self._presses_s:
+        """Somebody at the bench acknowledges what waits for that, after a while and again, and then lets it go on."""
+        if self.fault not in ACKNOWLEDGED or self.began_s is None or self._clock() < self._presses_s:
             return ()
-        assert self.began_s is not None
-        first = self._presses_s < self.began_s
+        first, said = self._presses_s < self.began_s, self._said
         self._presses_s = (self.began_s if first else self._clock()) + PASSES_S
-        return () if first else (OperatorOrder("acknowledge"),)
+        if first:
+            return ()
+        self._said = "resume" if said == "acknowledge" else "acknowledge" if self.active else ""
+        return (OperatorOrder(self._said),) if self._said else ()
 
     def _bus(self, bus: can.BusABC, database: Any) -> can.BusABC:
         """The same bus with a proxy."""

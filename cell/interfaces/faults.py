@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 from pydantic import Field, model_validator
 
@@ -14,7 +15,11 @@ Signal = Literal[
     "arm_lost",
     "arm_not_plausible",
     "arm_stale",
+    "arm_time_wrong",
     "arm_off_path",
+    "arm_off_path_long",
+    "arm_not_obeying",
+    "arm_path_unknown",
     "arm_protective_stop",
     "arm_safeguard_stop",
     "arm_emergency_stop",
@@ -22,9 +27,13 @@ Signal = Literal[
     "arm_reduced",
     "gripper_lost",
     "gripper_stale",
+    "gripper_not_plausible",
+    "gripper_not_obeying",
     "gripper_refuses",
     "gripper_restarted_empty",
     "gripper_restarted_holding",
+    "gripper_other_master",
+    "gripper_bus_errors",
     "detector_lost",
     "camera_lost",
     "bench_stale",
@@ -40,38 +49,91 @@ Signal = Literal[
     "command_contested",
 ]
 
-SIGNALS: dict[Signal, str] = {
-    "arm_lost": "the arm's state cannot be read, or the arm refuses a command",
-    "arm_not_plausible": "the arm's state has a value that is not finite, beyond its limits, or not six joints",
-    "arm_stale": "two states of the arm in a row are missing",
-    "arm_off_path": "the arm is more than 0.025 rad from where its trajectory has it, or does not follow it",
-    "arm_protective_stop": "the arm stopped by itself because it was held back",
-    "arm_safeguard_stop": "the arm's safeguard input is open",
-    "arm_emergency_stop": "an emergency stop is pressed",
-    "arm_fault": "the arm reports a fault",
-    "arm_reduced": "the arm's reduced mode is on",
-    "gripper_lost": "no heartbeat, a dead bus, or a major fault of the gripper",
-    "gripper_stale": "no status of the gripper for more than 0.1 s, although its heartbeat comes",
-    "gripper_refuses": "an active gripper does not take commands (gFLT 5 or 7), or its node is stopped",
-    "gripper_restarted_empty": "the gripper lost its activation; nothing was between its fingers",
-    "gripper_restarted_holding": "the gripper lost its activation with a part between its fingers",
-    "detector_lost": "the process of a detector died",
-    "camera_lost": "a camera raises an error",
-    "bench_stale": "the newest view of the bench is older than 0.35 s, or there is none yet",
-    "bench_in_the_future": "the view of the bench has a time stamp that is still to come",
-    "camera_unhealthy": "the overhead image is dark, bright, frozen, discoloured, blurred, or its landmarks moved",
-    "camera_moved": "a camera sees holes or tray more than 10 mm off, at the start or once a minute",
-    "hand_unknown": "the hand vanished inside the view without leaving by its edge",
-    "hand_near": "the hand is nearer than the protective distance at full speed: the share of speed is computed",
-    "hand_too_near": "the hand is nearer than the protective distance at the slow speed; the arm may only leave it",
-    "blind_area": "no hand is seen, and the tool works where the overhead camera does not look: share is computed",
-    "tick_late": "a tick began more than two periods late",
-    "tick_very_late": "a tick began more than ten periods late",
-    "command_contested": "two nodes commanded the arm or the gripper in one tick",
+
+class Sign(NamedTuple):
+    """What a signal means.
+
+    Attributes:
+        seen: when it is seen.
+        alive: what proves, in a sound cell, that the sense behind it works; it is a sign of its own where that ends.
+    """
+
+    seen: str
+    alive: str
+
+
+ARM_ANSWERS, ARM_MOVES = "the arm answers in every tick", "joints and `path_s` go on while the arm moves"
+STATUS, ECHO = "a status in every 0.1 s", "the status repeats the last command"
+FRAMES, HAND = "new frames, each with its own number and stamp", "the hand leaves by an edge of the view"
+NOTHING = "nothing: it counts as absent until it is told"
+SIGNALS: dict[Signal, Sign] = {
+    "arm_lost": Sign("the arm's state cannot be read, or the arm refuses a command", ARM_ANSWERS),
+    "arm_not_plausible": Sign(
+        "the arm's state has a value that is not finite, beyond its limits, or not six joints; or its joints move "
+        "otherwise than its speeds say",
+        "differences of positions and told speeds agree",
+    ),
+    "arm_stale": Sign(
+        "two states of the arm in a row are missing, or the same one comes for 0.1 s while the arm moves", ARM_MOVES
+    ),
+    "arm_time_wrong": Sign("the arm's stamp is still to come, or goes backwards", "stamps increase, up to now"),
+    "arm_off_path": Sign(
+        "the arm is more than 0.025 rad from where its trajectory has it, or does not follow it", ARM_MOVES
+    ),
+    "arm_off_path_long": Sign("it stays off its path, such as by somebody who leans on it", ARM_MOVES),
+    "arm_not_obeying": Sign(
+        "the arm goes on faster than it may after reaction and braking, does not stand when it must, or does not go on",
+        ARM_MOVES,
+    ),
+    "arm_path_unknown": Sign("the arm moves and does not tell `path_s`: share is computed", "`path_s` is told"),
+    "arm_protective_stop": Sign("the arm stopped by itself because it was held back", ARM_ANSWERS),
+    "arm_safeguard_stop": Sign("the arm's safeguard input is open", ARM_ANSWERS),
+    "arm_emergency_stop": Sign("an emergency stop is pressed", ARM_ANSWERS),
+    "arm_fault": Sign("the arm reports a fault", ARM_ANSWERS),
+    "arm_reduced": Sign("the arm's reduced mode is on", ARM_ANSWERS),
+    "gripper_lost": Sign("no heartbeat, a dead bus, or a major fault of the gripper", "the node's heartbeat"),
+    "gripper_stale": Sign("no status of the gripper for more than 0.1 s, although its heartbeat comes", STATUS),
+    "gripper_not_plausible": Sign(
+        "the gripper tells an opening that it cannot have, or one that its own status contradicts", STATUS
+    ),
+    "gripper_not_obeying": Sign(
+        "for 0.3 s the gripper does not repeat what it was told, its fingers move unasked, or do not arrive", ECHO
+    ),
+    "gripper_refuses": Sign("an active gripper does not take commands (gFLT 5 or 7), or its node is stopped", ECHO),
+    "gripper_restarted_empty": Sign("the gripper lost its activation; nothing was between its fingers", STATUS),
+    "gripper_restarted_holding": Sign("the gripper lost its activation with a part between its fingers", STATUS),
+    "gripper_other_master": Sign("somebody else commands the gripper on its bus", NOTHING),
+    "gripper_bus_errors": Sign(
+        "error frames, more frames than can be read, or heartbeats that contradict one another", "frames without errors"
+    ),
+    "detector_lost": Sign("the process of a detector died", "it answers"),
+    "camera_lost": Sign("a camera raises an error", FRAMES),
+    "bench_stale": Sign("the newest view of the bench is older than 0.35 s, or there is none yet", FRAMES),
+    "bench_in_the_future": Sign("the view of the bench has a time stamp that is still to come", "stamps up to now"),
+    "camera_unhealthy": Sign(
+        "the overhead image is dark, bright, frozen, discoloured, blurred, or its landmarks moved", FRAMES
+    ),
+    "camera_moved": Sign(
+        "a camera sees holes or tray more than 10 mm off, at the start or once a minute", "holes and tray are found"
+    ),
+    "hand_unknown": Sign("the hand vanished inside the view without leaving by its edge", HAND),
+    "hand_near": Sign(
+        "the hand is nearer than the protective distance at full speed: the share of speed is computed", HAND
+    ),
+    "hand_too_near": Sign(
+        "the hand is nearer than the protective distance at the slow speed; the arm may only leave it", HAND
+    ),
+    "blind_area": Sign(
+        "no hand is seen, and the tool works where the overhead camera does not look: share is computed", HAND
+    ),
+    "tick_late": Sign("a tick began more than two periods late", "the clock"),
+    "tick_very_late": Sign("a tick began more than ten periods late", "the clock"),
+    "command_contested": Sign("two nodes commanded the arm or the gripper in one tick", "none is needed"),
 }
 assert set(SIGNALS) == set(get_args(Signal))
 HAND_TOO_NEAR: Signal = "hand_too_near"
 OFF_PATH: Signal = "arm_off_path"
+OFF_PATH_LONG: Signal = "arm_off_path_long"
 USUAL = ("hand_near", "blind_area")  # slower for these is how the cell works; the log has them, no message is shown
 ACKNOWLEDGE = "acknowledge it when it may go on"  # how words end that wait for a person
 
@@ -95,11 +157,10 @@ class Fault(Model):
         clear: itself (once it has gone), standstill (and the arm stands), person (and somebody acknowledged it), never.
         delay_s: how long it must be seen before anything is done.
         clear_s: how long it must be gone.
-        acknowledged_s: with `clear: person`, how long before it went it may have been acknowledged: fingers that are
-            activated anew, or an arm that unlocks its brakes, take their time.
-        person_after_s: what lasts longer than this is cleared as by `clear: person`; None for never.
         stop_after_s: a hold or slow that lasts longer than this becomes a stop; None for never.
         share: largest share of speed of a `slow`; what a check itself finds may be less.
+        stop_s, stop_m: of `arm_not_obeying`: how long a held arm may take to stand, and how far its tool may go
+            meanwhile; None for no limit but the braking that is worked out.
     """
 
     signal: Signal
@@ -107,10 +168,10 @@ class Fault(Model):
     clear: Literal["itself", "standstill", "person", "never"]
     delay_s: float = Field(default=0.0, ge=0, le=10, allow_inf_nan=False)
     clear_s: float = Field(default=0.0, ge=0, le=60, allow_inf_nan=False)
-    acknowledged_s: float = Field(default=5.0, ge=0, le=60, allow_inf_nan=False)
-    person_after_s: float | None = Field(default=None, gt=0, le=3600, allow_inf_nan=False)
     stop_after_s: float | None = Field(default=None, gt=0, le=3600, allow_inf_nan=False)
     share: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
+    stop_s: float | None = Field(default=None, gt=0, le=10, allow_inf_nan=False)
+    stop_m: float | None = Field(default=None, gt=0, le=5, allow_inf_nan=False)
 
     @property
     def does(self) -> Action:
@@ -136,11 +197,41 @@ class FaultTable(Model):
                 wrong.append((("faults", row), f"signal {fault.signal} is in the table twice"))
             found.add(fault.signal)
         wrong += [
-            (("faults",), f"no row for signal {name}: {what}") for name, what in SIGNALS.items() if name not in found
+            (("faults",), f"no row for signal {name}: {sign.seen}")
+            for name, sign in SIGNALS.items()
+            if name not in found
         ]
         if wrong:
             raise Disagreement(wrong)
         return self
+
+
+CLEARS = ("itself", "standstill", "person", "never")  # the easiest first
+
+
+def weaker(table: FaultTable, floor: FaultTable) -> list[str]:
+    """In which rows a table does less than another: a milder action, an easier clearing, a longer delay or limit."""
+    rows = {fault.signal: fault for fault in floor.faults}
+    return [f"{row.signal}: {what}" for row in table.faults for what in _weaker(row, rows[row.signal])]
+
+
+def _weaker(row: Fault, floor: Fault) -> Iterator[str]:
+    if row.does < floor.does:
+        yield f"action {row.action} is milder than {floor.action}"
+        return
+    longer = ["delay_s"]
+    if row.does is not Action.STOP:
+        if CLEARS.index(row.clear) < CLEARS.index(floor.clear):
+            yield f"clear {row.clear} is easier than {floor.clear}"
+        if row.clear_s < floor.clear_s:
+            yield f"clear_s {row.clear_s:g} is shorter than {floor.clear_s:g}"
+        longer.append("stop_after_s")
+    if row.does is Action.SLOW:
+        longer.append("share")
+    for name in (*longer, "stop_s", "stop_m"):
+        value, most = getattr(row, name), getattr(floor, name)
+        if most is not None and (value is None or value > most):
+            yield f"{name} {'without a limit' if value is None else f'{value:g}'} is more than {most:g}"
 
 
 @dataclass(frozen=True)
@@ -165,23 +256,24 @@ class Judgement:
 
     def gives_path_up(self, *, acknowledged: bool) -> bool:
         """Whether an arm that is held off its path forgets it and stays where somebody saw it."""
-        return acknowledged and OFF_PATH in self.held_by
+        return acknowledged and not {OFF_PATH, OFF_PATH_LONG}.isdisjoint(self.held_by)
 
     @property
     def words(self) -> str:
         """All reasons, for people."""
-        return "; ".join(what for _, what in self.reasons)
+        return "; ".join(dict.fromkeys(what for _, what in self.reasons))
 
 
 def fault_table_markdown(table: FaultTable) -> str:
     """The table for docs/safety.md."""
     rows = [
-        "| signal | seen when | action | clears | after s | gone s | person after s | stops after s |",
+        "| signal | seen when | sense is alive by | action | clears | after s | gone s | stops after s |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for fault in table.faults:
+        sign = SIGNALS[fault.signal]
         action = f"{fault.action} to {fault.share:.0%}" if fault.share < 1 else fault.action
-        asks, stops = ("" if one is None else f"{one:g}" for one in (fault.person_after_s, fault.stop_after_s))
-        cells = (fault.signal, SIGNALS[fault.signal], action, fault.clear, f"{fault.delay_s:g}")
-        rows.append(f"| {' | '.join(cells)} | {fault.clear_s:g} | {asks} | {stops} |")
+        stops = "" if fault.stop_after_s is None else f"{fault.stop_after_s:g}"
+        cells = (fault.signal, *sign, action, fault.clear, f"{fault.delay_s:g}", f"{fault.clear_s:g}", stops)
+        rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"

@@ -35,7 +35,8 @@ class ArmState:
         positions_rad, velocities_rad_s: (6,) shoulder_pan to wrist_3.
         moving: a trajectory is being followed, also while it is held, or a stop is under way.
         mode: safety status of the arm's own controller; only "normal" and "reduced" let it move.
-        path_s: how far along its trajectory it is, as time of that trajectory; None where the arm does not tell.
+        path_s: how far along its trajectory it was at `time_s`, as time of that trajectory; None where the arm does
+            not tell: then it is slow.
         reason: why the mode is not normal, in the arm's words.
     """
 
@@ -86,6 +87,9 @@ class GripperState:
         opening_m: distance between the fingers.
         fault: gFLT register, 0 when healthy (meanings: config/gripper.dbc).
         node_state: of the CAN node, from its last heartbeat.
+        echoed: the status repeats the last command; an older one does not count.
+        other_master: somebody else commanded the gripper since the last status was asked for.
+        bus_errors: what was wrong on its bus since then, in words.
     """
 
     time_s: float
@@ -95,6 +99,9 @@ class GripperState:
     current_a: float
     fault: int
     node_state: NodeState = "unknown"
+    echoed: bool = True
+    other_master: bool = False
+    bus_errors: str = ""
 
     @property
     def holding(self) -> bool:

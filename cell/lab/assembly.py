@@ -70,11 +70,15 @@ class Assembly:
 
 
 class Attendant:
-    """Somebody at the bench who acknowledges, after a while, what the panel says waits for that; implements `Panel`."""
+    """Somebody at the bench who acknowledges, after a while, what the panel says waits for that, and lets it go on.
+
+    Implements `Panel`.
+    """
 
     def __init__(self, devices: Devices) -> None:
         self._panel, self._clock, self._others = devices.panel, devices.clock, devices.pressed
         self._due_s: float | None = None
+        self._stands = self._said = False
 
     def show(self, display: Display) -> None:
         """For the person who assembles."""
@@ -83,15 +87,17 @@ class Attendant:
     def alarm(self, text: str) -> None:
         """A trouble waits from now on, or none."""
         self._panel.alarm(text)
-        self._due_s = self._clock.now_s() + NOTICES_S if text else None
+        self._stands = bool(text)
+        self._due_s = self._clock.now_s() + NOTICES_S if text or self._said else None
 
     def pressed(self) -> Sequence[OperatorOrder]:
         """What was pressed since the last call; once more where the trouble is still there after as long again."""
         others = self._others()
         if self._due_s is None or self._clock.now_s() < self._due_s:
             return others
-        self._due_s = self._clock.now_s() + NOTICES_S
-        return (*others, OperatorOrder("acknowledge"))
+        self._said = self._stands
+        self._due_s = self._clock.now_s() + NOTICES_S if self._stands else None
+        return (*others, OperatorOrder("acknowledge" if self._stands else "resume"))
 
 
 def attended(devices: Devices) -> Devices:

@@ -10,7 +10,8 @@ from cell.faults.faulty_devices import UNSEEN
 from cell.faults.injection import Injection
 from cell.interfaces.faults import Action
 from cell.interfaces.observation import STANDING_RAD_S, JointSamples, Observation
-from cell.running.fault_checks import HELD_LATELY_S, STALE_BENCH_S, STALE_GRIPPER_S
+from cell.running.fault_checks import STALE_BENCH_S
+from cell.running.gripper_checks import HELD_LATELY_S, STALE_GRIPPER_S
 from cell.watching.observer import Observer, TickRecord
 from skills.motion.planner import MotionPlanner
 

@@ -119,7 +119,8 @@ class Controller:
         """
         seen = self._reader.observe(self._ticks)
         late_s = max(0.0, seen.time_s - self._scheduled_s)
-        operator = self._operator.take(seen.time_s, self._devices.pressed())
+        asked = self._supervisor.unacknowledged
+        operator = self._operator.take(seen.time_s, self._devices.pressed(), asked=asked)
         acknowledged = self._operator.acknowledged
         worked_s = 0.0 if self._seen is None else self._seen.worked_s
         gone_s = 0.0 if self._seen is None else seen.time_s - self._seen.time_s
@@ -204,7 +205,10 @@ class Controller:
         judgement = self._judgement
         self._seen = self._actor.seen(replace(seen, share=judgement.share, held_by=judgement.held_by))
         if seen.acknowledged:
-            self._observers.say("info", "acknowledged by the operator")
+            paused = seen.operator.pause == "now"
+            self._observers.say(
+                "info", "acknowledged by the operator" if paused else "the operator says that it may go on"
+            )
         self._announce()
         return self._seen, joints
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
 from cell.errors import CellError, DeviceFault
-from cell.interfaces.command import GripperCommand
-from cell.interfaces.devices import Camera, Devices, Gripper
+from cell.interfaces.devices import Camera, Devices
 from cell.interfaces.observation import (
     ArmState,
     GripperState,
     JointSamples,
-    ObjectStatus,
     Observation,
     Trouble,
 )
@@ -62,7 +59,6 @@ class RobotPoseHistory:
 
 
 Value = TypeVar("Value")
-KNOCKED_M = 0.003  # so far apart from where they gripped a part, fingers still grip it
 
 
 class CameraReader:
@@ -167,49 +163,6 @@ class DeviceReader:
         except Exception as error:  # whatever a driver raises: the supervisor decides what it means
             self._troubles.append(Trouble(device, describe(error)))
             return None
-
-
-class GripperHold:
-    """Stops moving fingers while the supervisor holds, and lets them go on; skills see fingers that still move.
-
-    Fingers that grip a part are left alone where a knock moves them a little: stopped in such a moment, they would
-    press no more, and the part would fall out.
-    """
-
-    def __init__(self, gripper: Gripper) -> None:
-        self._gripper = gripper
-        self._goal: GripperCommand | None = None
-        self._gripped_m: float | None = None  # how far apart they are with the part that they grip
-        self._withheld = self._forgotten = False
-
-    def sent(self, goal: GripperCommand) -> None:
-        """The fingers were sent to a new goal."""
-        self._goal, self._gripped_m, self._withheld, self._forgotten = goal, None, False, False
-
-    def seen(self, observation: Observation) -> Observation:
-        """The observation as skills are to see it."""
-        if not (self._withheld or self._forgotten):
-            return observation
-        return replace(observation, gripper=replace(observation.gripper, object_status=ObjectStatus.MOVING))
-
-    def keep(self, observation: Observation, held: bool) -> None:
-        """Stop fingers that move, or let them go on; a gripper that restarted has forgotten where they should be."""
-        gripper = observation.gripper
-        self._forgotten |= self._goal is not None and not gripper.activated
-        if gripper.holding:
-            self._gripped_m = gripper.opening_m
-        if held and not self._withheld and not self._forgotten and self._goal is not None:
-            moving = gripper.object_status is ObjectStatus.MOVING and gripper.activated
-            if moving and not self._knocked(gripper.opening_m):
-                self._gripper.hold()
-                self._withheld = True
-        elif not held and (self._withheld or self._forgotten) and self._goal is not None:
-            self._gripper.command(self._goal)
-            self.sent(self._goal)
-
-    def _knocked(self, opening_m: float) -> bool:
-        """Whether the fingers are still about where they gripped a part."""
-        return self._gripped_m is not None and abs(opening_m - self._gripped_m) <= KNOCKED_M
 
 
 def describe(error: BaseException) -> str:

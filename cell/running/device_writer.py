@@ -3,19 +3,66 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from typing import Literal, TypeVar
 
-from cell.interfaces.command import Command
-from cell.interfaces.devices import Devices
+from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.devices import Devices, Gripper
 from cell.interfaces.faults import Action, Judgement
-from cell.interfaces.observation import Observation
-from cell.running.device_reader import GripperHold
+from cell.interfaces.observation import ObjectStatus, Observation
 from cell.running.operator import OperatorChannel
 from cell.watching.observer import SentCommand
 
 Answer = TypeVar("Answer")
 RESTARTED = "gripper_restarted_empty"
+KNOCKED_M = 0.003  # so far apart from where they gripped a part, fingers still grip it
+
+
+class GripperHold:
+    """Stops moving fingers while the supervisor holds, and lets them go on; skills see fingers that still move.
+
+    Three states: `free`; `withheld`, stopped half way; `forgotten`, as the gripper restarted. From the last two fingers
+    are sent to their goal again once nothing holds. Fingers that grip a part are left alone where a knock moves them a
+    little: stopped in such a moment, they would press no more, and the part would fall out.
+    """
+
+    def __init__(self, gripper: Gripper) -> None:
+        self._gripper = gripper
+        self._state: Literal["free", "withheld", "forgotten"] = "free"
+        self._goal: GripperCommand | None = None
+        self._gripped_m: float | None = None  # how far apart they are with the part that they grip
+
+    def sent(self, goal: GripperCommand) -> None:
+        """The fingers were sent to a new goal."""
+        self._state, self._goal, self._gripped_m = "free", goal, None
+
+    def seen(self, observation: Observation) -> Observation:
+        """The observation as skills are to see it."""
+        if self._state == "free":
+            return observation
+        return replace(observation, gripper=replace(observation.gripper, object_status=ObjectStatus.MOVING))
+
+    def keep(self, observation: Observation, held: bool) -> None:
+        """Go to the next state, and stop or send the fingers for that."""
+        gripper = observation.gripper
+        if gripper.holding:
+            self._gripped_m = gripper.opening_m
+        if self._goal is None:
+            return
+        moving = gripper.object_status is ObjectStatus.MOVING and not self._knocked(gripper.opening_m)
+        if not gripper.activated:
+            self._state = "forgotten"
+        elif held and moving and self._state == "free":
+            self._gripper.hold()
+            self._state = "withheld"
+        if not held and self._state != "free":
+            self._gripper.command(self._goal)
+            self.sent(self._goal)
+
+    def _knocked(self, opening_m: float) -> bool:
+        """Whether the fingers are still about where they gripped a part."""
+        return self._gripped_m is not None and abs(opening_m - self._gripped_m) <= KNOCKED_M
 
 
 class DeviceActor:
@@ -79,15 +126,17 @@ class DeviceActor:
         self._command("panel", lambda: self._devices.panel.alarm(text))
 
     def _recover(self, seen: Observation, judgement: Judgement) -> None:
-        """Somebody acknowledged: unlock an arm that stopped by itself, let one that is held off its path give that up,
-        and activate a gripper that restarted empty.
+        """Somebody acknowledged: unlock an arm that stopped by itself, let one that is held off its path give that up.
+
+        What moves waits until that person lets the cell go on, too: a gripper that restarted empty is activated then.
         """
         if not seen.acknowledged:
             return
         self._command("arm", self._devices.arm.acknowledge)
         if judgement.gives_path_up(acknowledged=seen.acknowledged):
             self._command("arm", self._devices.arm.stop)
-        if any(signal == RESTARTED for signal, _ in judgement.reasons) and not seen.gripper.activated:
+        restarted = any(signal == RESTARTED for signal, _ in judgement.reasons) and not seen.gripper.activated
+        if restarted and seen.operator.pause != "now":
             self._command("gripper", self._gripper.activate)
 
     def _command(self, device: str, order: Callable[[], Answer]) -> Answer | None:

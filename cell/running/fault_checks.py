@@ -11,22 +11,20 @@ import numpy as np
 from cell.interfaces.command import Command, JointTrajectory
 from cell.interfaces.faults import Judgement
 from cell.interfaces.observation import ArmMode, Observation
-from cell.interfaces.robot import RobotModel
+from cell.running.gripper_checks import GripperMemory, refusal_words, stale_words
+from skills.motion.arm_monitor import REPEATS_S, ArmMonitor
 from skills.motion.near_hand import separation_of
 from skills.motion.separation import Following, Separation, SeparationMonitor
 
 STALE_ARM_S = 0.06  # a tick and a half: two states in a row are missing
-STALE_GRIPPER_S = 0.1
 STALE_BENCH_S = 0.35  # three frames are missing
 FUTURE_S = 0.05
 LATE_S, VERY_LATE_S = 0.08, 0.40
-RANGE_SLACK_RAD, SPEED_SLACK = 0.01, 1.3  # what a measurement adds to what the robot can do
 OFF_PATH_RAD = 0.025
-ARRIVED_RAD = 0.006  # a standing arm is at its goal so nearly
+ARRIVED_RAD, REST_RAD = 0.006, 0.012  # an arm whose path is over is at its end so nearly; the second of a long one
+OTHER_MASTER = "another master commands the gripper"
 VAIN_TIMES = 3  # acknowledgements in a row that no trajectory came to its end after
 SERVO_LAGS_S = (0.0, 0.008, 0.016)  # an arm trails its trajectory by at most the last
-HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
-REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
 
 
 @dataclass(frozen=True)
@@ -50,31 +48,26 @@ class Memory:
     """What a check must know of earlier ticks.
 
     Attributes:
-        restarted: "empty" or "holding" from when the gripper lost its activation until it has it again; else empty.
         too_near: the hand was too near in the tick before.
-        ever_active: the gripper was active at some time of the run.
+        share: of speed, as the arm was last told.
+        backwards: the arm's newest stamp is before the one that came before it.
         trajectory: what the arm was last sent and was not told to give up.
         given_up: trajectories that were given up by an acknowledgement since one came to its end.
     """
 
     def __init__(self) -> None:
-        self.ever_active = self.too_near = False
-        self.restarted = ""
+        self.gripper = GripperMemory()
+        self.too_near = self.backwards = False
+        self.share = 1.0
+        self._arm_s = -math.inf
         self.trajectory: JointTrajectory | None = None
         self.given_up = 0
-        self._active, self._held_s = False, -math.inf
 
     def see(self, observation: Observation) -> None:
         """A tick begins."""
-        gripper, now_s = observation.gripper, observation.time_s
-        if gripper.activated:
-            self.restarted = ""
-        elif self._active:
-            self.restarted = "holding" if now_s - self._held_s <= HELD_LATELY_S else "empty"
-        if gripper.activated and gripper.holding:
-            self._held_s = now_s
-        self._active = gripper.activated
-        self.ever_active |= gripper.activated
+        self.gripper.see(observation.gripper, observation.time_s)
+        self.backwards = observation.arm.time_s < self._arm_s
+        self._arm_s = min(observation.arm.time_s, observation.time_s)
         if observation.arm.mode in ("protective_stop", "recovery"):  # it stands where it was stopped, off its path
             self.trajectory = None
         elif self.trajectory is not None and _far_rad(self.trajectory) > OFF_PATH_RAD:
@@ -82,6 +75,8 @@ class Memory:
 
     def command(self, observation: Observation, command: Command, judgement: Judgement) -> None:
         """A tick ends with what goes out."""
+        self.share = judgement.share
+        self.gripper.command(command, judgement, observation.time_s)
         given_up = judgement.gives_path_up(acknowledged=observation.acknowledged)
         self.given_up += given_up and self.trajectory is not None
         if command.stop_arm or given_up:
@@ -108,29 +103,48 @@ def _mode(text: str, *modes: ArmMode) -> Check:
     return check
 
 
-def robot_checks(robot: RobotModel) -> dict[str, Check]:
-    """Checks that need to know what the arm can do."""
-    range_rad, speed_rad_s = np.array(robot.range_rad) + RANGE_SLACK_RAD, np.array(robot.speed_rad_s) * SPEED_SLACK
+def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
+    """Checks that need to know what the arm can do, and what it was told."""
+    slow: list[tuple[JointTrajectory | None, float]] = [(None, 1.0)]
 
-    def not_plausible(seen: Observation, _: Command, __: Memory) -> Detection | None:
-        arm = seen.arm
-        counts = len(arm.positions_rad), len(arm.velocities_rad_s)
-        if counts != (6, 6):
-            return Detection(f"the arm reported {counts[0]} positions and {counts[1]} speeds, not 6")
-        if not all(map(math.isfinite, (*arm.positions_rad, *arm.velocities_rad_s))):
-            return Detection("the arm reported a value that is not finite")
-        if (np.abs(arm.positions_rad) > range_rad).any():
-            return Detection("the arm reported a joint beyond its range")
-        if (np.abs(arm.velocities_rad_s) > speed_rad_s).any():
-            return Detection("the arm reported a joint faster than it can be")
-        return None
+    def watched(seen: Observation, memory: Memory) -> ArmMonitor:
+        monitor.see(seen.time_s, seen.arm, memory.share, memory.trajectory)
+        return monitor
 
-    return {"arm_not_plausible": not_plausible}
+    def not_plausible(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+        words = watched(seen, memory).implausible
+        return Detection(words) if words else None
+
+    def not_obeying(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+        words = watched(seen, memory).disobeys
+        return Detection(words) if words else None
+
+    def stale(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+        age_s, repeats_s = seen.time_s - seen.arm.time_s, watched(seen, memory).repeats_s
+        if not age_s <= STALE_ARM_S:
+            return Detection(f"the arm's state is {age_s:.2f} s old")
+        return Detection(f"the arm moves and tells the same for {repeats_s:.2f} s") if repeats_s > REPEATS_S else None
+
+    def path_unknown(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+        path = memory.trajectory
+        if path is None or seen.arm.path_s is not None or not seen.arm.moving:
+            return None
+        if slow[0][0] is not path:
+            slow[0] = path, monitor.slow_share(path)
+        return Detection("slower, as the arm does not tell how far along its path it is", slow[0][1])
+
+    return {
+        "arm_not_plausible": not_plausible,
+        "arm_not_obeying": not_obeying,
+        "arm_stale": stale,
+        "arm_path_unknown": path_unknown,
+    }
 
 
-def _stale_arm(seen: Observation, _: Command, __: Memory) -> Detection | None:
-    age_s = seen.time_s - seen.arm.time_s
-    return Detection(f"the arm's state is {age_s:.2f} s old") if not age_s <= STALE_ARM_S else None
+def _time_wrong(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    if not seen.arm.time_s <= seen.time_s + FUTURE_S:
+        return Detection("the arm's state is stamped with a time to come")
+    return Detection("the stamps of the arm's states go backwards") if memory.backwards else None
 
 
 def _off_path(seen: Observation, _: Command, memory: Memory) -> Detection | None:
@@ -145,12 +159,14 @@ def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
     path_s = seen.arm.path_s
     if sent is None or len(seen.arm.positions_rad) != 6:
         return ""
+    measured = np.array(seen.arm.positions_rad)
     if seen.arm.moving and path_s is not None:
-        measured = np.array(seen.arm.positions_rad)
         off = min(float(np.abs(measured - sent.at(path_s - lag_s)).max()) for lag_s in SERVO_LAGS_S)
         return f"a joint is {off:.3f} rad off its path" if off > OFF_PATH_RAD else ""
-    stays = not seen.arm.moving and seen.arm.stands and not _arrived(seen, sent)
-    return "the arm does not follow its trajectory" if stays else ""
+    if seen.arm.moving:  # somewhere along its path
+        off = float(np.abs(measured - sent.positions_rad).max(axis=1).min())
+        return f"a joint is {off:.3f} rad off its path" if off > OFF_PATH_RAD else ""
+    return "the arm does not follow its trajectory" if _missed_rad(seen, sent) > _near_rad(sent) else ""
 
 
 def _far_rad(sent: JointTrajectory) -> float:
@@ -162,25 +178,29 @@ def _arrived(seen: Observation, sent: JointTrajectory) -> bool:
     """Whether the arm stands at the end of a trajectory; a short way is missed by less."""
     if seen.arm.moving or not seen.arm.stands or len(seen.arm.positions_rad) != 6:
         return False
-    missed = float(np.abs(np.array(seen.arm.positions_rad) - sent.positions_rad[-1]).max())
-    return missed <= max(ARRIVED_RAD, min(OFF_PATH_RAD, _far_rad(sent) / 2))
+    return _missed_rad(seen, sent) <= _near_rad(sent)
 
 
-def _stale_gripper(seen: Observation, _: Command, __: Memory) -> Detection | None:
-    age_s = seen.time_s - seen.gripper.time_s
-    return Detection(f"the gripper's status is {age_s:.2f} s old") if not age_s <= STALE_GRIPPER_S else None
+def _missed_rad(seen: Observation, sent: JointTrajectory) -> float:
+    """How far the joint is from the end of a trajectory that is farthest from it."""
+    return float(np.abs(np.array(seen.arm.positions_rad) - sent.positions_rad[-1]).max())
 
 
-def _refuses(seen: Observation, _: Command, memory: Memory) -> Detection | None:
-    if seen.gripper.node_state == "stopped":
-        return Detection("the gripper's node is stopped")
-    refused = memory.ever_active and seen.gripper.activated and seen.gripper.fault in REFUSALS
-    return Detection(f"the gripper takes no command, gFLT 0x{seen.gripper.fault:02X}") if refused else None
+def _near_rad(sent: JointTrajectory) -> float:
+    """How near its end counts as there; a short way is missed by less."""
+    return max(ARRIVED_RAD, min(REST_RAD, _far_rad(sent) / 2))
+
+
+def _of_gripper(words: Callable[[Observation, Memory], str]) -> Check:
+    def check(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+        return Detection(found) if (found := words(seen, memory)) else None
+
+    return check
 
 
 def _restarted(how: str, words: str) -> Check:
     def check(_: Observation, __: Command, memory: Memory) -> Detection | None:
-        return Detection(f"the gripper restarted {words}") if memory.restarted == how else None
+        return Detection(f"the gripper restarted {words}") if memory.gripper.restarted == how else None
 
     return check
 
@@ -270,16 +290,23 @@ def _followed(seen: Observation, memory: Memory) -> Following | None:
 
 CHECKS: Mapping[str, Check] = {
     "arm_lost": _trouble_of("arm"),
-    "arm_stale": _stale_arm,
+    "arm_time_wrong": _time_wrong,
     "arm_off_path": _off_path,
+    "arm_off_path_long": _off_path,
     "arm_protective_stop": _mode("protective stop of the arm", "protective_stop", "recovery"),
     "arm_safeguard_stop": _mode("safeguard stop of the arm", "safeguard_stop"),
     "arm_emergency_stop": _mode("emergency stop", "emergency_stop"),
     "arm_fault": _mode("the arm reports a fault", "violation", "fault"),
     "arm_reduced": _mode("the arm is in reduced mode", "reduced"),
     "gripper_lost": _trouble_of("gripper"),
-    "gripper_stale": _stale_gripper,
-    "gripper_refuses": _refuses,
+    "gripper_stale": _of_gripper(lambda seen, _: stale_words(seen)),
+    "gripper_not_plausible": _of_gripper(lambda _, memory: memory.gripper.contradicts),
+    "gripper_not_obeying": _of_gripper(lambda _, memory: memory.gripper.disobeys),
+    "gripper_refuses": _of_gripper(lambda seen, memory: refusal_words(seen.gripper, memory.gripper)),
+    "gripper_other_master": _of_gripper(
+        lambda seen, _: "another master commands the gripper" * seen.gripper.other_master
+    ),
+    "gripper_bus_errors": _of_gripper(lambda seen, _: seen.gripper.bus_errors),
     "gripper_restarted_empty": _restarted("empty", "with empty fingers; once acknowledged, they open and close"),
     "gripper_restarted_holding": _restarted("holding", "with a part between its fingers"),
     "detector_lost": _trouble_of("detector overhead", "detector wrist"),

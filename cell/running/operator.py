@@ -26,7 +26,7 @@ class OperatorChannel:
 
     Attributes:
         questions: that stand now.
-        acknowledged: since the state was asked for last.
+        acknowledged: since the state was asked for last; also by the order to go on that has to follow.
         stopped: the operator ended the run.
     """
 
@@ -35,7 +35,7 @@ class OperatorChannel:
         self._state = OperatorState(present, brackets=brackets)
         self._waiting: deque[OperatorOrder] = deque()
         self.questions: tuple[Question, ...] = ()
-        self.acknowledged = self.stopped = False
+        self.acknowledged = self.stopped = self._reset = False
 
     def put(self, order: OperatorOrder) -> None:
         """Take an order; the next tick knows of it.
@@ -77,29 +77,35 @@ class OperatorChannel:
         self.questions = display.questions
         self._goals |= set(display.goal_belief)
 
-    def take(self, time_s: float, pressed: Sequence[OperatorOrder] = ()) -> OperatorState:
+    def take(self, time_s: float, pressed: Sequence[OperatorOrder] = (), *, asked: bool = False) -> OperatorState:
         """The state with everything that was said since the last call.
 
         Args:
             pressed: at the bench itself; what makes no sense now is passed over.
+            asked: something waits for a person. To acknowledge it starts no motion: the cell is paused from then on,
+                and goes on by a second order (ISO 13849-1, manual reset).
         """
         self.acknowledged = False
         orders = [order for order in pressed if not self.refusal(order)]
         while self._waiting:
             orders.append(self._waiting.popleft())
         for order in orders:
-            self._obey(replace(order, time_s=time_s))
+            self._obey(replace(order, time_s=time_s), asked)
         return self._state
 
-    def _obey(self, order: OperatorOrder) -> None:
+    def _obey(self, order: OperatorOrder, asked: bool) -> None:
         state = self._state
         if order.kind == "acknowledge":
             self.acknowledged = True
+            self._reset |= asked
+            state = replace(state, pause="now") if asked else state
         elif order.kind == "stop":
             self.stopped = True
         elif order.kind == "pause":
             state = replace(state, pause="now" if order.value == "now" else "after part")
         elif order.kind == "resume":
+            self.acknowledged |= self._reset
+            self._reset = False
             state = replace(state, pause="none")
         elif order.kind == "finish":
             state = replace(state, brackets=0)

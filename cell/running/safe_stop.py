@@ -9,8 +9,9 @@ from types import FrameType
 from typing import TypeVar
 
 from cell.interfaces.devices import Devices, Gripper
-from cell.interfaces.observation import Observation
+from cell.interfaces.observation import ObjectStatus, Observation
 from cell.running.device_reader import describe
+from cell.running.gripper_checks import stale_words
 
 Answer = TypeVar("Answer")
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -127,9 +128,15 @@ def condition(seen: Observation | None, part: str | None) -> str:
         part: what the tree believes to be between the fingers.
     """
     if seen is None:
-        return "the state of arm and gripper is unknown"
-    arm = "the arm stands" if at_rest(seen) else "it is unknown whether the arm stands"
-    if any(trouble.device == "gripper" for trouble in seen.troubles):
-        return f"{arm}, the state of the gripper is unknown"
+        return f"nothing is known of arm and gripper{_may_hold(part)}"
+    arm = "the arm stands" if at_rest(seen) else "the arm is not known to stand"
+    gripper = seen.gripper
+    told = gripper.echoed and not stale_words(seen) and not any(one.device == "gripper" for one in seen.troubles)
+    if not told or not gripper.activated or gripper.object_status is ObjectStatus.MOVING:
+        return f"{arm}, nothing is known of the gripper{_may_hold(part)}"
     holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"
     return f"{arm}, the gripper {holds}"
+
+
+def _may_hold(part: str | None) -> str:
+    return "" if part is None else f"; it may hold {part}"

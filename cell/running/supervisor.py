@@ -13,11 +13,13 @@ from dataclasses import dataclass
 from cell.interfaces.command import Command
 from cell.interfaces.faults import Action, Fault, FaultTable, Judgement
 from cell.interfaces.observation import Observation
-from cell.running.fault_checks import CHECKS, Check, Detection, Memory, person_checks, robot_checks
+from cell.running.fault_checks import CHECKS, Check, Detection, Memory, arm_checks, person_checks
+from skills.motion.arm_monitor import ArmMonitor, StopLimits
 from skills.motion.planner import MotionPlanner
 
 NO_DETECTION = Detection("")
 PAUSED = "operator_pause"
+ACKNOWLEDGED_S = 5.0  # so long before it goes it may be acknowledged: fingers that are activated anew take their time
 
 
 @dataclass
@@ -29,7 +31,7 @@ class _State:
         active_s: since when it acts; None while it does not.
         last_s: when its detection was seen last.
         detection: the newest one.
-        lasted: it acted for so long that a person must see it.
+        expired: it became a stop.
         acknowledged_s: when somebody acknowledged it last.
     """
 
@@ -38,7 +40,6 @@ class _State:
     last_s: float = 0.0
     detection: Detection = NO_DETECTION
     expired: bool = False
-    lasted: bool = False
     acknowledged_s: float = -math.inf
 
 
@@ -97,7 +98,12 @@ class Supervisor:
 
 def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
     """The supervisor of a cell, for a run and for its replay alike."""
-    return Supervisor(table, {**CHECKS, **robot_checks(motion.settings.robot), **person_checks(motion.separation)})
+    row = next(fault for fault in table.faults if fault.signal == "arm_not_obeying")
+    limits = StopLimits(row.stop_s or math.inf, row.stop_m or math.inf)
+    separation, robot = motion.separation, motion.settings.robot
+    reaction_s, tool_m = separation.settings.reaction_s, motion.kinematics.position_m
+    monitor = ArmMonitor(robot, reaction_s, limits, tool_m, separation.slow_share)
+    return Supervisor(table, {**CHECKS, **arm_checks(monitor), **person_checks(separation)})
 
 
 def _update(fault: Fault, state: _State, detection: Detection | None, seen: Observation) -> None:
@@ -112,12 +118,11 @@ def _update(fault: Fault, state: _State, detection: Detection | None, seen: Obse
     else:
         state.since_s = None
         if state.active_s is not None and _clears(fault, state, seen):
-            state.active_s, state.expired, state.lasted = None, False, False
+            state.active_s, state.expired = None, False
     if state.active_s is not None:
-        acts_s = now_s - state.active_s
-        state.lasted |= fault.person_after_s is not None and acts_s > fault.person_after_s
-        state.expired |= state.lasted and state.detection.vain
-        state.expired |= fault.stop_after_s is not None and fault.does > Action.WARN and acts_s > fault.stop_after_s
+        lasts = fault.stop_after_s is not None and now_s - state.active_s > fault.stop_after_s
+        state.expired |= lasts and fault.does > Action.WARN
+        state.expired |= fault.clear == "person" and state.detection.vain
 
 
 def _answer(fault: Fault, state: _State) -> tuple[Action, float]:
@@ -130,9 +135,8 @@ def _answer(fault: Fault, state: _State) -> tuple[Action, float]:
 
 
 def _waits_for_person(fault: Fault, state: _State) -> bool:
-    late = state.acknowledged_s < state.last_s - fault.acknowledged_s
-    asks = fault.clear == "person" or state.lasted
-    return state.active_s is not None and not state.expired and asks and late
+    late = state.acknowledged_s < state.last_s - ACKNOWLEDGED_S
+    return state.active_s is not None and not state.expired and fault.clear == "person" and late
 
 
 def _clears(fault: Fault, state: _State, seen: Observation) -> bool:

@@ -62,6 +62,8 @@ def heading(options: RunOptions, files: Files) -> Heading:
         "tree": options.tree.resolve().relative_to(_common_folder(files.tree)).as_posix(),
         "perception": files.configuration.perception.words,
     }
+    if files.unsafe:
+        values["unsafe"] = "; ".join(files.unsafe)
     if devices.simulated and options.devices is None:
         values["look"] = devices.simulation.look.name
     for name in LEARNED_KINDS:

@@ -94,6 +94,9 @@ class RunOptions:
     resume: Annotated[
         Path | None, Option(metavar="LOG", help="Log of a run that was broken off: continue its work.")
     ] = None
+    unsafe_table: Annotated[
+        bool, Option("--unsafe-table", help="Take faults or a separation that does less than what is shipped.")
+    ] = False
     max_duration_s: float | None = None
     images: bool = True
     pixels: bool = True
@@ -136,6 +139,7 @@ class Files:
 
     Attributes:
         left_off: of the run that this one goes on with; empty for a new beginning.
+        unsafe: where table or separation do less than the shipped ones.
     """
 
     configuration: Configuration
@@ -144,3 +148,4 @@ class Files:
     planners: Planners
     faults: FaultTable
     left_off: ResumeState = field(default_factory=ResumeState)
+    unsafe: tuple[str, ...] = ()

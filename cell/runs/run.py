@@ -18,11 +18,13 @@ from cell.configuration import (
     load_product,
     located,
     simulated,
+    weaknesses,
 )
-from cell.errors import LogError
+from cell.errors import InputError, LogError, Place, Problem
 from cell.faults.injection import Injection, Injections
 from cell.interfaces.clock import PacedClock, WakingClock
 from cell.interfaces.devices import Devices, TruthEvent
+from cell.interfaces.faults import FaultTable
 from cell.interfaces.observation import Observation
 from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
@@ -116,7 +118,8 @@ def run(options: RunOptions, console: Console) -> RunResult:
             options = replace(options, seed=drawn.seed, goal=drawn.goal)
         log = log_path(options, configuration.log)
         planners, faults = load_planners(configuration, product), load_faults(configuration)
-        files = Files(configuration, product, tree, planners, faults, left_off)
+        unsafe = _allowed_weaknesses(options, configuration, faults)
+        files = Files(configuration, product, tree, planners, faults, left_off, unsafe)
         return _run(options, files, drivers, tally, log, console)
 
 
@@ -166,6 +169,8 @@ def _run(
             observers = (*observers, FinishedBrackets(goals, product))
         ticked = _watched(options, files, observers, viewers.edited) if options.watch else files.tree
         injection = None if options.inject is None else Injection.parse(options.inject)
+        for observer in observers if files.unsafe else ():
+            observer.message(devices.clock.now_s(), "error", f"UNSAFE: {'; '.join(files.unsafe)}")
         stack.enter_context(real_time.preferred(options.pace == "real"))
         outcome = drive(
             files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator
@@ -207,6 +212,20 @@ def drive(
         services = make_services(configuration, files.planners, motion, journal, seen, files.left_off)
         tree.setup(services, TickClock(services))
         return controller.run(tree, services)
+
+
+def _allowed_weaknesses(options: RunOptions, configuration: Configuration, table: FaultTable) -> tuple[str, ...]:
+    """Where table or separation do less than the shipped ones.
+
+    Raises:
+        InputError: that is so, and nobody said that it may be.
+    """
+    found = weaknesses(configuration, table)
+    if found and not (options.unsafe_table or configuration.unsafe_table):
+        way = "unsafe_table: true in the configuration, or `cell lab run --unsafe-table`, takes it all the same"
+        path = configuration.faults or options.configuration
+        raise InputError(*(Problem(Place(path), f"weaker than the shipped table: {what}", way) for what in found))
+    return tuple(found)
 
 
 def _lateness(files: Files, devices: Devices, say: Callable[[float, Level, str], None]) -> Lateness:

@@ -88,6 +88,7 @@ def open_viewers(
         from cell.viewing.page.page import OperatorPage
 
         told = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
+        told |= {"unsafe": "; ".join(files.unsafe)} if files.unsafe else {}
         page = OperatorPage(files.product, files.configuration.bench, told, files.tree, put, options.page_port)
         stack.callback(page.abandon)
     return Viewers(recorder, live, monitor, page)

@@ -31,6 +31,8 @@ class Replies:
         self._due_s: dict[int, float] = {}
         self._standing: tuple[Question, ...] = ()
         self._acknowledges_s: float | None = None
+        self._resumes_s: float | None = None
+        self._said = False  # a trouble was acknowledged, and the cell was not let go on so far
         self._pressed: list[OperatorOrder] = []
 
     def show(self, questions: tuple[Question, ...], time_s: float) -> None:
@@ -44,12 +46,16 @@ class Replies:
     def alarm(self, text: str, time_s: float) -> None:
         """The panel shows a trouble from now on, or none."""
         self._acknowledges_s = time_s + float(self._rng.exponential(self._habits.answers_s)) if text else None
+        self._resumes_s = time_s + self._habits.answers_s if self._said and not text else None
 
     def acknowledge(self, time_s: float) -> None:
-        """Press it where a trouble was noticed, and again while it still stands."""
+        """Press it where a trouble was noticed, and again while it still stands; let the cell go on when it is gone."""
+        if self._resumes_s is not None and time_s >= self._resumes_s:
+            self._pressed.append(OperatorOrder("resume"))
+            self._resumes_s, self._said = None, False
         if self._acknowledges_s is not None and time_s >= self._acknowledges_s:
             self._pressed.append(OperatorOrder("acknowledge"))
-            self._acknowledges_s = time_s + self._habits.answers_s
+            self._acknowledges_s, self._said = time_s + self._habits.answers_s, True
 
     def _reaction_s(self, question: Question) -> float:
         if question.kind == "bracket":

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import can
 from cantools.database.can import Database, Message
@@ -17,6 +18,7 @@ from skills.drivers import gripper_database
 from skills.drivers.settings import CanSettings
 
 MISSED_PERIODS = 1.5
+FRAMES_A_TICK = 500  # that are read; what is left waits, and how old it is by then nobody knows
 ADOPTED_FORCE_N = 60.0  # the status does not tell with what force an adopted gripper holds
 KEEP_ALIVE_S = 0.08  # the gripper faults after 1 s without a command, and a lost command is repeated by this
 UNHEARD_S = 0.06  # what was sent comes back by the next tick on a bus that echoes
@@ -25,6 +27,7 @@ NO_COMMUNICATION = 0x09
 ADOPTION_S = 0.2  # until when an adopted gripper may say that it has heard nothing: it had no master
 INTERNAL_FAULT = 0x0C
 ACTIVE = 3  # gSTA
+ECHO = (("gACT", "rACT"), ("gGTO", "rGTO"), ("gPR", "rPR"))
 NODE_STATES: Mapping[int, NodeState] = {
     0x00: "boot_up",
     0x04: "stopped",
@@ -57,7 +60,7 @@ class CanGripper:
 
     A gripper that is active already is adopted as it is: the first status tells what it was asked for, and its fingers
     stay where they are. One that restarts is left alone: nothing activates it again but `activate`. On a bus that
-    echoes what is sent, a frame that does not come back did not go out.
+    echoes what is sent, a frame that does not come back did not go out. Frames of others are filtered out by the bus.
 
     Args:
         bus: opened already; by default the one that the settings name.
@@ -79,6 +82,8 @@ class CanGripper:
             database.get_message_by_name(gripper_database.STATUS).get_signal_by_name("gFLT").choices or {}
         )
         self._bus = bus or open_bus(settings.interface, settings.channel, settings.bitrate, echo=True)
+        wanted = (*self._received, self._command.frame_id)
+        self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in wanted])
         self._clock, self._settings = clock, settings
         self._tap: Tap = _nobody
         self._request = {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, "rPR": 85.0, "rSP": 20.0, "rFR": 20.0}
@@ -90,6 +95,9 @@ class CanGripper:
         self._status: Mapping[str, float] | None = None
         self._status_s = clock.now_s()
         self._told = False  # a status came in this tick
+        self._late = self._other_master = self._restarted = False
+        self._errors: list[str] = []  # of this tick
+        self._node_states: deque[NodeState] = deque(maxlen=3)  # from the heartbeats
         self._emergency = 0
         self._node_state: NodeState = "unknown"
         self._adopted_s: float | None = None
@@ -104,30 +112,32 @@ class CanGripper:
         self._bus = change(self._bus, self._database)
 
     def state(self) -> GripperState:
-        """Read all waiting frames; raises DeviceFault on a missing heartbeat, a major fault or a dead or deaf bus."""
+        """Read the waiting frames; raises DeviceFault on a missing heartbeat, a major fault or a dead or deaf bus."""
         self._drain()
-        self._check_heartbeat()
-        self._check_echo()
+        if not self._late:  # else they may wait behind other frames; the status grows old meanwhile
+            self._check_heartbeat()
+            self._check_echo()
         self._keep_alive()
         if self._status is None:
-            return GripperState(
-                self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0, self._node_state
-            )
+            unknown = GripperState(self._status_s, False, ObjectStatus.MOVING, _OPENING_MM[1] / 1000, 0.0, 0)
+            return self._with_bus(unknown, echoed=self._sent_s is None)
         fault = max(int(self._status["gFLT"]), self._emergency)
         if fault >= MAJOR_FAULT and not (fault == NO_COMMUNICATION and self._just_adopted):
             raise DeviceFault("gripper", f"fault 0x{fault:02X}: {self._meanings.get(fault, 'unknown')}")
-        return GripperState(
+        echoed = self._repeats(self._status)
+        state = GripperState(
             self._status_s,
-            self._status["gSTA"] == ACTIVE,
-            self._object_status(self._status),
+            self._status["gSTA"] == ACTIVE and not self._restarted,
+            ObjectStatus(int(self._status["gOBJ"])) if echoed else ObjectStatus.MOVING,
             self._status["gPO"] / 1000,
             self._status["gCU"],
             fault,
-            self._node_state,
         )
+        return self._with_bus(state, echoed=echoed or self._sent_s is None)
 
     def activate(self) -> None:
         """Begin activation; takes a full open and close."""
+        self._restarted = False
         self._request |= {"rACT": 1.0, "rGTO": 0.0}
         self._send()
 
@@ -151,38 +161,73 @@ class CanGripper:
         """Let go of the bus."""
         self._bus.shutdown()
 
+    def _with_bus(self, state: GripperState, *, echoed: bool) -> GripperState:
+        """With what is known of the node and its bus."""
+        return replace(
+            state,
+            node_state=self._node_state,
+            echoed=echoed,
+            other_master=self._other_master,
+            bus_errors=", ".join(dict.fromkeys(self._errors)),
+        )
+
     def _drain(self) -> None:
-        self._told = False
+        self._told = self._other_master = False
+        self._errors = []
         try:
-            while (message := self._bus.recv(timeout=0)) is not None:
+            for _ in range(FRAMES_A_TICK):
+                if (message := self._bus.recv(timeout=0)) is None:
+                    self._late = False
+                    return
                 self._receive(message)
         except (can.CanError, OSError) as error:
             raise DeviceFault("gripper", f"reading the CAN bus failed: {error}") from error
+        self._late = True
+        self._errors.append(f"more than {FRAMES_A_TICK} frames wait")
 
     def _receive(self, message: can.Message) -> None:
-        if message.arbitration_id == self._command.frame_id and not message.is_rx:
-            self._echoes, self._unheard_s = True, None
+        if message.is_error_frame:
+            self._errors.append("error frames")
+            return
+        if message.arbitration_id == self._command.frame_id and not message.is_extended_id:
+            if message.is_rx:
+                self._other_master = True
+            else:
+                self._echoes, self._unheard_s = True, None
             return
         now = self._clock.now_s()
         data = bytes(message.data)
         self._tap(CanFrame(now, message.arbitration_id, data, sent=False))
         known = self._received.get(message.arbitration_id)
-        odd = message.is_error_frame or message.is_remote_frame or message.is_extended_id
+        odd = message.is_remote_frame or message.is_extended_id
         if known is None or odd or len(data) != known.length:
             self.ignored_frames += 1
             return
         values = _decoded(known, data)
         if known.name == gripper_database.HEARTBEAT:
-            self._node_state = NODE_STATES.get(int(values["NodeState"]), "unknown")
-            if self._node_state == "boot_up" and self._heartbeat_s is not None:  # the first one is no restart
-                self._forget_activation()
+            self._take_heartbeat(NODE_STATES.get(int(values["NodeState"]), "unknown"))
             self._heartbeat_s = now
         elif known.name == gripper_database.EMERGENCY:
             # A node that names no gFLT but an error code has broken down in some other way.
             self._emergency = (int(values["FaultStatus"]) or INTERNAL_FAULT) if values["ErrorCode"] else 0
         else:
             self._take_status(values)
-            self._status, self._status_s, self._told = values, now, True
+            self._status, self._told = values, True
+            if not self._late:
+                self._status_s = now
+
+    def _take_heartbeat(self, state: NodeState) -> None:
+        """Notice a node that has restarted, whatever its status says, and two that speak in turn."""
+        if state == "boot_up" and self._heartbeat_s is not None:  # the first one is no restart
+            self._restarted |= self._status is not None and self._sent_s is not None
+            self._forget_activation()
+        if (
+            len(self._node_states) == 3
+            and state == self._node_states[1] != self._node_states[2] == self._node_states[0]
+        ):
+            self._errors.append("heartbeats contradict one another")
+        self._node_states.append(state)
+        self._node_state = state
 
     def _take_status(self, status: Mapping[str, float]) -> None:
         """Adopt a gripper that is active already, and notice one that has restarted."""
@@ -226,11 +271,10 @@ class CanGripper:
         if gone_s > UNHEARD_S:
             raise DeviceFault("gripper", f"commands do not go out over the CAN bus: the last one {gone_s:.2f} s ago")
 
-    def _object_status(self, status: Mapping[str, float]) -> ObjectStatus:
-        """Register gOBJ; moving until the status echoes the last command, so that no old answer is taken for a new."""
+    def _repeats(self, status: Mapping[str, float]) -> bool:
+        """Whether the status echoes the last command; else it is an old answer, to be taken for no new one."""
         asked = _decoded(self._command, self._command.encode(self._request))
-        echoed = status["gACT"] == asked["rACT"] and status["gGTO"] == asked["rGTO"] and status["gPR"] == asked["rPR"]
-        return ObjectStatus(int(status["gOBJ"])) if echoed else ObjectStatus.MOVING
+        return all(status[told] == asked[sent] for told, sent in ECHO)
 
     def _send(self) -> bytes:
         data = self._command.encode(self._request)

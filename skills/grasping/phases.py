@@ -41,7 +41,7 @@ class Move:
         """
         self._doing, self._plan, self._settings, self._holding = doing, plan, settings, holding
         self.trajectory: JointTrajectory | None = None
-        self.started_s = 0.0
+        self.started_s = self._started_worked_s = 0.0
         self._deadline_s: float | None = None
         self._asked: Command | None = None
         self._empty_ticks = self._begun_again = 0
@@ -69,7 +69,7 @@ class Move:
         plan = self._plan(np.array(observation.arm.positions_rad))
         if isinstance(plan, str):
             return failed(f"{self._doing}: {plan}")
-        self.trajectory, self.started_s = plan, observation.time_s
+        self.trajectory, self.started_s, self._started_worked_s = plan, observation.time_s, observation.worked_s
         if plan.duration_s == 0:
             return done(self._doing)
         command.follow, self._asked = plan, command
@@ -102,7 +102,7 @@ class Move:
         """How far along its trajectory the arm should be, as time of the trajectory."""
         path_s = observation.arm.path_s
         if path_s is None or observation.time_s <= self.started_s:  # what the arm tells is of the trajectory before
-            return observation.time_s - self.started_s
+            return observation.worked_s - self._started_worked_s
         return path_s
 
 

@@ -169,6 +169,13 @@ class SeparationMonitor:
         arm_m = slow * (reaction_s + stop_s / 2)
         return float(self.settings.margin_m + coming_m_s * (age_s + reaction_s + stop_s) + arm_m)
 
+    def slow_share(self, path: JointTrajectory) -> float:
+        """The share of speed at which no link is faster than the slow speed, wherever on a path it is."""
+        times_s: Array = np.arange(0.0, path.duration_s + MARK_S, MARK_S)
+        corners_m = self.outline.corners_m(self.outline.placed(path.along(times_s)))
+        fastest_m_s = float(np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(initial=0.0)) / MARK_S
+        return self.settings.slow_m_s / max(fastest_m_s, self.settings.slow_m_s)
+
     def _stretch(self, joints: Array, places: Array) -> _Stretch:
         steps_m = np.diff(self.outline.corners_m(places), axis=0)
         between = np.linalg.norm(steps_m, axis=3).max(axis=2) / MARK_S

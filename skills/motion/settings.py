@@ -29,6 +29,10 @@ Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
 JointJerks = Annotated[SixFloats, AfterValidator(_checked)]
 
 
+AT_LEAST = ("hand_speed_m_s", "reaction_s", "hand_height_m", "margin_m", "hysteresis_m")  # as shipped, or it is unsafe
+AT_MOST = ("slow_m_s", "leaving_m_s")
+
+
 class SeparationSettings(Model):
     """Speed and separation of arm and person; not safety-rated.
 
@@ -58,6 +62,17 @@ class SeparationSettings(Model):
     assumed_height_m: float = Field(default=0.10, ge=0, le=1)
     margin_m: float = Field(default=0.03, ge=0, le=0.5)
     hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)
+
+    @property
+    def weaker(self) -> list[str]:
+        """Which values keep the arm less far from the person than the shipped ones do."""
+        shipped = {name: field.default for name, field in type(self).model_fields.items()}
+        less = [(name, "less") for name in AT_LEAST if getattr(self, name) < shipped[name]]
+        more = [(name, "more") for name in AT_MOST if getattr(self, name) > shipped[name]]
+        return [
+            f"motion.separation.{name} {getattr(self, name):g} is {how} than {shipped[name]:g}"
+            for name, how in (*less, *more)
+        ]
 
 
 class MotionSettings(Model):

@@ -18,18 +18,24 @@ from cell.interfaces.perception import Action, BenchView, Frame, PartsView
 from cell.interfaces.pose import Pose
 from cell.interfaces.robot import default_robot
 from cell.running.controller import Controller
-from cell.running.fault_checks import CHECKS, robot_checks
+from cell.running.fault_checks import CHECKS, arm_checks
 from cell.running.inference import LockStep
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import Supervisor
 from cell.settings import ControllerSettings
 from cell.watching.observer import Level, Observer, Outcome, TickRecord
+from skills.motion.arm_monitor import ArmMonitor, StopLimits
 from trees.engine.node import StatusChange
 from trees.nodes.services import Tick
 
 PARKED = (0.0,) * 6
 FAULTS = load_faults(load_configuration())
 OF_CAMERAS = ("bench_stale", "bench_in_the_future", "camera_unhealthy", "hand_unknown")  # most fakes have no frames
+
+
+def arm_monitor() -> ArmMonitor:
+    """Of an arm whose tool is where its first three joints say."""
+    return ArmMonitor(default_robot(), 0.078, StopLimits(), lambda joints: joints[:3], lambda _: 1.0)
 
 
 def frame(sequence: int, time_s: float = 0.0, camera: str = "overhead") -> Frame:
@@ -221,7 +227,7 @@ class Rig:
             settings or ControllerSettings(),
             Supervisor(
                 [fault for fault in FAULTS.faults if fault.signal not in OF_CAMERAS],
-                {**CHECKS, **robot_checks(default_robot())},
+                {**CHECKS, **arm_checks(arm_monitor())},
             ),
             [self.observer, *observers],
             self.operator,

@@ -24,9 +24,9 @@ FAULTS = f"""# The table of faults
 {MADE} The table itself is `config/faults.yaml`.
 [safety.md](../safety.md) explains the actions.
 
+- `sense is alive by`: what proves, in a sound cell, that the sense behind a sign works.
 - `after s`: how long a sign must be seen.
 - `gone s`: how long it must be gone.
-- `person after s`: what lasts longer waits for a person, too.
 - `stops after s`: a hold or slow that lasts longer becomes a stop.
 - `clears`: by `itself` when it has gone; at `standstill` of the arm; when a `person` gives the order *acknowledge*;
   `never`.

@@ -163,6 +163,7 @@ def test_a_trouble_that_waits_for_somebody_is_acknowledged_again_and_again_until
     for _ in range(2):
         assert [order.kind for order in answered(cell, within_s=120.0)] == ["acknowledge"]
     person(cell).alarm("")
+    assert [order.kind for order in answered(cell, within_s=120.0)] == ["resume"], "and then lets the cell go on"
     settle(cell, cell.world.time_s + 60.0)
     assert not person(cell).pressed()
 

@@ -133,7 +133,6 @@ def test_an_emergency_is_a_fault_until_it_clears(rig: Rig) -> None:
         (STATUS_ID, b"\xf9"),
         (STATUS_ID, b""),
         (HEARTBEAT_ID, b"\x05\x05"),
-        (0x123, b"\x01\x02"),
         (EMERGENCY_ID, b"\x0e"),
     ],
 )
@@ -311,6 +310,126 @@ def test_frames_that_do_not_fit_are_refused(change: Callable[[str], str], tmp_pa
     path.write_text(change(SHIPPED.read_text()))
     with pytest.raises(SettingError, match=re.escape(str(path))):
         load_gripper_database(path)
+
+
+SIGNAL = re.compile(r"SG_ (\w+) : (\d+)\|(\d+)@1\+ \(([-.\d]+),([-.\d]+)\)")
+ELSEWHERE: dict[str, Callable[[list[str]], str]] = {
+    "start": lambda told: "SG_ {0} : {start}|{2}@1+ ({3},{4})".format(*told, start=63 - int(told[2])),
+    "length": lambda told: "SG_ {0} : {1}|{length}@1+ ({3},{4})".format(*told, length=1 if told[2] != "1" else 2),
+    "order": lambda told: "SG_ {} : {}|{}@0+ ({},{})".format(*told),
+    "sign": lambda told: "SG_ {} : {}|{}@1- ({},{})".format(*told),
+    "factor": lambda told: "SG_ {0} : {1}|{2}@1+ ({factor},{4})".format(*told, factor=1.5 * float(told[3])),
+    "offset": lambda told: "SG_ {0} : {1}|{2}@1+ ({3},{offset})".format(*told, offset=float(told[4]) + 20),
+}
+
+
+@pytest.mark.parametrize("change", ELSEWHERE)
+@pytest.mark.parametrize("name", [told[1] for told in SIGNAL.finditer(SHIPPED.read_text())])
+def test_a_register_that_is_elsewhere_or_means_something_else_is_refused(
+    name: str, change: str, tmp_path: Path
+) -> None:
+    path, text = tmp_path / "mine.dbc", SHIPPED.read_text()
+    told = next(one for one in SIGNAL.finditer(text) if one[1] == name)
+    path.write_text(text.replace(told[0], ELSEWHERE[change](list(told.groups()))))
+    with pytest.raises(SettingError, match=f"{name}|signals .* are overlapping"):
+        load_gripper_database(path)
+
+
+def test_other_identifiers_and_a_finer_scale_are_a_file_of_ones_own(tmp_path: Path) -> None:
+    path, text = tmp_path / "mine.dbc", SHIPPED.read_text()
+    path.write_text(
+        text.replace("522", "523").replace("gPO : 32|8@1+ (-0.333333333333,85)", "gPO : 32|8@1+ (-0.34,86)")
+    )
+    assert load_gripper_database(path).get_message_by_name("GripperCommand").frame_id == 523
+
+
+def test_another_master_is_told(rig: Rig) -> None:
+    rig.bench.activated()
+    assert not rig.gripper.state().other_master
+    rig.node.send("GripperCommand", {"rACT": 1, "rGTO": 1, "rATR": 0, "rARD": 0, "rPR": 85, "rSP": 20, "rFR": 20})
+    assert rig.gripper.state().other_master
+    assert not rig.gripper.state().other_master, "once for each time"
+
+
+def test_a_status_that_does_not_repeat_the_command_is_no_answer_to_it(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.node.mute_status = True
+    rig.gripper.command(GripperCommand(0.020, 0.15, 60.0))
+    state = rig.gripper.state()
+    assert not state.echoed
+    assert state.object_status is ObjectStatus.MOVING
+
+
+def test_heartbeats_of_two_nodes_are_told(rig: Rig) -> None:
+    rig.bench.activated()
+    for state in (5, 127, 5, 127):
+        rig.node.send("GripperHeartbeat", {"NodeState": state})
+    assert rig.gripper.state().bus_errors == "heartbeats contradict one another"
+
+
+def test_a_node_that_says_that_it_has_started_is_not_active_whatever_its_status_says(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.node.send("GripperHeartbeat", {"NodeState": 0})
+    assert not rig.gripper.state().activated
+    rig.gripper.activate()
+    assert rig.bench.wait(2.0).activated
+
+
+class WithFrames:
+    """A bus with frames before those that really come."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus, self.frames = bus, list[can.Message]()
+        self.read = 0
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        self.read += 1
+        return self.frames.pop(0) if self.frames else self._bus.recv(timeout)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._bus, name)
+
+
+def crowded(rig: Rig) -> WithFrames:
+    """The rig's bus with room for more frames."""
+    made: list[WithFrames] = []
+
+    def change(bus: can.BusABC, _: object) -> can.BusABC:
+        made.append(WithFrames(bus))
+        return made[0]  # type: ignore[return-value]  # it only looks like one
+
+    rig.gripper.change_bus(change)
+    return made[0]
+
+
+def test_error_frames_are_told(rig: Rig) -> None:
+    bus = crowded(rig)
+    rig.bench.activated()
+    bus.frames = [can.Message(is_error_frame=True, arbitration_id=4, data=bytes(8))] * 3
+    assert rig.gripper.state().bus_errors == "error frames"
+    assert rig.gripper.state().bus_errors == ""
+
+
+def test_a_burst_of_frames_is_read_over_several_ticks_and_makes_no_old_status_new(rig: Rig) -> None:
+    bus = crowded(rig)
+    before = rig.bench.activated()
+    rig.node.mute_status = True
+    old = can.Message(arbitration_id=STATUS_ID, data=bytes.fromhex("3900000000000000"), is_extended_id=False)
+    bus.frames, bus.read = [old] * 3000, 0
+    for tick in range(1, 6):
+        rig.clock.sleep_until(rig.clock.now_s() + 0.04)
+        state = rig.gripper.state()
+        assert bus.read == 500 * tick
+        assert state.bus_errors == "more than 500 frames wait"
+        assert state.time_s <= before.time_s + 0.041, "nobody knows how old what waited is"
+
+
+def test_frames_of_others_are_filtered_out_by_the_bus(rig: Rig) -> None:
+    rig.bench.activated()
+    rig.node.send_raw(0x123, b"\x01\x02")
+    rig.gripper.state()
+    assert rig.gripper.ignored_frames == 0
+    assert 0x123 not in {frame.identifier for frame in rig.frames}
 
 
 @pytest.mark.parametrize("path", ["nowhere.dbc", "."])

@@ -15,7 +15,7 @@ from cell.lab.typed_orders import TypedOrders, typed_lines
 from cell.runs.options import RunOptions
 
 
-@takes(RunOptions, *OPTIONS, "person", "inject", "world", "overwrite", configuration=CONFIGURATION)
+@takes(RunOptions, *OPTIONS, "person", "inject", "world", "overwrite", "unsafe_table", configuration=CONFIGURATION)
 def run(
     options: RunOptions,
     tree: TreeArgument = None,

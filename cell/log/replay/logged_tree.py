@@ -15,6 +15,7 @@ from cell.files.model import Model
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.bench import Bench
 from cell.interfaces.devices import ROLES
+from cell.interfaces.faults import OFF_PATH, OFF_PATH_LONG, SIGNALS, Fault, FaultTable
 from cell.interfaces.product import Product
 from cell.interfaces.robot import DEFAULT
 from cell.interfaces.robot import FOLDER as ROBOTS
@@ -54,6 +55,21 @@ def upgrade(folder: Path) -> None:
     if (folder / ROBOT).exists():
         data["robot"] = ROBOT
     path.write_text(yaml.safe_dump({**data, "devices": devices}), "utf-8")
+
+
+def recorded_table(text: str) -> FaultTable:
+    """The table of faults of a log; signs that were unknown when it was written do nothing in it."""
+    rows = [dict(row) for row in yaml.safe_load(text)["faults"]]
+    asks_s = {row["signal"]: row.pop("person_after_s", None) for row in rows}
+    for row in rows:
+        for key in set(row) - set(Fault.model_fields):
+            del row[key]
+    if (delay_s := asks_s.get(OFF_PATH)) is not None:  # a person was asked for by the same row
+        off = next(row for row in rows if row["signal"] == OFF_PATH)
+        rows.append({**off, "signal": OFF_PATH_LONG, "clear": "person", "delay_s": min(delay_s, 10.0)})
+    unknown = set(SIGNALS) - {row["signal"] for row in rows}
+    added = [{"signal": signal, "action": "run", "clear": "itself"} for signal in sorted(unknown)]
+    return FaultTable.model_validate({"faults": [*rows, *added]})
 
 
 def _of_motion(motion: dict[str, Any]) -> Mapping[str, Any] | None:

@@ -10,19 +10,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from cell.configuration import Configuration, load_configuration, load_faults, load_product
 from cell.errors import InputError, LogError
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.command import Command
-from cell.interfaces.faults import SIGNALS, Action, FaultTable, Judgement
+from cell.interfaces.faults import Action, FaultTable, Judgement
 from cell.interfaces.notes import ListJournal
 from cell.interfaces.product import Product
 from cell.interfaces.resume import ResumeState
 from cell.log.read.reader import Log, LoggedTick
 from cell.log.replay.compare import Comparison, Decisions, Difference, decided, differences, logged, remembers
-from cell.log.replay.logged_tree import write_files
+from cell.log.replay.logged_tree import recorded_table, write_files
 from cell.recording.identity import what_changed
 from cell.running.controller import STOPPED, STOPPING
 from cell.running.device_writer import withhold
@@ -247,14 +245,6 @@ def _tree(log: Log, folder: Path, registry: Registry) -> Tree:
     """The tree of a log whose files are unpacked in a folder; with the entries and the further files of its run."""
     files, entries = folder / "tree", json.loads(log.metadata.get("entries", "{}"))
     return load_tree(files / log.metadata["tree"], registry, None, entries, (files,))
-
-
-def recorded_table(text: str) -> FaultTable:
-    """The table of a log; signs that nobody knew when it was written do nothing in it."""
-    rows = yaml.safe_load(text)["faults"]
-    unknown = set(SIGNALS) - {row["signal"] for row in rows}
-    added = [{"signal": signal, "action": "run", "clear": "itself"} for signal in sorted(unknown)]
-    return FaultTable.model_validate({"faults": [*rows, *added]})
 
 
 def _unpack(log: Log, folder: Path) -> None:

@@ -46,6 +46,7 @@ def test_somebody_acknowledges_what_waits_for_that_and_again_while_it_is_still_t
     assert pressed_after(0.1) == ["resume"]
     assert pressed_after(NOTICES_S) == ["resume", "acknowledge"]
     attendant.alarm("")
+    assert pressed_after(NOTICES_S) == ["resume", "resume"], "and lets it go on when it is gone"
     assert pressed_after(NOTICES_S) == ["resume"]
     assert [bool(text) for text in shown] == [True, False]
 

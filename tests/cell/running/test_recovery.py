@@ -12,7 +12,7 @@ from cell.interfaces.clock import ManualClock
 from cell.interfaces.command import Command, GripperCommand, JointTrajectory
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.interfaces.operator import OperatorOrder
-from cell.running.device_reader import GripperHold
+from cell.running.device_writer import GripperHold
 from tests.cell.fakes import PARKED, FakeGripper, Rig
 
 OPEN = GripperCommand(0.085, 0.1, 40.0)
@@ -53,11 +53,13 @@ def test_an_empty_gripper_that_restarted_is_activated_once_somebody_acknowledged
         calls.append(list(gripper.calls))
         if tick == 10:
             rig.operator.put(OperatorOrder("acknowledge"))
+        if tick == 20:
+            rig.operator.put(OperatorOrder("resume"))
         return Status.SUCCESS if tick == 40 else Status.RUNNING
 
     outcome, _ = rig.run(act)
     assert outcome.end == "finished"
-    assert calls[10] == ["command"], "nothing moves before somebody said so"
+    assert calls[20] == ["command"], "nothing moves before somebody said so, twice"
     assert calls[40] == ["command", "activate", "command"]
 
 
@@ -155,14 +157,16 @@ def test_a_protective_stop_is_unlocked_by_an_acknowledgement_and_goes_on() -> No
             rig.operator.put(OperatorOrder("acknowledge"))
         if "acknowledge" in rig.arm.calls:
             rig.arm.mode = "normal"
+        if tick == 60:
+            rig.operator.put(OperatorOrder("resume"))
         commands.append(rig.services.now.command)
-        return Status.SUCCESS if tick == 40 else Status.RUNNING
+        return Status.SUCCESS if tick == 80 else Status.RUNNING
 
     outcome, _ = rig.run(act)
     assert outcome.end == "finished"
-    assert rig.arm.calls.count("acknowledge") == 1
-    assert rig.arm.shares[8] == 0.0
-    assert rig.arm.shares[40] == 1.0
+    assert rig.arm.calls.count("acknowledge") == 2, "once more with the order to go on"
+    assert set(rig.arm.shares[8:60]) == {0.0}, "to acknowledge it starts no motion"
+    assert rig.arm.shares[80] == 1.0
 
 
 def test_an_arm_that_is_held_off_its_path_is_an_alarm_and_gives_the_path_up_once_that_is_acknowledged() -> None:
@@ -177,6 +181,8 @@ def test_an_arm_that_is_held_off_its_path_is_an_alarm_and_gives_the_path_up_once
         early.extend(rig.panel.alarms if tick == 200 else ())
         if tick == 300:
             rig.operator.put(OperatorOrder("acknowledge"))
+        if tick == 325:
+            rig.operator.put(OperatorOrder("resume"))
         calls.append(list(rig.arm.calls))
         return Status.SUCCESS if tick == 340 else Status.RUNNING
 
@@ -188,8 +194,8 @@ def test_an_arm_that_is_held_off_its_path_is_an_alarm_and_gives_the_path_up_once
     assert sum(text.endswith(alarm) for text in rig.observer.messages) == 1
     assert sum(text.endswith("acknowledged by the operator") for text in rig.observer.messages) == 1
     assert "stop" not in calls[300]
-    assert calls[340].count("stop") == 1
-    assert rig.arm.shares[300] == 0.0
+    assert calls[320].count("stop") == 1
+    assert set(rig.arm.shares[300:325]) == {0.0}
     assert rig.arm.shares[340] == 1.0
 
 

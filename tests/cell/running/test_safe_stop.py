@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from dataclasses import replace
 from types import FrameType
 from typing import Any
 
@@ -14,6 +15,7 @@ from py_trees.common import Status
 from cell.errors import DeviceFault
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from cell.running import controller as controller_module
+from cell.running.safe_stop import condition
 from cell.watching.observer import Outcome, TickRecord
 from tests.cell.fakes import FakeObserver, FakeTree, Rig
 
@@ -244,3 +246,29 @@ def test_a_hold_makes_nobody_move_and_a_paused_node_goes_on() -> None:
     assert isinstance(tree, FakeTree)
     worked = [record.observation.worked_s for record in rig.observer.records]
     assert worked[24] - worked[5] < 0.1
+
+
+KNOWN = GripperState(1.0, True, ObjectStatus.CONTACT_CLOSING, 0.027, 0.1, 0)
+EMPTY = replace(KNOWN, object_status=ObjectStatus.AT_POSITION)
+
+
+@pytest.mark.parametrize(
+    ("gripper", "part", "told"),
+    [
+        (KNOWN, "o1", "the gripper holds o1"),
+        (EMPTY, "o1", "the gripper holds nothing"),
+        (EMPTY, None, "the gripper holds nothing"),
+        (replace(EMPTY, time_s=0.8), "o1", "nothing is known of the gripper; it may hold o1"),
+        (replace(EMPTY, time_s=0.8), None, "nothing is known of the gripper"),
+        (replace(EMPTY, echoed=False), "o1", "nothing is known of the gripper; it may hold o1"),
+        (replace(EMPTY, activated=False), "o1", "nothing is known of the gripper; it may hold o1"),
+        (replace(EMPTY, activated=False), None, "nothing is known of the gripper"),
+        (replace(EMPTY, object_status=ObjectStatus.MOVING), "o1", "nothing is known of the gripper; it may hold o1"),
+        (replace(KNOWN, time_s=float("nan")), "o1", "nothing is known of the gripper; it may hold o1"),
+    ],
+)
+def test_the_last_line_never_says_that_the_gripper_is_empty_where_that_is_not_known(
+    gripper: GripperState, part: str | None, told: str
+) -> None:
+    seen = Observation(25, 1.0, ArmState(1.0, (0.0,) * 6, (0.0,) * 6, False), gripper)
+    assert condition(seen, part) == f"the arm stands, {told}"

@@ -15,18 +15,18 @@ from cell.configuration import load_configuration, load_faults
 from cell.errors import InputError
 from cell.files.yaml_file import load_yaml
 from cell.interfaces.command import Command, JointTrajectory
-from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement
+from cell.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement, weaker
 from cell.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from cell.interfaces.perception import Action as SeenAction
 from cell.interfaces.perception import BenchView, HandSample, PartsView
-from cell.interfaces.robot import default_robot
 from cell.running.device_writer import withhold
 from cell.running.fault_checks import CHECKS as OWN
-from cell.running.fault_checks import robot_checks
+from cell.running.fault_checks import arm_checks
 from cell.running.supervisor import Supervisor, make_supervisor
+from tests.cell.fakes import arm_monitor
 from tests.integration.cell_rig import motion_planner
 
-CHECKS = {**OWN, **robot_checks(default_robot())}
+CHECKS = {**OWN, **arm_checks(arm_monitor())}
 TABLE = load_faults(load_configuration())
 TICK_S = 0.04
 FOREARM_M = (0.5, 0.2)  # the arm passes over it at these joints
@@ -68,7 +68,10 @@ SPOILS: dict[str, Spoil] = {
     "arm_lost": trouble("arm"),
     "arm_not_plausible": arm(velocities_rad_s=(0.0, 0.0, math.nan, 0.0, 0.0, 0.0)),
     "arm_stale": lambda seen: replace(seen, arm=replace(seen.arm, time_s=seen.time_s - 0.13)),
+    "arm_time_wrong": lambda seen: replace(seen, arm=replace(seen.arm, time_s=seen.time_s + 60)),
     "arm_off_path": arm(positions_rad=(0.14, 0.1, 0.1, 0.1, 0.1, 0.1)),
+    "arm_off_path_long": arm(positions_rad=(0.14, 0.1, 0.1, 0.1, 0.1, 0.1)),
+    "arm_path_unknown": arm(moving=True),
     "arm_protective_stop": arm(mode="protective_stop"),
     "arm_safeguard_stop": arm(mode="safeguard_stop"),
     "arm_emergency_stop": arm(mode="emergency_stop"),
@@ -76,9 +79,12 @@ SPOILS: dict[str, Spoil] = {
     "arm_reduced": arm(mode="reduced"),
     "gripper_lost": trouble("gripper"),
     "gripper_stale": lambda seen: replace(seen, gripper=replace(seen.gripper, time_s=seen.time_s - 0.15)),
+    "gripper_not_plausible": gripper(opening_m=0.2),
     "gripper_refuses": gripper(fault=7),
     "gripper_restarted_empty": gripper(activated=False),
     "gripper_restarted_holding": gripper(activated=False),
+    "gripper_other_master": gripper(other_master=True),
+    "gripper_bus_errors": gripper(bus_errors="3 error frames"),
     "detector_lost": trouble("detector overhead"),
     "camera_lost": trouble("camera overhead"),
     "bench_stale": lambda seen: replace(seen, bench=None),
@@ -90,6 +96,9 @@ SPOILS: dict[str, Spoil] = {
     "tick_late": lambda seen: replace(seen, late_s=0.1),
     "tick_very_late": lambda seen: replace(seen, late_s=0.5),
 }
+
+
+OVER_TIME = ("arm_not_obeying", "gripper_not_obeying")  # no single observation shows them: see test_obeyed
 
 
 def hand_at(x_m: float, y_m: float) -> HandSample:
@@ -144,7 +153,7 @@ def test_each_sign_clears_as_the_table_says(signal: str) -> None:
 
 def test_every_signal_has_a_check_and_a_test() -> None:
     assert set(CHECKS) | {"hand_near", "hand_too_near", "blind_area"} == set(SIGNALS)
-    assert set(SPOILS) | {"command_contested", "hand_near", "blind_area"} == set(SIGNALS)
+    assert set(SPOILS) | {"command_contested", "hand_near", "blind_area", *OVER_TIME} == set(SIGNALS)
 
 
 def test_a_hold_that_lasts_becomes_a_stop_for_good() -> None:
@@ -167,8 +176,8 @@ def test_a_person_must_acknowledge_where_the_table_says_so() -> None:
 
 
 def test_what_was_acknowledged_while_it_lasted_clears_when_it_is_gone_but_not_much_later() -> None:
-    fault = Fault(signal="arm_protective_stop", action="hold", clear="person", acknowledged_s=1.0)
-    for ends, acts in ((10, Action.RUN), (60, Action.HOLD)):
+    fault = Fault(signal="arm_protective_stop", action="hold", clear="person")
+    for ends, acts in ((10, Action.RUN), (160, Action.HOLD)):
         supervisor = Supervisor([fault], CHECKS)
         for tick in range(ends):
             supervisor.judge(replace(SPOILS["arm_protective_stop"](sound(tick)), acknowledged=tick == 3))
@@ -186,7 +195,8 @@ def test_a_gripper_that_restarted_is_held_until_it_is_active_again() -> None:
 
 
 def test_an_arm_that_still_moves_does_not_clear_at_standstill() -> None:
-    supervisor = begun()
+    supervisor = Supervisor([row("arm_off_path")], CHECKS)
+    supervisor.judge_command(sound(0), Command(follow=STAY))
     for tick in (1, 2):
         supervisor.judge(SPOILS["arm_off_path"](sound(tick)))
     moving = arm(velocities_rad_s=(0.2,) * 6)
@@ -226,8 +236,7 @@ def test_an_arm_that_is_soon_back_on_its_path_goes_on_by_itself() -> None:
 @pytest.mark.parametrize("comes_back", [False, True])
 def test_an_arm_that_is_held_off_its_path_waits_for_a_person_and_gives_its_path_up(comes_back: bool) -> None:
     supervisor, off = begun(), SPOILS["arm_off_path"]
-    lasts_s = row("arm_off_path").person_after_s
-    assert lasts_s is not None
+    lasts_s = row("arm_off_path_long").delay_s
     ticks = 10 + math.ceil(lasts_s / TICK_S)
     held = [supervisor.judge(off(sound(tick))) for tick in range(2, ticks)]
     waiting = [supervisor.unacknowledged]
@@ -375,6 +384,31 @@ def test_a_table_that_is_wrong_is_refused_with_its_place(tmp_path, line: str, co
     with pytest.raises(InputError, match=complaint) as caught:
         load_yaml(file, FaultTable)
     assert f"{file}:" in str(caught.value)
+
+
+def changed(signal: str, **values: object) -> FaultTable:
+    return FaultTable(
+        faults=tuple(one.model_copy(update=values) if one.signal == signal else one for one in TABLE.faults)
+    )
+
+
+@pytest.mark.parametrize(
+    ("signal", "values", "told"),
+    [
+        ("arm_emergency_stop", {"action": "run"}, "action run is milder than stop"),
+        ("hand_too_near", {"action": "slow"}, "action slow is milder than hold"),
+        ("arm_protective_stop", {"clear": "itself"}, "clear itself is easier than person"),
+        ("arm_lost", {"delay_s": 0.5}, "delay_s 0.5 is more than 0"),
+        ("bench_stale", {"stop_after_s": None}, "stop_after_s without a limit is more than 20"),
+        ("bench_stale", {"clear_s": 0.1}, "clear_s 0.1 is shorter than 0.5"),
+        ("arm_reduced", {"share": 0.5}, "share 0.5 is more than 0.25"),
+        ("arm_not_obeying", {"stop_m": 1.0}, "stop_m 1 is more than 0.6"),
+        ("arm_reduced", {"action": "hold"}, ""),
+        ("bench_stale", {"action": "stop", "clear": "never", "clear_s": 0.0, "stop_after_s": None}, ""),
+    ],
+)
+def test_a_milder_row_is_weaker_and_a_graver_one_is_not(signal: str, values: dict[str, object], told: str) -> None:
+    assert weaker(changed(signal, **values), TABLE) == ([f"{signal}: {told}"] if told else [])
 
 
 OVER_RAD = (0.131, -1.315, 1.9, -2.155, -1.571, 0.131)  # over the bracket

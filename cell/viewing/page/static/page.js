@@ -240,7 +240,8 @@ function showTree({ statuses }) {
 
 function showRest(state) {
   const { run } = still;
-  $("heading").textContent = [run.product, run.tree].filter(Boolean).join(", ");
+  $("heading").textContent = [run.product, run.tree, run.unsafe && `${S.unsafe}: ${run.unsafe}`].filter(Boolean).join(", ");
+  $("heading").classList.toggle("unsafe", Boolean(run.unsafe));
   const pause = { now: S.paused, "after part": S.pausing }[state.operator.pause];
   $("clock").textContent = `${state.time_s.toFixed(1)} s${pause ? `, ${pause}` : ""}`;
   const number = state.brackets.at(-1)?.number;

@@ -15,6 +15,7 @@ export const STRINGS = {
   resume: "Resume",
   stop: "Stop",
   acknowledge: "Acknowledge",
+  unsafe: "UNSAFE, weaker than the shipped table",
   finish: "End after this bracket",
   place: "I place this one",
   send: "Send",

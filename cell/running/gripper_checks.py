@@ -1,0 +1,124 @@
+"""What the supervisor looks for in the gripper: it answers, obeys, and contradicts neither itself nor its command."""
+
+from __future__ import annotations
+
+import math
+
+from cell.interfaces.command import Command, GripperCommand
+from cell.interfaces.faults import Action, Judgement
+from cell.interfaces.observation import GripperState, ObjectStatus, Observation
+
+STALE_GRIPPER_S = 0.1
+HELD_LATELY_S = 0.25  # a restart may show in another frame than the part that was held
+REFUSALS = (0x05, 0x07)  # gFLT: not activated, or delayed until it is
+ECHO_S = 0.2  # a lost command is repeated by half of it
+OPENINGS_M, OFF_M = (-0.002, 0.087), 0.006  # that a 2F-85 can have, and how far one may be from where it was told to go
+STILL_S, STILL_M = 0.5, 0.0002  # fingers that move are seen to, or press by then
+SLOWEST_S = 1.0  # for speeding up, braking and pressing
+
+
+class GripperMemory:
+    """What is known of earlier ticks.
+
+    Attributes:
+        restarted: "empty" or "holding" from when the gripper lost its activation until it has it again; else empty.
+        ever_active: the gripper was active at some time of the run.
+        contradicts, disobeys: what is wrong now, in words; empty for nothing.
+    """
+
+    def __init__(self) -> None:
+        self.ever_active, self.restarted = False, ""
+        self.contradicts = self.disobeys = ""
+        self._active, self._held_s = False, -math.inf
+        self._goal: GripperCommand | None = None
+        self._free_s = self._echoed_s = self._moved_s = -math.inf  # since when it may go; when it was seen to
+        self._opening_m = 0.0
+        self._before: GripperState | None = None
+
+    def see(self, gripper: GripperState, now_s: float) -> None:
+        """A tick begins."""
+        if gripper.activated:
+            self.restarted = ""
+        elif self._active:
+            self.restarted = "holding" if now_s - self._held_s <= HELD_LATELY_S else "empty"
+        if gripper.activated and gripper.holding:
+            self._held_s = now_s
+        self._active = gripper.activated
+        self.ever_active |= gripper.activated
+        if gripper.echoed or not gripper.activated:
+            self._echoed_s = now_s
+        self._follow(gripper, now_s)
+        self.contradicts = self._impossible(gripper) or self._elsewhere(gripper, now_s)
+        self.disobeys = self._disobeys(gripper, now_s)
+        self._before = gripper
+
+    def command(self, command: Command, judgement: Judgement, now_s: float) -> None:
+        """A tick ends with what goes out; while the cell is held, fingers stand where they are."""
+        held = judgement.action >= Action.HOLD
+        if command.gripper is not None and not held:
+            self._goal = command.gripper
+        if held or command.gripper is not None:
+            self._free_s = self._moved_s = now_s
+
+    def _follow(self, gripper: GripperState, now_s: float) -> None:
+        """Where fingers were that rest, and when they moved last."""
+        before = self._before
+        changed = before is None or before.object_status is not gripper.object_status
+        if changed or abs(gripper.opening_m - self._opening_m) > STILL_M:
+            self._moved_s = now_s
+        resting = gripper.object_status is not ObjectStatus.MOVING
+        if changed or not resting or now_s - self._free_s <= ECHO_S:
+            self._opening_m = gripper.opening_m
+
+    def _impossible(self, gripper: GripperState) -> str:
+        if not (math.isfinite(gripper.opening_m) and math.isfinite(gripper.current_a)):
+            return "the gripper told a value that is not finite"
+        if not OPENINGS_M[0] <= gripper.opening_m <= OPENINGS_M[1]:
+            return f"the gripper told an opening of {gripper.opening_m * 1000:.0f} mm"
+        return ""
+
+    def _elsewhere(self, gripper: GripperState, now_s: float) -> str:
+        """Its fingers say that they have arrived or met something where they cannot have."""
+        if self._goal is None or not self._settled(gripper, now_s):
+            return ""
+        beyond_m = gripper.opening_m - min(max(self._goal.opening_m, 0.0), OPENINGS_M[1])
+        wrong = {
+            ObjectStatus.AT_POSITION: abs(beyond_m) > OFF_M,
+            ObjectStatus.CONTACT_CLOSING: beyond_m < -OFF_M,
+            ObjectStatus.CONTACT_OPENING: beyond_m > OFF_M,
+        }
+        if not wrong.get(gripper.object_status, False):
+            return ""
+        told = gripper.object_status.name.lower().replace("_", " ")
+        return f"the fingers say {told}, {abs(beyond_m) * 1000:.0f} mm beside where they were sent"
+
+    def _disobeys(self, gripper: GripperState, now_s: float) -> str:
+        if now_s - self._echoed_s > ECHO_S:
+            return f"for {now_s - self._echoed_s:.2f} s the gripper does not repeat what it was told"
+        if self._goal is None or not self._settled(gripper, now_s):
+            return ""
+        if gripper.object_status is not ObjectStatus.MOVING:
+            moved_m = abs(gripper.opening_m - self._opening_m)
+            return f"the fingers moved by {moved_m * 1000:.0f} mm unasked" if moved_m > OFF_M else ""
+        longest_s = OPENINGS_M[1] / self._goal.speed_m_s + SLOWEST_S
+        if now_s - self._moved_s > STILL_S:
+            return f"the fingers do not move for {STILL_S} s, although they say so"
+        return f"the fingers do not arrive within {longest_s:.1f} s" if now_s - self._free_s > longest_s else ""
+
+    def _settled(self, gripper: GripperState, now_s: float) -> bool:
+        """The status is about what the fingers were told, and nothing stops them."""
+        return gripper.activated and gripper.echoed and now_s - self._free_s > ECHO_S
+
+
+def stale_words(seen: Observation) -> str:
+    """How old the status is, where that is too old."""
+    age_s = seen.time_s - seen.gripper.time_s
+    return f"the gripper's status is {age_s:.2f} s old" if not age_s <= STALE_GRIPPER_S else ""
+
+
+def refusal_words(gripper: GripperState, memory: GripperMemory) -> str:
+    """Why it takes no command."""
+    if gripper.node_state == "stopped":
+        return "the gripper's node is stopped"
+    refused = memory.ever_active and gripper.activated and gripper.fault in REFUSALS
+    return f"the gripper takes no command, gFLT 0x{gripper.fault:02X}" if refused else ""

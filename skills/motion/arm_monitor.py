@@ -1,0 +1,247 @@
+"""Whether an arm obeys: standstill and speed along the path are measured, not only ordered.
+
+After reaction and braking, played through as for separation, a held arm stands, and the way along its path grows by no
+more than the allowed share. Safe operating stop and safe speed monitor as in IEC 61800-5-2; not safety-rated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+
+from cell.interfaces.bench import JOINTS
+from cell.interfaces.command import JointTrajectory
+from cell.interfaces.observation import ArmMode, ArmState
+from cell.interfaces.pose import Array
+from cell.interfaces.robot import RobotModel
+from skills.motion.separation import LEAST_BRAKING, MARK_S, PLAY_S, TINY
+
+MODES = get_args(ArmMode)
+BRAKES_AT_LEAST = 0.8  # of the braking that is played through
+SPEED_TOLERANCE, WAY_TOLERANCE_S = 1.03, 0.02  # of the way along the path: of its growth, and a clock's jitter
+SETTLES_S, STAYS_RAD = 0.12, 0.08  # a standing arm rests by then, and then moves no more than by a push
+REPEATS_S, STUCK_S = (
+    0.1,
+    0.24,
+)  # a moving arm tells something new by then, and goes on along its path
+LONGEST_S = 0.2  # between two states that can be compared
+JUMP_RAD, RANGE_SLACK_RAD, SPEED_SLACK = 0.02, 0.01, 1.3  # what a measurement adds to what the robot can do
+SPEED_OFF_RAD_S, SPEED_OFF, SPEEDS_OFF = 0.1, 0.15, 3  # told speeds differ from measured ones by less, or less often
+
+
+@dataclass(frozen=True)
+class StopLimits:
+    """What a stop may take at most, whatever braking is worked out.
+
+    Attributes:
+        time_s: until the arm stands.
+        way_m: of the tool.
+    """
+
+    time_s: float = math.inf
+    way_m: float = math.inf
+
+
+class ArmMonitor:
+    """Sees every state of the arm and every order to it.
+
+    Args:
+        reaction_s: from an order to the first braking.
+        tool_m: where the tool is (3,), from joints.
+        slow_share: of a path, the share of speed at which no link is faster than the slow speed.
+
+    Attributes:
+        disobeys, implausible: what is wrong now, in words; empty for nothing.
+        repeats_s: since when a moving arm tells the same state.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        reaction_s: float,
+        limits: StopLimits,
+        tool_m: Callable[[Array], Array],
+        slow_share: Callable[[JointTrajectory], float],
+    ) -> None:
+        self._range_rad = np.array(robot.range_rad) + RANGE_SLACK_RAD
+        self._speed_rad_s = np.array(robot.speed_rad_s) * SPEED_SLACK
+        self._acceleration_rad_s2 = np.array(robot.acceleration_rad_s2)
+        self._reaction_s, self._limits = reaction_s, limits
+        self._tool_m, self.slow_share = tool_m, slow_share
+        self.disobeys = self.implausible = ""
+        self.repeats_s = 0.0
+        self._now_s = self._changed_s = self._advanced_s = -math.inf
+        self._arm: ArmState | None = None
+        self._orders: deque[tuple[float, float]] = deque()  # (since when, share)
+        self._rate = 0.0  # share of the planned speed that the arm may have at most
+        self._path: JointTrajectory | None = None  # the last one
+        self._begun_s, self._held_s = -math.inf, math.inf
+        self._path_s: float | None = None
+        self._allowed_s = self._excess_s = 0.0
+        self._held_at_m: Array | None = None
+        self._still_s = math.inf
+        self._anchor: Array | None = None
+        self._mismatches = np.zeros(len(JOINTS), dtype=int)
+
+    def see(self, now_s: float, arm: ArmState, share: float, path: JointTrajectory | None) -> None:
+        """One more tick.
+
+        Args:
+            share, path: what was ordered in the tick before; no path for a stop.
+        """
+        if now_s == self._now_s:
+            return
+        self.implausible, self.disobeys = self._wrong(arm), ""
+        if self.implausible:
+            self._now_s = now_s
+            return
+        self._order(share if path is not None else 0.0, path)
+        self._allowed_s += self._play(now_s)
+        self._now_s = now_s
+        self.disobeys = self._ahead(arm) or self._moves(arm) or self._stuck(arm, path)
+        self._arm = arm
+
+    def _order(self, share: float, path: JointTrajectory | None) -> None:
+        """What was ordered at the end of the tick before."""
+        self._held_s = math.inf if share > 0 else min(self._held_s, self._now_s)
+        if path is not None and path is not self._path:
+            self._path, self._begun_s, self._path_s, self._excess_s = path, self._now_s, None, 0.0
+            self._still_s, self._anchor = math.inf, None
+        if not self._orders or self._orders[-1][1] != share:
+            self._orders.append((self._now_s, share))
+
+    def _may(self, time_s: float) -> float:
+        """The greatest share that was ordered within the reaction before a time."""
+        while len(self._orders) > 1 and self._orders[1][0] <= time_s - self._reaction_s:
+            self._orders.popleft()
+        return max(share for begun_s, share in self._orders if begun_s <= time_s)
+
+    def _play(self, now_s: float) -> float:
+        """How far along its path the arm may go until now, as time of that path."""
+        if self._arm is None:
+            return 0.0
+        steps = max(1, min(math.ceil((now_s - self._now_s) / PLAY_S - TINY), 50))
+        step_s, way_s = (now_s - self._now_s) / steps, 0.0
+        for number in range(steps):
+            time_s = self._now_s + (number + 1) * step_s
+            most = self._may(time_s)
+            if most < self._rate:
+                most = max(most, self._rate - self._braking(way_s) * step_s)
+            if time_s - self._held_s > self._limits.time_s:
+                most = 0.0
+            self._rate = most
+            way_s += most * step_s
+        return way_s
+
+    def _braking(self, way_s: float) -> float:
+        """By how much the share of speed falls in a second, where the arm is; as in separation."""
+        if self._path is None:
+            return math.inf
+        place_s = (self._path_s or 0.0) + self._allowed_s + way_s
+        before, here, after = self._path.along(place_s + np.array([-MARK_S, 0.0, MARK_S]))
+        speeds, bends = (after - before) / (2 * MARK_S), (after - 2 * here + before) / MARK_S**2
+        fastest = np.maximum(np.abs(speeds), TINY)
+        limits = self._acceleration_rad_s2 / fastest
+        least = LEAST_BRAKING * float(limits.min())
+        along = bends * np.sign(speeds) / fastest * self._rate**2
+        return BRAKES_AT_LEAST * max(float((limits + along).min()), least)
+
+    def _ahead(self, arm: ArmState) -> str:
+        """The way along the path grew by more than it may."""
+        if arm.path_s is None or not arm.moving or self._now_s - self._begun_s <= self._reaction_s + LONGEST_S / 4:
+            self._path_s, self._allowed_s = arm.path_s, 0.0
+            return self._too_far(arm)
+        if self._arm is not None and arm.time_s == self._arm.time_s:  # nothing new
+            return ""
+        if self._path_s is not None:
+            grew_s = arm.path_s - self._path_s
+            self._excess_s = max(0.0, self._excess_s + grew_s - SPEED_TOLERANCE * self._allowed_s)
+        self._path_s, self._allowed_s = arm.path_s, 0.0
+        if self._excess_s > WAY_TOLERANCE_S:
+            return f"the arm is {self._excess_s:.2f} s farther along its path than it may be"
+        return self._too_far(arm)
+
+    def _too_far(self, arm: ArmState) -> str:
+        """The tool went farther than a stop may take."""
+        if self._held_s == math.inf or self._still_s < self._now_s - SETTLES_S:
+            self._held_at_m = None
+            return ""
+        tool_m = self._tool_m(np.array(arm.positions_rad))
+        self._held_at_m = tool_m if self._held_at_m is None else self._held_at_m
+        way_m = float(np.linalg.norm(tool_m - self._held_at_m))
+        return f"the tool went {way_m:.2f} m since it was to stand" if way_m > self._limits.way_m else ""
+
+    def _moves(self, arm: ArmState) -> str:
+        """A joint moves although the arm must stand; in a protective stop somebody may move it."""
+        if (self._rate > 0 and arm.moving) or arm.mode in ("protective_stop", "recovery"):
+            self._still_s, self._anchor = math.inf, None
+            return ""
+        self._still_s = min(self._still_s, self._now_s)
+        if self._now_s - self._still_s < SETTLES_S:
+            return ""
+        positions = np.array(arm.positions_rad)
+        self._anchor = positions if self._anchor is None else self._anchor
+        moved = np.abs(positions - self._anchor)
+        joint = int(moved.argmax())
+        if moved[joint] > STAYS_RAD:
+            return f"{JOINTS[joint]} moved by {moved[joint]:.2f} rad, although the arm must stand"
+        return ""
+
+    def _stuck(self, arm: ArmState, path: JointTrajectory | None) -> str:
+        """A moving arm that may go on tells the same again and again, or does not go on."""
+        same = self._arm is not None and (arm.path_s, arm.positions_rad) == (self._arm.path_s, self._arm.positions_rad)
+        free = arm.moving and path is not None and min(share for _, share in self._orders) > 0
+        if not same or (not free and self.repeats_s < REPEATS_S):
+            self._changed_s = self._now_s
+        self.repeats_s = self._now_s - self._changed_s
+        grows = self._arm is None or self._arm.path_s is None or arm.path_s is None or arm.path_s > self._arm.path_s
+        if not free or grows:
+            self._advanced_s = self._now_s
+        if self._now_s - self._advanced_s > STUCK_S:
+            return f"the arm does not go on for {STUCK_S} s, although it may and says that it moves"
+        return ""
+
+    def _wrong(self, arm: ArmState) -> str:
+        """What a sound arm cannot tell."""
+        counts = len(arm.positions_rad), len(arm.velocities_rad_s)
+        if counts != (len(JOINTS), len(JOINTS)):
+            return f"the arm told {counts[0]} positions and {counts[1]} speeds, not {len(JOINTS)}"
+        path_s = 0.0 if arm.path_s is None else arm.path_s
+        if not all(map(math.isfinite, (*arm.positions_rad, *arm.velocities_rad_s, path_s))):
+            return "the arm told a value that is not finite"
+        positions, speeds = np.array(arm.positions_rad), np.array(arm.velocities_rad_s)
+        if (np.abs(positions) > self._range_rad).any():
+            return "the arm told a joint beyond its range"
+        if (np.abs(speeds) > self._speed_rad_s).any():
+            return "the arm told a joint faster than it can be"
+        if path_s < 0:
+            return "the arm told a place before the beginning of its path"
+        if arm.mode not in MODES:
+            return f"the arm told a mode {arm.mode!r} that there is not"
+        return self._contradicts(arm, positions, speeds)
+
+    def _contradicts(self, arm: ArmState, positions: Array, speeds: Array) -> str:
+        """Positions changed otherwise than the told speeds have it."""
+        before = self._arm
+        took_s = 0.0 if before is None else arm.time_s - before.time_s
+        if before is None or not 0 <= took_s <= LONGEST_S:
+            return ""
+        if took_s == 0 and before.positions_rad == arm.positions_rad:  # the same state again
+            return ""
+        moved = positions - np.array(before.positions_rad)
+        far = np.abs(moved) - self._speed_rad_s * took_s
+        if far.max() > JUMP_RAD:
+            joint = int(far.argmax())
+            return f"{JOINTS[joint]} jumped by {moved[joint]:.2f} rad in {took_s:.2f} s"
+        measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2
+        limit = np.maximum(SPEED_OFF_RAD_S, SPEED_OFF * np.maximum(np.abs(measured), np.abs(told)))
+        self._mismatches = np.where(np.abs(measured - told) > limit, self._mismatches + 1, 0)
+        if self._mismatches.max() < SPEEDS_OFF:
+            return ""
+        joint = int(self._mismatches.argmax())
+        return f"{JOINTS[joint]} moves at {measured[joint]:.2f} rad/s and tells {told[joint]:.2f} rad/s"

@@ -1,0 +1,313 @@
+"""Orders are watched until they are obeyed, and senses until they contradict themselves: kinds of faults, no list."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cell.configuration import load_configuration, load_faults
+from cell.faults.signal_faults import KINDS, Kind, SignalFault
+from cell.interfaces.command import Command, GripperCommand, JointTrajectory
+from cell.interfaces.faults import Action, Judgement
+from cell.interfaces.observation import GripperState, ObjectStatus, Observation
+from cell.interfaces.operator import OperatorState
+from cell.interfaces.perception import Action as SeenAction
+from cell.interfaces.perception import BenchView
+from cell.running.supervisor import make_supervisor
+from skills.motion.planner import Load
+from tests.cell.path_arm import PathArm
+from tests.integration.cell_rig import motion_planner
+
+TABLE = load_faults(load_configuration())
+TICK_S = 0.04
+NOTICED_TICKS, FURTHER_M = 5, 0.10
+PAUSED = OperatorState(pause="now")
+GRIPPED = GripperState(0.0, True, ObjectStatus.CONTACT_CLOSING, 0.027, 0.2, 0, "operational")
+
+
+@cache
+def way() -> JointTrajectory:
+    """From the place over the tray to the parking place, as fast as the arm is."""
+    planner = motion_planner()
+    start, end = (np.array(joints) for joints in (planner.bench.arm_look_rad, planner.bench.arm_park_rad))
+    path = planner.free_move(start, end, Load(0.05))
+    assert isinstance(path, JointTrajectory)
+    return path
+
+
+@dataclass
+class Bench:
+    """An arm that goes there and back under the supervisor, and what became of it."""
+
+    arm: PathArm = field(default_factory=lambda: PathArm(way().positions_rad[0].copy()))
+    gripper: GripperState = GRIPPED
+    spoil: Callable[[Observation], Observation] = lambda seen: seen
+    pause_s: tuple[float, float] = (np.inf, np.inf)
+    judged: list[Judgement] = field(default_factory=list)
+    tool_m: list[np.ndarray] = field(default_factory=list)
+
+    def run(self, ticks: int, until: Callable[[int], None] = lambda _: None) -> None:
+        """Tick; `until` may change the arm before each."""
+        supervisor, legs, under_way = make_supervisor(TABLE, motion_planner()), 0, False
+        for tick in range(ticks):
+            until(tick)
+            now_s = tick * TICK_S
+            self.arm.advance(now_s)
+            self.tool_m.append(motion_planner().kinematics.position_m(self.arm.true_rad))
+            seen = self.spoil(self._seen(tick, now_s))
+            judgement, command = supervisor.judge(seen), Command()
+            under_way &= seen.arm.moving or tick <= 2
+            if judgement.action < Action.HOLD and not under_way and tick > 5:
+                command.follow, under_way, legs = leg(legs), True, legs + 1
+            judgement = supervisor.judge_command(seen, command)
+            self.judged.append(judgement)
+            self.arm.order("pace", judgement.share)
+            if judgement.action is Action.STOP:
+                self._stop(now_s)
+                return
+            if command.follow is not None and judgement.new_path:
+                self.arm.order("follow", command.follow)
+
+    def _stop(self, now_s: float) -> None:
+        """The safe stop."""
+        self.arm.order("stop")
+        for number in range(1, 50):
+            self.arm.advance(now_s + number * TICK_S)
+            self.tool_m.append(motion_planner().kinematics.position_m(self.arm.true_rad))
+
+    def _seen(self, tick: int, now_s: float) -> Observation:
+        view = BenchView(tick, now_s, None, {}, SeenAction("idle", 1.0))
+        paused = PAUSED if self.pause_s[0] <= now_s < self.pause_s[1] else OperatorState()
+        gripper = replace(self.gripper, time_s=now_s)
+        return Observation(tick, now_s, replace(self.arm.state()), gripper, view, operator=paused)
+
+    def noticed(self, since: int) -> int:
+        """Ticks from one on until something was done, that one included; 0 for never."""
+        acts = [any(self._of_arm(signal) for signal, _ in one.reasons) for one in self.judged[since:]]
+        return acts.index(True) + 1 if True in acts else 0
+
+    def way_m(self, since: int) -> float:
+        """How far the tool went from then on, until it stood."""
+        rest = self.tool_m[since:]
+        return float(np.linalg.norm(np.diff(rest, axis=0), axis=1).sum())
+
+    @staticmethod
+    def _of_arm(signal: str) -> bool:
+        return signal.startswith(("arm_", "gripper_")) and signal != "arm_off_path_long"
+
+
+def leg(number: int) -> JointTrajectory:
+    there = way()
+    return there if number % 2 == 0 else JointTrajectory(there.times_s, there.positions_rad[::-1].copy())
+
+
+MIDWAY = 5 + round(way().duration_s / TICK_S / 2)
+
+
+def words(bench: Bench) -> list[str]:
+    return [text for one in bench.judged for signal, text in one.reasons if signal not in ("blind_area",)]
+
+
+def test_an_arm_that_obeys_is_never_told_to_have_disobeyed() -> None:
+    bench = Bench()
+    bench.run(300)
+    assert words(bench) == []
+
+
+@pytest.mark.parametrize("pause", [MIDWAY, MIDWAY + 7, MIDWAY - 9])
+def test_neither_is_one_that_is_held_and_goes_on(pause: int) -> None:
+    bench = Bench(pause_s=(pause * TICK_S, (pause + 40) * TICK_S))
+    bench.run(200)
+    assert set(words(bench)) <= {"paused by the operator"}
+
+
+def test_an_arm_at_seventy_percent_of_its_speed_goes_on() -> None:
+    bench = Bench(PathArm(way().positions_rad[0].copy(), faster=0.7))
+    bench.run(300)
+    assert words(bench) == []
+
+
+def disobeying(**changes: object) -> Callable[[Bench], Callable[[int], None]]:
+    def made(bench: Bench) -> Callable[[int], None]:
+        def until(tick: int) -> None:
+            if tick == MIDWAY:
+                for name, value in changes.items():
+                    setattr(bench.arm, name, value)
+
+        return until
+
+    return made
+
+
+DISOBEYS = {
+    "ignores pace": (disobeying(heeds=False), True),
+    "goes 1.3 times as fast": (disobeying(faster=1.3), False),
+    "goes 1.3 times as fast as it was slowed down to": (disobeying(faster=1.3, heeds=False), True),
+}
+
+
+@pytest.mark.parametrize("name", DISOBEYS)
+def test_an_arm_that_goes_on_faster_than_it_may_is_stopped(name: str) -> None:
+    change, pauses = DISOBEYS[name]
+    bench = Bench(pause_s=((MIDWAY + 1) * TICK_S, np.inf) if pauses else (np.inf, np.inf))
+    bench.run(MIDWAY + 30, change(bench))
+    assert bench.judged[-1].action is Action.STOP
+    assert bench.judged[-1].reasons[0][0] in ("arm_not_obeying", "arm_not_plausible")
+    if not pauses:
+        assert len(bench.judged) - MIDWAY <= NOTICED_TICKS
+
+
+def test_an_arm_that_moves_although_nothing_was_ordered_is_stopped() -> None:
+    bench = Bench(PathArm(way().positions_rad[0].copy(), drifts_rad_s=0.5), pause_s=(0.0, np.inf))
+    bench.run(60)
+    assert bench.judged[-1].reasons[0] == (
+        "arm_not_obeying",
+        bench.judged[-1].words.split(";")[0],
+    )
+
+
+@cache
+def stop_m(tick: int) -> float:
+    """How far the tool goes on where the supervisor stops the arm in this tick."""
+    bench = Bench(
+        spoil=lambda seen: replace(seen, arm=replace(seen.arm, mode="emergency_stop")) if seen.tick >= tick else seen
+    )
+    bench.run(tick + 40)
+    return bench.way_m(tick)
+
+
+ARM = ("positions_rad", "velocities_rad_s", "path_s", "time_s", "moving", "mode")
+STATE = ("positions_rad", "velocities_rad_s", "path_s", "moving")
+
+
+TOLERATED = {"velocities_rad_s": 0.48}  # a sense may be off by less, in the signal's unit
+
+
+def differ(value: object, told: object, tolerated: float) -> bool:
+    """Whether a signal says something that a sound one would not."""
+    if not isinstance(value, tuple) or not isinstance(told, tuple) or len(value) != len(told):
+        return value != told
+    return bool(max(abs(one - other) for one, other in zip(value, told, strict=True)) > tolerated)
+
+
+def spoiled(
+    names: tuple[str, ...], kind: Kind, shown: list[int], device: str = "arm"
+) -> Callable[[Observation], Observation]:
+    faults = {name: SignalFault(name, kind) for name in names}
+
+    def spoil(seen: Observation) -> Observation:
+        active, state = seen.tick >= MIDWAY, getattr(seen, device)
+        told = {name: one.told(getattr(state, name), seen.time_s, active=active) for name, one in faults.items()}
+        other = replace(state, **told)
+        if active and any(
+            differ(getattr(state, name), value, TOLERATED.get(name, 0.0)) for name, value in told.items()
+        ):
+            shown.append(seen.tick)
+        return replace(seen, **{device: other})
+
+    return spoil
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("names", [*((name,) for name in ARM), STATE], ids=lambda names: "+".join(names))
+def test_a_fault_of_any_kind_in_a_signal_of_the_arm_is_noticed(names: tuple[str, ...], kind: Kind) -> None:
+    shown: list[int] = []
+    bench = Bench(spoil=spoiled(names, kind, shown))
+    bench.run(MIDWAY + 60)
+    if not shown:
+        assert words(bench) == []
+        return
+    if names == ("moving",) and kind in ("late", "repeated"):
+        return  # a motion is said to end a little later
+    assert 1 <= bench.noticed(shown[0]) <= NOTICED_TICKS
+    assert bench.way_m(shown[0]) - stop_m(shown[0]) <= FURTHER_M
+
+
+@pytest.mark.parametrize(
+    ("names", "kind"), [(("velocities_rad_s",), "flipped"), (STATE, "stuck"), (("time_s",), "early")]
+)
+def test_a_sample_of_them_is(names: tuple[str, ...], kind: Kind) -> None:
+    test_a_fault_of_any_kind_in_a_signal_of_the_arm_is_noticed(names, kind)
+
+
+@dataclass
+class Fingers:
+    """Fingers that close on a part of 27 mm, hold it, open and close on nothing."""
+
+    opening_m: float = 0.085
+    goal_m: float = 0.085
+
+    def state(self, time_s: float, part: bool) -> GripperState:
+        least_m = 0.027 if part else 0.0
+        there_m = max(self.goal_m, least_m)
+        self.opening_m += float(np.clip(there_m - self.opening_m, -0.004, 0.004))
+        status = ObjectStatus.MOVING
+        if abs(self.opening_m - there_m) < 1e-6:
+            status = ObjectStatus.AT_POSITION if there_m == self.goal_m else ObjectStatus.CONTACT_CLOSING
+        return GripperState(time_s, True, status, self.opening_m, 0.1, 0, "operational")
+
+
+GOALS_M = {5: 0.0, 40: 0.05, 60: 0.01}  # by tick
+
+
+def handled(spoil: Callable[[Observation], Observation]) -> list[tuple[int, str]]:
+    """(tick, words) of what is said of a gripper while it grips, lets go and closes; the arm stands."""
+    supervisor, fingers, said = make_supervisor(TABLE, motion_planner()), Fingers(), []
+    arm = PathArm(way().positions_rad[0].copy())
+    for tick in range(90):
+        now_s = tick * TICK_S
+        arm.advance(now_s)
+        view = BenchView(tick, now_s, None, {}, SeenAction("idle", 1.0))
+        seen = spoil(Observation(tick, now_s, arm.state(), fingers.state(now_s, part=tick < 55), view))
+        judged, command = supervisor.judge(seen), Command()
+        said += [(tick, text) for signal, text in judged.reasons if signal.startswith("gripper")]
+        if (goal_m := GOALS_M.get(tick)) is not None and judged.action < Action.HOLD:
+            fingers.goal_m = goal_m
+            command.gripper = GripperCommand(goal_m, 0.1, 60.0)
+        if supervisor.judge_command(seen, command).action is Action.STOP:
+            break
+    return said
+
+
+def test_a_gripper_that_obeys_is_never_told_to_have_disobeyed() -> None:
+    assert handled(lambda seen: seen) == []
+
+
+GRIPS, HOLDS, OPENS = 8, 30, 42  # ticks in which a fault comes
+SHOWS: dict[tuple[str, Kind, int], int] = {  # ticks until it shows: fingers that press do not move, either, for 0.5 s
+    ("opening_m", "stuck", OPENS): 16,
+    ("opening_m", "stuck", HOLDS): 32,
+    ("opening_m", "scaled", HOLDS): 32,
+    ("opening_m", "offset", GRIPS): 0,
+    ("opening_m", "offset", HOLDS): 0,
+    ("opening_m", "flipped", GRIPS): 0,
+    ("opening_m", "flipped", HOLDS): 0,
+    ("opening_m", "lost", GRIPS): 0,
+    ("object_status", "stuck", GRIPS): 24,
+    ("object_status", "stuck", HOLDS): 32,
+    ("object_status", "flipped", HOLDS): 0,
+    ("activated", "flipped", HOLDS): 0,
+    ("echoed", "flipped", HOLDS): 0,
+    ("node_state", "flipped", HOLDS): 0,
+    ("time_s", "stuck", HOLDS): 2,
+    ("time_s", "late", HOLDS): 0,
+    ("current_a", "lost", HOLDS): 0,
+}
+
+
+@pytest.mark.parametrize(("name", "kind", "tick"), SHOWS)
+def test_a_fault_of_any_kind_in_a_signal_of_the_gripper_is_noticed(name: str, kind: Kind, tick: int) -> None:
+    fault = SignalFault(name, kind)
+
+    def spoil(seen: Observation) -> Observation:
+        told = fault.told(getattr(seen.gripper, name), seen.time_s, active=seen.tick >= tick)
+        return replace(seen, gripper=replace(seen.gripper, **{name: told}))
+
+    said = handled(spoil)
+    assert said, "never noticed"
+    assert tick <= said[0][0] <= tick + SHOWS[name, kind, tick] + NOTICED_TICKS, said[0]

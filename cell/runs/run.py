@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ from cell.watching.fluency import Fluency
 from cell.watching.lateness import Lateness
 from cell.watching.observer import End, Level, Observer, Outcome
 from cell.watching.statistics import RunStatistics
-from cell.wiring.detectors import check_detectors, fitted, lock_step, worker_processes
+from cell.wiring.detectors import check_detectors, detectors_of, fitted, lock_step, worker_processes
 from cell.wiring.devices import Drivers, attached, find_drivers
 from cell.wiring.no_render_host import without_pixels
 from cell.wiring.reload import WatchedTree
@@ -196,9 +197,10 @@ def drive(
         if can_tap is not None and isinstance(devices.gripper, CanGripper):
             devices.gripper.tap(can_tap)
         detectors = (configuration.bench, files.product, configuration.perception)
-        executors = worker_processes(*detectors) if pace == "real" else lock_step(*detectors, devices)
-        for executor in executors:
-            stack.callback(executor.close)
+        if pace == "real":
+            executors = stack.enter_context(worker_processes(*detectors))
+        else:
+            executors = lock_step(*detectors, devices)
         supervisor = make_supervisor(files.faults, motion)
         own_body = RobotPoseHistory(motion.separation.outline)
         controller = Controller(
@@ -266,6 +268,7 @@ def _simulated(options: RunOptions, configuration: Configuration, product: Produ
         return connect(configuration, product, options.world, options.pace).devices
     if options.pace == "real" and options.pixels:
         return own_world(configuration, product, options.seed, options.goal).devices
-    cell = open_simulation(configuration, product, options.seed, options.goal, options.pixels)
-    devices = cell.devices if options.pixels else without_pixels(cell)
+    detect = partial(detectors_of, configuration.bench, product, configuration.perception)
+    cell = open_simulation(configuration, product, options.seed, options.goal, options.pixels, detect)
+    devices = cell.devices if options.pixels else without_pixels(cell, configuration, product)
     return replace(devices, clock=PacedClock(devices.clock)) if options.pace == "real" else devices

@@ -80,7 +80,7 @@ class Trial:
             PRODUCT, BENCH, simulation, *CAN, self.seed, wanted, overlap=rendered, rendered=rendered
         )
         self._moment = Moment(cell, wanted_state, max(self.brackets, 1) * len(PRODUCT.positions), chance)
-        devices = without_pixels(cell) if self.bare else cell.devices
+        devices = without_pixels(cell, configuration, PRODUCT) if self.bare else cell.devices
         show = cell.devices.panel.show
 
         def shown(display: Display) -> None:

@@ -56,7 +56,7 @@ SIGNALS: dict[Signal, str] = {
     "gripper_restarted_empty": "the gripper lost its activation; nothing was between its fingers",
     "gripper_restarted_holding": "the gripper lost its activation with a part between its fingers",
     "detector_lost": "the process of a detector died",
-    "camera_lost": "a camera raises an error",
+    "camera_lost": "a camera raises an error, or what detects in its images does not answer",
     "bench_stale": "the newest view of the bench is older than 0.35 s, or there is none yet",
     "bench_in_the_future": "the view of the bench has a time stamp that is still to come",
     "camera_unhealthy": "the overhead image is dark, bright, frozen, discoloured, blurred, or its landmarks moved",

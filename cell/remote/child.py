@@ -93,6 +93,13 @@ def close_all() -> None:
         child.close()
 
 
+def kill_all() -> None:
+    """The same, where nobody waits for anything any more."""
+    for child in list(_living):
+        with suppress(ProcessLookupError):
+            os.kill(child.process_id, signal.SIGKILL)
+
+
 atexit.register(close_all)  # before multiprocessing's own, which is older
 
 

@@ -23,6 +23,7 @@ from cell.interfaces.observation import (
 )
 from cell.interfaces.perception import BenchView, Frame, PartsView
 from cell.interfaces.pose import Array
+from cell.remote.worker import NotAnswering
 from cell.running.inference import Executor
 from skills.motion.arm_outline import ArmOutline
 from skills.motion.collision import HELD
@@ -135,7 +136,7 @@ class DeviceReader:
         signals = self._read("signals", self._signals.read) if self._signals is not None else None
         troubles, self._troubles = tuple(self._troubles), []
         if self._arm is None or self._fingers is None:
-            raise DeviceFault("cell", "; ".join(trouble.reason for trouble in troubles) or "a device told nothing")
+            raise DeviceFault("devices", "; ".join(trouble.reason for trouble in troubles) or "a device told nothing")
         return Observation(
             tick=tick,
             time_s=self._devices.clock.now_s(),
@@ -164,6 +165,9 @@ class DeviceReader:
     def _read(self, device: str, read: Callable[[], Value]) -> Value | None:
         try:
             return read()
+        except NotAnswering as error:  # a detector that may go on: nothing is seen by its camera meanwhile
+            self._troubles.append(Trouble(device.replace("detector", "camera"), describe(error)))
+            return None
         except Exception as error:  # whatever a driver raises: the supervisor decides what it means
             self._troubles.append(Trouble(device, describe(error)))
             return None

@@ -34,6 +34,7 @@ from cell.running.controller import Controller
 from cell.running.device_reader import RobotPoseHistory
 from cell.running.operator import OperatorChannel
 from cell.running.supervisor import make_supervisor
+from cell.running.watchdog import TICK_S, Watchdog
 from cell.runs.heading import heading, log_path
 from cell.runs.options import Files, Pace, RunOptions
 from cell.runs.result import Counts, summary_of
@@ -88,7 +89,13 @@ def run(options: RunOptions, console: Console) -> RunResult:
     Raises:
         InputError: nothing has moved, and no file was touched.
         DeviceFault: a device could not be opened.
+        KeyboardInterrupt: a signal ended it before its first tick or after its last one.
     """
+    with Watchdog().watching() as watchdog:
+        return _read_and_run(options, console, watchdog)
+
+
+def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> RunResult:
     configuration = simulated(load_configuration(options.configuration), options.look, options.person)
     if options.brackets is not None:
         configuration = for_shift(configuration, options.brackets)
@@ -121,11 +128,17 @@ def run(options: RunOptions, console: Console) -> RunResult:
         log = log_path(options, configuration.log)
         planners, faults = load_planners(configuration, product), load_faults(configuration)
         files = Files(configuration, product, tree, planners, faults, left_off)
-        return _run(options, files, drivers, tally, log, console)
+        return _run(options, files, drivers, tally, log, console, watchdog)
 
 
 def _run(
-    options: RunOptions, files: Files, drivers: Drivers, tally: BracketTally, log: Path, console: Console
+    options: RunOptions,
+    files: Files,
+    drivers: Drivers,
+    tally: BracketTally,
+    log: Path,
+    console: Console,
+    watchdog: Watchdog,
 ) -> RunResult:
     configuration, product = files.configuration, files.product
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
@@ -170,7 +183,7 @@ def _run(
         injection = None if options.inject is None else Injection.parse(options.inject)
         stack.enter_context(real_time.preferred(options.pace == "real"))
         outcome = drive(
-            files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator
+            files, devices, motion, observers, recorder.can_frame, options.pace, ticked, injection, operator, watchdog
         )
         sheet, outcome = _sheet(options, log, recorder, moments, outcome)
         summary = summary_of(options, files, outcome, counts, devices, recorder, sheet)
@@ -187,6 +200,7 @@ def drive(
     tree: Tree | WatchedTree | None = None,
     injection: Injection | Injections | None = None,
     operator: OperatorChannel | None = None,
+    watchdog: Watchdog | None = None,
 ) -> Outcome:
     """Run the tree on devices that are open, to its end and a safe stop; with a fault where one is to be tried."""
     configuration, tree = files.configuration, tree or files.tree
@@ -202,9 +216,10 @@ def drive(
         else:
             executors = lock_step(*detectors, devices)
         supervisor = make_supervisor(files.faults, motion)
-        own_body = RobotPoseHistory(motion.separation.outline)
+        own_body, watchdog = RobotPoseHistory(motion.separation.outline), watchdog or Watchdog()
+        watchdog.limit_s = TICK_S if pace == "real" else None
         controller = Controller(
-            devices, *executors, configuration.controller, supervisor, observers, operator, own_body
+            devices, *executors, configuration.controller, supervisor, observers, operator, own_body, watchdog
         )
         journal, seen = controller.journal, controller.observe()
         services = make_services(configuration, files.planners, motion, journal, seen, files.left_off)

@@ -176,9 +176,9 @@ class Snapshot(Message, frozen=True):
     gripper: GripperState | None
     faults: Mapping[str, Failure]
     samples: JointSamples | None
-    frames: Sequence[Frame] = ()
-    pressed: Sequence[OperatorOrder] = ()
-    truth: Sequence[TruthEvent] = ()
+    frames: tuple[Frame, ...] = ()
+    pressed: tuple[OperatorOrder, ...] = ()
+    truth: tuple[TruthEvent, ...] = ()
     can: CanFrames = {}  # noqa: RUF012 - msgspec copies it
     lost_s: float = 0.0
 

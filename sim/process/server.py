@@ -253,9 +253,9 @@ class WorldServer:
             self._state_of(devices.gripper.state, "gripper", faults),
             faults,
             self._samples(),
-            frames,
-            devices.pressed(),
-            [replace(event, time_s=self._wall_s(event.time_s)) for event in devices.truth()],
+            tuple(frames),
+            tuple(devices.pressed()),
+            tuple(replace(event, time_s=self._wall_s(event.time_s)) for event in devices.truth()),
             self._buses.take(),
             0.0 if self._pacer is None else self._pacer.lost_s,
         )

@@ -67,10 +67,14 @@ KNOCKED_M = 0.003  # so far apart from where they gripped a part, fingers still 
 
 
 class CameraReader:
-    """A camera and the detector that reads its frames; keeps the newest frame's number."""
+    """A camera and the detector that reads its frames; keeps the newest frame's number.
+
+    Attributes:
+        in_time: its detector took the last frame.
+    """
 
     def __init__(self, camera: Camera) -> None:
-        self.camera = camera
+        self.camera, self.in_time = camera, True
         self._sequence = -1
         self._time_s = float("-inf")
 
@@ -159,8 +163,10 @@ class DeviceReader:
         self._framed(frame)
         if self._own_body is not None and reader is self._overhead:
             frame = frame.beside(self._own_body.at(frame.time_s))
-        if self._read(f"detector {name}", lambda: executor.submit(frame)) is False:
-            self._say(f"the detector of camera {name} is late: frame dropped")
+        taken = self._read(f"detector {name}", lambda: executor.submit(frame))
+        if taken is False and reader.in_time:
+            self._say(f"the detector of camera {name} is late: frames are dropped")
+        reader.in_time = taken is not False
 
     def _read(self, device: str, read: Callable[[], Value]) -> Value | None:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import select
 import socket
 import threading
 import time
@@ -132,19 +133,11 @@ class Worker(Generic[Job, Answer]):
             pass
         return pending.answer is not None
 
-    def await_ready(self, limit_s: float = PATIENCE_S) -> None:
-        """Until it has begun.
-
-        Raises:
-            CellError: it failed, somebody stopped it, or it takes too long.
-        """
-        until_s = time.monotonic() + limit_s
-        while self._begun.answer is None and not self._read(GLANCE_S):
-            if self.child.halted:
-                raise NotAnswering(str(self), "somebody stopped it")
-            if time.monotonic() > until_s:
-                raise NotAnswering(str(self), f"is not ready after {limit_s:g} s")
+    @property
+    def ready(self) -> bool:
+        """Whether it has begun."""
         self.check()
+        return self.arrived(self._begun)
 
     def glance(self, limit_s: float) -> None:
         """Take what has come, and see that it is there; never waits.
@@ -214,6 +207,26 @@ class Worker(Generic[Job, Answer]):
     def _why_gone(self) -> DeviceFault:
         code = self.child.code(limit_s=KILLED_S)
         return DeviceFault(str(self), f"it died (exit code {code})")
+
+
+def await_ready(*workers: Worker[Any, Any], glance: Callable[[], object] = lambda: None) -> None:
+    """Until all have begun.
+
+    Args:
+        glance: called twice a second; may raise what makes it useless to wait.
+
+    Raises:
+        CellError: one failed, somebody stopped it, or it takes too long.
+    """
+    until_s = time.monotonic() + PATIENCE_S
+    while waiting := [worker for worker in workers if not worker.ready]:
+        select.select([worker.child.socket for worker in waiting], [], [], GLANCE_S)
+        glance()
+        for worker in waiting:
+            if worker.child.halted:
+                raise NotAnswering(str(worker), "somebody stopped it")
+            if time.monotonic() > until_s:
+                raise NotAnswering(str(worker), f"is not ready after {PATIENCE_S:g} s")
 
 
 def _work_off(make: Callable[[], Callable[[Any], Message]], jobs: Any, connection: socket.socket) -> None:

@@ -86,6 +86,9 @@ class LockStep(DelayedExecutor[Job, Answer]):
 class DetectorExecutor(Generic[Answer_co]):
     """Runs a camera's detector in a process of its own (`--real-time`), so that it cannot hold up a tick.
 
+    Attributes:
+        process: in which it runs.
+
     Args:
         name: for faults.
         shape: (height, width) of the camera's images; others are sent as they are, which takes longer.
@@ -98,22 +101,9 @@ class DetectorExecutor(Generic[Answer_co]):
     ) -> None:
         self._camera, self._silent_s = camera, silent_s
         self._images = SharedImages({camera: shape})
-        self._detector = DetectorProcess(name, detect, self._images)
+        self.process = DetectorProcess(name, detect, self._images)
         self._waiting: deque[Pending[Any]] = deque()
         self._number = 0
-
-    @property
-    def process_id(self) -> int:
-        """Of the running process."""
-        return self._detector.child.process_id
-
-    def await_ready(self) -> None:
-        """Wait until the detector is there.
-
-        Raises:
-            CellError: it failed, somebody stopped it, or it takes too long.
-        """
-        self._detector.await_ready()
 
     def submit(self, job: Frame) -> bool:
         if len(self._waiting) >= BACKLOG:
@@ -122,16 +112,16 @@ class DetectorExecutor(Generic[Answer_co]):
         if self._images.fits(self._camera, job.image):
             lies = self._number = self._number + 1
             self._images.put(self._camera, lies, job.image)
-        self._waiting.append(self._detector.begin(job, lies, SEND_S))
+        self._waiting.append(self.process.begin(job, lies, SEND_S))
         return True
 
     def poll(self) -> Answer_co | None:
-        if self._waiting and self._detector.arrived(self._waiting[0]):
+        if self._waiting and self.process.arrived(self._waiting[0]):
             answer: Answer_co = self._waiting.popleft().answer.view
             return answer
-        self._detector.glance(self._silent_s)
+        self.process.glance(self._silent_s)
         return None
 
     def close(self) -> None:
-        self._detector.close()
+        self.process.close()
         self._images.close()

@@ -212,7 +212,8 @@ def drive(
             devices.gripper.tap(can_tap)
         detectors = (configuration.bench, files.product, configuration.perception)
         if pace == "real":
-            executors = stack.enter_context(worker_processes(*detectors))
+            arm, gone = devices.arm, devices.gone
+            executors = stack.enter_context(worker_processes(*detectors, lambda: gone() and arm.state()))
         else:
             executors = lock_step(*detectors, devices)
         supervisor = make_supervisor(files.faults, motion)

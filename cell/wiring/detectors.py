@@ -27,6 +27,7 @@ from cell.interfaces.perception import (
 )
 from cell.interfaces.product import Product
 from cell.remote.detecting import Detectors as DetectorsByCamera
+from cell.remote.worker import await_ready
 from cell.running.inference import DelayedExecutor, DetectorExecutor, Executor, LockStep
 from cell.settings import LEARNED_KINDS, Perception
 from learned.bench_watcher import ClassicalDetectors, DetectorChain
@@ -242,9 +243,12 @@ def _noted_ms(perception: Perception, task: str) -> float | None:
 
 @contextmanager
 def worker_processes(
-    bench: Bench, product: Product, perception: Perception
+    bench: Bench, product: Product, perception: Perception, glance: Callable[[], object] = lambda: None
 ) -> Iterator[tuple[Executor[Frame, BenchView], Executor[Frame, PartsView]]]:
     """Executors for real time: each detector in a process of its own, ready to answer.
+
+    Args:
+        glance: see `await_ready`.
 
     Raises:
         CellError: a detector cannot be made, or does not get ready.
@@ -259,6 +263,5 @@ def worker_processes(
         closing(executor("bench watcher", "overhead", bench.overhead)) as watcher,
         closing(executor("part detector", "wrist", bench.wrist)) as finder,
     ):
-        watcher.await_ready()
-        finder.await_ready()
+        await_ready(watcher.process, finder.process, glance=glance)
         yield watcher, finder

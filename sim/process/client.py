@@ -39,7 +39,7 @@ class RemoteCell:
         connection: to the world.
         name: of the world's process, for faults.
         buses: this process's ends of the virtual CAN buses.
-        glance: looked for while the world gets ready; raises where it is not worth to wait.
+        glance: called while the world is waited for; raises DeviceFault where it cannot answer.
         closed: called once it was left.
 
     Raises:
@@ -58,10 +58,11 @@ class RemoteCell:
         closed: Callable[[], None] = lambda: None,
     ) -> None:
         self._name, self._buses, self._closed, self._limit_s = name, buses, closed, LIMIT_S[pace]
+        self._glance = glance
         self._lock = threading.RLock()
         self._fault: DeviceFault | None = None
         newcomer: Channel[Any] = Channel(connection, said.ToNewcomer)
-        welcome = self._welcomed(newcomer, said.Hello(pace, dict(cell)), glance)
+        welcome = self._welcomed(newcomer, said.Hello(pace, dict(cell)))
         self._channel: Channel[Any] = newcomer.hearing(said.ToController)
         self._frames: dict[str, Frame] = {}
         self._pressed: list[OperatorOrder] = []
@@ -83,7 +84,7 @@ class RemoteCell:
             finished=lambda: self._judged(said.Finished()),
             host=_Host(self) if welcome.detects and pace == "fast" else None,
             lost_s=lambda: self.snapshot.lost_s,
-            gone=lambda: self._fault is not None,
+            gone=self._is_gone,
         )
 
     @property
@@ -155,7 +156,7 @@ class RemoteCell:
             self._fault = self._fault or DeviceFault(self._name, "it was left")
         self._closed()
 
-    def _welcomed(self, newcomer: Channel[Any], hello: said.Hello, glance: Callable[[], None]) -> said.Welcome:
+    def _welcomed(self, newcomer: Channel[Any], hello: said.Hello) -> said.Welcome:
         until_s, answer = time.monotonic() + WELCOME_S, None
         try:
             newcomer.send(hello, 1.0)
@@ -163,9 +164,9 @@ class RemoteCell:
                 with suppress(TimeoutError):
                     answer = newcomer.receive(0.5)
                     break
-                glance()
+                self._glance()
         except (EOFError, TimeoutError) as error:
-            glance()
+            self._glance()
             answer = said.Refused(str(error) or "it does not listen")
         if isinstance(answer, said.Welcome):
             return answer
@@ -174,6 +175,14 @@ class RemoteCell:
             raise answer.error(self._name)
         reason = answer.reason if isinstance(answer, said.Refused) else f"it is not ready after {WELCOME_S:g} s"
         raise InputError(f"{self._name}: the world takes no controller: {reason}")
+
+    def _is_gone(self) -> bool:
+        if self._fault is None:
+            try:
+                self._glance()
+            except DeviceFault as fault:
+                self._fault = fault
+        return self._fault is not None
 
     def _take(self, snapshot: said.Snapshot) -> None:
         self.snapshot = snapshot

@@ -27,7 +27,7 @@ from cell.remote.detecting import (
     SharedImages,
     Tray,
 )
-from cell.remote.worker import Pending, Worker
+from cell.remote.worker import Pending, Worker, await_ready
 from sim.rendering.photographer import Exposure, Photographer, SensorSetup
 
 DRAWING, DETECTING = "renderer", "detector"
@@ -97,7 +97,7 @@ class RenderProcess:
 
     def await_ready(self) -> None:
         """Until it can draw; raises DeviceFault."""
-        self._drawing.await_ready()
+        await_ready(self._drawing)
 
     def take(self, exposure: Exposure) -> PendingFrame | None:
         """A frame whose image comes later. Raises DeviceFault.

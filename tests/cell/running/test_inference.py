@@ -15,7 +15,7 @@ from cell.interfaces.clock import ManualClock
 from cell.interfaces.perception import Action, BenchView, Frame
 from cell.interfaces.pose import Pose
 from cell.remote.detecting import Detectors
-from cell.remote.worker import NotAnswering
+from cell.remote.worker import NotAnswering, await_ready
 from cell.running.inference import BACKLOG, DetectorExecutor, Executor, LockStep
 
 PATIENCE_S = 30.0
@@ -63,6 +63,10 @@ def build_sleepy() -> Detectors:
 
 def process(build: Callable[[], Detectors], silent_s: float = PATIENCE_S) -> DetectorExecutor[BenchView]:
     return DetectorExecutor("detector", "overhead", SHAPE, build, silent_s)
+
+
+def pid(executor: DetectorExecutor[BenchView]) -> int:
+    return executor.process.child.process_id
 
 
 class Case:
@@ -134,7 +138,7 @@ def test_a_process_outlives_signals_that_are_meant_for_the_controller() -> None:
     executor.submit(frame(2))
     assert case.next_answer() == (2, 2)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        os.kill(executor.process_id, number)
+        os.kill(pid(executor), number)
     executor.submit(frame(3))
     assert case.next_answer() == (3, 3)
     executor.close()
@@ -147,20 +151,20 @@ def test_a_process_outlives_signals_that_are_meant_for_the_controller() -> None:
 def test_a_process_that_dies_or_fails_is_a_fault(build: Callable[[], Detectors], words: str) -> None:
     executor = process(build)
     executor.submit(frame(7))
-    with pytest.raises(DeviceFault, match=rf"detector \(pid {executor.process_id}\): .*{words}"):
+    with pytest.raises(DeviceFault, match=rf"detector \(pid {pid(executor)}\): .*{words}"):
         beside(executor).next_answer()
     executor.close()
 
 
 def test_a_process_that_somebody_stopped_is_named_and_may_go_on() -> None:
     executor = process(build_looking, silent_s=0.0)
-    executor.await_ready()
-    os.kill(executor.process_id, signal.SIGSTOP)
+    await_ready(executor.process)
+    os.kill(pid(executor), signal.SIGSTOP)
     executor.submit(frame(1))
-    with pytest.raises(NotAnswering, match=rf"detector \(pid {executor.process_id}\): does not answer for \d+\.\d s"):
+    with pytest.raises(NotAnswering, match=rf"detector \(pid {pid(executor)}\): does not answer for \d+\.\d s"):
         executor.poll()
-    os.kill(executor.process_id, signal.SIGCONT)
-    while not executor._detector.arrived(executor._waiting[0]):
+    os.kill(pid(executor), signal.SIGCONT)
+    while not executor.process.arrived(executor._waiting[0]):
         time.sleep(0.001)
     assert executor.poll() == look(frame(1))
     executor.close()
@@ -168,16 +172,16 @@ def test_a_process_that_somebody_stopped_is_named_and_may_go_on() -> None:
 
 def test_a_process_that_is_stopped_while_it_begins_is_not_waited_for() -> None:
     executor = process(build_sleeping_maker)
-    os.kill(executor.process_id, signal.SIGSTOP)
-    with pytest.raises(DeviceFault, match=rf"detector \(pid {executor.process_id}\): somebody stopped it"):
-        executor.await_ready()
+    os.kill(pid(executor), signal.SIGSTOP)
+    with pytest.raises(DeviceFault, match=rf"detector \(pid {pid(executor)}\): somebody stopped it"):
+        await_ready(executor.process)
     executor.close()
 
 
 def test_one_that_has_nothing_to_do_is_asked_whether_it_is_there() -> None:
     executor = process(build_looking, silent_s=0.3)
-    executor.await_ready()
-    os.kill(executor.process_id, signal.SIGSTOP)
+    await_ready(executor.process)
+    os.kill(pid(executor), signal.SIGSTOP)
     with pytest.raises(NotAnswering):
         beside(executor).next_answer()
     executor.close()
